@@ -1,0 +1,99 @@
+//! The one error type of the library. Every variant names what is at fault and what to do.
+
+use std::path::{Path, PathBuf};
+
+/// Everything that can go wrong. The display form is one line, fit to be shown to a user as it is.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An input file that cannot be used: missing, damaged, unsupported or out of its own limits.
+    #[error("{}: {place}: {problem}", file.display())]
+    Input {
+        /// The file at fault, as the user named it.
+        file: PathBuf,
+        /// The place inside it: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
+        place: String,
+        /// What is wrong there, and what to do where that is not plain.
+        problem: String,
+    },
+    /// An output file that cannot be written.
+    #[error("{}: cannot write: {problem}", file.display())]
+    Output {
+        /// The file at fault, as the user named it.
+        file: PathBuf,
+        /// What the system or the encoder said.
+        problem: String,
+    },
+    /// A setting out of its range, or settings that contradict each other.
+    #[error("{0}")]
+    Usage(String),
+    /// No usable Vulkan device.
+    #[error("no Vulkan device: {0}")]
+    NoDevice(String),
+    /// The device was lost or timed out while it worked.
+    #[error("device lost in {at}: {problem}")]
+    DeviceLost {
+        /// The pass or call that was under way.
+        at: String,
+        /// What the driver said.
+        problem: String,
+    },
+    /// A kernel that does not compose, validate or bind. A defect of Penumbra, never of a scene.
+    #[error("kernel {kernel}: {problem}")]
+    Kernel {
+        /// The stem of the kernel's file in `shaders/`.
+        kernel: String,
+        /// What the composer, the validator or the binder said.
+        problem: String,
+    },
+    /// A buffer that the device cannot hold.
+    #[error("buffer {buffer}: {needed} bytes are needed, the device allows {limit}; {remedy}")]
+    Buffer {
+        /// The buffer's label.
+        buffer: String,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed by the device.
+        limit: u64,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A counter that a kernel raised: its result cannot be trusted.
+    #[error("kernel {kernel}: {problem}")]
+    Computation {
+        /// The stem of the kernel's file in `shaders/`.
+        kernel: String,
+        /// Which limit was hit, how often, and what to do.
+        problem: String,
+    },
+}
+
+impl Error {
+    /// An [`Error::Input`] at `place` of `file`.
+    pub fn input(file: impl AsRef<Path>, place: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        Error::Input { file: file.as_ref().to_owned(), place: place.into(), problem: problem.to_string() }
+    }
+
+    /// An [`Error::Output`] for `file`.
+    pub fn output(file: impl AsRef<Path>, problem: impl std::fmt::Display) -> Self {
+        Error::Output { file: file.as_ref().to_owned(), problem: problem.to_string() }
+    }
+
+    /// An [`Error::Kernel`] for the kernel with that stem.
+    pub fn kernel(kernel: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        Error::Kernel { kernel: kernel.into(), problem: problem.to_string() }
+    }
+
+    /// The process exit code of this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Error::Input { .. } | Error::Output { .. } => 3,
+            Error::Usage(_) => 2,
+            Error::NoDevice(_) | Error::DeviceLost { .. } => 4,
+            Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
+        }
+    }
+}
+
+/// The library's result.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,10 @@
+//! Penumbra renders glTF scenes with shadow photons (Jensen and Christensen 1995) in Vulkan compute
+//! kernels. `ARCHITECTURE.md` maps the paper's steps to files.
+#![warn(missing_docs)]
+
+pub mod error;
+pub mod film;
+pub mod report;
+pub mod scene;
+
+pub use error::{Error, Result};

@@ -1,0 +1,315 @@
+//! What a scene is: triangles, materials, textures, lights and cameras in normalised space.
+//!
+//! Import works in f64. The finished scene is recentred and scaled by a power of two so that its
+//! bounding sphere is about unit size ([`Normalisation`]); everything here is in that space unless
+//! a field says otherwise. Radiance keeps the file's units.
+
+use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
+
+/// A scene ready to render.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Corners of the triangles. Shared between triangles of one mesh primitive.
+    pub vertices: Vec<Vertex>,
+    /// The triangles, none of zero area.
+    pub triangles: Vec<Triangle>,
+    /// At least one material when there is a triangle.
+    pub materials: Vec<Material>,
+    /// Image, sampler and colour space, as materials use them.
+    pub textures: Vec<Texture>,
+    /// Decoded images.
+    pub images: Vec<TextureImage>,
+    /// Lights in the order of the file's nodes: emissive meshes and punctual lights alike.
+    pub lights: Vec<Light>,
+    /// Cameras in the order of the file's nodes; empty if the file has none.
+    pub cameras: Vec<Camera>,
+    /// How normalised space lies in the file's world space.
+    pub normalisation: Normalisation,
+    /// One line each: what the file has and the image will not show, extensions that are not
+    /// known, degenerate triangles that were dropped. Each said once.
+    pub notes: Vec<String>,
+}
+
+/// A corner of a triangle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Vertex {
+    /// Position.
+    pub position: Vec3,
+    /// Unit shading normal; zero where the file has none (the triangle is flat).
+    pub normal: Vec3,
+    /// Unit tangent and its handedness (w = 1 or -1); zero where the file has none.
+    pub tangent: Vec4,
+    /// Texture coordinates 0 and 1, as in the file (v down); zero where absent.
+    pub uv: [Vec2; 2],
+    /// Linear RGBA that multiplies the base colour; one where absent.
+    pub colour: Vec4,
+}
+
+/// Three corners and what they are made of. Counter-clockwise seen from the front, also where the
+/// node's matrix mirrors (import flips the winding once, by the determinant's sign).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Triangle {
+    /// Indices into [`Scene::vertices`].
+    pub vertices: [u32; 3],
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+    /// Index into [`Scene::lights`] of the light this triangle is a part of, or [`NO_LIGHT`].
+    pub light: u32,
+}
+
+/// [`Triangle::light`] of a triangle that emits nothing.
+pub const NO_LIGHT: u32 = u32::MAX;
+
+/// How the alpha of the base colour is used (glTF 3.9.4).
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// A texel with alpha below the cutoff is a hole.
+    Mask {
+        /// The cutoff.
+        cutoff: f32,
+    },
+    /// Alpha is the probability that a ray is stopped (stochastic transparency).
+    Blend,
+}
+
+/// glTF metallic-roughness material with the extensions that Penumbra renders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name in the file, or `material N`.
+    pub name: String,
+    /// Linear RGBA factor.
+    pub base_colour: Vec4,
+    /// Metallic factor, 0 to 1.
+    pub metallic: f32,
+    /// Roughness factor, 0 to 1; GGX alpha is its square.
+    pub roughness: f32,
+    /// Emitted radiance: emissive factor times KHR_materials_emissive_strength (for an unlit
+    /// material zero: it is [`Material::unlit`]).
+    pub emissive: Vec3,
+    /// KHR_materials_ior; 1.5 where absent.
+    pub ior: f32,
+    /// KHR_materials_specular factor; 1 where absent.
+    pub specular: f32,
+    /// KHR_materials_specular colour factor; one where absent.
+    pub specular_colour: Vec3,
+    /// Scale of the normal texture's x and y.
+    pub normal_scale: f32,
+    /// Alpha mode.
+    pub alpha: AlphaMode,
+    /// Both faces are shaded, emit and store photons.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
+    pub unlit: bool,
+    /// Base colour (sRGB) and alpha.
+    pub base_colour_texture: Option<TextureSlot>,
+    /// Roughness in G, metallic in B.
+    pub metallic_roughness_texture: Option<TextureSlot>,
+    /// Tangent-space normal.
+    pub normal_texture: Option<TextureSlot>,
+    /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
+    /// itself, so, as in Cycles, it does not darken the image.
+    pub occlusion_texture: Option<TextureSlot>,
+    /// Emission (sRGB).
+    pub emissive_texture: Option<TextureSlot>,
+    /// Specular factor in A.
+    pub specular_texture: Option<TextureSlot>,
+    /// Specular colour (sRGB).
+    pub specular_colour_texture: Option<TextureSlot>,
+}
+
+/// A use of a texture by a material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureSlot {
+    /// Index into [`Scene::textures`].
+    pub texture: u32,
+    /// Which of [`Vertex::uv`], 0 or 1 (KHR_texture_transform may override the slot's own).
+    pub uv_set: u32,
+    /// KHR_texture_transform: uv' = matrix * uv + offset.
+    pub matrix: Mat2,
+    /// See [`TextureSlot::matrix`].
+    pub offset: Vec2,
+}
+
+/// Wrap mode of a sampler, per axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Wrap {
+    /// Tiles.
+    #[default]
+    Repeat,
+    /// Tiles, every other one mirrored.
+    Mirror,
+    /// Edge texels extend.
+    Clamp,
+}
+
+/// Magnification filter of a sampler. Minification is left to the samples of the pixel: there are
+/// no mip levels, as in Cycles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Filter {
+    /// Bilinear.
+    #[default]
+    Linear,
+    /// The nearest texel.
+    Nearest,
+}
+
+/// What the numbers of a texture mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ColourSpace {
+    /// sRGB-coded colour; alpha is linear.
+    Srgb,
+    /// Plain numbers.
+    Linear,
+}
+
+/// An image seen through a sampler.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Texture {
+    /// Index into [`Scene::images`].
+    pub image: u32,
+    /// Wrap mode along u and v.
+    pub wrap: [Wrap; 2],
+    /// Filter.
+    pub filter: Filter,
+    /// Colour space, by the material slots that use it.
+    pub space: ColourSpace,
+}
+
+/// A decoded image, rows top to bottom.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TextureImage {
+    /// Name, URI or `image N`.
+    pub name: String,
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// RGBA, as coded in the file (16-bit images are reduced to 8).
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// A light: what the photon map tags its photons with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// The node's or light's name, or `light N`.
+    pub name: String,
+    /// Where and how it emits.
+    pub kind: LightKind,
+}
+
+/// Where and how a light emits.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LightKind {
+    /// The triangles of one node and one emissive material.
+    Mesh {
+        /// Index into [`Scene::materials`]: its emission, and whether both faces emit.
+        material: u32,
+        /// The triangles that emit.
+        emitters: Vec<EmitterTriangle>,
+    },
+    /// KHR_lights_punctual point light.
+    Point {
+        /// Position.
+        position: Vec3,
+        /// Radiant intensity per steradian, scaled to normalised space (times scale squared).
+        intensity: Vec3,
+        /// Range, normalised; infinite where the file has none.
+        range: f32,
+    },
+    /// KHR_lights_punctual spot light.
+    Spot {
+        /// Position.
+        position: Vec3,
+        /// Unit vector the light looks along.
+        direction: Vec3,
+        /// As for [`LightKind::Point`].
+        intensity: Vec3,
+        /// Cosine of the inner cone angle; greater than [`cos_outer`](LightKind::Spot::cos_outer).
+        cos_inner: f32,
+        /// Cosine of the outer cone angle.
+        cos_outer: f32,
+        /// As for [`LightKind::Point`].
+        range: f32,
+    },
+    /// KHR_lights_punctual directional light.
+    Directional {
+        /// Unit vector the light travels along.
+        direction: Vec3,
+        /// Irradiance on a plane across the direction.
+        irradiance: Vec3,
+    },
+}
+
+/// An emitter triangle: a triangle of a mesh light and what it emits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmitterTriangle {
+    /// Index into [`Scene::triangles`].
+    pub triangle: u32,
+    /// Mean emitted radiance over the triangle (the emissive texture averaged over it).
+    pub radiance: Vec3,
+}
+
+/// A camera: looks along -z of its own axes, +y up (glTF 3.10).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// The node's or camera's name, or `camera N`.
+    pub name: String,
+    /// Position.
+    pub position: Vec3,
+    /// Unit axes: right (+x), up (+y), backward (+z).
+    pub axes: [Vec3; 3],
+    /// Projection.
+    pub projection: Projection,
+    /// Near plane distance, normalised.
+    pub near: f32,
+    /// Far plane distance, normalised; infinite where the file has none.
+    pub far: f32,
+}
+
+/// Projection of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// Perspective.
+    Perspective {
+        /// Vertical field of view in radians.
+        yfov: f32,
+        /// Width over height, where the file states one.
+        aspect: Option<f32>,
+    },
+    /// Orthographic.
+    Orthographic {
+        /// Half the width of the view, normalised.
+        xmag: f32,
+        /// Half the height of the view, normalised.
+        ymag: f32,
+    },
+}
+
+/// Normalised space: `normalised = (world - centre) * 2^exponent`.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Normalisation {
+    /// Centre of the scene's bounding box, in world space.
+    pub centre: DVec3,
+    /// Power of two that brings the bounding sphere's radius into (1/2, 1].
+    pub exponent: i32,
+}
+
+impl Normalisation {
+    /// The factor from world lengths to normalised ones: `2^exponent`.
+    pub fn scale(&self) -> f64 {
+        2f64.powi(self.exponent)
+    }
+
+    /// From world space to normalised space.
+    pub fn apply(&self, world: DVec3) -> Vec3 {
+        ((world - self.centre) * self.scale()).as_vec3()
+    }
+
+    /// From normalised space to world space.
+    pub fn undo(&self, normalised: Vec3) -> DVec3 {
+        normalised.as_dvec3() / self.scale() + self.centre
+    }
+}
