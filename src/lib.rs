@@ -4,6 +4,8 @@
 
 pub mod error;
 pub mod film;
+pub mod gpu;
+pub mod passes;
 pub mod report;
 pub mod scene;
 

@@ -1,0 +1,196 @@
+//! Buffers and tables on the device.
+
+use bytemuck::{Pod, Zeroable};
+use wgpu::util::DeviceExt as _;
+
+use crate::{Error, Result};
+
+use super::Gpu;
+
+/// A storage buffer with its label.
+pub struct Buffer {
+    pub(crate) raw: wgpu::Buffer,
+    /// `penumbra/<pass>/<buffer>`.
+    pub label: String,
+    /// Size in bytes, a multiple of 4 and at least 16.
+    pub bytes: u64,
+}
+
+/// Read-only records of four 32-bit words that kernels look up at random: a texture of width
+/// [`TABLE_WIDTH`] where [`Gpu::texture_loads`], a storage buffer elsewhere.
+pub enum Table {
+    /// Texel i is at (i % width, i / width).
+    Texture(wgpu::TextureView),
+    /// Word quadruple i.
+    Buffer(Buffer),
+}
+
+/// Width of a table's texture, known to the kernels as `i & 4095`, `i >> 12`.
+pub const TABLE_WIDTH: u32 = 4096;
+
+/// What buffers are filled with before a kernel under test runs: a word that is no small count and, read as
+/// a float, is NaN, so that a word the kernel forgot shows.
+pub const POISON: u32 = 0xffff_dead;
+
+/// Smallest buffer: bindings must not be empty, and a `vec4` is 16 bytes.
+const LEAST_BYTES: u64 = 16;
+
+impl Gpu {
+    /// A zeroed buffer for `count` values of `T` (room for at least one).
+    ///
+    /// # Errors
+    /// [`Error::Buffer`] if it exceeds what the device can bind.
+    pub fn buffer<T: Pod>(&self, label: &str, count: usize) -> Result<Buffer> {
+        let bytes = self.checked_bytes(label, (count * size_of::<T>()) as u64)?;
+        let raw = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes,
+            usage: usages(),
+            mapped_at_creation: false,
+        });
+        Ok(Buffer { raw, label: label.to_owned(), bytes })
+    }
+
+    /// A buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn upload<T: Pod>(&self, label: &str, data: &[T]) -> Result<Buffer> {
+        let bytes = self.checked_bytes(label, size_of_val(data) as u64)?;
+        let mut contents = bytemuck::cast_slice::<T, u8>(data).to_vec();
+        contents.resize(bytes as usize, 0);
+        let raw = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(label),
+            contents: &contents,
+            usage: usages(),
+        });
+        Ok(Buffer { raw, label: label.to_owned(), bytes })
+    }
+
+    /// A buffer for `count` values of `T`, every word of it [`POISON`].
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn poisoned<T: Pod>(&self, label: &str, count: usize) -> Result<Buffer> {
+        self.upload(label, &vec![POISON; (count * size_of::<T>()).div_ceil(4)])
+    }
+
+    /// Overwrites the start of `buffer`.
+    pub fn write<T: Pod>(&self, buffer: &Buffer, data: &[T]) {
+        self.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(data));
+    }
+
+    /// Reads the first `count` values of `buffer`, waiting for all submitted work.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn read<T: Pod + Zeroable>(&self, buffer: &Buffer, count: usize) -> Result<Vec<T>> {
+        let bytes = (count * size_of::<T>()) as u64;
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("penumbra/read-back"),
+            size: bytes.next_multiple_of(4),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, bytes.next_multiple_of(4));
+        self.queue.submit([encoder.finish()]);
+        let mut data = vec![T::zeroed(); count];
+        self.map(&staging, &buffer.label, |view| {
+            bytemuck::cast_slice_mut(&mut data).copy_from_slice(&view[..bytes as usize])
+        })?;
+        Ok(data)
+    }
+
+    /// Maps a read-back buffer and hands its bytes to `use_bytes`.
+    pub(super) fn map(&self, staging: &wgpu::Buffer, at: &str, use_bytes: impl FnOnce(&[u8])) -> Result<()> {
+        staging.map_async(wgpu::MapMode::Read, .., |_| ());
+        self.wait(at)?;
+        let lost = |e: wgpu::MapRangeError| Error::DeviceLost { at: at.to_owned(), problem: e.to_string() };
+        use_bytes(&staging.get_mapped_range(..).map_err(lost)?);
+        staging.unmap();
+        Ok(())
+    }
+
+    /// A table that holds `records`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`], for a texture's height too.
+    pub fn table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
+        if !self.texture_loads {
+            return Ok(Table::Buffer(self.upload(label, records)?));
+        }
+        let texture = self.table_texture(label, records.len(), format)?;
+        let mut padded = bytemuck::cast_slice::<_, u8>(records).to_vec();
+        let row_bytes = (TABLE_WIDTH * 16) as usize;
+        padded.resize(padded.len().next_multiple_of(row_bytes).max(row_bytes), 0);
+        self.queue.write_texture(
+            texture.as_image_copy(),
+            &padded,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(TABLE_WIDTH * 16), rows_per_image: None },
+            texture.size(),
+        );
+        Ok(Table::Texture(texture.create_view(&Default::default())))
+    }
+
+    /// The texture of a table of `count` records, for kernels' results that are copied into it.
+    ///
+    /// # Errors
+    /// [`Error::Buffer`] if the device has no texture of that height.
+    pub fn table_texture(&self, label: &str, count: usize, format: TableFormat) -> Result<wgpu::Texture> {
+        let height = count.div_ceil(TABLE_WIDTH as usize).max(1) as u64;
+        if height > u64::from(self.limits.max_texture_dimension_2d) {
+            return Err(Error::Buffer {
+                buffer: label.to_owned(),
+                needed: height * u64::from(TABLE_WIDTH) * 16,
+                limit: u64::from(self.limits.max_texture_dimension_2d) * u64::from(TABLE_WIDTH) * 16,
+                remedy: "the scene or the photon map is too large for this device".to_owned(),
+            });
+        }
+        Ok(self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: TABLE_WIDTH, height: height as u32, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: match format {
+                TableFormat::Float => wgpu::TextureFormat::Rgba32Float,
+                TableFormat::Uint => wgpu::TextureFormat::Rgba32Uint,
+            },
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        }))
+    }
+
+    fn checked_bytes(&self, label: &str, bytes: u64) -> Result<u64> {
+        let bytes = bytes.next_multiple_of(4).max(LEAST_BYTES);
+        let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        if bytes > limit {
+            return Err(Error::Buffer {
+                buffer: label.to_owned(),
+                needed: bytes,
+                limit,
+                remedy: "render with fewer photons or a smaller scene, or choose another device with --device"
+                    .to_owned(),
+            });
+        }
+        Ok(bytes)
+    }
+}
+
+/// What a table's words are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableFormat {
+    /// `texture_2d<f32>` or `array<vec4f>`.
+    Float,
+    /// `texture_2d<u32>` or `array<vec4u>`.
+    Uint,
+}
+
+fn usages() -> wgpu::BufferUsages {
+    use wgpu::BufferUsages as U;
+    U::STORAGE | U::COPY_SRC | U::COPY_DST | U::INDIRECT | U::UNIFORM
+}

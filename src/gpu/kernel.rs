@@ -1,0 +1,288 @@
+//! Kernels: pipelines whose bindings are found by WGSL variable name.
+
+use std::collections::BTreeMap;
+
+use wgpu::naga;
+
+use crate::{Error, Result};
+
+use super::buffer::{Buffer, Table};
+use super::compose::Composed;
+use super::{Gpu, layout};
+
+/// What is bound to a WGSL variable.
+#[derive(Clone, Copy)]
+pub enum Binding<'a> {
+    /// A buffer.
+    Buffer(&'a wgpu::Buffer),
+    /// A texture.
+    Texture(&'a wgpu::TextureView),
+}
+
+impl<'a> From<&'a Buffer> for Binding<'a> {
+    fn from(buffer: &'a Buffer) -> Self {
+        Binding::Buffer(&buffer.raw)
+    }
+}
+
+impl<'a> From<&'a Table> for Binding<'a> {
+    fn from(table: &'a Table) -> Self {
+        match table {
+            Table::Texture(view) => Binding::Texture(view),
+            Table::Buffer(buffer) => buffer.into(),
+        }
+    }
+}
+
+impl<'a> From<&'a wgpu::TextureView> for Binding<'a> {
+    fn from(view: &'a wgpu::TextureView) -> Self {
+        Binding::Texture(view)
+    }
+}
+
+/// Resources by the names of the WGSL variables they are for.
+pub trait Bindings {
+    /// What is bound to the variable `name`, if this set has it.
+    fn get(&self, name: &str) -> Option<Binding<'_>>;
+}
+
+/// A set of resources put together at run time: tests, and the scene's tables that many kernels read.
+#[derive(Default)]
+pub struct Resources<'a>(BTreeMap<&'static str, Binding<'a>>);
+
+impl<'a> Resources<'a> {
+    /// An empty set.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// With `resource` bound to the variable `name`.
+    pub fn with(mut self, name: &'static str, resource: impl Into<Binding<'a>>) -> Self {
+        self.0.insert(name, resource.into());
+        self
+    }
+}
+
+impl Bindings for Resources<'_> {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        self.0.get(name).copied()
+    }
+}
+
+/// Declares the bindings of a pass: a struct whose fields are the WGSL variable names.
+#[macro_export]
+macro_rules! bindings {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$field_meta:meta])* $field:ident),* $(,)? }) => {
+        $(#[$meta])*
+        $vis struct $name<'a> { $($(#[$field_meta])* pub $field: &'a $crate::gpu::Buffer),* }
+
+        impl $name<'_> {
+            /// The names of the variables.
+            pub const NAMES: &'static [&'static str] = &[$(stringify!($field)),*];
+        }
+
+        impl $crate::gpu::Bindings for $name<'_> {
+            fn get(&self, name: &str) -> Option<$crate::gpu::Binding<'_>> {
+                $(if name == stringify!($field) { return Some(self.$field.into()); })*
+                None
+            }
+        }
+    };
+}
+
+/// A kernel on a device: its entry points, ready to bind.
+pub struct Kernel {
+    /// Stem of the kernel's file.
+    pub name: String,
+    entries: BTreeMap<String, Entry>,
+}
+
+struct Entry {
+    pipeline: wgpu::ComputePipeline,
+    /// By group: its layout, and the variables in it.
+    groups: Vec<(wgpu::BindGroupLayout, Vec<(u32, String)>)>,
+    workgroup_size: u32,
+    immediate_bytes: u32,
+}
+
+/// An entry point with its resources bound.
+pub struct BoundKernel {
+    /// `<kernel>/<entry>`.
+    pub label: String,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) groups: Vec<wgpu::BindGroup>,
+    pub(super) workgroup_size: u32,
+    pub(super) immediate_bytes: u32,
+}
+
+impl Kernel {
+    /// Compiles every entry point of a composed kernel. `constants` sets the kernel's `override`s; each must be
+    /// one of them. `own` are the names of the pass's own bindings ([`bindings!`]): all of them must be there.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] for a struct that differs from its host twin, an `override` or binding that is not in the
+    /// kernel, or a pipeline that the device refuses.
+    pub fn new(gpu: &Gpu, composed: &Composed, constants: &[(&str, f64)], own: &[&str]) -> Result<Kernel> {
+        let kernel = composed.kernel.as_str();
+        let module = &composed.module;
+        layout::check(composed)?;
+        for (name, _) in constants {
+            if !module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some(name)) {
+                return Err(Error::kernel(kernel, format!("has no override '{name}'")));
+            }
+        }
+        for name in own {
+            if !module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some(name)) {
+                return Err(Error::kernel(kernel, format!("has no binding '{name}'")));
+            }
+        }
+        let shader = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(kernel),
+            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module.clone())),
+        });
+        let mut entries = BTreeMap::new();
+        for (index, entry) in module.entry_points.iter().enumerate() {
+            entries.insert(entry.name.clone(), Entry::new(gpu, composed, index, &shader, constants)?);
+        }
+        gpu.check(kernel)?;
+        Ok(Kernel { name: kernel.to_owned(), entries })
+    }
+
+    /// Binds the resources of the entry point `entry`, each variable from the first of `sets` that has it.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] naming the variable that none of `sets` has.
+    pub fn bind(&self, gpu: &Gpu, entry: &str, sets: &[&dyn Bindings]) -> Result<BoundKernel> {
+        let at = || format!("{}/{entry}", self.name);
+        let point = self.entries.get(entry).ok_or_else(|| Error::kernel(&self.name, format!("no entry '{entry}'")))?;
+        let mut groups = Vec::new();
+        for (layout, variables) in &point.groups {
+            let mut bound = Vec::new();
+            for (binding, name) in variables {
+                let resource = sets.iter().find_map(|set| set.get(name));
+                let resource = resource
+                    .ok_or_else(|| Error::kernel(at(), format!("nothing is bound to the variable '{name}'")))?;
+                bound.push(wgpu::BindGroupEntry {
+                    binding: *binding,
+                    resource: match resource {
+                        Binding::Buffer(buffer) => buffer.as_entire_binding(),
+                        Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
+                    },
+                });
+            }
+            groups.push(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(&at()),
+                layout,
+                entries: &bound,
+            }));
+        }
+        gpu.check(&at())?;
+        Ok(BoundKernel {
+            label: at(),
+            pipeline: point.pipeline.clone(),
+            groups,
+            workgroup_size: point.workgroup_size,
+            immediate_bytes: point.immediate_bytes,
+        })
+    }
+
+    /// Invocations in a workgroup of `entry`, as the kernel declares it.
+    pub fn workgroup_size(&self, entry: &str) -> Option<u32> {
+        self.entries.get(entry).map(|e| e.workgroup_size)
+    }
+}
+
+impl Entry {
+    fn new(
+        gpu: &Gpu,
+        composed: &Composed,
+        index: usize,
+        shader: &wgpu::ShaderModule,
+        constants: &[(&str, f64)],
+    ) -> Result<Entry> {
+        let module = &composed.module;
+        let entry = &module.entry_points[index];
+        let uses = composed.info.get_entry_point(index);
+        let mut layouts: BTreeMap<u32, Vec<(wgpu::BindGroupLayoutEntry, String)>> = BTreeMap::new();
+        let mut immediate_bytes = 0;
+        for (handle, variable) in module.global_variables.iter() {
+            if uses[handle].is_empty() {
+                continue;
+            }
+            let name = variable.name.clone().unwrap_or_default();
+            if variable.space == naga::AddressSpace::Immediate {
+                immediate_bytes = module.types[variable.ty].inner.size(module.to_ctx());
+            }
+            let Some(binding) = &variable.binding else { continue };
+            let ty = binding_type(module, variable).ok_or_else(|| {
+                Error::kernel(&composed.kernel, format!("binding '{name}' is of a kind that kernels do not use"))
+            })?;
+            let layout = wgpu::BindGroupLayoutEntry {
+                binding: binding.binding,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty,
+                count: None,
+            };
+            layouts.entry(binding.group).or_default().push((layout, name));
+        }
+        let label = format!("{}/{}", composed.kernel, entry.name);
+        let last = layouts.keys().last().map_or(0, |g| g + 1);
+        let mut groups = Vec::new();
+        for group in 0..last {
+            let variables = layouts.remove(&group).unwrap_or_default();
+            let entries: Vec<_> = variables.iter().map(|(layout, _)| *layout).collect();
+            let layout = gpu
+                .device
+                .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries });
+            groups.push((layout, variables.into_iter().map(|(l, name)| (l.binding, name)).collect()));
+        }
+        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(&label),
+            bind_group_layouts: &groups.iter().map(|(layout, _)| Some(layout)).collect::<Vec<_>>(),
+            immediate_size: immediate_bytes,
+        });
+        let used: Vec<(&str, f64)> = constants.to_vec();
+        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(&label),
+            layout: Some(&layout),
+            module: shader,
+            entry_point: Some(&entry.name),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &used,
+                // Kernels write their shared memory before they read it; clearing it first is work for nothing.
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        });
+        let workgroup_size = entry.workgroup_size.iter().product();
+        Ok(Entry { pipeline, groups, workgroup_size, immediate_bytes })
+    }
+}
+
+fn binding_type(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<wgpu::BindingType> {
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    match (variable.space, &module.types[variable.ty].inner) {
+        (naga::AddressSpace::Storage { access }, _) => {
+            let read_only = !access.contains(naga::StorageAccess::STORE);
+            Some(buffer(wgpu::BufferBindingType::Storage { read_only }))
+        }
+        (naga::AddressSpace::Uniform, _) => Some(buffer(wgpu::BufferBindingType::Uniform)),
+        (naga::AddressSpace::Handle, naga::TypeInner::Image { dim, arrayed, class }) => {
+            let sample_type = match class {
+                // Kernels filter by hand: tables are rgba32float, which no device need filter.
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Float, .. } => {
+                    wgpu::TextureSampleType::Float { filterable: false }
+                }
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. } => wgpu::TextureSampleType::Uint,
+                _ => return None,
+            };
+            let view_dimension = match (dim, arrayed) {
+                (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
+                (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
+                _ => return None,
+            };
+            Some(wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
+        }
+        _ => None,
+    }
+}

@@ -1,0 +1,1 @@
+//! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.

@@ -1,0 +1,95 @@
+//! The device that the kernel tests run on, and the kit itself: poison, layouts, bindings.
+
+use std::sync::OnceLock;
+
+use penumbra::gpu::{Features, Gpu, Kernel, Resources, buffer::POISON, compose};
+
+/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
+pub fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| {
+        let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
+        let gpu = Gpu::open(&choice.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
+        println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
+        gpu
+    })
+}
+
+/// What the device adds to a kernel's features.
+pub fn device_features(gpu: &Gpu) -> Features {
+    Features::default().with("texture_loads", gpu.texture_loads).with("interleave", gpu.texture_loads)
+}
+
+const SQUARES: &str = "
+import package::lib::dispatch::group_index;
+override factor: u32;
+@group(0) @binding(0) var<storage, read> numbers: array<u32>;
+@group(0) @binding(1) var<storage, read_write> squares: array<u32>;
+@compute @workgroup_size(64)
+fn square(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < arrayLength(&numbers) { squares[i] = numbers[i] * numbers[i] * factor; }
+}";
+
+/// Every item is worked on once, at the edges of the workgroup and past 65,535 groups; words past the end stay
+/// as they were.
+#[test]
+fn dispatches_cover_every_item_once() {
+    let gpu = gpu();
+    let composed = compose::compose_source("squares", SQUARES, &device_features(gpu)).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &[("factor", 3.0)], &["numbers", "squares"]).unwrap();
+    for count in [4usize, 63, 64, 65, 4_194_304 + 65] {
+        let numbers: Vec<u32> = (0..count as u32).collect();
+        let input = gpu.upload("test/numbers", &numbers).unwrap();
+        let output = gpu.poisoned::<u32>("test/squares", count + 7).unwrap();
+        let sets = Resources::new().with("numbers", &input).with("squares", &output);
+        let bound = kernel.bind(gpu, "square", &[&sets]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, count as u32, &[0u32; 0]);
+        frame.submit().unwrap();
+        let got: Vec<u32> = gpu.read(&output, count + 7).unwrap();
+        let expected = numbers.iter().map(|n| n.wrapping_mul(*n).wrapping_mul(3)).chain([POISON; 7]);
+        assert!(got.iter().copied().eq(expected), "{count} items");
+    }
+}
+
+/// A forgotten binding, a misspelt override and a binding that the kernel lacks are named, not ignored.
+#[test]
+fn wrong_bindings_are_named() {
+    let gpu = gpu();
+    let composed = compose::compose_source("squares", SQUARES, &device_features(gpu)).unwrap();
+    let error = |r: penumbra::Result<Kernel>| r.err().expect("must fail").to_string();
+    assert!(error(Kernel::new(gpu, &composed, &[("faktor", 1.0)], &[])).contains("'faktor'"));
+    assert!(error(Kernel::new(gpu, &composed, &[("factor", 1.0)], &["cubes"])).contains("'cubes'"));
+    let kernel = Kernel::new(gpu, &composed, &[("factor", 1.0)], &[]).unwrap();
+    let input = gpu.upload("test/numbers", &[1u32]).unwrap();
+    let problem = kernel.bind(gpu, "square", &[&Resources::new().with("numbers", &input)]).err().unwrap().to_string();
+    assert!(problem.contains("squares/square") && problem.contains("'squares'"), "{problem}");
+}
+
+/// A struct whose members differ from the host's fails by name, also when the sizes agree.
+#[test]
+fn swapped_members_are_found() {
+    penumbra::shared_struct! { struct Pair { first: f32, second: u32 } }
+    let source = |members: &str| {
+        format!(
+            "struct Pair {{ {members} }} @group(0) @binding(0) var<storage, read_write> pairs: array<Pair>;
+             @compute @workgroup_size(1) fn touch() {{ pairs[0].second = pairs[0].second; }}"
+        )
+    };
+    let check = |members: &str| {
+        let composed = compose::compose_source("pairs", &source(members), &Features::default()).unwrap();
+        penumbra::gpu::layout::check_against(&composed, &[&Pair::SHARED])
+    };
+    check("first: f32, second: u32").unwrap();
+    let problem = check("second: u32, first: f32").unwrap_err().to_string();
+    assert!(problem.contains("struct Pair: member 0"), "{problem}");
+    assert!(check("first: f32, second: u32, third: u32").is_err());
+}
+
+/// An `@if` on a feature that does not exist fails: a misspelt feature would silently leave code out.
+#[test]
+fn unknown_features_fail_to_compose() {
+    let source = "@compute @workgroup_size(1) fn nothing() { @if(texture_lods) { return; } }";
+    assert!(compose::compose_source("typo", source, &Features::default()).is_err());
+}

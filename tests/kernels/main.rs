@@ -1,0 +1,4 @@
+//! Each kernel alone on a real device against an oracle on the CPU.
+
+mod house;
+mod kit;
