@@ -8,5 +8,6 @@ pub mod gpu;
 pub mod passes;
 pub mod report;
 pub mod scene;
+pub mod tables;
 
 pub use error::{Error, Result};

@@ -12,7 +12,7 @@ macro_rules! shaders {
     };
 }
 
-shaders!("lib/dispatch");
+shaders!("lib/bsdf", "lib/dispatch", "lib/light", "lib/math", "lib/rng", "lib/sampling");
 
 /// Every feature that an `@if` may ask for. An `@if` on another name fails to compose.
 pub const FEATURES: &[&str] = &[
@@ -20,6 +20,33 @@ pub const FEATURES: &[&str] = &[
     "texture_loads",
     // Device: workgroups are interleaved between two threads.
     "interleave",
+    // Scene: some material reflects other than as a Lambertian.
+    "glossy",
+    // Scene: some light is an emissive mesh.
+    "mesh_lights",
+    // Scene: some light is a point light.
+    "point_lights",
+    // Scene: some light is a spot light.
+    "spot_lights",
+    // Scene: some light is a directional light.
+    "directional_lights",
+    // Scene: the emission of some light varies by texture.
+    "emissive_textures",
+];
+
+/// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
+/// of this list.
+pub const CONSTANTS: &[(&str, u32)] = &[
+    ("LIGHT_MESH", crate::tables::lights::MESH),
+    ("LIGHT_POINT", crate::tables::lights::POINT),
+    ("LIGHT_SPOT", crate::tables::lights::SPOT),
+    ("LIGHT_DIRECTIONAL", crate::tables::lights::DIRECTIONAL),
+    ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
+    ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
+    ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
+    ("LIGHT_HEADER", crate::tables::lights::HEADER),
+    ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
+    ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
 ];
 
 /// The features that a kernel is composed with: a subset of [`FEATURES`].
@@ -90,6 +117,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     for (name, text) in SHADERS.iter().filter(|(name, _)| name.starts_with("lib/")) {
         resolver.add_module(path(name).map_err(|e| broken(&e))?, Cow::Borrowed(text));
     }
+    let constants: String = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect();
+    resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
     let mut options = wesl::CompileOptions::default();
