@@ -33,7 +33,7 @@ impl Glb {
         list.len() - 1
     }
 
-    /// A mesh of one primitive.
+    /// A mesh of one primitive. Texture coordinates go into the file where the material has a texture.
     pub fn mesh(&mut self, name: &str, mesh: &Mesh, material: usize) -> usize {
         let mut attributes = Map::new();
         let position = self.floats("VEC3", mesh.positions.iter().map(|p| p.to_array()));
@@ -50,7 +50,7 @@ impl Glb {
             let tangents = self.floats("VEC4", mesh.tangents.iter().map(|t| t.to_array()));
             attributes.insert("TANGENT".into(), json!(tangents));
         }
-        if !mesh.uvs.is_empty() {
+        if has_texture(&self.lists["materials"][material]) {
             let uvs = self.floats("VEC2", mesh.uvs.iter().map(|uv| uv.to_array()));
             attributes.insert("TEXCOORD_0".into(), json!(uvs));
         }
@@ -188,6 +188,11 @@ fn look(direction: DVec3) -> [f64; 4] {
 
 fn pad(bytes: &mut Vec<u8>, filler: u8) {
     bytes.resize(bytes.len().next_multiple_of(4), filler);
+}
+
+fn has_texture(material: &Value) -> bool {
+    let members = |value: &Value| value.as_object().is_some_and(|m| m.keys().any(|key| key.ends_with("Texture")));
+    members(material) || members(&material["pbrMetallicRoughness"])
 }
 
 fn collect_extensions(value: &Value, found: &mut BTreeSet<String>) {

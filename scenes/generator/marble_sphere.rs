@@ -26,8 +26,9 @@ pub fn glb() -> Vec<u8> {
     let plane = glb.mesh("plane", &Mesh::quad(DVec3::ZERO, 6.0 * DVec3::X, -6.0 * DVec3::Z), grey);
     glb.push("nodes", json!({ "name": "plane", "mesh": plane }));
 
-    // Radiance L gives the plane beside the sphere an irradiance of L pi 0.15^2 cos / d^2 = 0.0010 L: a reflected 0.5.
-    let emitter = glb.push("materials", super::emitter("light", 2000.0));
+    // Radiance L gives the plane under the sphere's centre, were the sphere away, an irradiance of
+    // L pi 0.15^2 (5 / d) / d^2 = 0.0015 L with d^2 = 38: a reflected 0.5.
+    let emitter = glb.push("materials", super::emitter("light", 1500.0));
     let lamp = glb.mesh("light", &Mesh::icosphere(0.15, 2), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp, "translation": [-3, 5, 2] }));
 
@@ -40,14 +41,18 @@ fn marble() -> RgbImage {
     let (width, height) = (512, 256);
     RgbImage::from_fn(width, height, |x, y| {
         let p = on_sphere((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
-        let warp = 0.6 * noise::fractal(2.0 * p + 17.0, 5);
-        // Veins where bent planes cross zero: thin, some broad and faint, some fine and dark.
-        let broad = vein((2.1 * p.dot(DVec3::new(0.6, 0.7, 0.4)) + warp) * 1.9, 0.30);
-        let fine = vein((2.7 * p.dot(DVec3::new(-0.7, 0.5, 0.5)) + 1.3 * warp) * 2.3, 0.10);
-        let cloud = 0.5 + 0.5 * noise::fractal(3.0 * p, 4);
-        let white = DVec3::new(236.0, 232.0, 224.0) - 22.0 * cloud;
-        let stone =
-            white.lerp(DVec3::new(150.0, 150.0, 154.0), 0.6 * broad).lerp(DVec3::new(78.0, 80.0, 88.0), 0.8 * fine);
+        let warp = DVec3::new(3.0, 17.0, 29.0).map(|offset| noise::fractal(1.4 * p + offset, 5));
+        let p = p + 0.45 * warp;
+        // Veins where bent planes cross zero, fading in and out along their way: some broad and faint, some fine and dark.
+        let fade = |offset: f64| (0.45 + noise::fractal(1.7 * p + offset, 3)).clamp(0.0, 1.0);
+        let broad = fade(41.0) * vein(1.3 * p.dot(DVec3::new(0.6, 0.7, 0.4)), 0.35);
+        let fine = fade(53.0) * vein(1.9 * p.dot(DVec3::new(-0.7, 0.5, 0.5)), 0.10);
+        let cross = fade(67.0) * vein(1.1 * p.dot(DVec3::new(0.2, -0.4, 0.9)) + 0.3, 0.06);
+        let cloud = 0.5 + 0.5 * noise::fractal(2.5 * p, 4);
+        let white = DVec3::new(236.0, 232.0, 224.0) - 26.0 * cloud;
+        let grey = DVec3::new(128.0, 128.0, 134.0);
+        let dark = DVec3::new(62.0, 64.0, 74.0);
+        let stone = white.lerp(grey, 0.7 * broad).lerp(dark, 0.9 * fine).lerp(dark, 0.8 * cross);
         Rgb(stone.to_array().map(|c| c.round() as u8))
     })
 }

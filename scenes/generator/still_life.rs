@@ -256,10 +256,10 @@ fn pears(glb: &mut Glb) {
     );
     let mesh = Mesh::lathe(48, 40, |t| {
         let (sin, cos) = (PI * t).sin_cos();
-        DVec2::new(
-            0.036 * sin * (1.0 - 0.5 * cos + 0.1 * cos * cos),
-            0.048 * (cos + 0.12 * (2.0 * PI * t).cos()) + 0.0425,
-        )
+        // Narrower above the middle, with a rounded top and a flattened base.
+        let neck = ((cos + 0.5) / 1.2).clamp(0.0, 1.0);
+        let girth = 1.0 - 0.42 * neck * neck * (3.0 - 2.0 * neck) + 0.22 * cos.powi(8);
+        DVec2::new(0.037 * girth * sin, 0.05 * (1.0 + cos))
     })
     .coloured(|p| {
         let blush = (0.5 + 14.0 * p.x + 0.5 * noise::fractal(30.0 * p, 4)).clamp(0.0, 1.0);
@@ -267,14 +267,21 @@ fn pears(glb: &mut Glb) {
         speckle * DVec3::new(0.5, 0.47, 0.07).lerp(DVec3::new(0.55, 0.17, 0.05), 0.7 * blush)
     });
     let mesh = glb.mesh("pear", &mesh, skin);
+    let bark = glb.push("materials", super::lambertian("bark", [0.07, 0.045, 0.025]));
+    let stalk = glb.mesh("stalk", &Mesh::cuboid(DVec3::new(0.0015, 0.012, 0.0015)), bark);
+    let mut stalk = |lean| {
+        let rotation = turn(DVec3::Z, lean);
+        glb.push("nodes", json!({ "name": "stalk", "mesh": stalk, "translation": [0, 0.108, 0], "rotation": rotation }))
+    };
+    let stalks = [stalk(14.0), stalk(-8.0)];
     glb.push(
         "nodes",
-        json!({ "name": "pear", "mesh": mesh, "translation": [-0.075, CLOTH, 0.1], "rotation": turn(DVec3::Y, 30.0) }),
+        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": turn(DVec3::Y, 30.0) }),
     );
     glb.push(
         "nodes",
         json!({
-            "name": "mirrored pear", "mesh": mesh, "scale": [-0.92, 0.92, 0.92],
+            "name": "mirrored pear", "mesh": mesh, "children": [stalks[1]], "scale": [-0.92, 0.92, 0.92],
             "translation": [-0.155, CLOTH, 0.14], "rotation": turn(DVec3::Y, 200.0),
         }),
     );
