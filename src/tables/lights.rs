@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use crate::Result;
 use crate::gpu::buffer::TableFormat;
-use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
+use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{EmitterTriangle, Light, LightKind, Scene};
 
 use super::sobol;
@@ -86,21 +86,6 @@ impl LightTables {
             vertices: gpu.table("penumbra/scene/light_vertices", &build.vertices, TableFormat::Float)?,
             sobol: sobol::upload(gpu)?,
         })
-    }
-
-    /// `features` with those that the lights of the scene need.
-    pub fn features(scene: &Scene, features: Features) -> Features {
-        let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
-        let textured = scene.lights.iter().any(|light| match light.kind {
-            LightKind::Mesh { material, .. } => scene.materials[material as usize].emissive_texture.is_some(),
-            _ => false,
-        });
-        features
-            .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
-            .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
-            .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
-            .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
-            .with("emissive_textures", textured)
     }
 }
 
