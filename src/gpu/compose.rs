@@ -12,12 +12,14 @@ macro_rules! shaders {
     };
 }
 
-shaders!("lib/dispatch");
+shaders!("lib/bvh", "lib/dispatch", "lib/ray");
 
 /// Every feature that an `@if` may ask for. An `@if` on another name fails to compose.
 pub const FEATURES: &[&str] = &[
     // Device: tables are textures.
     "texture_loads",
+    // Scene: some triangles let rays through by chance or by texture.
+    "alpha_test",
     // Device: workgroups are interleaved between two threads.
     "interleave",
 ];
