@@ -19,10 +19,12 @@ shaders!(
     "shade",
     "shadow",
     "lib/alpha",
+    "lib/bvh",
     "lib/camera",
     "lib/dispatch",
     "lib/light_choice",
     "lib/point",
+    "lib/ray",
     "lib/surface",
     "lib/tile",
 );
