@@ -1,10 +1,13 @@
 //! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
 
 pub mod camera;
+pub mod lights;
+pub mod sobol;
 pub mod surfaces;
 pub mod textures;
 
 pub use camera::CameraUniform;
+pub use lights::LightTables;
 pub use surfaces::SurfaceTables;
 pub use textures::TextureTables;
 

@@ -2,3 +2,5 @@
 
 mod house;
 mod kit;
+mod sampling;
+mod statistics;
