@@ -36,7 +36,7 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Vec<String>) -> Result<Ve
 
     let mut world: Vec<Option<DAffine3>> = vec![None; nodes.len()];
     let mut open: Vec<(usize, DAffine3)> = Vec::new();
-    for i in scene_roots(root, &parent, notes)? {
+    for i in scene_roots(root, &parent, &children, notes)? {
         open.push((i, DAffine3::IDENTITY));
     }
     let local = nodes.iter().map(local_matrix).collect::<Result<Vec<_>>>()?;
@@ -66,35 +66,45 @@ fn refuse_loops(nodes: &[Json], parent: &[Option<usize>], children: &[Vec<usize>
     Err(nodes[i].error("is its own ancestor"))
 }
 
-/// The root nodes of the scene to show: `scene`, else the first one, else all roots.
-fn scene_roots(root: &Json, parent: &[Option<usize>], notes: &mut Vec<String>) -> Result<Vec<usize>> {
+/// The nodes to start at: those of `scene`, else of the first scene, else all roots.
+fn scene_roots(
+    root: &Json,
+    parent: &[Option<usize>],
+    children: &[Vec<usize>],
+    notes: &mut Vec<String>,
+) -> Result<Vec<usize>> {
     let scenes = root.list("scenes")?;
-    let mut roots = Vec::with_capacity(scenes.len());
+    let mut listed = Vec::with_capacity(scenes.len());
     for scene in &scenes {
-        let mut nodes = Vec::new();
-        for node in scene.list("nodes")? {
-            let index = node.index(parent.len(), "node")?;
-            if let Some(above) = parent[index] {
-                return Err(node.error(format!("node {index} is not a root: node {above} is its parent")));
-            }
-            nodes.push(index);
-        }
-        // Listed twice, a node would be shown twice in the same place.
-        nodes.sort_unstable();
-        nodes.dedup();
-        roots.push(nodes);
+        let nodes = scene.list("nodes")?;
+        listed.push(nodes.iter().map(|node| node.index(parent.len(), "node")).collect::<Result<Vec<_>>>()?);
     }
-    let chosen = match root.get("scene")? {
-        Some(scene) => scene.index(scenes.len(), "scene")?,
-        None => 0,
-    };
+    let chosen = root.get("scene")?.map_or(Ok(0), |scene| scene.index(scenes.len(), "scene"))?;
     if scenes.len() > 1 {
         notes.push(format!("scene {chosen} of {} is shown, the others are not", scenes.len()));
     }
     if scenes.is_empty() {
         return Ok((0..parent.len()).filter(|&i| parent[i].is_none()).collect());
     }
-    Ok(roots.swap_remove(chosen))
+    let mut roots = listed.swap_remove(chosen);
+    // Below another listed node, or listed twice, a node would be shown twice.
+    roots.sort_unstable();
+    roots.dedup();
+    let mut below = vec![false; parent.len()];
+    let mut open: Vec<usize> = roots.iter().flat_map(|&i| &children[i]).copied().collect();
+    while let Some(i) = open.pop() {
+        if !std::mem::replace(&mut below[i], true) {
+            open.extend(&children[i]);
+        }
+    }
+    roots.retain(|&i| !below[i]);
+    // Not legal, but written by some exporters; as in other renderers, the scene starts at the node it lists.
+    if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, parent[i]?))) {
+        notes.push(format!(
+            "scene {chosen} lists node {i}, which is no root: the transform of node {above} is not applied"
+        ));
+    }
+    Ok(roots)
 }
 
 fn local_matrix(node: &Json) -> Result<DAffine3> {
