@@ -5,18 +5,19 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
-import package::lib::bvh::trace_closest;
+import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::ray::NO_HIT;
 import package::lib::surface::surface_at;
 import package::lib::math::oct_encode16;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, pack_surface};
-import package::lib::constants::{DIMENSION_CAMERA, DIMENSION_ALPHA};
+import package::lib::constants::{DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 @if(aov_albedo) @group(0) @binding(3) var<storage, read_write> albedo_samples: array<vec4f>;
 @if(aov_normal) @group(0) @binding(4) var<storage, read_write> normal_samples: array<vec4f>;
 @if(aov_position) @group(0) @binding(5) var<storage, read_write> position_samples: array<vec4f>;
@@ -37,8 +38,8 @@ fn primary(
     if tile.centred == 0u { within = sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)); }
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
-    @if(alpha_test) let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));
-    @if(!alpha_test) let hit = trace_closest(camera.ray);
+    let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));
+    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);
@@ -57,7 +58,7 @@ fn primary(
         }
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
-        @if(aov_position) { position = vec4f(found.position, (hit.t + camera.near) * camera.cosine); }
+        @if(aov_position) { position = vec4f(found.position, hit.t * camera.cosine); }
     }
     points[i] = point;
     radiance_direct[i] = direct;

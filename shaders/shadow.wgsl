@@ -4,7 +4,7 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::bvh::trace_occluded;
+import package::lib::bvh::{trace_occluded, traversal_overrun};
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{oct_decode16, oct_encode7};
 import package::lib::light::LightSample;
@@ -14,7 +14,7 @@ import package::lib::rng::{hash2, hash3};
 import package::lib::photon::{Photon, photon_word};
 import package::lib::constants::{
     DIMENSION_SHADOW_ALPHA, CLASS_LIT, CLASS_MASK, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG,
-    COUNTER_PENUMBRA_SEEN
+    COUNTER_OVERRUN, COUNTER_PENUMBRA_SEEN
 };
 
 struct ShadowParameters {
@@ -49,9 +49,7 @@ fn light_point_visible(position: vec3f, normal: vec3f, chosen: LightSample, seed
     let origin = offset_origin(position, normal);
     // A light point is on a surface that the ray must not meet: 1e-4 short of it is some hundred times the rounding of
     // t at the far end, and no occluder is that near to a light without touching it.
-    let ray = Ray(origin, chosen.direction, chosen.distance * (1.0 - 1e-4));
-    @if(alpha_test) { return !trace_occluded(ray, seed); }
-    @if(!alpha_test) { return !trace_occluded(ray); }
+    return !trace_occluded(Ray(origin, 0.0, chosen.direction, chosen.distance * (1.0 - 1e-4)), seed);
 }
 
 @compute @workgroup_size(64)
@@ -93,6 +91,7 @@ fn shadow(
         if seen > 0u && seen < traced { atomicAdd(&mixed_points, 1u); }
     }
     workgroupBarrier();
+    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
     if lane == 0u {
         atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&mixed_points));
@@ -139,6 +138,7 @@ fn audit(
         visibility[slot * parameters.visibility_words] = u32(seen);
     }
     workgroupBarrier();
+    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&mixed_points));

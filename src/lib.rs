@@ -2,6 +2,7 @@
 //! kernels. `ARCHITECTURE.md` maps the paper's steps to files.
 #![warn(missing_docs)]
 
+pub mod bvh;
 pub mod error;
 pub mod film;
 pub mod gpu;

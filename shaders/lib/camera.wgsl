@@ -17,8 +17,6 @@ struct CameraUniform {
 
 struct CameraRay {
     ray: Ray,
-    // Distance along the ray to the near plane: what is added to a hit's t for the distance from the camera.
-    near: f32,
     // Cosine between the ray and the viewing direction: times the distance, the depth Z.
     cosine: f32,
 }
@@ -35,5 +33,11 @@ fn camera_ray(film: vec2f) -> CameraRay {
     }
     let cosine = dot(direction, -camera.backward);
     let near = camera.near / cosine;
-    return CameraRay(Ray(origin + near * direction, direction, (camera.far - camera.near) / cosine), near, cosine);
+    return CameraRay(Ray(origin, near, direction, camera.far / cosine), cosine);
+}
+
+// Unit vector from a point towards the viewer.
+fn view_direction(position: vec3f) -> vec3f {
+    if camera.orthographic == 1u { return camera.backward; }
+    return normalize(camera.position - position);
 }

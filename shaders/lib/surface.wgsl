@@ -1,7 +1,7 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
 // _unlit, _emissive_strength, KHR_texture_transform).
 
-import package::lib::bvh::load_triangle;
+import package::lib::bvh::triangle_corners;
 import package::lib::ray::{Hit, Ray};
 import package::lib::math::oct_decode16;
 import package::lib::bsdf::Surface;
@@ -172,11 +172,11 @@ struct SurfaceHit {
 // The surface at a hit. The normals face the ray's origin; the position lies on the triangle to the last bits, as
 // it is computed from the corners and not along the ray.
 fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
-    let corners = load_triangle(hit.triangle);
+    let corners = triangle_corners(hit.triangle);
     let w = 1.0 - hit.u - hit.v;
-    let e1 = corners.b - corners.a;
-    let e2 = corners.c - corners.a;
-    let position = corners.a + hit.u * e1 + hit.v * e2;
+    let e1 = corners[1] - corners[0];
+    let e2 = corners[2] - corners[0];
+    let position = corners[0] + hit.u * e1 + hit.v * e2;
     let outward = normalize(cross(e1, e2));
     let front = dot(outward, ray.direction) <= 0.0;
     let geometric_normal = select(-outward, outward, front);

@@ -20,12 +20,14 @@ shaders!(
     "shadow",
     "lib/alpha",
     "lib/bsdf",
+    "lib/bvh",
     "lib/camera",
     "lib/dispatch",
     "lib/light",
     "lib/light_choice",
     "lib/math",
     "lib/point",
+    "lib/ray",
     "lib/rng",
     "lib/sampling",
     "lib/surface",
@@ -83,16 +85,6 @@ pub const FEATURES: &[&str] = &[
 /// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
 /// of this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
-    ("LIGHT_MESH", crate::tables::lights::MESH),
-    ("LIGHT_POINT", crate::tables::lights::POINT),
-    ("LIGHT_SPOT", crate::tables::lights::SPOT),
-    ("LIGHT_DIRECTIONAL", crate::tables::lights::DIRECTIONAL),
-    ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
-    ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
-    ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
-    ("LIGHT_HEADER", crate::tables::lights::HEADER),
-    ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
-    ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
     ("SURFACE_FLAT", crate::tables::surfaces::FLAT),
     ("MATERIAL_RECORDS", crate::tables::surfaces::MATERIAL_RECORDS),
     ("MATERIAL_DOUBLE_SIDED", crate::tables::surfaces::DOUBLE_SIDED),
@@ -126,6 +118,16 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_SHADOWED", Counter::Shadowed as u32),
     ("COUNTER_BOUNDARY", Counter::Boundary as u32),
     ("COUNTER_UNKNOWN", Counter::Unknown as u32),
+    ("LIGHT_MESH", crate::tables::lights::MESH),
+    ("LIGHT_POINT", crate::tables::lights::POINT),
+    ("LIGHT_SPOT", crate::tables::lights::SPOT),
+    ("LIGHT_DIRECTIONAL", crate::tables::lights::DIRECTIONAL),
+    ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
+    ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
+    ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
+    ("LIGHT_HEADER", crate::tables::lights::HEADER),
+    ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
+    ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
 ];
 
 /// The features that a kernel is composed with: a subset of [`FEATURES`].
