@@ -1,6 +1,8 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod bsdf;
 mod house;
 mod kit;
+mod light;
 mod sampling;
 mod statistics;

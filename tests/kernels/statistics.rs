@@ -28,14 +28,22 @@ pub fn chi_square(observed: &[u64], expected: &[f64], family: u32) -> Result<(),
     let k = f64::from(cells - 1);
     let z = ((statistic / k).cbrt() - (1.0 - 2.0 / (9.0 * k))) / (2.0 / (9.0 * k)).sqrt();
     let limit = normal_quantile(1.0 - significance(family));
-    if z > limit { Err(format!("chi-square {statistic:.1} over {k} degrees of freedom: z {z:.1} > {limit:.1}")) } else { Ok(()) }
+    if z > limit {
+        Err(format!("chi-square {statistic:.1} over {k} degrees of freedom: z {z:.1} > {limit:.1}"))
+    } else {
+        Ok(())
+    }
 }
 
 /// Checks a mean of independent samples against its expectation, two-sided; `error` is the mean's standard error.
 pub fn z_test(mean: f64, error: f64, expected: f64, family: u32) -> Result<(), String> {
     let limit = normal_quantile(1.0 - significance(family) / 2.0);
     let z = (mean - expected) / error;
-    if z.abs() <= limit { Ok(()) } else { Err(format!("mean {mean} +- {error}, expected {expected}: z {z:.1} > {limit:.1}")) }
+    if z.abs() <= limit {
+        Ok(())
+    } else {
+        Err(format!("mean {mean} +- {error}, expected {expected}: z {z:.1} > {limit:.1}"))
+    }
 }
 
 /// Mean and its standard error.
@@ -77,4 +85,32 @@ fn a_loaded_die_is_found() {
     assert!(chi_square(&[900, 1013, 1007, 980, 960, 1140], &expected, 1).is_err());
     z_test(1.02, 0.01, 1.0, 1).unwrap();
     assert!(z_test(1.04, 0.01, 1.0, 1).is_err());
+}
+
+/// Uniform numbers for tests: SplitMix64 (Steele et al. 2014).
+pub struct Random(pub u64);
+
+impl Random {
+    /// Uniform in [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Uniform in [-1, 1)^3.
+    pub fn point(&mut self) -> glam::DVec3 {
+        glam::DVec3::new(self.uniform(), self.uniform(), self.uniform()) * 2.0 - 1.0
+    }
+
+    /// Uniform on the unit sphere.
+    pub fn direction(&mut self) -> glam::DVec3 {
+        loop {
+            let p = self.point();
+            if p.length() < 1.0 && p.length() > 1e-3 {
+                return p.normalize();
+            }
+        }
+    }
 }
