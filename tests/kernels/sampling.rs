@@ -19,7 +19,8 @@ fn run(entry: &str, count: u32, constants: &[(&str, f64)], directions: &[[f32; 4
     let points = gpu.poisoned::<[f32; 4]>("test/points", count as usize * per_item).unwrap();
     let directions = gpu.upload("test/directions", directions).unwrap();
     let sobol = sobol::upload(gpu).unwrap();
-    let sets = Resources::new().with("points", &points).with("directions", &directions).with("sobol_directions", &sobol);
+    let sets =
+        Resources::new().with("points", &points).with("directions", &directions).with("sobol_directions", &sobol);
     let bound = kernel.bind(gpu, entry, &[&sets]).unwrap();
     let mut frame = gpu.frame("test");
     frame.run(&bound, count, &[0u32; 0]);
@@ -74,7 +75,9 @@ fn four_dimensions_are_stratified_each_and_in_pairs() {
             let t = 3;
             let side = 1 << ((10 - t) / 2);
             let mut counts = vec![0; side * side];
-            points.iter().for_each(|p| counts[(p[x] * side as f32) as usize * side + (p[y] * side as f32) as usize] += 1);
+            points
+                .iter()
+                .for_each(|p| counts[(p[x] * side as f32) as usize * side + (p[y] * side as f32) as usize] += 1);
             assert!(counts.iter().all(|c| *c == 1024 / (side * side)), "dimensions {x} and {y}, seed {seed}");
         }
     }

@@ -28,14 +28,22 @@ pub fn chi_square(observed: &[u64], expected: &[f64], family: u32) -> Result<(),
     let k = f64::from(cells - 1);
     let z = ((statistic / k).cbrt() - (1.0 - 2.0 / (9.0 * k))) / (2.0 / (9.0 * k)).sqrt();
     let limit = normal_quantile(1.0 - significance(family));
-    if z > limit { Err(format!("chi-square {statistic:.1} over {k} degrees of freedom: z {z:.1} > {limit:.1}")) } else { Ok(()) }
+    if z > limit {
+        Err(format!("chi-square {statistic:.1} over {k} degrees of freedom: z {z:.1} > {limit:.1}"))
+    } else {
+        Ok(())
+    }
 }
 
 /// Checks a mean of independent samples against its expectation, two-sided; `error` is the mean's standard error.
 pub fn z_test(mean: f64, error: f64, expected: f64, family: u32) -> Result<(), String> {
     let limit = normal_quantile(1.0 - significance(family) / 2.0);
     let z = (mean - expected) / error;
-    if z.abs() <= limit { Ok(()) } else { Err(format!("mean {mean} +- {error}, expected {expected}: z {z:.1} > {limit:.1}")) }
+    if z.abs() <= limit {
+        Ok(())
+    } else {
+        Err(format!("mean {mean} +- {error}, expected {expected}: z {z:.1} > {limit:.1}"))
+    }
 }
 
 /// Mean and its standard error.
