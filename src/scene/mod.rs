@@ -342,7 +342,12 @@ impl Normalisation {
 
     /// From normalised space to world space.
     pub fn undo(&self, normalised: Vec3) -> DVec3 {
-        normalised.as_dvec3() / self.scale() + self.centre
+        self.undo_f64(normalised.as_dvec3())
+    }
+
+    /// From normalised space, in double precision, to world space.
+    pub fn undo_f64(&self, normalised: DVec3) -> DVec3 {
+        normalised / self.scale() + self.centre
     }
 }
 
