@@ -8,14 +8,16 @@ import package::lib::constants::COUNTER_NOT_FINITE;
 
 struct FilmParameters {
     pixel_count: u32,
+    // Points to sum, and the first of them in `samples`.
     point_count: u32,
+    first_point: u32,
 }
 
 @group(0) @binding(0) var<storage, read> samples: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> compensations: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-// For the variance of the whole: the other part of the radiance.
+// For the variance of the whole: the other part of the radiance, or one zero for all points.
 @group(0) @binding(4) var<storage, read> other_samples: array<vec4f>;
 
 var<immediate> film_parameters: FilmParameters;
@@ -61,7 +63,7 @@ fn accumulate(
     let pixel = group_index(group, groups) * 64u + lane;
     if pixel >= film_parameters.pixel_count { return; }
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
-        if !add_sample(pixel, samples[i]) { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
+        if !add_sample(pixel, samples[film_parameters.first_point + i]) { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
 }
 
@@ -75,7 +77,7 @@ fn accumulate_squares(
     let pixel = group_index(group, groups) * 64u + lane;
     if pixel >= film_parameters.pixel_count { return; }
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
-        let x = samples[i] + other_samples[i];
+        let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
         // Not counted: `accumulate` has counted the sample, unless only its square overflows.
         _ = add_sample(pixel, x * x);
     }

@@ -8,13 +8,13 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::oct_decode16;
-import package::lib::light::{light_dark, light_has_closed_form, light_unshadowed_irradiance};
+import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
-import package::lib::classes::{class_of, class_visibility, class_photons, is_audited};
-import package::lib::constants::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED};
+import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
+@if(audit) import package::lib::photon::is_audited;
 @if(glossy) import package::lib::camera::view_direction;
 @if(reflection) import package::lib::bsdf::bsdf_pdf;
 @if(reflection) import package::lib::reflection::reflects_lights;
@@ -35,8 +35,8 @@ struct ShadeParameters {
 @group(0) @binding(2) var<storage, read> classes: array<u32>;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
-// Estimated visibility of the slot, for the AOV; negative where there is none.
-@if(aov_shadow) @group(0) @binding(5) var<storage, read_write> visibility_samples: array<f32>;
+// Of each slot, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
+@if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
 
 var<immediate> parameters: ShadeParameters;
 
@@ -84,12 +84,12 @@ struct Estimate {
 // Direct light of one light at one place.
 fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     let class_ = class_of(word);
-    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), -1.0); }
+    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), 0.0); }
     let decided = class_ == CLASS_LIT || class_ == CLASS_SHADOWED;
     // The visibility that is taken for granted: the class, or the photons' guess.
     var granted = class_visibility(word);
     if decided { granted = f32(class_ == CLASS_LIT); }
-    @if(visibility_estimate) let traced = class_photons(word) == 0u;
+    @if(visibility_estimate) let traced = class_illumination(word) + class_shadow(word) == 0u;
     @if(!visibility_estimate) let traced = !decided;
 
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
@@ -122,7 +122,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     }
     var estimate = select(granted, f32(seen) / f32(parameters.light_samples), traced);
     @if(audit) {
-        if decided && is_audited(slot, place.seed, place.sample_index, light, parameters.audit_probability) {
+        if decided && is_audited(place.seed, place.sample_index, light, parameters.audit_probability) {
             let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
             if error != 0.0 {
                 let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
@@ -144,7 +144,15 @@ fn shade(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= parameters.tile.point_count || points[i].normal == INVALID_POINT { return; }
+    if i >= parameters.tile.point_count { return; }
+    if points[i].normal == INVALID_POINT {
+        @if(aov_shadow) {
+            for (var l = 0u; l < parameters.lights_in_chunk; l++) {
+                shadow_samples[l * parameters.tile.point_count + i] = vec4f(0.0);
+            }
+        }
+        return;
+    }
     var place: Place;
     place.position = points[i].position;
     var packed: PackedSurface;
@@ -164,7 +172,12 @@ fn shade(
         let slot = l * parameters.tile.point_count + i;
         let estimate = direct_light(place, parameters.first_light + l, slot, classes[slot]);
         sum += estimate.radiance;
-        @if(aov_shadow) { visibility_samples[slot] = estimate.visibility; }
+        @if(aov_shadow) {
+            let word = classes[slot];
+            let class_ = select(0u, class_of(word), place.sample_index == 0u);
+            shadow_samples[slot] = vec4f(vec4u(class_, 0u, class_illumination(word), class_shadow(word)));
+            shadow_samples[slot].y = estimate.visibility;
+        }
     }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + parameters.light_scale * sum, so_far.w);

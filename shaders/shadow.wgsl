@@ -11,9 +11,9 @@ import package::lib::light::LightSample;
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::point::Point;
 import package::lib::rng::{hash2, hash3};
-import package::lib::photon::{Photon, photon_word};
+@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, photon_word};
 import package::lib::constants::{
-    DIMENSION_SHADOW_ALPHA, CLASS_LIT, CLASS_MASK, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG,
+    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG,
     COUNTER_OVERRUN, COUNTER_PENUMBRA_SEEN
 };
 
@@ -29,15 +29,17 @@ struct ShadowParameters {
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> classes: array<u32>;
-// Slots, after a count: queue[0] of them.
+@if(audit) @group(0) @binding(1) var<storage, read> classes: array<u32>;
+// Slots to trace and slots to audit.
 @group(0) @binding(2) var<storage, read> boundary_queue: array<u32>;
-@group(0) @binding(3) var<storage, read> audit_queue: array<u32>;
+@if(audit) @group(0) @binding(3) var<storage, read> audit_queue: array<u32>;
+// Lengths of the queues: of the searches', the boundary and the audit queue.
+@group(0) @binding(8) var<storage, read> queue_lengths: array<u32, 4>;
 @group(0) @binding(4) var<storage, read_write> visibility: array<u32>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
-// Photons of the other kind where an audit contradicted a class, after a count in the first one's word.
-@group(0) @binding(6) var<storage, read_write> heal_photons: array<Photon>;
-@group(0) @binding(7) var<storage, read_write> heal_count: atomic<u32>;
+// Photons of the other kind where an audit contradicted a class, and how many.
+@if(audit) @group(0) @binding(6) var<storage, read_write> heal_photons: array<Photon>;
+@if(audit) @group(0) @binding(7) var<storage, read_write> heal_count: atomic<u32>;
 
 var<immediate> parameters: ShadowParameters;
 
@@ -64,8 +66,8 @@ fn shadow(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < boundary_queue[0] {
-        let slot = boundary_queue[item + 1u];
+    if item < queue_lengths[1] {
+        let slot = boundary_queue[item];
         let i = slot % parameters.tile.point_count;
         let light = parameters.first_light + slot / parameters.tile.point_count;
         let position = points[i].position;
@@ -111,8 +113,8 @@ fn audit(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < audit_queue[0] {
-        let slot = audit_queue[item + 1u];
+    if item < queue_lengths[2] {
+        let slot = audit_queue[item];
         let i = slot % parameters.tile.point_count;
         let light_in_chunk = slot / parameters.tile.point_count;
         let light = parameters.first_light + light_in_chunk;
@@ -126,12 +128,12 @@ fn audit(
             atomicAdd(&rays_traced, 1u);
             let ray_seed = hash3(seed, DIMENSION_SHADOW_ALPHA + light, ~sample_index);
             seen = light_point_visible(position, normal, chosen, ray_seed);
-            let lit = (classes[slot] & CLASS_MASK) == CLASS_LIT;
+            let lit = class_of(classes[slot]) == CLASS_LIT;
             if seen != lit {
                 atomicAdd(&mixed_points, 1u);
                 let at = atomicAdd(&heal_count, 1u);
                 if at < parameters.heal_capacity {
-                    heal_photons[at] = Photon(position, photon_word(normal, light, 0u, !seen));
+                    heal_photons[at] = Photon(position, photon_word(oct_encode7(normal), light, 1.0, !seen));
                 }
             }
         }

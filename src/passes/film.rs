@@ -12,8 +12,10 @@ shared_struct! {
     pub struct FilmParameters {
         /// Pixels of the tile.
         pub pixel_count: u32,
-        /// Points of the tile.
+        /// Points to sum.
         pub point_count: u32,
+        /// The first of them among the samples.
+        pub first_point: u32,
     }
 }
 
@@ -84,7 +86,13 @@ impl Film {
 impl Plane {
     /// Adds the samples of the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        let parameters = FilmParameters { pixel_count: tile.pixel_count, point_count: tile.point_count };
+        self.record_from(frame, tile, 0);
+    }
+
+    /// Adds the samples of the tile's points, the first of which is number `first_point` among the samples.
+    pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
+        let Tile { pixel_count, point_count, .. } = *tile;
+        let parameters = FilmParameters { pixel_count, point_count, first_point };
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 

@@ -71,6 +71,8 @@ pub struct TileBuffers {
     pub normal_samples: Option<Buffer>,
     /// Position and depth, where asked for.
     pub position_samples: Option<Buffer>,
+    /// One zero vector, for the part of a sum that a technique does not have.
+    pub zeros: Buffer,
     /// What the kernels count: a word for each [`crate::statistics::Counter`].
     pub counters: Buffer,
 }
@@ -92,6 +94,7 @@ impl TileBuffers {
             albedo_samples: samples(features.has("aov_albedo"), "penumbra/primary/albedo_samples")?,
             normal_samples: samples(features.has("aov_normal"), "penumbra/primary/normal_samples")?,
             position_samples: samples(features.has("aov_position"), "penumbra/primary/position_samples")?,
+            zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
         })
     }

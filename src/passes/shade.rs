@@ -38,7 +38,7 @@ impl Shade {
         Ok(Shade(kernel(gpu, "shade", features, constants, &own)?))
     }
 
-    /// Binds it. `visibility_samples` is written where the AOV is asked for.
+    /// Binds it. `shadow_samples` is written where the AOV is asked for.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -48,7 +48,7 @@ impl Shade {
         tile: &TileBuffers,
         classes: &Buffer,
         visibility: &Buffer,
-        visibility_samples: Option<&Buffer>,
+        shadow_samples: Option<&Buffer>,
         scene: &dyn Bindings,
     ) -> Result<BoundShade> {
         let mut own = Resources::new()
@@ -57,8 +57,8 @@ impl Shade {
             .with("radiance_direct", &tile.radiance_direct)
             .with("classes", classes)
             .with("visibility", visibility);
-        if let Some(samples) = visibility_samples {
-            own = own.with("visibility_samples", samples);
+        if let Some(samples) = shadow_samples {
+            own = own.with("shadow_samples", samples);
         }
         Ok(BoundShade(self.0.bind(gpu, "shade", &[&own, scene])?))
     }

@@ -44,6 +44,24 @@ pub struct Scene {
     pub notes: Vec<String>,
 }
 
+impl Scene {
+    /// Puts the triangles in another order: the new i-th is the old `order[i]`. The lights follow.
+    pub fn reorder_triangles(&mut self, order: &[u32]) {
+        let mut place = vec![0u32; order.len()];
+        for (new, old) in order.iter().enumerate() {
+            place[*old as usize] = new as u32;
+        }
+        self.triangles = order.iter().map(|old| self.triangles[*old as usize]).collect();
+        for light in &mut self.lights {
+            if let LightKind::Mesh { emitters, .. } = &mut light.kind {
+                for emitter in emitters {
+                    emitter.triangle = place[emitter.triangle as usize];
+                }
+            }
+        }
+    }
+}
+
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vertex {
@@ -324,7 +342,12 @@ impl Normalisation {
 
     /// From normalised space to world space.
     pub fn undo(&self, normalised: Vec3) -> DVec3 {
-        normalised.as_dvec3() / self.scale() + self.centre
+        self.undo_f64(normalised.as_dvec3())
+    }
+
+    /// From normalised space, in double precision, to world space.
+    pub fn undo_f64(&self, normalised: DVec3) -> DVec3 {
+        normalised / self.scale() + self.centre
     }
 }
 

@@ -69,6 +69,11 @@ impl SurfaceTables {
         })
     }
 
+    /// Records a triangle.
+    pub fn stride(&self) -> usize {
+        self.layout.stride as usize
+    }
+
     /// The `override`s of the kernels that read surfaces.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let Layout { uv, colour, tangent, stride, .. } = self.layout;
