@@ -27,6 +27,9 @@ const STACK_SIZE = 84;
 // in silence after 65,535 turns in all.
 const MAX_TURNS: u32 = 60000u;
 
+// Turns of this invocation so far, over all its traversals. A kernel of other loops may add theirs.
+var<private> traversal_turns: u32;
+
 // Whether a traversal of this invocation gave up. Its results are then wrong, and the kernel must count an error.
 var<private> traversal_overrun: bool;
 
@@ -61,7 +64,6 @@ struct Walk {
     t_min: f32,
     place: u32,
     height: u32,
-    turns: u32,
     done: bool,
     stack: array<u32, STACK_SIZE>,
 }
@@ -78,7 +80,7 @@ const NO_KEY: u32 = 0xffffffffu;
 fn begin_walk(ray: Ray) -> Walk {
     // A direction's component of 0 is taken for 2^-80 of the same sign, so nothing is infinite and nothing NaN; see
     // MIN_EXPONENT in src/bvh/node.rs for why no box is missed.
-    let least = 0x1p-80;
+    let least = 8.2718061e-25; // 2^-80
     let d = ray.direction;
     let safe = select(d, select(vec3f(least), vec3f(-least), d < vec3f(0.0)), abs(d) < vec3f(least));
     var walk: Walk;
@@ -87,7 +89,6 @@ fn begin_walk(ray: Ray) -> Walk {
     walk.t_min = ray.t_min;
     walk.place = 0u;
     walk.height = 0u;
-    walk.turns = 0u;
     walk.done = false;
     return walk;
 }
@@ -95,7 +96,7 @@ fn begin_walk(ray: Ray) -> Walk {
 // Takes a turn: the slot of a triangle to be tested, or NO_HIT where this turn met none.
 fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
     if (*walk).place == NO_PLACE {
-        if (*walk).height == 0u || (*walk).turns >= MAX_TURNS {
+        if (*walk).height == 0u || traversal_turns >= MAX_TURNS {
             traversal_overrun |= (*walk).height != 0u;
             (*walk).done = true;
             return NO_HIT;
@@ -103,7 +104,7 @@ fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
         (*walk).height--;
         (*walk).place = (*walk).stack[(*walk).height];
     }
-    (*walk).turns++;
+    traversal_turns++;
     if (*walk).place < ONE_TRIANGLE {
         let children = open_node(walk, (*walk).place, t_max);
         let keys = sorted(children.keys);
@@ -141,7 +142,7 @@ fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
     let a = (bitcast<vec3f>(texel_0.xyz) - (*walk).sheared.origin) * inverse;
     let b = step * inverse;
-    let slack = abs(a) * 0x1p-22;
+    let slack = abs(a) / 4194304.0;
     let a_near = a - slack;
     let a_far = a + slack;
     let lower = vec3u(texel_0.w, texel_1.xy);
@@ -152,7 +153,7 @@ fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
     let enter_xy = max(bytes(near.x) * b.x + a_near.x, bytes(near.y) * b.y + a_near.y);
     let enter = max(enter_xy, max(bytes(near.z) * b.z + a_near.z, vec4f((*walk).t_min)));
     let leave_xy = min(bytes(far.x) * b.x + a_far.x, bytes(far.y) * b.y + a_far.y);
-    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * (1.0 + 0x1p-20);
+    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * (1.0 + 1.0 / 1048576.0);
 
     let number = vec4u(0u, 1u, 2u, 3u);
     let packed_counts = (head >> 28u) | ((texel_2.z >> 24u) & 0xf0u) | ((texel_2.w >> 20u) & 0xf00u);

@@ -15,6 +15,7 @@ macro_rules! shaders {
 
 shaders!(
     "film",
+    "path",
     "primary",
     "shade",
     "shadow",
@@ -105,6 +106,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_AUDIT", 0x4000_0000),
     ("DIMENSION_SHADOW_ALPHA", 0x5000_0000),
     ("DIMENSION_REFLECTION", 0x6000_0000),
+    ("DIMENSION_PATH", 0x7000_0000),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
@@ -125,6 +127,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
     ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
     ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
+    ("LIGHT_COVERAGE", crate::tables::lights::COVERAGE),
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),

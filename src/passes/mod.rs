@@ -1,6 +1,7 @@
 //! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.
 
 pub mod film;
+pub mod path;
 pub mod primary;
 pub mod shade;
 pub mod shadow;
