@@ -154,6 +154,8 @@ fn radiance_along(i: u32) -> PathRadiance {
                 throughput /= survival;
             }
         }
+        // The last ray could only find a light that has a surface.
+        @if(!mesh_lights) { going_on &= bounce < parameters.max_bounces; }
         if going_on {
             atomicAdd(&bounce_rays, 1u);
             let origin = offset_origin(vertex.position, vertex.surface.geometric_normal);

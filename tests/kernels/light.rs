@@ -11,12 +11,12 @@ use penumbra::tables::LightTables;
 use crate::kit::{device_features, gpu};
 use crate::statistics::{Random, chi_square, z_test};
 
-type Corners = [DVec3; 3];
+pub type Corners = [DVec3; 3];
 
 /// Radiance of the mesh lights: channels that differ, of which the tests look at the red and the ratio to the others.
 const RADIANCE: Vec3 = Vec3::new(1.0, 2.0, 4.0);
 
-fn material(double_sided: bool) -> Material {
+pub fn material(double_sided: bool) -> Material {
     Material {
         name: "light".into(),
         base_colour: Vec4::ONE,
@@ -115,7 +115,7 @@ fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usi
     got
 }
 
-fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
+pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
     let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
     vec![[a, b, c], [a, c, d]]
 }
@@ -135,7 +135,7 @@ fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize,
         .collect()
 }
 
-fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
+pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];
     (0..3)
         .flat_map(|i| {
@@ -146,7 +146,7 @@ fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
         .collect()
 }
 
-fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
+pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
     let at = |i: usize, j: usize| {
         let (t, p) = (PI * i as f64 / n as f64, TAU * j as f64 / (2 * n) as f64);
         centre + radius * DVec3::new(t.sin() * p.cos(), t.sin() * p.sin(), t.cos())
@@ -223,7 +223,7 @@ fn clipped(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
 }
 
 /// The oracle: the sum over triangles of Lambert's formula, each clipped at the horizon.
-fn form_factor(triangles: &[Corners], two_sided: bool, position: DVec3, normal: DVec3, clip: bool) -> f64 {
+pub fn form_factor(triangles: &[Corners], two_sided: bool, position: DVec3, normal: DVec3, clip: bool) -> f64 {
     let mut sum = 0.0;
     for t in triangles {
         let side = height_over(t, position);

@@ -4,5 +4,6 @@ mod bsdf;
 mod house;
 mod kit;
 mod light;
+mod path;
 mod sampling;
 mod statistics;
