@@ -646,4 +646,14 @@ fn every_set_of_kinds_composes() {
         let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_records"));
         assert_eq!(table, features.has("mesh_lights"));
     }
+    for set in 0..8u32 {
+        let names = ["textures", "alpha_test", "texture_loads"];
+        let features =
+            names.iter().enumerate().fold(Features::default(), |f, (i, name)| f.with(name, set >> i & 1 == 1));
+        let features = features.with("mesh_lights", true).with("emissive_textures", set & 1 == 1);
+        for kernel in ["path", "shadow"] {
+            compose::compose(kernel, &features).unwrap();
+        }
+    }
+    compose::compose("path", &Features::all()).unwrap();
 }

@@ -250,6 +250,7 @@ fn an_independent_renderer_agrees() {
     };
     const SIZE: usize = 256;
     const BLOCK: usize = 16;
+    const BLOCKS: usize = (SIZE / BLOCK) * (SIZE / BLOCK);
     const SPP: u32 = 16;
     let folder = std::path::Path::new(&shared).join("reference");
     let box_scene = Scene::load(&folder.join("box.glb"), &ImportOptions::default()).unwrap();
@@ -258,30 +259,31 @@ fn an_independent_renderer_agrees() {
         let reference = Image::read_exr(folder.join(file)).unwrap();
         let [reference, _, _] = reference.rgb().unwrap();
         let rendered = render(box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
-        let mut outside = 0;
-        let mut blocks = 0;
-        for by in 0..SIZE / BLOCK {
-            for bx in 0..SIZE / BLOCK {
-                let pixels = (0..BLOCK * BLOCK).map(|k| (by * BLOCK + k / BLOCK) * SIZE + bx * BLOCK + k % BLOCK);
-                let difference = pixels.map(|pixel| {
+        // Blocks that differ, where the reference is moved by so many pixels.
+        let outside = |shift: usize| {
+            let differs = |block: &usize| {
+                let corner = block / (SIZE / BLOCK) * BLOCK * SIZE + block % (SIZE / BLOCK) * BLOCK;
+                let difference = (0..BLOCK * BLOCK).map(|k| {
+                    let pixel = corner + k / BLOCK * SIZE + k % BLOCK;
                     let samples = rendered.pixel(pixel, SIZE * SIZE);
-                    samples.sum::<f64>() / f64::from(SPP) - f64::from(reference[pixel])
+                    let moved = (pixel + shift).min(SIZE * SIZE - 1);
+                    samples.sum::<f64>() / f64::from(SPP) - f64::from(reference[moved])
                 });
                 let (mean, error) = mean_and_error(difference);
-                blocks += 1;
-                outside += usize::from(mean.abs() > 3.0 * error + 1e-4);
-            }
-        }
+                mean.abs() > 3.0 * error + 1e-4
+            };
+            (0..BLOCKS).filter(differs).count()
+        };
         // A block is outside of three standard errors once in 370 by chance; twice as many as expected and two are
         // allowed, as tails are longer than normal ones.
-        println!("{file}: {outside} of {blocks} blocks outside of three standard errors");
-        assert!(outside <= 2 + 2 * blocks / 370, "{file}: {outside} of {blocks} blocks differ");
+        let found = outside(0);
+        assert!(found <= 2 + 2 * BLOCKS / 370, "{file}: {found} of {BLOCKS} blocks differ");
+        assert!(outside(2) > BLOCKS / 20, "a reference that is moved by two pixels");
         let mean = rendered.all().sum::<f64>() / f64::from(SPP) / (SIZE * SIZE) as f64;
         let expected = reference.iter().map(|v| f64::from(*v)).sum::<f64>() / (SIZE * SIZE) as f64;
         // Of the mean of all pixels: each pixel's own spread, the image's structure aside.
         let errors = (0..SIZE * SIZE).map(|pixel| mean_and_error(rendered.pixel(pixel, SIZE * SIZE)).1);
         let error = errors.map(|e| e * e).sum::<f64>().sqrt() / (SIZE * SIZE) as f64;
-        println!("{file}: mean {mean} +- {error}, reference {expected}");
         assert!((mean - expected).abs() < 1e-3 * expected + 4.0 * error, "{file}: mean {mean}, not {expected}");
         assert!(error < 1e-3 * expected, "{file}: an error of {error} is no test");
     }
