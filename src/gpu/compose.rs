@@ -12,7 +12,7 @@ macro_rules! shaders {
     };
 }
 
-shaders!("lib/dispatch");
+shaders!("classify", "grid", "lib/dispatch", "lib/grid", "lib/math", "lib/photon", "lib/rng");
 
 /// Every feature that an `@if` may ask for. An `@if` on another name fails to compose.
 pub const FEATURES: &[&str] = &[
@@ -20,6 +20,10 @@ pub const FEATURES: &[&str] = &[
     "texture_loads",
     // Device: workgroups are interleaved between two threads.
     "interleave",
+    // Photons are counted as in the paper: whatever their normals, by plain distance.
+    "paper_counting",
+    // Points may lie where the whole light is behind their surface, or emits away from it.
+    "dark_points",
 ];
 
 /// The features that a kernel is composed with: a subset of [`FEATURES`].

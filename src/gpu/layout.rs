@@ -2,7 +2,7 @@
 
 use wgpu::naga;
 
-use crate::{Error, Result};
+use crate::{Error, Result, passes};
 
 use super::compose::Composed;
 
@@ -40,7 +40,13 @@ macro_rules! shared_struct {
 }
 
 /// All shared structs.
-pub const SHARED: &[&SharedStruct] = &[];
+pub const SHARED: &[&SharedStruct] = &[
+    &passes::classify::ClassifyParameters::SHARED,
+    &passes::classify::Point::SHARED,
+    &passes::grid::GridParameters::SHARED,
+    &passes::grid::GridShape::SHARED,
+    &passes::grid::Photon::SHARED,
+];
 
 /// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin.
 ///

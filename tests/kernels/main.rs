@@ -1,4 +1,7 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod classify;
+mod grid;
 mod house;
 mod kit;
+mod rooms;
