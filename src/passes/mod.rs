@@ -1,6 +1,9 @@
 //! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.
 
+pub mod classify;
 pub mod film;
+pub mod grid;
+pub mod photons;
 pub mod primary;
 pub mod shade;
 pub mod shadow;

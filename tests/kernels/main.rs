@@ -1,6 +1,9 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod classify;
+mod grid;
 mod house;
 mod kit;
 mod sampling;
 mod statistics;
+mod rooms;
