@@ -14,8 +14,11 @@ macro_rules! shaders {
 }
 
 shaders!(
+    "classify",
     "film",
+    "grid",
     "path",
+    "photons",
     "primary",
     "shade",
     "shadow",
@@ -24,9 +27,11 @@ shaders!(
     "lib/bvh",
     "lib/camera",
     "lib/dispatch",
+    "lib/grid",
     "lib/light",
     "lib/light_choice",
     "lib/math",
+    "lib/photon",
     "lib/point",
     "lib/ray",
     "lib/rng",
@@ -64,6 +69,8 @@ pub const FEATURES: &[&str] = &[
     "directional_lights",
     // Scene: some mesh light has an emissive texture.
     "emissive_textures",
+    // Method: points that face away from a light are told apart.
+    "dark_points",
     // Method: photons classify the points.
     "visibility_map",
     // Method: photons are told apart by light.
@@ -106,7 +113,11 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_AUDIT", 0x4000_0000),
     ("DIMENSION_SHADOW_ALPHA", 0x5000_0000),
     ("DIMENSION_REFLECTION", 0x6000_0000),
-    ("DIMENSION_PATH", 0x7000_0000),
+    ("DIMENSION_PHOTON", 0x7000_0000),
+    ("DIMENSION_PHOTON_ALPHA", 0x8000_0000),
+    ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
+    ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
+    ("DIMENSION_PATH", 0x9000_0000),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),

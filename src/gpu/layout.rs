@@ -43,8 +43,13 @@ macro_rules! shared_struct {
 pub const SHARED: &[&SharedStruct] = &[
     &passes::Point::SHARED,
     &passes::Tile::SHARED,
+    &passes::classify::ClassifyParameters::SHARED,
     &passes::film::FilmParameters::SHARED,
+    &passes::grid::GridParameters::SHARED,
+    &passes::grid::GridShape::SHARED,
+    &passes::grid::Photon::SHARED,
     &passes::path::PathParameters::SHARED,
+    &passes::photons::PhotonParameters::SHARED,
     &passes::shade::ShadeParameters::SHARED,
     &passes::shadow::ShadowParameters::SHARED,
     &tables::CameraUniform::SHARED,

@@ -1,7 +1,10 @@
 //! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.
 
+pub mod classify;
 pub mod film;
+pub mod grid;
 pub mod path;
+pub mod photons;
 pub mod primary;
 pub mod shade;
 pub mod shadow;

@@ -1,0 +1,369 @@
+// Says of points, light by light, whether their nearest photons are all lit, all shadowed, or both.
+
+import package::lib::dispatch::group_index;
+import package::lib::math::oct_decode16;
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, is_audited};
+import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
+@if(dark_points) import package::lib::light::light_dark;
+import package::lib::point::{Point, INVALID_POINT};
+import package::lib::tile::{Tile, tile_sample, pixel_seed};
+import package::lib::constants::{COUNTER_DARK, COUNTER_AUDITED};
+
+// n_i and n_s of boundary points are the exact counts, not those about the middle of a cell.
+override exact_counts: bool;
+
+struct ClassifyParameters {
+    grid: GridShape,
+    tile: Tile,
+    // (light, point) pairs: points of the chunk's first light, of its second, ...
+    slot_count: u32,
+    first_light: u32,
+    dilate_radius: u32,
+    audit_probability: f32,
+    // Which of the queues `arrange_queue` makes arguments for, and for workgroups of how many.
+    queue: u32,
+    queue_group: u32,
+    padding: vec2u,
+}
+
+var<immediate> classify_pass: ClassifyParameters;
+
+@group(0) @binding(0) var<storage, read> points: array<Point>;
+@group(0) @binding(1) var<storage, read_write> classes: array<u32>;
+@group(0) @binding(2) var<storage, read_write> query_queue: array<u32>;
+// Lengths of the queries', the boundary and the audit queue.
+@group(0) @binding(3) var<storage, read_write> queue_lengths: array<atomic<u32>, 4>;
+// Of each queue three words and one unused.
+@group(0) @binding(4) var<storage, read_write> queue_arguments: array<u32, 16>;
+@group(0) @binding(5) var<storage, read_write> dilated_classes: array<u32>;
+@group(0) @binding(6) var<storage, read_write> boundary_queue: array<u32>;
+@group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
+@group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
+
+const QUERY_QUEUE = 0u;
+const BOUNDARY_QUEUE = 1u;
+const AUDIT_QUEUE = 2u;
+const CLASSES = 5u;
+const CLASSIFY_GROUP = 64u;
+const MAX_GROUPS_X = 65535u;
+
+var<workgroup> group_length: atomic<u32>;
+var<workgroup> group_base: u32;
+var<workgroup> group_counts: array<atomic<u32>, 8>;
+var<workgroup> audit_length: atomic<u32>;
+var<workgroup> audit_base: u32;
+
+// Classes by the verdicts on whole cells; the slots that have none are queued for `query`.
+@compute @workgroup_size(64)
+fn classify(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if lane == 0u { atomicStore(&group_length, 0u); }
+    workgroupBarrier();
+    var rank = 0u;
+    var queued = false;
+    if slot < classify_pass.slot_count {
+        let word = class_by_verdict(slot);
+        @if(visibility_map) { queued = class_of(word) == CLASS_UNKNOWN; }
+        if queued { rank = atomicAdd(&group_length, 1u); } else { classes[slot] = word; }
+    }
+    workgroupBarrier();
+    if lane == 0u {
+        let length = atomicLoad(&group_length);
+        if length > 0u { group_base = atomicAdd(&queue_lengths[QUERY_QUEUE], length); }
+    }
+    workgroupBarrier();
+    if queued { query_queue[group_base + rank] = slot; }
+}
+
+fn class_by_verdict(slot: u32) -> u32 {
+    let local_light = slot / classify_pass.tile.point_count;
+    let point = points[slot - local_light * classify_pass.tile.point_count];
+    if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
+    let normal = oct_decode16(point.normal);
+    let light = classify_pass.first_light + local_light;
+    @if(dark_points) {
+        if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
+    }
+    @if(!visibility_map) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
+    @if(visibility_map) { return class_of_verdict(verdict_at(light, point.position, normal)); }
+}
+
+// The class word that a verdict stands for; CLASS_UNKNOWN alone where it settles nothing.
+@if(visibility_map)
+fn class_of_verdict(verdict: Verdict) -> u32 {
+    if verdict.class_ == CLASS_LIT { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+    if verdict.class_ == CLASS_SHADOWED { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+    if verdict.class_ == CLASS_BOUNDARY && !exact_counts {
+        let lit = clamp(u32(round(verdict.visibility * f32(nearest))), 1u, nearest - 1u);
+        return class_word(CLASS_BOUNDARY, lit, nearest - lit, verdict.visibility);
+    }
+    return CLASS_UNKNOWN;
+}
+
+// The verdict that holds at the point; one without class or reach where there is none.
+fn verdict_at(light: u32, position: vec3f, normal: vec3f) -> Verdict {
+    let cell = cell_of(classify_pass.grid, position);
+    let record = load_cell_record(cell_index(classify_pass.grid, light, cell));
+    let size = classify_pass.grid.cell;
+    let from_centre = position - (classify_pass.grid.origin + (vec3f(cell) + 0.5) * size);
+    // A point outside of the grid is in no cell.
+    if all(abs(from_centre) <= vec3f(0.5004 * size)) {
+        for (var i = 0u; i < 2u; i++) {
+            let verdict = decode_verdict(select(record.zw, record.xy, i == 0u), size);
+            if verdict_holds(verdict, from_centre, normal) { return verdict; }
+        }
+    }
+    return Verdict(CLASS_DARK, normal, 1.0, 0.0, 0.0, 0.0, 0.0);
+}
+
+// Photons of a search that lie within marks of squared distance: all, and illumination photons.
+struct Tally {
+    all_a: vec4u,
+    all_b: vec4u,
+    lit_a: vec4u,
+    lit_b: vec4u,
+    // Sixteenths of hits that shadow photons stand for beyond one each: within the last mark, within the floor.
+    excess: u32,
+    excess_below: u32,
+    complete: bool,
+}
+
+// Photons that all searches of one query may look at, and rows of cells: a quarter of the 65,535 iterations that
+// lavapipe grants an invocation is left for the rest. Past it the point is unknown.
+const LOOK_LIMIT = 48000u;
+
+var<private> looks_left: u32;
+
+// Counts within `floor` + eighths of `span`, squared distances both.
+fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, span: f32) -> Tally {
+    let grid = classify_pass.grid;
+    let marks_a = floor_ + span * vec4f(0.125, 0.25, 0.375, 0.5);
+    let marks_b = floor_ + span * vec4f(0.625, 0.75, 0.875, 1.0);
+    var result = Tally(vec4u(0u), vec4u(0u), vec4u(0u), vec4u(0u), 0u, 0u, false);
+    let units = (position - grid.origin) * grid.inverse_cell;
+    // A margin for the rounding of cells' borders.
+    let reach_units = reach * grid.inverse_cell * 1.0001 + 1e-3;
+    let row_low = max(vec2i(floor(units.yz - reach_units)), vec2i(0));
+    let row_high = min(vec2i(floor(units.yz + reach_units)), vec2i(grid.size.yz) - 1);
+    for (var z = row_low.y; z <= row_high.y; z++) {
+        for (var y = row_low.x; y <= row_high.x; y++) {
+            let row = row_photons(grid, light, vec2i(y, z), units, units, reach_units, normal, 0.0);
+            let looks = row.y - row.x + 1u;
+            if looks > looks_left { return result; }
+            looks_left -= looks;
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                let v = bitcast<vec3f>(photon.xyz) - position;
+                let along = dot(v, normal);
+                let compatible = dot(photon_normal(photon.w), normal) >= COS_COMPATIBLE;
+                let d = select(1e30, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let shadow = photon_is_shadow(photon.w);
+                let d_lit = select(d, 1e30, shadow);
+                result.all_a += vec4u(vec4f(d) <= marks_a);
+                result.all_b += vec4u(vec4f(d) <= marks_b);
+                result.lit_a += vec4u(vec4f(d_lit) <= marks_a);
+                result.lit_b += vec4u(vec4f(d_lit) <= marks_b);
+                if (photon.w & PHOTON_WEIGHT) != 0u && d <= marks_b.w {
+                    let excess = photon_weight_sixteenths(photon.w) - 16u;
+                    result.excess += excess;
+                    result.excess_below += select(0u, excess, d <= floor_);
+                }
+            }
+        }
+    }
+    result.complete = true;
+    return result;
+}
+
+// The exact search for the slots that no verdict settled.
+@compute @workgroup_size(64)
+fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if i >= atomicLoad(&queue_lengths[QUERY_QUEUE]) { return; }
+    let slot = query_queue[i];
+    let local_light = slot / classify_pass.tile.point_count;
+    let point = points[slot - local_light * classify_pass.tile.point_count];
+    classes[slot] = class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal));
+}
+
+fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
+    looks_left = LOOK_LIMIT;
+    let grid = classify_pass.grid;
+    let farthest = REACH_MAX * grid.cell;
+    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
+
+    // The nearest k, and perhaps more, are within the reach.
+    let verdict = verdict_at(light, position, normal);
+    var reach = verdict.reach;
+    if reach == 0.0 {
+        let cell = cell_index(grid, light, cell_of(grid, position));
+        let here = load_cell_start(cell + 1u) - load_cell_start(cell);
+        reach = grid.cell * clamp(1.3 * sqrt(f32(nearest) / (3.14 * f32(max(here, 1u)))), 0.1, 3.0);
+    }
+    reach = min(reach, farthest);
+    var floor_ = 0.0;
+    var span = reach * reach;
+    var found = tally(light, position, normal, reach, floor_, span);
+    loop {
+        if !found.complete { return unknown; }
+        if found.all_b.w >= nearest { break; }
+        if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit_b.w, found.all_b.w - found.lit_b.w, 0.5); }
+        let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all_b.w, 1u)));
+        reach = min(reach * clamp(more, 1.25, 2.0), farthest);
+        span = reach * reach;
+        found = tally(light, position, normal, reach, floor_, span);
+    }
+
+    // The k-th is between two marks; look closer until they have none but it between them.
+    var all_below = 0u;
+    var lit_below = 0u;
+    for (var pass_ = 0u; ; pass_++) {
+        let below = vec4u(found.all_a < vec4u(nearest)) + vec4u(found.all_b < vec4u(nearest));
+        let mark = below.x + below.y + below.z + below.w;
+        let within = select(found.all_b[mark & 3u], found.all_a[mark & 3u], mark < 4u);
+        let lit = select(found.lit_b[mark & 3u], found.lit_a[mark & 3u], mark < 4u);
+        if lit == within { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+        if lit == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+        if mark > 0u {
+            let last = mark - 1u;
+            all_below = select(found.all_b[last & 3u], found.all_a[last & 3u], last < 4u);
+            lit_below = select(found.lit_b[last & 3u], found.lit_a[last & 3u], last < 4u);
+        }
+        let surely_both = lit_below > 0u && lit_below < all_below;
+        let rest = nearest - all_below;
+        let narrower = span * 0.125;
+        let next_floor = floor_ + narrower * f32(mark);
+        // Distances that no float lies between are ties: illumination photons first, whatever their order.
+        let tied = pass_ > 12u || next_floor + narrower * 0.125 <= next_floor;
+        if within == nearest || tied || (surely_both && !exact_counts) {
+            var n_i = lit;
+            if within > nearest {
+                let between = lit - lit_below;
+                let share = u32(round(f32(between) * f32(rest) / f32(within - all_below)));
+                n_i = lit_below + select(share, min(between, rest), tied);
+            }
+            let n_s = nearest - n_i;
+            if n_s == 0u { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+            if n_i == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+            var visibility = f32(n_i) / f32(nearest);
+            // Shadow photons may stand for several hits each.
+            if found.excess > 0u {
+                let end = next_floor + narrower;
+                let weighed = tally(light, position, normal, sqrt(end) * 1.0001, next_floor, end - next_floor);
+                if !weighed.complete { return unknown; }
+                let shadow_below = all_below - lit_below;
+                let shadow_between = (within - lit) - shadow_below;
+                let taken = f32(n_s - shadow_below) / f32(max(shadow_between, 1u));
+                let excess = f32(weighed.excess_below) + taken * f32(weighed.excess - weighed.excess_below);
+                visibility = f32(n_i) / (f32(nearest) + excess / 16.0);
+            }
+            return class_word(CLASS_BOUNDARY, n_i, n_s, visibility);
+        }
+        floor_ = next_floor;
+        span = narrower;
+        found = tally(light, position, normal, min(sqrt(floor_ + span) * 1.0001, reach), floor_, span);
+        if !found.complete { return unknown; }
+    }
+    return unknown;
+}
+
+// How far the neighbour may lie from the point's plane, as a share of its distance: about 15 degrees.
+const DILATE_SLOPE = 0.25;
+// Normals of neighbours on one surface: 25 degrees.
+const DILATE_COSINE = 0.9063;
+
+// A lit or shadowed point becomes a boundary where a neighbour on the same surface is one, or is unknown.
+@compute @workgroup_size(64)
+fn dilate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if slot >= classify_pass.slot_count { return; }
+    let word = classes[slot];
+    let own = class_of(word);
+    var result = word;
+    if own == CLASS_LIT || own == CLASS_SHADOWED {
+        let first = slot / classify_pass.tile.point_count * classify_pass.tile.point_count;
+        let pixel = slot - first;
+        // Neighbours are of the same sample: the tile's samples are layers of whole rows.
+        let width = i32(classify_pass.tile.width);
+        let rows = i32(classify_pass.tile.pixel_count) / width;
+        let top = i32(pixel / classify_pass.tile.pixel_count) * rows;
+        let at = vec2i(i32(pixel) % width, i32(pixel) / width);
+        let radius = i32(classify_pass.dilate_radius);
+        let low = max(at - radius, vec2i(0, top));
+        let high = min(at + radius, vec2i(width, top + rows) - 1);
+        for (var y = low.y; y <= high.y; y++) {
+            for (var x = low.x; x <= high.x; x++) {
+                let other = u32(y * width + x);
+                let class_ = class_of(classes[first + other]);
+                if (class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN) && same_surface(points[pixel], points[other]) {
+                    result = (word & ~7u) | CLASS_BOUNDARY;
+                }
+            }
+        }
+    }
+    dilated_classes[slot] = result;
+}
+
+fn same_surface(a: Point, b: Point) -> bool {
+    let normal = oct_decode16(a.normal);
+    let v = b.position - a.position;
+    return dot(normal, oct_decode16(b.normal)) >= DILATE_COSINE && abs(dot(v, normal)) <= DILATE_SLOPE * length(v);
+}
+
+// Counts the classes, and queues the slots that shadow rays are for: boundary and unknown points, and audits.
+@compute @workgroup_size(64)
+fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if lane < 8u { atomicStore(&group_counts[lane], 0u); }
+    if lane == 0u {
+        atomicStore(&group_length, 0u);
+        atomicStore(&audit_length, 0u);
+    }
+    workgroupBarrier();
+    var rank = 0u;
+    var traced = false;
+    var audited = false;
+    if slot < classify_pass.slot_count {
+        let local_light = slot / classify_pass.tile.point_count;
+        let pixel = slot - local_light * classify_pass.tile.point_count;
+        if points[pixel].normal != INVALID_POINT {
+            let class_ = class_of(dilated_classes[slot]);
+            atomicAdd(&group_counts[class_], 1u);
+            traced = class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN;
+            if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
+                let light = classify_pass.first_light + local_light;
+                let sample_index = tile_sample(classify_pass.tile, pixel);
+                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, classify_pass.audit_probability);
+            }
+            if traced { rank = atomicAdd(&group_length, 1u); }
+            if audited { rank = atomicAdd(&audit_length, 1u); }
+        }
+    }
+    workgroupBarrier();
+    if lane == 0u {
+        let length = atomicLoad(&group_length);
+        if length > 0u { group_base = atomicAdd(&queue_lengths[BOUNDARY_QUEUE], length); }
+        let audits = atomicLoad(&audit_length);
+        if audits > 0u {
+            audit_base = atomicAdd(&queue_lengths[AUDIT_QUEUE], audits);
+            atomicAdd(&counters[COUNTER_AUDITED], audits);
+        }
+    }
+    if lane < CLASSES {
+        let counted = atomicLoad(&group_counts[lane]);
+        if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
+    }
+    workgroupBarrier();
+    if traced { boundary_queue[group_base + rank] = slot; }
+    if audited { audit_queue[audit_base + rank] = slot; }
+}
+
+// Makes a queue's length into the arguments of an indirect dispatch.
+@compute @workgroup_size(1)
+fn arrange_queue() {
+    let items = atomicLoad(&queue_lengths[classify_pass.queue]);
+    let groups = (items + classify_pass.queue_group - 1u) / classify_pass.queue_group;
+    queue_arguments[4u * classify_pass.queue] = min(groups, MAX_GROUPS_X);
+    queue_arguments[4u * classify_pass.queue + 1u] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
+    queue_arguments[4u * classify_pass.queue + 2u] = 1u;
+}

@@ -1,0 +1,295 @@
+// Sorts photons by light and cell (counting sort), and judges each cell that holds some: is every point in it
+// lit, is every one shadowed, do all see both?
+
+import package::lib::dispatch::group_index;
+import package::lib::math::{oct_decode7, safe_sqrt};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, Photon, photon_is_shadow, photon_light, photon_normal};
+import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, row_photons};
+
+struct GridParameters {
+    grid: GridShape,
+    photon_count: u32,
+    cell_count: u32,
+    // Photons that a cell with photons is expected to hold.
+    occupancy: f32,
+    scan_blocks: u32,
+}
+
+var<immediate> grid_pass: GridParameters;
+
+@group(0) @binding(0) var<storage, read> photons: array<Photon>;
+@group(0) @binding(1) var<storage, read_write> cell_counts: array<atomic<u32>>;
+@group(0) @binding(2) var<storage, read_write> photon_ranks: array<u32>;
+@group(0) @binding(3) var<storage, read_write> block_sums: array<u32>;
+@group(0) @binding(4) var<storage, read_write> starts: array<u32>;
+@group(0) @binding(5) var<storage, read_write> sorted_photons: array<Photon>;
+// The number of cells that hold photons, then those cells.
+@group(0) @binding(6) var<storage, read_write> occupied_cells: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> judge_arguments: array<u32, 3>;
+@group(0) @binding(8) var<storage, read_write> judged_cells: array<vec4u>;
+
+const GRID_GROUP = 64u;
+// Cells that one invocation scans in turn: on lavapipe several times faster than a scan in shared memory.
+const SCAN_SERIAL = 64u;
+const SCAN_GROUP = 256u;
+const MAX_GROUPS_X = 65535u;
+
+fn photon_cell(photon: Photon) -> u32 {
+    return cell_index(grid_pass.grid, photon_light(photon.word), cell_of(grid_pass.grid, photon.position));
+}
+
+@compute @workgroup_size(64)
+fn count(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * GRID_GROUP + lane;
+    if i >= grid_pass.photon_count { return; }
+    photon_ranks[i] = atomicAdd(&cell_counts[photon_cell(photons[i])], 1u);
+}
+
+@compute @workgroup_size(64)
+fn sum(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = group_index(group, groups) * GRID_GROUP + lane;
+    if block >= grid_pass.scan_blocks { return; }
+    let end = min((block + 1u) * SCAN_SERIAL, grid_pass.cell_count);
+    var total = 0u;
+    for (var cell = block * SCAN_SERIAL; cell < end; cell++) {
+        total += atomicLoad(&cell_counts[cell]);
+    }
+    block_sums[block] = total;
+}
+
+var<workgroup> scan_totals: array<u32, SCAN_GROUP>;
+
+// One workgroup: the sums of the blocks become the sums of all blocks before them.
+@compute @workgroup_size(256)
+fn scan(@builtin(local_invocation_index) lane: u32) {
+    let serial = (grid_pass.scan_blocks + SCAN_GROUP - 1u) / SCAN_GROUP;
+    let begin = min(lane * serial, grid_pass.scan_blocks);
+    let end = min(begin + serial, grid_pass.scan_blocks);
+    var total = 0u;
+    for (var i = begin; i < end; i++) { total += block_sums[i]; }
+    scan_totals[lane] = total;
+    workgroupBarrier();
+    if lane == 0u {
+        var before = 0u;
+        for (var i = 0u; i < SCAN_GROUP; i++) {
+            let here = scan_totals[i];
+            scan_totals[i] = before;
+            before += here;
+        }
+    }
+    workgroupBarrier();
+    var before = scan_totals[lane];
+    for (var i = begin; i < end; i++) {
+        let here = block_sums[i];
+        block_sums[i] = before;
+        before += here;
+    }
+}
+
+@compute @workgroup_size(64)
+fn start(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = group_index(group, groups) * GRID_GROUP + lane;
+    if block >= grid_pass.scan_blocks { return; }
+    let end = min((block + 1u) * SCAN_SERIAL, grid_pass.cell_count);
+    var before = block_sums[block];
+    for (var cell = block * SCAN_SERIAL; cell < end; cell++) {
+        let here = atomicLoad(&cell_counts[cell]);
+        starts[cell] = before;
+        before += here;
+        if here > 0u { atomicStore(&occupied_cells[1u + atomicAdd(&occupied_cells[0], 1u)], cell); }
+    }
+    if end == grid_pass.cell_count { starts[end] = before; }
+}
+
+@compute @workgroup_size(64)
+fn scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * GRID_GROUP + lane;
+    if i >= grid_pass.photon_count { return; }
+    let photon = photons[i];
+    sorted_photons[starts[photon_cell(photon)] + photon_ranks[i]] = photon;
+}
+
+@compute @workgroup_size(1)
+fn arrange() {
+    let groups = (atomicLoad(&occupied_cells[0]) + GRID_GROUP - 1u) / GRID_GROUP;
+    judge_arguments[0] = min(groups, MAX_GROUPS_X);
+    judge_arguments[1] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
+    judge_arguments[2] = 1u;
+}
+
+// Photons that a cell may hold to be judged, and that one verdict may look at: both keep an invocation well
+// below the 65,535 iterations that lavapipe grants. Past them queries do without a verdict.
+const OWN_LIMIT = 2048u;
+const BLOCK_LIMIT = 12000u;
+const NO_CODE = 0xffffffffu;
+const COS_CLUSTER = 0.8660254;
+
+@compute @workgroup_size(64)
+fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * GRID_GROUP + lane;
+    if i >= atomicLoad(&occupied_cells[0]) { return; }
+    let cell = atomicLoad(&occupied_cells[1u + i]);
+    let size = grid_pass.grid.size;
+    let at = vec3u(cell % size.x, (cell / size.x) % size.y, (cell / (size.x * size.y)) % size.z);
+    let light = cell / (size.x * size.y * size.z);
+    let begin = load_cell_start(cell);
+    let end = load_cell_start(cell + 1u);
+    if end - begin > OWN_LIMIT { return; }
+
+    // Two normals that do not depend on the order of the photons: that of the smallest code and the one farthest
+    // from it. Most cells have photons of one surface, those at edges of two.
+    var first = NO_CODE;
+    for (var p = begin; p < end; p++) { first = min(first, load_photon(p).w & 0x3fffu); }
+    let first_normal = oct_decode7(first);
+    var second = NO_CODE;
+    @if(!paper_counting) {
+        var farthest = COS_CLUSTER;
+        for (var p = begin; p < end; p++) {
+            let code = load_photon(p).w & 0x3fffu;
+            let cosine = dot(first_normal, oct_decode7(code));
+            if cosine < farthest || (cosine == farthest && code < second) {
+                farthest = cosine;
+                second = code;
+            }
+        }
+    }
+    var words = vec4u(judge_normal(light, at, begin, end, first), 0u, 0u);
+    if second != NO_CODE {
+        let more = judge_normal(light, at, begin, end, second);
+        words = vec4u(words.xy, more);
+    }
+    judged_cells[cell] = words;
+}
+
+fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u {
+    let cell = grid_pass.grid.cell;
+    let normal = oct_decode7(code);
+    // Rounding may put a point this far outside its cell.
+    let half_size = 0.5005 * cell;
+    let centre = grid_pass.grid.origin + (vec3f(at) + 0.5) * cell;
+
+    // The slab and the cone about the photons' own surface, with a margin for the points between them.
+    var low = 4.0 * cell;
+    var high = -4.0 * cell;
+    var cos_spread = 1.0;
+    for (var p = begin; p < end; p++) {
+        let photon = load_photon(p);
+        let cosine = dot(normal, photon_normal(photon.w));
+        if cosine >= COS_CLUSTER {
+            let offset = dot(bitcast<vec3f>(photon.xyz) - centre, normal);
+            low = min(low, offset);
+            high = max(high, offset);
+            cos_spread = min(cos_spread, cosine);
+        }
+    }
+    // The octahedral code's own error, 0.02 radians, and half of it more.
+    let sine = safe_sqrt(1.0 - cos_spread * cos_spread);
+    cos_spread = cos_spread * 0.99955 - sine * 0.03;
+    var verdict = Verdict(CLASS_DARK, normal, cos_spread, 0.5 * (low + high), 0.6 * (high - low) + 0.02 * cell, 0.0, 0.0);
+    verdict = decode_verdict(encode_verdict(verdict, code, grid_pass.grid.inverse_cell), cell);
+
+    // |n - normal| of any normal n in the cone.
+    let tilt = safe_sqrt(2.0 - 2.0 * verdict.cos_spread) + 1e-4;
+    let sin_spread = safe_sqrt(1.0 - verdict.cos_spread * verdict.cos_spread);
+    let cos_sure = select(0.70710678 * (verdict.cos_spread + sin_spread) + 1e-4, -3.0, COS_COMPATIBLE < -1.0);
+    let cos_maybe = select(0.70710678 * (verdict.cos_spread - sin_spread) - 1e-4, -3.0, COS_COMPATIBLE < -1.0);
+
+    // Where in the cell the slab is.
+    var box_low = vec3f(-half_size);
+    var box_high = vec3f(half_size);
+    @if(!paper_counting) {
+        let others = half_size * (abs(normal.yzx) + abs(normal.zxy));
+        let slab_low = (verdict.offset - verdict.thickness) - others;
+        let slab_high = (verdict.offset + verdict.thickness) + others;
+        let scale = 1.0 / max(abs(normal), vec3f(1e-6));
+        let positive = normal >= vec3f(0.0);
+        box_low = max(box_low, select(-slab_high, slab_low, positive) * scale);
+        box_high = min(box_high, select(-slab_low, slab_high, positive) * scale);
+    }
+    let units_low = (centre + box_low - grid_pass.grid.origin) * grid_pass.grid.inverse_cell - 1e-3;
+    let units_high = (centre + box_high - grid_pass.grid.origin) * grid_pass.grid.inverse_cell + 1e-3;
+
+    // A guess at the reach from the photons here; wider until it holds enough of them.
+    let density = 0.5 * (f32(end - begin) + grid_pass.occupancy);
+    var reach = clamp(1.3 * sqrt(f32(nearest) / (3.14 * density)) + 0.7, 1.0, REACH_MAX);
+    var looked_at = 0u;
+    loop {
+        let limit = reach * reach * cell * cell;
+        // Eighths of the squared reach, about equal shares of a surface.
+        let marks_a = limit * vec4f(0.125, 0.25, 0.375, 0.5);
+        let marks_b = limit * vec4f(0.625, 0.75, 0.875, 1.0);
+        var sure_a = vec4u(0u);
+        var sure_b = vec4u(0u);
+        var lit_a = vec4u(0u);
+        var lit_b = vec4u(0u);
+        var maybe_a = vec4u(0u);
+        var maybe_b = vec4u(0u);
+        // Squared distances: of the nearest photon that may count, and of the nearest that surely does, at most.
+        var maybe_lit = 1e30;
+        var maybe_shadow = 1e30;
+        var sure_lit = 1e30;
+        var sure_shadow = 1e30;
+        let row_low = max(vec2i(floor(units_low.yz - reach - 1e-3)), vec2i(0));
+        let row_high = min(vec2i(floor(units_high.yz + reach + 1e-3)), vec2i(grid_pass.grid.size.yz) - 1);
+        for (var z = row_low.y; z <= row_high.y; z++) {
+            for (var y = row_low.x; y <= row_high.x; y++) {
+                let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);
+                looked_at += row.y - row.x;
+                if looked_at > BLOCK_LIMIT { return vec2u(0u); }
+                for (var p = row.x; p < row.y; p++) {
+                    let photon = load_photon(p);
+                    let from_centre = bitcast<vec3f>(photon.xyz) - centre;
+                    let cosine = dot(normal, photon_normal(photon.w));
+                    let least = max(max(from_centre - box_high, box_low - from_centre), vec3f(0.0));
+                    let most = max(from_centre - box_low, box_high - from_centre);
+                    let most_squared = dot(most, most);
+                    let along = abs(dot(from_centre, normal) - verdict.offset);
+                    let slack = verdict.thickness + tilt * sqrt(most_squared);
+                    let along_least = max(along - slack, 0.0);
+                    let along_most = along + slack;
+                    // A hair of margin for the rounding of the query's own distance.
+                    let lower = select(1e30, 0.9997 * (dot(least, least) + NORMAL_STRETCH * along_least * along_least), cosine >= cos_maybe);
+                    let upper = select(1e30, 1.0003 * (most_squared + NORMAL_STRETCH * along_most * along_most), cosine >= cos_sure);
+                    let shadow = photon_is_shadow(photon.w);
+                    let upper_lit = select(upper, 1e30, shadow);
+                    sure_a += vec4u(vec4f(upper) <= marks_a);
+                    sure_b += vec4u(vec4f(upper) <= marks_b);
+                    lit_a += vec4u(vec4f(upper_lit) <= marks_a);
+                    lit_b += vec4u(vec4f(upper_lit) <= marks_b);
+                    maybe_a += vec4u(vec4f(lower) <= marks_a);
+                    maybe_b += vec4u(vec4f(lower) <= marks_b);
+                    maybe_lit = min(maybe_lit, select(lower, 1e30, shadow));
+                    maybe_shadow = min(maybe_shadow, select(1e30, lower, shadow));
+                    sure_lit = min(sure_lit, upper_lit);
+                    sure_shadow = min(sure_shadow, select(1e30, upper, shadow));
+                }
+            }
+        }
+        if sure_b.w >= nearest {
+            // The first mark with enough photons below it.
+            let below = vec4u(sure_a < vec4u(nearest)) + vec4u(sure_b < vec4u(nearest));
+            let mark = below.x + below.y + below.z + below.w;
+            let bound = limit * 0.125 * f32(mark + 1u);
+            let counted = select(sure_b[mark & 3u], sure_a[mark & 3u], mark < 4u);
+            let lit = select(lit_b[mark & 3u], lit_a[mark & 3u], mark < 4u);
+            verdict.reach = 1.0001 * sqrt(bound);
+            verdict.visibility = f32(lit) / f32(counted);
+            let both = max(sure_lit, sure_shadow);
+            if maybe_shadow > bound {
+                verdict.class_ = CLASS_LIT;
+            } else if maybe_lit > bound {
+                verdict.class_ = CLASS_SHADOWED;
+            } else if both <= limit {
+                // Both kinds are among the nearest k if no more than k can be as near as the farther of the two.
+                let closer = vec4u(marks_a < vec4f(both)) + vec4u(marks_b < vec4f(both));
+                let both_mark = closer.x + closer.y + closer.z + closer.w;
+                let rivals = select(maybe_b[both_mark & 3u], maybe_a[both_mark & 3u], both_mark < 4u);
+                if rivals <= nearest { verdict.class_ = CLASS_BOUNDARY; }
+            }
+            return encode_verdict(verdict, code, grid_pass.grid.inverse_cell);
+        }
+        if reach >= REACH_MAX { return vec2u(0u); }
+        reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(sure_b.w, 1u))) * 1.1, 1.25, 2.0), REACH_MAX);
+    }
+    return vec2u(0u);
+}

@@ -1,0 +1,134 @@
+// The visibility map: photons sorted by light and cell of a regular grid, and what is known of whole cells.
+
+import package::lib::math::{oct_decode7, oct_encode7};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK};
+
+// Nearest photons asked for (k).
+override nearest: u32;
+
+// Each light has a grid of this shape; cells are cubes.
+struct GridShape {
+    origin: vec3f,
+    cell: f32,
+    size: vec3u,
+    inverse_cell: f32,
+}
+
+@if(texture_loads) @group(1) @binding(10) var photon_table: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(10) var<storage, read> photon_table: array<vec4u>;
+@if(texture_loads) @group(1) @binding(11) var cell_records: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(11) var<storage, read> cell_records: array<vec4u>;
+// First photon of each cell, four cells to a record; the last cell's end follows.
+@if(texture_loads) @group(1) @binding(13) var cell_starts: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(13) var<storage, read> cell_starts: array<vec4u>;
+
+// Distances along the normal count this many times more than their square: four times the length.
+@if(!paper_counting) const NORMAL_STRETCH = 15.0;
+@if(paper_counting) const NORMAL_STRETCH = 0.0;
+// Photons whose normals differ by more than 45 degrees are of another surface.
+@if(!paper_counting) const COS_COMPATIBLE = 0.70710678;
+@if(paper_counting) const COS_COMPATIBLE = -2.0;
+
+// The largest search radius, in cells.
+const REACH_MAX = 8.0;
+
+fn load_photon(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(photon_table, vec2u(i & 4095u, i >> 12u), 0); }
+    @else { return photon_table[i]; }
+}
+
+fn load_cell_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(cell_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @else { return cell_records[i]; }
+}
+
+fn load_cell_start(i: u32) -> u32 {
+    let record = i >> 2u;
+    @if(texture_loads) { return textureLoad(cell_starts, vec2u(record & 4095u, record >> 12u), 0)[i & 3u]; }
+    @else { return cell_starts[record][i & 3u]; }
+}
+
+fn cell_of(grid: GridShape, position: vec3f) -> vec3u {
+    let cell = vec3i(floor((position - grid.origin) * grid.inverse_cell));
+    return vec3u(clamp(cell, vec3i(0), vec3i(grid.size) - 1));
+}
+
+fn cell_index(grid: GridShape, light: u32, cell: vec3u) -> u32 {
+    return ((light * grid.size.z + cell.z) * grid.size.y + cell.y) * grid.size.x + cell.x;
+}
+
+// What holds for every point of a cell whose normal is within `cos_spread` of `normal` and whose offset from the
+// cell's centre along `normal` is within `thickness` of `offset`.
+struct Verdict {
+    // Lit, shadowed or boundary; dark: nothing is certain but the reach.
+    class_: u32,
+    normal: vec3f,
+    cos_spread: f32,
+    offset: f32,
+    thickness: f32,
+    // The nearest k are within this distance; 0 if that is not known.
+    reach: f32,
+    // n_i / (n_i + n_s) about the middle of the cell.
+    visibility: f32,
+}
+
+// Verdicts cover at most 35 degrees about a normal, so that 10 of the 45 are left for photons that surely count.
+const SPREAD_UNIT = (1.0 - 0.81915204) / 255.0;
+// In cells: fine enough not to be felt, with the range that cells need (diagonals; the largest search radius).
+const OFFSET_UNIT = 1.0 / 2048.0;
+const THICKNESS_UNIT = 1.0 / 128.0;
+const REACH_UNIT = 1.0 / 16.0;
+
+// Bits 0-13 normal, 14-15 class, 16-23 spread, 24-31 thickness; 0-11 offset, 12-19 reach, 20-30 visibility.
+fn encode_verdict(verdict: Verdict, normal_code: u32, inverse_cell: f32) -> vec2u {
+    let spread = u32(clamp(ceil((1.0 - verdict.cos_spread) / SPREAD_UNIT), 0.0, 255.0));
+    let thickness = u32(clamp(ceil(verdict.thickness * inverse_cell / THICKNESS_UNIT), 0.0, 255.0));
+    let offset = u32(clamp(round(verdict.offset * inverse_cell / OFFSET_UNIT) + 2048.0, 0.0, 4095.0));
+    let reach = u32(clamp(ceil(verdict.reach * inverse_cell / REACH_UNIT), 0.0, 255.0));
+    let visibility = u32(round(verdict.visibility * 2047.0));
+    return vec2u(
+        normal_code | (verdict.class_ << 14u) | (spread << 16u) | (thickness << 24u),
+        offset | (reach << 12u) | (visibility << 20u),
+    );
+}
+
+fn decode_verdict(words: vec2u, cell: f32) -> Verdict {
+    return Verdict(
+        (words.x >> 14u) & 3u,
+        oct_decode7(words.x & 0x3fffu),
+        1.0 - f32((words.x >> 16u) & 255u) * SPREAD_UNIT,
+        (f32(words.y & 4095u) - 2048.0) * OFFSET_UNIT * cell,
+        f32(words.x >> 24u) * THICKNESS_UNIT * cell,
+        f32((words.y >> 12u) & 255u) * REACH_UNIT * cell,
+        f32((words.y >> 20u) & 2047u) / 2047.0,
+    );
+}
+
+// Whether the verdict speaks of a point `from_centre` of the cell's centre.
+fn verdict_holds(verdict: Verdict, from_centre: vec3f, normal: vec3f) -> bool {
+    @if(paper_counting) { return verdict.reach > 0.0; }
+    return verdict.reach > 0.0
+        && dot(normal, verdict.normal) >= verdict.cos_spread
+        && abs(dot(from_centre, verdict.normal) - verdict.offset) <= verdict.thickness;
+}
+
+// A row of cells along x, from those that a ball of `reach` cells may touch: (first photon, end).
+// `low` and `high` bound the ball's centre, in cells; `normal` is the queries', within `tilt` of it.
+fn row_photons(grid: GridShape, light: u32, row: vec2i, low: vec3f, high: vec3f, reach: f32, normal: vec3f, tilt: f32) -> vec2u {
+    let row_low = vec2f(row);
+    let gap = max(max(low.yz - (row_low + 1.0), row_low - high.yz), vec2f(0.0));
+    let rest = reach * reach - dot(gap, gap);
+    if rest < 0.0 { return vec2u(0u); }
+    let half_width = sqrt(rest);
+    @if(!paper_counting) {
+        // Both ends lie in boxes; their difference along the normal has this middle and half its range.
+        let middle = (row_low + 0.5) - 0.5 * (low.yz + high.yz);
+        let range = 0.5 * (vec2f(1.0) + high.yz - low.yz);
+        let along = abs(dot(middle, normal.yz)) - dot(range, abs(normal.yz)) - abs(normal.x) * (half_width + 0.5 * (high.x - low.x));
+        if (along - tilt * reach) * 4.0 > reach { return vec2u(0u); }
+    }
+    let first = clamp(i32(floor(low.x - half_width)), 0, i32(grid.size.x) - 1);
+    let last = clamp(i32(floor(high.x + half_width)), 0, i32(grid.size.x) - 1);
+    let base = cell_index(grid, light, vec3u(0u, vec2u(row)));
+    return vec2u(load_cell_start(base + u32(first)), load_cell_start(base + u32(last) + 1u));
+}

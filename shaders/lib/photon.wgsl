@@ -1,0 +1,70 @@
+// Photons of the visibility map, and the class words that come of them.
+
+import package::lib::math::oct_decode7;
+import package::lib::rng::{hash3, uniform_from_bits};
+import package::lib::constants::DIMENSION_AUDIT;
+
+struct Photon {
+    position: vec3f,
+    // Bits 0-13 normal on the side that the photon came to, 14-24 light, 25-30 weight exponent, 31 shadow photon.
+    word: u32,
+}
+
+const PHOTON_SHADOW = 0x80000000u;
+const PHOTON_WEIGHT = 0x7e000000u;
+
+const CLASS_DARK = 0u;
+const CLASS_LIT = 1u;
+const CLASS_SHADOWED = 2u;
+const CLASS_BOUNDARY = 3u;
+const CLASS_UNKNOWN = 4u;
+
+fn photon_normal(word: u32) -> vec3f {
+    return oct_decode7(word & 0x3fffu);
+}
+
+fn photon_light(word: u32) -> u32 {
+    return (word >> 14u) & 0x7ffu;
+}
+
+fn photon_is_shadow(word: u32) -> bool {
+    return (word & PHOTON_SHADOW) != 0u;
+}
+
+// How many hits the photon stands for, in sixteenths: 2^(w/4). Integers, so that sums do not depend on order.
+fn photon_weight_sixteenths(word: u32) -> u32 {
+    return u32(round(16.0 * exp2(f32((word >> 25u) & 0x3fu) * 0.25)));
+}
+
+// The word of a photon that stands for `weight` hits, to the nearest fourth root of two.
+fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
+    let exponent = u32(clamp(round(4.0 * log2(weight)), 0.0, 63.0));
+    return normal | (light << 14u) | (exponent << 25u) | select(0u, PHOTON_SHADOW, shadow);
+}
+
+// Bits 0-2 class, 3-11 illumination photons, 12-20 shadow photons, 21-31 visibility.
+fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u32 {
+    return class_ | (illumination << 3u) | (shadow << 12u) | (u32(round(visibility * 2047.0)) << 21u);
+}
+
+fn class_of(word: u32) -> u32 {
+    return word & 7u;
+}
+
+fn class_illumination(word: u32) -> u32 {
+    return (word >> 3u) & 511u;
+}
+
+fn class_shadow(word: u32) -> u32 {
+    return (word >> 12u) & 511u;
+}
+
+// n_i / (n_s + n_i), equation 1 of the paper, the shadow photons weighted.
+fn class_visibility(word: u32) -> f32 {
+    return f32(word >> 21u) / 2047.0;
+}
+
+// Whether a decided point traces a shadow ray all the same.
+fn is_audited(seed: u32, sample_index: u32, light: u32, probability: f32) -> bool {
+    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < probability;
+}

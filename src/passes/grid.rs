@@ -1,0 +1,250 @@
+//! Pass `grid`: photons sorted by light and cell, and verdicts on whole cells.
+//!
+//! A counting sort: count (each photon takes its rank in its cell), scan, scatter. Nothing is dropped. Then each
+//! cell that holds photons is judged: where the nearest k of every point on its surface are of one kind, a query
+//! there is one look-up.
+
+use glam::{UVec3, Vec3};
+
+use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel, Resources, Table, compose};
+use crate::{Error, Result, bindings, shared_struct};
+
+shared_struct! {
+    /// A photon of the visibility map.
+    pub struct Photon {
+        /// Where it hit, in normalised space.
+        pub position: [f32; 3],
+        /// Bits 0-13 normal on the side that it came to (octahedral, 7 bits a coordinate), 14-24 light, 25-30
+        /// weight exponent (it stands for 2^(w/4) hits), 31 shadow photon.
+        pub word: u32,
+    }
+}
+
+impl Photon {
+    /// The light that sent it.
+    pub fn light(&self) -> u32 {
+        (self.word >> 14) & (MAX_LIGHTS - 1)
+    }
+}
+
+/// Lights of a photon map: a photon's word has eleven bits for its light.
+pub const MAX_LIGHTS: u32 = 2048;
+
+/// Most photons asked for: a class word has nine bits for each count.
+pub const MAX_NEAREST: u32 = 511;
+
+/// The largest search radius in cells, as the kernels have it: eight times the size of a cell whose photons are
+/// [`PHOTONS_PER_CELL`] covers regions sparser than the mean by about [`REACH_CELLS`]^2 over k / pi /
+/// [`PHOTONS_PER_CELL`]; sparser ones are unknown.
+pub const REACH_CELLS: f32 = 8.0;
+
+/// Photons that a cell on an evenly covered surface holds, as a share of k. Larger cells make fewer verdicts that
+/// settle less.
+pub const PHOTONS_PER_CELL: f32 = 0.08;
+
+/// Most cells of a map, all lights together: 20 bytes each, and once more where tables are textures.
+const MAX_CELLS: f64 = (1u32 << 22) as f64;
+
+shared_struct! {
+    /// The grid of one light; all lights' are alike. Cells are cubes, x runs fastest.
+    pub struct GridShape {
+        /// Least corner.
+        pub origin: [f32; 3],
+        /// Edge of a cell.
+        pub cell: f32,
+        /// Cells along each axis, at least 1.
+        pub size: [u32; 3],
+        /// 1 / `cell`.
+        pub inverse_cell: f32,
+    }
+}
+
+impl GridShape {
+    /// A grid over `bounds` (least and greatest corner) for `photons` photons of one of `lights` lights on surfaces
+    /// of area `area`, of which queries want the nearest `nearest`.
+    pub fn new(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32, nearest: u32) -> GridShape {
+        // A border keeps photons on the scene's hull off the grid's.
+        let border = 1e-3f32.max((bounds.1 - bounds.0).max_element() * 1e-3);
+        let (low, high) = (bounds.0 - border, bounds.1 + border);
+        let extent = (high - low).as_dvec3();
+        let per_cell = f64::from((PHOTONS_PER_CELL * nearest as f32).max(1.0));
+        let mut cell = (f64::from(area) * per_cell / f64::from(photons.max(1))).sqrt();
+        // Cells beyond twice the photons would be empty, most of them.
+        let most = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons)).max(1.0);
+        cell = cell.clamp(extent.max_element() / 2048.0, extent.max_element());
+        let size = |cell: f64| (extent / cell).ceil().max(glam::DVec3::ONE);
+        while size(cell).element_product() > most && cell < extent.max_element() {
+            cell *= 1.02;
+        }
+        GridShape {
+            origin: low.to_array(),
+            cell: cell as f32,
+            size: size(f64::from(cell as f32)).as_uvec3().max(UVec3::ONE).to_array(),
+            inverse_cell: 1.0 / cell as f32,
+        }
+    }
+
+    /// Cells of one light.
+    pub fn cells(&self) -> u32 {
+        self.size.iter().product()
+    }
+
+    /// The largest search radius: points with fewer than k photons within it are unknown.
+    pub fn reach(&self) -> f32 {
+        REACH_CELLS * self.cell
+    }
+}
+
+shared_struct! {
+    /// Parameters of the grid's kernels.
+    pub struct GridParameters {
+        grid: GridShape,
+        photon_count: u32,
+        cell_count: u32,
+        occupancy: f32,
+        scan_blocks: u32,
+    }
+}
+
+bindings! {
+    /// What the grid's kernels write, and the photons they read.
+    struct GridBindings {
+        photons, cell_counts, photon_ranks, block_sums, starts, sorted_photons, occupied_cells, judge_arguments,
+        judged_cells,
+    }
+}
+
+/// Cells that an invocation of the scan takes in turn, as the kernel has it.
+const SCAN_SERIAL: u32 = 64;
+
+/// The pass.
+pub struct Grid {
+    kernel: Kernel,
+    nearest: u32,
+}
+
+/// Photons sorted by light and cell, with the verdicts on their cells.
+pub struct PhotonGrid {
+    /// Shape of each light's grid.
+    pub shape: GridShape,
+    /// Lights.
+    pub lights: u32,
+    /// Photons.
+    pub photons: u32,
+    /// Bytes of its tables on the device.
+    pub bytes: u64,
+    photon_table: Table,
+    cell_starts: Table,
+    cell_records: Table,
+}
+
+impl Bindings for PhotonGrid {
+    fn get(&self, name: &str) -> Option<crate::gpu::Binding<'_>> {
+        match name {
+            "photon_table" => Some((&self.photon_table).into()),
+            "cell_starts" => Some((&self.cell_starts).into()),
+            "cell_records" => Some((&self.cell_records).into()),
+            _ => None,
+        }
+    }
+}
+
+impl Grid {
+    /// Makes the pass. `nearest` is k, at most [`MAX_NEAREST`].
+    ///
+    /// # Errors
+    /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<Grid> {
+        if !(1..=MAX_NEAREST).contains(&nearest) {
+            return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
+        }
+        let composed = compose::compose("grid", features)?;
+        let kernel = Kernel::new(gpu, &composed, &[("nearest", f64::from(nearest))], GridBindings::NAMES)?;
+        Ok(Grid { kernel, nearest })
+    }
+
+    /// Sorts the first `count` of `photons`, whose lights are below `lights`, and judges the cells.
+    ///
+    /// # Errors
+    /// [`Error::Buffer`] where the device cannot hold the map, [`Error::Usage`] for too many lights, else as
+    /// [`Gpu::check`].
+    pub fn build(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<PhotonGrid> {
+        if !(1..=MAX_LIGHTS).contains(&lights) {
+            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
+        }
+        let cells = shape.cells() as usize * lights as usize;
+        let blocks = (cells as u32).div_ceil(SCAN_SERIAL);
+        let rows = |records: usize| records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize);
+        let cell_counts = gpu.buffer::<u32>("grid/cell_counts", cells)?;
+        let photon_ranks = gpu.buffer::<u32>("grid/photon_ranks", count as usize)?;
+        let block_sums = gpu.buffer::<u32>("grid/block_sums", blocks as usize)?;
+        let starts = gpu.buffer::<[u32; 4]>("grid/cell_starts", rows((cells + 1).div_ceil(4)))?;
+        let sorted_photons = gpu.buffer::<Photon>("grid/photon_table", rows(count as usize))?;
+        let occupied_cells = gpu.buffer::<u32>("grid/occupied_cells", 1 + cells.min(count as usize))?;
+        let judge_arguments = gpu.buffer::<u32>("grid/judge_arguments", 4)?;
+        let judged_cells = gpu.buffer::<[u32; 4]>("grid/cell_records", rows(cells))?;
+        let own = GridBindings {
+            photons,
+            cell_counts: &cell_counts,
+            photon_ranks: &photon_ranks,
+            block_sums: &block_sums,
+            starts: &starts,
+            sorted_photons: &sorted_photons,
+            occupied_cells: &occupied_cells,
+            judge_arguments: &judge_arguments,
+            judged_cells: &judged_cells,
+        };
+        let parameters = GridParameters {
+            grid: shape,
+            photon_count: count,
+            cell_count: cells as u32,
+            occupancy: PHOTONS_PER_CELL * self.nearest as f32,
+            scan_blocks: blocks,
+        };
+        let entry = |name: &str| -> Result<BoundKernel> { self.kernel.bind(gpu, name, &[&own]) };
+
+        let mut frame = gpu.frame("grid");
+        frame.run(&entry("count")?, count, &parameters);
+        frame.run(&entry("sum")?, blocks, &parameters);
+        frame.run(&entry("scan")?, 1, &parameters);
+        frame.run(&entry("start")?, blocks, &parameters);
+        frame.run(&entry("scatter")?, count, &parameters);
+        frame.run(&entry("arrange")?, 1, &parameters);
+        let photon_texture = texture(gpu, &mut frame, &sorted_photons)?;
+        let starts_texture = texture(gpu, &mut frame, &starts)?;
+        let mut tables = Resources::new();
+        tables = match &photon_texture {
+            Some(texture) => tables.with("photon_table", texture),
+            None => tables.with("photon_table", &sorted_photons),
+        };
+        tables = match &starts_texture {
+            Some(texture) => tables.with("cell_starts", texture),
+            None => tables.with("cell_starts", &starts),
+        };
+        let judge = self.kernel.bind(gpu, "judge", &[&own, &tables])?;
+        frame.run_indirect(&judge, &judge_arguments, 0, &parameters);
+        let records_texture = texture(gpu, &mut frame, &judged_cells)?;
+        frame.submit()?;
+        let table = |view: Option<wgpu::TextureView>, buffer: Buffer| view.map_or(Table::Buffer(buffer), Table::Texture);
+        Ok(PhotonGrid {
+            shape,
+            lights,
+            photons: count,
+            bytes: sorted_photons.bytes + starts.bytes + judged_cells.bytes,
+            photon_table: table(photon_texture, sorted_photons),
+            cell_starts: table(starts_texture, starts),
+            cell_records: table(records_texture, judged_cells),
+        })
+    }
+}
+
+/// Copies a buffer of whole table rows into a texture, where tables are textures.
+fn texture(gpu: &Gpu, frame: &mut crate::gpu::Frame<'_>, buffer: &Buffer) -> Result<Option<wgpu::TextureView>> {
+    if !gpu.texture_loads {
+        return Ok(None);
+    }
+    let texture = gpu.table_texture(&buffer.label, (buffer.bytes / 16) as usize, TableFormat::Uint)?;
+    frame.copy_to_table(buffer, &texture);
+    Ok(Some(texture.create_view(&Default::default())))
+}

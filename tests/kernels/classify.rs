@@ -1,0 +1,133 @@
+//! Pass `classify` against brute force on the CPU.
+
+use glam::Vec3;
+use penumbra::gpu::{Features, Gpu, Resources};
+use penumbra::passes::classify::{Class, Classified, ClassCounts, ClassifyBuffers, Classify, Point, Queue, Tile};
+use penumbra::passes::grid::{Grid, GridShape, Photon};
+
+use crate::kit::{device_features, gpu};
+use crate::rooms::{Random, Room, nearest_kinds, photon, point};
+
+struct Outcome {
+    words: Vec<u32>,
+    counts: ClassCounts,
+    boundary_queue: Vec<u32>,
+    audit_queue: Vec<u32>,
+    arguments: Vec<u32>,
+}
+
+struct Setup<'a> {
+    photons: &'a [Photon],
+    points: &'a [Point],
+    lights: u32,
+    shape: GridShape,
+    nearest: u32,
+    exact_counts: bool,
+    paper_counting: bool,
+    tile: Tile,
+}
+
+impl<'a> Setup<'a> {
+    fn new(photons: &'a [Photon], points: &'a [Point], shape: GridShape, nearest: u32) -> Self {
+        let tile = Tile {
+            points: points.len() as u32,
+            width: points.len() as u32,
+            origin_row: 0,
+            sample: 0,
+            seed: 0,
+            first_light: 0,
+            lights: 1,
+            dilate: 0,
+            audit_probability: 0.0,
+        };
+        Setup { photons, points, lights: 1, shape, nearest, exact_counts: true, paper_counting: false, tile }
+    }
+
+    fn run(&self, gpu: &Gpu) -> Outcome {
+        let features: Features = device_features(gpu).with("paper_counting", self.paper_counting);
+        let photons = gpu.upload("test/photons", self.photons).unwrap();
+        let points = gpu.upload("test/points", self.points).unwrap();
+        let grid = Grid::new(gpu, &features, self.nearest)
+            .unwrap()
+            .build(gpu, &photons, self.photons.len() as u32, self.lights, self.shape)
+            .unwrap();
+        let slots = self.tile.points * self.tile.lights;
+        let mut buffers = ClassifyBuffers::new(gpu, slots).unwrap();
+        buffers.classes = gpu.poisoned::<u32>("test/classes", slots as usize).unwrap();
+        buffers.dilated_classes = gpu.poisoned::<u32>("test/dilated", slots as usize).unwrap();
+        let pass = Classify::new(gpu, &features, self.nearest, self.exact_counts).unwrap();
+        let bound = pass.bind(gpu, &points, &grid, &buffers, &Resources::new()).unwrap();
+        let mut frame = gpu.frame("test");
+        bound.run(&mut frame, &self.tile, 128);
+        frame.submit().unwrap();
+        let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, 4).unwrap();
+        Outcome {
+            words: gpu.read(bound.classes(&self.tile), slots as usize).unwrap(),
+            counts: gpu.read(&buffers.counters, 1).unwrap()[0],
+            boundary_queue: gpu.read(&buffers.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap(),
+            audit_queue: gpu.read(&buffers.audit_queue, lengths[Queue::Audit as usize] as usize).unwrap(),
+            arguments: gpu.read(&buffers.queue_arguments, 16).unwrap(),
+        }
+    }
+
+    /// Compares every `step`-th slot with brute force; slots whose answer hangs on rounding are left out, and are few.
+    fn compare(&self, gpu: &Gpu, step: usize) -> [usize; 5] {
+        let outcome = self.run(gpu);
+        let (mut checked, mut doubtful, mut seen) = (0, 0, [0; 5]);
+        for slot in (0..outcome.words.len()).step_by(step) {
+            let point = &self.points[slot % self.points.len()];
+            let got = Classified::new(outcome.words[slot]);
+            seen[got.class as usize] += 1;
+            if point.normal == u32::MAX {
+                assert_eq!(got.class, Class::Dark);
+                continue;
+            }
+            let light = self.tile.first_light + (slot / self.points.len()) as u32;
+            let reach = f64::from(self.shape.reach());
+            let k = self.nearest as usize;
+            let Some(expected) = nearest_kinds(self.photons, point, light, k, reach, !self.paper_counting) else {
+                doubtful += 1;
+                continue;
+            };
+            checked += 1;
+            let class = match expected {
+                None => Class::Unknown,
+                Some((_, 0)) => Class::Lit,
+                Some((0, _)) => Class::Shadowed,
+                Some(_) => Class::Boundary,
+            };
+            assert_eq!(got.class, class, "slot {slot}, {point:?}: {got:?}, expected {expected:?}");
+            if let Some((n_i, n_s)) = expected
+                && self.exact_counts
+            {
+                assert_eq!((got.n_i as usize, got.n_s as usize), (n_i, n_s), "slot {slot}, {point:?}");
+                // Half a step of eleven bits.
+                assert!((f64::from(got.visibility) - n_i as f64 / k as f64).abs() < 0.6 / 2047.0);
+            }
+        }
+        // Photons of one k-th distance in 1e-6 of it: density times that is about k per million.
+        assert!(doubtful * 100 <= checked, "{doubtful} of {checked} slots are in doubt");
+        seen
+    }
+}
+
+/// The box of the paper, camera points: classes and counts are those of brute force, with and without normals, with exact
+/// counts and without.
+#[test]
+fn a_room_is_classified_as_by_brute_force() {
+    let gpu = gpu();
+    let room = Room::new(0.2);
+    let photons = room.photons(20_000, 0, &mut Random(5));
+    let points = room.points(128, 128);
+    for (nearest, paper_counting, exact_counts) in
+        [(50, false, true), (50, false, false), (50, true, true), (50, true, false), (1, false, true), (200, false, false)]
+    {
+        let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, nearest);
+        let mut setup = Setup::new(&photons, &points, shape, nearest);
+        setup.paper_counting = paper_counting;
+        setup.exact_counts = exact_counts;
+        let seen = setup.compare(gpu, 7);
+        println!("k {nearest}, paper {paper_counting}: {seen:?}");
+        assert!(seen[Class::Lit as usize] > 100 && seen[Class::Shadowed as usize] > 10, "{seen:?}");
+    }
+}
