@@ -7,3 +7,4 @@ mod kit;
 mod sampling;
 mod statistics;
 mod rooms;
+mod traverse;
