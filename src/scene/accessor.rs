@@ -153,8 +153,15 @@ impl Accessor<'_> {
     }
 }
 
-/// The buffers of a document: their bytes, where the file has them.
-pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<(usize, Option<Cow<'a, [u8]>>)>> {
+/// A buffer.
+pub(super) struct Buffer<'a> {
+    length: usize,
+    /// At least `length` of them; None where the file has none (an extension may supply them).
+    bytes: Option<Cow<'a, [u8]>>,
+}
+
+/// Reads the buffers of a document.
+pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<Buffer<'a>>> {
     let mut buffers = Vec::new();
     for (i, buffer) in root.list("buffers")?.iter().enumerate() {
         let length = buffer.require("byteLength")?;
@@ -170,7 +177,7 @@ pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result
         if let Some(bytes) = bytes.as_ref().filter(|bytes| bytes.len() < length) {
             return Err(buffer.error(format!("{length} bytes declared, {} are there", bytes.len())));
         }
-        buffers.push((length, bytes));
+        buffers.push(Buffer { length, bytes });
     }
     Ok(buffers)
 }
@@ -180,11 +187,12 @@ pub(super) struct Views<'a>(Vec<View<'a>>);
 
 impl<'a> Views<'a> {
     /// Checks every buffer view.
-    pub fn read(root: &Json<'a>, buffers: &'a [(usize, Option<Cow<'a, [u8]>>)]) -> Result<Self> {
+    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>]) -> Result<Self> {
         root.list("bufferViews")?
             .iter()
             .map(|view| {
-                let (size, bytes) = &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
+                let Buffer { length: size, bytes } =
+                    &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
                 let offset = view.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
                 let length = view.require("byteLength")?.whole()?;
                 let end = offset.checked_add(length).filter(|end| end <= size && length > 0);

@@ -158,7 +158,7 @@ impl Geometry {
         let upper = corners().reduce(DVec3::max)?;
         // Halves are added, as the sum might overflow.
         let centre = 0.5 * lower + 0.5 * upper;
-        let extent = (upper - centre).max_element();
+        let extent = (upper - centre).max(centre - lower).max_element();
         // Divided first: squares of 1e200 overflow.
         let radius = corners().map(|p| ((p - centre) / extent).length_squared()).fold(0.0, f64::max).sqrt() * extent;
         Some((centre, radius))

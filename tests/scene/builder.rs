@@ -110,7 +110,9 @@ impl File {
     pub fn load_with(&self, options: &ImportOptions) -> Result<Scene> {
         let path = temporary("glb");
         std::fs::write(&path, self.glb()).unwrap();
-        Scene::load(&path, options)
+        let outcome = Scene::load(&path, options);
+        std::fs::remove_file(&path).unwrap();
+        outcome
     }
 
     pub fn load(&self) -> Scene {
