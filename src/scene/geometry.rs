@@ -11,7 +11,7 @@ use crate::Result;
 
 /// Most corners of triangles that a scene may have, instances counted each: indices to them, times
 /// three, stay within u32, and they fill 8 GiB.
-const MAX_CORNERS: usize = 3 << 25;
+pub(super) const MAX_CORNERS: usize = 3 << 25;
 
 /// The triangles of one node and one emissive material.
 struct MeshLight {

@@ -108,6 +108,13 @@ fn structure() {
     let zero_filled = json!({ "componentType": 5126, "type": "VEC3", "count": 50_000_000_000u64 });
     assert_eq!(refused(&|f| f.json["accessors"][0] = zero_filled.clone()), "/accessors/0");
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(-1)), "/accessors/0/count");
+    // Each within its limit, all together without one.
+    let many = |f: &mut File| {
+        f.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 24 });
+        f.json["meshes"][0]["primitives"] = json!(vec![json!({ "attributes": { "POSITION": 0 }, "indices": 1 }); 100]);
+        f.add("accessors", json!({ "componentType": 5125, "type": "SCALAR", "count": 1 << 24 }));
+    };
+    assert_eq!(refused(&many), "/meshes/0/primitives/6");
     // Indices.
     for (component, bytes) in [(U8, &[0u8, 1, 3][..]), (U16, &[0, 0, 1, 0, 255, 255]), (U32, &[255; 12])] {
         let edit = |f: &mut File| {

@@ -263,6 +263,31 @@ fn a_mesh_is_instanced_and_vertices_are_shared() {
 }
 
 #[test]
+fn primitives_that_share_vertices_take_only_their_own() {
+    let mut file = File::triangle();
+    let positions: Vec<[f32; 3]> = (0..20_000u32).map(|i| [i as f32, (i * i % 7) as f32, 0.0]).collect();
+    let shared = file.floats(&positions);
+    // Three vertices in a row are never on a line: i^2 has second difference 2.
+    let corners = |i: u16| [3 * i + 2, 3 * i, 3 * i + 1];
+    let primitives: Vec<_> = (0..5_000)
+        .map(|i| {
+            let bytes: Vec<u8> = corners(i).iter().flat_map(|c| c.to_le_bytes()).collect();
+            let indices = file.accessor(&bytes, U16, "SCALAR", 3);
+            json!({ "attributes": { "POSITION": shared }, "indices": indices })
+        })
+        .collect();
+    file.json["meshes"][0]["primitives"] = json!(primitives);
+    let scene = file.load();
+    let expected = |i: u16| corners(i).map(|c| positions[c as usize].map(f64::from));
+    for (i, triangle) in world(&scene).into_iter().enumerate() {
+        // Positions of up to 2e4 in f32: half a unit in the last place is 1e-3.
+        let distance = |c: usize| DVec3::from(triangle[c]).distance(expected(i as u16)[c].into());
+        assert!((0..3).all(|c| distance(c) < 1e-2), "triangle {i}: {triangle:?}");
+    }
+    assert_eq!((scene.triangles.len(), scene.vertices.len()), (5_000, 15_000));
+}
+
+#[test]
 fn scenes_without_geometry_are_empty() {
     let mut file = File::new();
     assert!(file.load().triangles.is_empty());
