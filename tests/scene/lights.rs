@@ -135,6 +135,8 @@ fn textured_emitters_have_their_mean() {
     // Tiled into the white half, with v beyond the image.
     let scene = textured(2, 1, &half, [[1.6, -3.], [1.9, 2.], [1.6, 7.]]);
     assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0)).length() < 1e-4);
+    // Coordinates that overflow: nothing sensible can be seen, so nothing is emitted.
+    assert!(textured(2, 1, &half, [[3e38, 0.], [-3e38, 3e38], [0., 3e38]]).lights.is_empty());
     // All in the black half, away from its edges: no emitter, and so no light.
     let mut black_left = vec![BLACK; 16];
     black_left[12..].fill(WHITE);
