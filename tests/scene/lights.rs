@@ -100,10 +100,15 @@ fn lights_come_in_the_order_of_nodes_one_for_each_node_and_material() {
 
 /// A triangle with those texture coordinates that emits an image of radiance 8 at its white.
 fn textured(width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> Scene {
+    const NEAREST: u32 = 9728;
+    filtered(NEAREST, width, height, texels, uvs)
+}
+
+fn filtered(filter: u32, width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> Scene {
     let mut file = File::new();
     let view = file.view(&png(width, height, texels));
     file.add("images", json!({ "bufferView": view, "mimeType": "image/png" }));
-    file.add("samplers", json!({ "magFilter": 9728 }));
+    file.add("samplers", json!({ "magFilter": filter }));
     file.add("textures", json!({ "source": 0, "sampler": 0 }));
     let strength = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": 8 } });
     file.add(
@@ -135,8 +140,13 @@ fn textured_emitters_have_their_mean() {
     // Tiled into the white half, with v beyond the image.
     let scene = textured(2, 1, &half, [[1.6, -3.], [1.9, 2.], [1.6, 7.]]);
     assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0)).length() < 1e-4);
-    // Coordinates that overflow: nothing sensible can be seen, so nothing is emitted.
-    assert!(textured(2, 1, &half, [[3e38, 0.], [-3e38, 3e38], [0., 3e38]]).lights.is_empty());
+    // Bilinear, texels' centres at u = 1/4 and 3/4: a third of the way is a third of the light.
+    const LINEAR: u32 = 9729;
+    let uv = [0.25 + 0.5 / 3.0, 0.5];
+    let scene = filtered(LINEAR, 2, 1, &half, [uv; 3]);
+    assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0 / 3.0)).length() < 1e-5);
+    // Coordinates that overflow have no weights to filter by.
+    assert!(filtered(LINEAR, 2, 1, &half, [[3e38, 0.], [-3e38, 3e38], [0., 3e38]]).lights.is_empty());
     // All in the black half, away from its edges: no emitter, and so no light.
     let mut black_left = vec![BLACK; 16];
     black_left[12..].fill(WHITE);
