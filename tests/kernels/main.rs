@@ -10,3 +10,4 @@ mod path;
 mod rooms;
 mod sampling;
 mod statistics;
+mod traverse;
