@@ -1,6 +1,7 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
 mod direct;
+mod lighting;
 mod output;
 mod totals;
 mod visibility_map;
@@ -21,7 +22,7 @@ use crate::tables::SceneTables;
 use crate::Error;
 use crate::{Image, Result};
 
-use direct::Direct;
+use lighting::Lighting;
 use totals::Totals;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
@@ -40,7 +41,7 @@ pub struct Renderer<'g> {
     notes: Vec<String>,
     tables: SceneTables,
     primary: BoundPrimary,
-    direct: Direct,
+    lighting: Lighting,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
     rows: u32,
@@ -105,15 +106,15 @@ impl<'g> Renderer<'g> {
 
         let start = Instant::now();
         let constants = tables.constants();
-        let (kernels, direct) = rayon::join(
+        let (kernels, lighting) = rayon::join(
             || -> Result<(Primary, Film)> {
                 let (primary, film) =
                     rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features));
                 Ok((primary?, film?))
             },
-            || direct::Kernels::new(gpu, &features, &constants, settings),
+            || lighting::Kernels::new(gpu, &features, &constants, settings),
         );
-        let ((primary, film), direct) = (kernels?, direct?);
+        let ((primary, film), lighting) = (kernels?, lighting?);
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
@@ -123,17 +124,17 @@ impl<'g> Renderer<'g> {
         let indirect = settings.technique == Technique::Path;
         let buffers = TileBuffers::new(gpu, &features, points, indirect)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
-        let direct = Direct::new(gpu, direct, &scene, &tables, &buffers, points, settings, &mut totals)?;
+        let lighting = Lighting::new(gpu, lighting, &scene, &tables, &buffers, points, settings, &mut totals)?;
         let first_rows = (0..settings.height).step_by(rows as usize);
         let tiles = first_rows
             .map(|first_row| {
                 let rows = rows.min(settings.height - first_row);
-                new_film(gpu, &film, &buffers, &direct, [first_row, rows], settings)
+                new_film(gpu, &film, &buffers, &lighting, [first_row, rows], settings)
             })
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
         totals.frame_bytes =
-            buffers.bytes() + direct.frame_bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+            buffers.bytes() + lighting.frame_bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
         totals.time_render = start.elapsed().as_secs_f64();
 
         let notes = notes(&scene, settings);
@@ -147,7 +148,7 @@ impl<'g> Renderer<'g> {
             notes,
             tables,
             primary,
-            direct,
+            lighting,
             buffers,
             tiles,
             rows,
@@ -183,7 +184,7 @@ impl<'g> Renderer<'g> {
             let mut frame = self.gpu.frame("sample");
             frame.clear(&self.buffers.counters);
             self.primary.record(&mut frame, &tile);
-            self.direct.record(&mut frame, &tile, &film.shadow);
+            self.lighting.record(&mut frame, &tile, &film.shadow);
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -193,7 +194,7 @@ impl<'g> Renderer<'g> {
         }
         self.samples += layers;
         self.totals.check()?;
-        self.direct.heal(self.gpu, &self.tables, &self.buffers, &mut self.totals)?;
+        self.lighting.heal(self.gpu, &self.tables, &self.buffers, &mut self.totals)?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
@@ -254,7 +255,7 @@ fn new_film(
     gpu: &Gpu,
     film: &Film,
     buffers: &TileBuffers,
-    direct: &Direct,
+    lighting: &Lighting,
     [first_row, rows]: [u32; 2],
     settings: &Settings,
 ) -> Result<TileFilm> {
@@ -275,6 +276,6 @@ fn new_film(
         albedo: optional(&buffers.albedo_samples)?,
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
-        shadow: direct.films(gpu, film, pixels, &buffers.counters)?,
+        shadow: lighting.films(gpu, film, pixels, &buffers.counters)?,
     })
 }
