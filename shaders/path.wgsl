@@ -22,8 +22,6 @@ struct PathParameters {
     tile: Tile,
     // Most bounces of indirect light: 0 for direct light alone.
     max_bounces: u32,
-    // Factor on every light (--light-scale).
-    light_scale: f32,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -103,8 +101,8 @@ fn path(
         if points[i].normal != INVALID_POINT && light_count() > 0u {
             let found = radiance_along(i);
             let so_far = radiance_direct[i];
-            radiance_direct[i] = vec4f(so_far.xyz + parameters.light_scale * found.direct, so_far.w);
-            indirect = parameters.light_scale * found.indirect;
+            radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
+            indirect = found.indirect;
         }
         radiance_indirect[i] = vec4f(indirect, 0.0);
     }

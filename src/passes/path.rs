@@ -12,8 +12,6 @@ shared_struct! {
         pub tile: Tile,
         /// Most bounces of indirect light: 0 for direct light alone.
         pub max_bounces: u32,
-        /// Factor on every light.
-        pub light_scale: f32,
     }
 }
 
