@@ -26,8 +26,7 @@ struct ShadeParameters {
     light_samples: u32,
     visibility_words: u32,
     audit_probability: f32,
-    // Factor on every light (--light-scale).
-    light_scale: f32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -180,5 +179,5 @@ fn shade(
         }
     }
     let so_far = radiance_direct[i];
-    radiance_direct[i] = vec4f(so_far.xyz + parameters.light_scale * sum, so_far.w);
+    radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
 }

@@ -4,9 +4,10 @@ import package::lib::math::{PI, basis};
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
-    LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
+    LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
 @if(emissive_textures) import package::lib::surface::emission_at;
+@if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
 @if(texture_loads) @group(1) @binding(7) var light_records: texture_2d<u32>;
 @if(!texture_loads) @group(1) @binding(7) var<storage, read> light_records: array<vec4u>;
@@ -53,6 +54,35 @@ fn light_record_f32(light: u32, record: u32) -> vec4f {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+// ---- Choice
+
+struct LightChoice {
+    light: u32,
+    // Of choosing it.
+    probability: f32,
+    // What is left of the random number, uniform again.
+    u: f32,
+}
+
+// How likely `choose_light` is to choose the light.
+fn light_probability(light: u32) -> f32 {
+    return light_record_f32(light, 5u).y;
+}
+
+// A light, by power; there must be one.
+fn choose_light(u: f32) -> LightChoice {
+    // The first light whose cumulative probability exceeds u.
+    var first = 0u;
+    var last = light_count() - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        if light_record_f32(middle, 5u).x > u { last = middle; } else { first = middle + 1u; }
+    }
+    let found = light_record_f32(first, 5u);
+    let left = 1.0 - (found.x - u) / found.y;
+    return LightChoice(first, found.y, clamp(left, 0.0, 1.0 - 1.0 / 16777216.0));
 }
 
 // ---- Punctual lights
@@ -217,6 +247,10 @@ fn mesh_point(light: u32, header: vec4u, u: vec2f) -> MeshPoint {
     var radiance: vec3f;
     @if(emissive_textures) { radiance = emission_at(r0.w, uv.x, uv.y); }
     @else { radiance = light_record_f32(light, 2u).xyz; }
+    @if(alpha_test) {
+        // Through what is not there, the light does not shine.
+        if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(r0.w, uv.x, uv.y); }
+    }
     return MeshPoint(a + uv.x * e1 + uv.y * e2, across / twice_area, radiance, density, r0.w);
 }
 

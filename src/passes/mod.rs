@@ -4,6 +4,7 @@ pub mod classify;
 pub mod film;
 pub mod grid;
 pub mod photons;
+pub mod path;
 pub mod primary;
 pub mod shade;
 pub mod shadow;

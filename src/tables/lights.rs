@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use crate::Result;
 use crate::gpu::buffer::TableFormat;
-use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
-use crate::scene::{EmitterTriangle, Light, LightKind, Scene};
+use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
+use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
 use super::sobol;
 
@@ -19,9 +19,11 @@ pub(crate) const DIRECTIONAL: u32 = 3;
 pub(crate) const KIND_MASK: u32 = 3;
 pub(crate) const TWO_SIDED: u32 = 4;
 pub(crate) const CLOSED_FORM: u32 = 8;
+/// Some of the surface may be missing: its material is an alpha mask or blends.
+pub(crate) const COVERAGE: u32 = 16;
 /// Records before the first light's, of a light, and of an emitter triangle.
 pub(crate) const HEADER: u32 = 1;
-pub(crate) const RECORDS: u32 = 5;
+pub(crate) const RECORDS: u32 = 6;
 pub(crate) const EMITTER_RECORDS: u32 = 3;
 
 /// Most contour edges of a light that has a closed form: beyond them the formula costs more than the shadow ray
@@ -76,6 +78,7 @@ impl LightTables {
             build.push(scene, index as u32, light);
         }
         build.slots.sort_unstable();
+        build.choose();
         let mut records = vec![[scene.lights.len() as u32, build.emitters.len() as u32 / EMITTER_RECORDS, 0, 0]];
         records.extend(build.records);
         build.emitters.extend(build.slots);
@@ -86,21 +89,6 @@ impl LightTables {
             vertices: gpu.table("penumbra/scene/light_vertices", &build.vertices, TableFormat::Float)?,
             sobol: sobol::upload(gpu)?,
         })
-    }
-
-    /// `features` with those that the lights of the scene need.
-    pub fn features(scene: &Scene, features: Features) -> Features {
-        let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
-        let textured = scene.lights.iter().any(|light| match light.kind {
-            LightKind::Mesh { material, .. } => scene.materials[material as usize].emissive_texture.is_some(),
-            _ => false,
-        });
-        features
-            .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
-            .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
-            .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
-            .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
-            .with("emissive_textures", textured)
     }
 }
 
@@ -131,6 +119,22 @@ fn bits(v: Vec3, w: f32) -> [u32; 4] {
 }
 
 impl Build {
+    /// Writes how likely each light is to be chosen: half by power, half alike, so that a weak light near by is not
+    /// left to rare samples of great weight.
+    fn choose(&mut self) {
+        let count = self.lights.len() as f64;
+        let total: f64 = self.lights.iter().map(|light| light.power).sum();
+        let mut cumulative = 0.0;
+        let mut below = 0f32;
+        for (i, light) in self.lights.iter().enumerate() {
+            cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };
+            // As for emitter triangles, the probabilities are those of the rounded numbers.
+            let end = if i + 1 == self.lights.len() { 1.0 } else { cumulative as f32 };
+            self.records[(i + 1) * RECORDS as usize - 1] = [end.to_bits(), (end - below).to_bits(), 0, 0];
+            below = end;
+        }
+    }
+
     fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
         let punctual = |power, centre, radius| LightInfo {
             power,
@@ -150,14 +154,14 @@ impl Build {
             LightKind::Mesh { material, emitters } => self.push_mesh(scene, index, *material, emitters),
             LightKind::Point { position, intensity, range } => {
                 let kind = [POINT | CLOSED_FORM, 0, 0, 0];
-                self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none]);
+                self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none, none]);
                 punctual(mean(*intensity) * 4.0 * std::f64::consts::PI, *position, 0.0)
             }
             LightKind::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
                 let kind = [SPOT | CLOSED_FORM, 0, 0, 0];
                 let cone = [cos_inner.to_bits(), 0, 0, 0];
                 let place = bits(*position, finite(*range));
-                self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone]);
+                self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone, none]);
                 // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
                 let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
                 let steradians = 2.0 * std::f64::consts::PI * ((1.0 - inner) + (inner - outer) / 3.0);
@@ -167,7 +171,7 @@ impl Build {
                 let kind = [DIRECTIONAL | CLOSED_FORM, 0, 0, 0];
                 let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
                 let disc = bits(centre, radius);
-                self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc]);
+                self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc, none]);
                 let area = std::f64::consts::PI * f64::from(radius).powi(2);
                 punctual(mean(*irradiance) * area, centre, radius)
             }
@@ -202,7 +206,8 @@ impl Build {
             ]);
         }
         let two_sided = material.double_sided;
-        let uniform = material.emissive_texture.is_none();
+        let whole = material.alpha == AlphaMode::Opaque;
+        let uniform = material.emissive_texture.is_none() && whole;
         let triangles: Vec<[Vec3; 3]> = emitters.iter().map(corners).collect();
         let contours = if uniform { contours(&triangles, f64::from(radius)) } else { None };
         let start = self.vertices.len() as u32;
@@ -212,14 +217,16 @@ impl Build {
             let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
             self.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
         }
+        let none = [0; 4];
         let flag = |flag, on| if on { flag } else { 0 };
-        let kind = MESH | flag(TWO_SIDED, two_sided) | flag(CLOSED_FORM, contours.is_some());
+        let kind = MESH | flag(TWO_SIDED, two_sided) | flag(CLOSED_FORM, contours.is_some()) | flag(COVERAGE, !whole);
         self.records.extend([
             [kind, first, emitters.len() as u32, start],
             bits(centre, radius),
             bits(material.emissive, 0.0),
             [self.vertices.len() as u32 - start, 0, 0, 0],
-            [0; 4],
+            none,
+            none,
         ]);
         let sides = if two_sided { 2.0 } else { 1.0 };
         let normals = contours.iter().flatten().map(|contour| contour.normal);

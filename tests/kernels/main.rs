@@ -1,10 +1,13 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod bsdf;
 mod classify;
 mod grid;
 mod house;
 mod kit;
+mod light;
+mod path;
+mod rooms;
 mod sampling;
 mod statistics;
-mod rooms;
 mod traverse;

@@ -168,8 +168,8 @@ fn directions_survive_coding() {
     let angle = |a: glam::DVec3, b: glam::DVec3| a.cross(b).length().atan2(a.dot(b));
     for (n, r) in directions.iter().zip(results.chunks_exact(4)) {
         let n = vec(n);
-        assert!(angle(n, vec(&r[0])) < 5e-5, "16 bits: {n}");
-        assert!(angle(n, vec(&r[1])) < 0.02, "7 bits: {n}, {}", vec(&r[1]));
+        assert!(angle(n, vec(&r[0])) < 7e-5, "16 bits: {n}");
+        assert!(angle(n, vec(&r[1])) < 0.034, "7 bits: {n}, {}", vec(&r[1]));
         assert!(r[1][3] < f32::from(1u16 << 14));
         let (t, b) = (vec(&r[2]), vec(&r[3]));
         // A few roundings of f32.
