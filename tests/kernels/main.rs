@@ -2,4 +2,6 @@
 
 mod house;
 mod kit;
+mod sampling;
+mod statistics;
 mod traverse;

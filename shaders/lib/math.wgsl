@@ -1,0 +1,56 @@
+// Small mathematics that many kernels share.
+
+const PI = 3.14159265358979;
+
+fn safe_sqrt(x: f32) -> f32 {
+    return sqrt(max(x, 0.0));
+}
+
+// Relative luminance of linear Rec. 709 colour.
+fn luminance(colour: vec3f) -> f32 {
+    return dot(colour, vec3f(0.2126, 0.7152, 0.0722));
+}
+
+// Columns: two tangents, and n (Duff et al. 2017).
+fn basis(n: vec3f) -> mat3x3f {
+    let sign = select(-1.0, 1.0, n.z >= 0.0);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    return mat3x3f(
+        vec3f(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+        vec3f(b, sign + n.y * n.y * a, -n.y),
+        n,
+    );
+}
+
+// The octahedral map of a unit vector, -1 to 1 (Cigolle et al. 2014).
+fn oct_wrap(n: vec3f) -> vec2f {
+    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
+    let folded = (1.0 - abs(p.yx)) * select(vec2f(-1.0), vec2f(1.0), p >= vec2f(0.0));
+    return select(folded, p, n.z >= 0.0);
+}
+
+fn oct_unwrap(p: vec2f) -> vec3f {
+    let z = 1.0 - abs(p.x) - abs(p.y);
+    let fold = max(-z, 0.0);
+    return normalize(vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z));
+}
+
+// A unit vector in 32 bits: within 5e-5 radians.
+fn oct_encode16(n: vec3f) -> u32 {
+    return pack2x16snorm(oct_wrap(n));
+}
+
+fn oct_decode16(bits: u32) -> vec3f {
+    return oct_unwrap(unpack2x16snorm(bits));
+}
+
+// A unit vector in 14 bits: within 0.02 radians. 127 levels a coordinate, so that the axes are exact.
+fn oct_encode7(n: vec3f) -> u32 {
+    let q = vec2u(round(oct_wrap(n) * 63.0 + 63.0));
+    return q.x | (q.y << 7u);
+}
+
+fn oct_decode7(bits: u32) -> vec3f {
+    return oct_unwrap((vec2f(vec2u(bits, bits >> 7u) & vec2u(127u)) - 63.0) / 63.0);
+}
