@@ -2,7 +2,7 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_decode16;
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, is_audited};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::point::{Point, INVALID_POINT};
@@ -43,7 +43,10 @@ var<immediate> classify_pass: ClassifyParameters;
 const QUERY_QUEUE = 0u;
 const BOUNDARY_QUEUE = 1u;
 const AUDIT_QUEUE = 2u;
-const CLASSES = 5u;
+// After the five classes: decided points near boundaries, and those of them that are audited.
+const NEAR = 5u;
+const NEAR_AUDITED = 6u;
+const COUNTED = 7u;
 const CLASSIFY_GROUP = 64u;
 const MAX_GROUPS_X = 65535u;
 
@@ -183,7 +186,7 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let slot = query_queue[i];
     let local_light = slot / classify_pass.tile.point_count;
     let point = points[slot - local_light * classify_pass.tile.point_count];
-    classes[slot] = class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal));
+    classes[slot] = near_word(class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal)));
 }
 
 fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
@@ -327,13 +330,19 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
         if points[pixel].normal != INVALID_POINT {
-            let class_ = class_of(dilated_classes[slot]);
+            let word = dilated_classes[slot];
+            let class_ = class_of(word);
             atomicAdd(&group_counts[class_], 1u);
             traced = class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN;
             if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
                 let light = classify_pass.first_light + local_light;
                 let sample_index = tile_sample(classify_pass.tile, pixel);
-                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, classify_pass.audit_probability);
+                let chance = audit_chance(word, classify_pass.audit_probability);
+                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, chance);
+                if is_near(word) {
+                    atomicAdd(&group_counts[NEAR], 1u);
+                    if audited { atomicAdd(&group_counts[NEAR_AUDITED], 1u); }
+                }
             }
             if traced { rank = atomicAdd(&group_length, 1u); }
             if audited { rank = atomicAdd(&audit_length, 1u); }
@@ -349,7 +358,7 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
             atomicAdd(&counters[COUNTER_AUDITED], audits);
         }
     }
-    if lane < CLASSES {
+    if lane < COUNTED {
         let counted = atomicLoad(&group_counts[lane]);
         if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }

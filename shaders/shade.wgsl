@@ -14,7 +14,7 @@ import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
-@if(audit) import package::lib::photon::is_audited;
+@if(audit) import package::lib::photon::{audit_chance, is_audited};
 @if(glossy) import package::lib::camera::view_direction;
 @if(reflection) import package::lib::bsdf::bsdf_pdf;
 @if(reflection) import package::lib::reflection::reflects_lights;
@@ -121,15 +121,16 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     }
     var estimate = select(granted, f32(seen) / f32(parameters.light_samples), traced);
     @if(audit) {
-        if decided && is_audited(place.seed, place.sample_index, light, parameters.audit_probability) {
+        let chance = audit_chance(word, parameters.audit_probability);
+        if decided && is_audited(place.seed, place.sample_index, light, chance) {
             let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
             if error != 0.0 {
                 let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
                 let f = contribution(place, chosen, light);
                 var all = f.diffuse;
                 @if(glossy) { all += f.residual; }
-                radiance += (error / parameters.audit_probability) * all;
-                estimate += error / parameters.audit_probability;
+                radiance += (error / chance) * all;
+                estimate += error / chance;
             }
         }
     }

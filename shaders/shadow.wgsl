@@ -11,9 +11,9 @@ import package::lib::light::LightSample;
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::point::Point;
 import package::lib::rng::{hash2, hash3};
-@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, photon_word};
+@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, is_near, photon_word};
 import package::lib::constants::{
-    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG,
+    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR,
     COUNTER_OVERRUN, COUNTER_PENUMBRA_SEEN
 };
 
@@ -45,6 +45,7 @@ var<immediate> parameters: ShadowParameters;
 
 var<workgroup> rays_traced: atomic<u32>;
 var<workgroup> mixed_points: atomic<u32>;
+@if(audit) var<workgroup> wrong_near: atomic<u32>;
 
 // Whether the light point is seen from the surface point: a shadow ray, ended just short of the light's surface.
 fn light_point_visible(position: vec3f, normal: vec3f, chosen: LightSample, seed: u32) -> bool {
@@ -110,6 +111,7 @@ fn audit(
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
         atomicStore(&mixed_points, 0u);
+        atomicStore(&wrong_near, 0u);
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
@@ -131,6 +133,7 @@ fn audit(
             let lit = class_of(classes[slot]) == CLASS_LIT;
             if seen != lit {
                 atomicAdd(&mixed_points, 1u);
+                if is_near(classes[slot]) { atomicAdd(&wrong_near, 1u); }
                 let at = atomicAdd(&heal_count, 1u);
                 if at < parameters.heal_capacity {
                     heal_photons[at] = Photon(position, photon_word(oct_encode7(normal), light, 1.0, !seen));
@@ -144,5 +147,6 @@ fn audit(
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&mixed_points));
+        atomicAdd(&counters[COUNTER_AUDITS_WRONG_NEAR], atomicLoad(&wrong_near));
     }
 }

@@ -123,6 +123,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
     ("COUNTER_AUDITED", Counter::Audited as u32),
     ("COUNTER_AUDITS_WRONG", Counter::AuditsWrong as u32),
+    ("COUNTER_AUDITS_WRONG_NEAR", Counter::AuditsWrongNear as u32),
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),
