@@ -37,7 +37,7 @@ impl Needs {
         let facts = Facts::new(scene);
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = scene.triangles.len() as u64;
-        let per_triangle = |bytes: u64| format!("{} a triangle", bytes_text(bytes * triangles));
+        let per_triangle = |bytes: u64| format!("{bytes} B a triangle, {} in all", bytes_text(bytes * triangles));
 
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));

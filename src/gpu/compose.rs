@@ -210,6 +210,21 @@ pub fn compose(kernel: &str, features: &Features) -> Result<Composed> {
     compose_source(kernel, source, features)
 }
 
+/// A diagnostic on one line, without the terminal's colours.
+fn one_line(text: &str) -> String {
+    let mut plain = String::new();
+    let mut in_escape = false;
+    for c in text.chars() {
+        match c {
+            '\u{1b}' => in_escape = true,
+            'm' if in_escape => in_escape = false,
+            _ if in_escape => {}
+            _ => plain.push(c),
+        }
+    }
+    plain.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// Composes a kernel from its source; it imports the shipped modules as `package::lib::<module>`.
 ///
 /// # Errors
@@ -217,7 +232,7 @@ pub fn compose(kernel: &str, features: &Features) -> Result<Composed> {
 pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result<Composed> {
     let mut resolver = wesl::VirtualResolver::new();
     let path = |path: &str| format!("package::{}", path.replace('/', "::")).parse::<wesl::ModulePath>();
-    let broken = |e: &dyn std::fmt::Display| Error::kernel(kernel, e);
+    let broken = |e: &dyn std::fmt::Display| Error::kernel(kernel, one_line(&e.to_string()));
     for (name, text) in SHADERS.iter().filter(|(name, _)| name.starts_with("lib/")) {
         resolver.add_module(path(name).map_err(|e| broken(&e))?, Cow::Borrowed(text));
     }

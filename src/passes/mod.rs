@@ -3,8 +3,8 @@
 pub mod classify;
 pub mod film;
 pub mod grid;
-pub mod photons;
 pub mod path;
+pub mod photons;
 pub mod primary;
 pub mod shade;
 pub mod shadow;

@@ -44,7 +44,12 @@ impl Photons {
     ///
     /// # Errors
     /// As [`Kernel::new`].
-    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], shadow_photons_per_ray: u32) -> Result<Photons> {
+    pub fn new(
+        gpu: &Gpu,
+        features: &Features,
+        constants: &[(&str, f64)],
+        shadow_photons_per_ray: u32,
+    ) -> Result<Photons> {
         let mut constants = constants.to_vec();
         constants.push(("shadow_photons_per_ray", f64::from(shadow_photons_per_ray)));
         let kernel = kernel(gpu, "photons", features, &constants, &["traced_photons", "photon_counts"])?;
@@ -57,7 +62,15 @@ impl Photons {
     /// # Errors
     /// [`Error::Buffer`] where the device cannot hold the photons, [`Error::Computation`] where a ray met the loop
     /// budget, and those of [`Gpu::check`].
-    pub fn trace(&self, gpu: &Gpu, scene: &dyn Bindings, lights: u32, rays: u32, seed: u32, spare: u32) -> Result<Traced> {
+    pub fn trace(
+        &self,
+        gpu: &Gpu,
+        scene: &dyn Bindings,
+        lights: u32,
+        rays: u32,
+        seed: u32,
+        spare: u32,
+    ) -> Result<Traced> {
         let batch = BATCH_RAYS.min(rays.max(1));
         let room = gpu.buffer::<Photon>("penumbra/photons/traced_photons", (batch * self.photons_per_ray) as usize)?;
         let counts = gpu.buffer::<u32>("penumbra/photons/photon_counts", 4)?;
@@ -77,7 +90,9 @@ impl Photons {
                 if overrun > 0 {
                     return Err(Error::Computation {
                         kernel: "photons".to_owned(),
-                        problem: format!("{overrun} photon rays met more geometry than the device's loop budget allows"),
+                        problem: format!(
+                            "{overrun} photon rays met more geometry than the device's loop budget allows"
+                        ),
                     });
                 }
                 stored[light as usize][0] += illumination;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use penumbra::gpu::{Features, Gpu, Resources};
-use penumbra::passes::classify::{Class, Classified, ClassCounts, ClassifyBuffers, Classify, Point, Queue, Tile};
+use penumbra::passes::classify::{Class, ClassCounts, Classified, Classify, ClassifyBuffers, Point, Queue, Tile};
 use penumbra::passes::grid::{Grid, GridShape, Photon};
 
 use crate::kit::{device_features, gpu};
@@ -119,9 +119,14 @@ fn a_room_is_classified_as_by_brute_force() {
     let room = Room::new(0.2);
     let photons = room.photons(20_000, 0, &mut Random(5));
     let points = room.points(128, 128);
-    for (nearest, paper_counting, exact_counts) in
-        [(50, false, true), (50, false, false), (50, true, true), (50, true, false), (1, false, true), (200, false, false)]
-    {
+    for (nearest, paper_counting, exact_counts) in [
+        (50, false, true),
+        (50, false, false),
+        (50, true, true),
+        (50, true, false),
+        (1, false, true),
+        (200, false, false),
+    ] {
         let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, nearest);
         let mut setup = Setup::new(&photons, &points, shape, nearest);
         setup.paper_counting = paper_counting;

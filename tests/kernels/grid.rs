@@ -123,7 +123,9 @@ fn crowded_cells_keep_every_photon() {
         .map(|_| photon(Vec3::new(random.unit(), random.unit(), random.unit()) * 1e-4, Vec3::Y, 0, random.unit() < 0.5))
         .collect();
     let clusters: Vec<Photon> = (0..30_000)
-        .map(|i| photon(random.direction() * 0.4 * (i % 3) as f32 * random.unit().powi(8), random.direction(), 0, false))
+        .map(|i| {
+            photon(random.direction() * 0.4 * (i % 3) as f32 * random.unit().powi(8), random.direction(), 0, false)
+        })
         .collect();
     for photons in [corners, one_cell, clusters] {
         let (sorted, starts) = dump(gpu, &build(gpu, &photons, 1, shape));
