@@ -5,9 +5,9 @@ import package::lib::math::oct_decode16;
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
-import package::lib::point::{Point, INVALID_POINT};
+import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::constants::{COUNTER_DARK, COUNTER_AUDITED};
+import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED};
 
 // n_i and n_s of boundary points are the exact counts, not those about the middle of a cell.
 override exact_counts: bool;

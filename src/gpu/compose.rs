@@ -67,6 +67,8 @@ pub const FEATURES: &[&str] = &[
     "point_lights",
     "spot_lights",
     "directional_lights",
+    // Scene: some mesh light is closed, so that half of it faces away.
+    "emitter_pairs",
     // Scene: some mesh light has an emissive texture.
     "emissive_textures",
     // Method: points that face away from a light are told apart.
@@ -93,6 +95,7 @@ pub const FEATURES: &[&str] = &[
 /// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
 /// of this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
+    ("INVALID_POINT", crate::passes::INVALID_POINT),
     ("SURFACE_FLAT", crate::tables::surfaces::FLAT),
     ("MATERIAL_RECORDS", crate::tables::surfaces::MATERIAL_RECORDS),
     ("MATERIAL_DOUBLE_SIDED", crate::tables::surfaces::DOUBLE_SIDED),
