@@ -117,10 +117,12 @@ fn arrange() {
     judge_arguments[2] = 1u;
 }
 
-// Photons that a cell may hold to be judged, and that one verdict may look at: both keep an invocation well
-// below the 65,535 iterations that lavapipe grants. Past them queries do without a verdict.
+// Photons that a cell may hold to be judged: with the next limit well below the 65,535 iterations that lavapipe
+// grants an invocation. Past either, queries do without a verdict.
 const OWN_LIMIT = 2048u;
-const BLOCK_LIMIT = 12000u;
+// Photons and rows of cells that one verdict may look at, as a multiple of k. On an even surface five times k are
+// enough; where many are not of the surface (foliage), a verdict costs more than it saves.
+const LOOKS_PER_NEAREST = 24u;
 const NO_CODE = 0xffffffffu;
 const COS_CLUSTER = 0.8660254;
 
@@ -234,8 +236,8 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
         for (var z = row_low.y; z <= row_high.y; z++) {
             for (var y = row_low.x; y <= row_high.x; y++) {
                 let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);
-                looked_at += row.y - row.x;
-                if looked_at > BLOCK_LIMIT { return vec2u(0u); }
+                looked_at += row.y - row.x + 1u;
+                if looked_at > LOOKS_PER_NEAREST * nearest { return vec2u(0u); }
                 for (var p = row.x; p < row.y; p++) {
                     let photon = load_photon(p);
                     let from_centre = bitcast<vec3f>(photon.xyz) - centre;

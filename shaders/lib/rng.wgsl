@@ -17,5 +17,5 @@ fn hash3(x: u32, y: u32, z: u32) -> u32 {
 
 // The upper 24 bits as a fraction: 0 to 1 - 2^-24, never 1.
 fn uniform_from_bits(bits: u32) -> f32 {
-    return f32(bits >> 8u) * 0x1p-24;
+    return f32(bits >> 8u) * (1.0 / 16777216.0);
 }

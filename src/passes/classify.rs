@@ -57,12 +57,7 @@ impl Classified {
             3 => Class::Boundary,
             _ => Class::Unknown,
         };
-        Classified {
-            class,
-            n_i: (word >> 3) & 511,
-            n_s: (word >> 12) & 511,
-            visibility: (word >> 21) as f32 / 2047.0,
-        }
+        Classified { class, n_i: (word >> 3) & 511, n_s: (word >> 12) & 511, visibility: (word >> 21) as f32 / 2047.0 }
     }
 }
 
