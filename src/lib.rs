@@ -2,11 +2,20 @@
 //! kernels. `ARCHITECTURE.md` maps the paper's steps to files.
 #![warn(missing_docs)]
 
+pub mod bvh;
 pub mod error;
 pub mod film;
 pub mod gpu;
+pub mod needs;
 pub mod passes;
 pub mod report;
 pub mod scene;
+pub mod settings;
+pub mod statistics;
+pub mod tables;
 
 pub use error::{Error, Result};
+pub use film::Image;
+pub use scene::Scene;
+pub use settings::{Aov, Settings, Technique};
+pub use statistics::Statistics;

@@ -36,7 +36,7 @@ fn oct_unwrap(p: vec2f) -> vec3f {
     return normalize(vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z));
 }
 
-// A unit vector in 32 bits: within 8e-5 radians (Cigolle et al., table 2: 0.004 degrees).
+// A unit vector in 32 bits: within 5e-5 radians.
 fn oct_encode16(n: vec3f) -> u32 {
     return pack2x16snorm(oct_wrap(n));
 }

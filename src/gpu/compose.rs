@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use crate::statistics::Counter;
 use crate::{Error, Result};
 
 macro_rules! shaders {
@@ -12,7 +13,31 @@ macro_rules! shaders {
     };
 }
 
-shaders!("classify", "grid", "lib/dispatch", "lib/grid", "lib/math", "lib/photon", "lib/rng");
+shaders!(
+    "classify",
+    "film",
+    "grid",
+    "photons",
+    "primary",
+    "shade",
+    "shadow",
+    "lib/alpha",
+    "lib/bsdf",
+    "lib/bvh",
+    "lib/camera",
+    "lib/dispatch",
+    "lib/grid",
+    "lib/light",
+    "lib/light_choice",
+    "lib/math",
+    "lib/photon",
+    "lib/point",
+    "lib/ray",
+    "lib/rng",
+    "lib/sampling",
+    "lib/surface",
+    "lib/tile",
+);
 
 /// Every feature that an `@if` may ask for. An `@if` on another name fails to compose.
 pub const FEATURES: &[&str] = &[
@@ -20,10 +45,98 @@ pub const FEATURES: &[&str] = &[
     "texture_loads",
     // Device: workgroups are interleaved between two threads.
     "interleave",
-    // Photons are counted as in the paper: whatever their normals, by plain distance.
-    "paper_counting",
     // Points may lie where the whole light is behind their surface, or emits away from it.
     "dark_points",
+    // Scene: some material has a texture.
+    "textures",
+    // Scene: some material uses the second set of texture coordinates.
+    "uv1",
+    // Scene: some vertex has a colour other than white.
+    "vertex_colours",
+    // Scene: some material has a normal texture.
+    "normal_maps",
+    // Scene: some vertex has a normal, so that shading and geometric normals differ.
+    "smooth_normals",
+    // Scene: some material reflects other than as a Lambertian.
+    "glossy",
+    // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
+    "alpha_test",
+    // Scene: some material is unlit.
+    "unlit",
+    // Scene: kinds of lights.
+    "mesh_lights",
+    "point_lights",
+    "spot_lights",
+    "directional_lights",
+    // Scene: some mesh light has an emissive texture.
+    "emissive_textures",
+    // Method: photons classify the points.
+    "visibility_map",
+    // Method: photons are told apart by light.
+    "light_tags",
+    // Method: photons are counted without regard to normals.
+    "paper_counting",
+    // Method: decided points are audited.
+    "audit",
+    // Method: visibility is that of the photons, without shadow rays.
+    "visibility_estimate",
+    // Scene: some surface reflects a light sharply, so that BSDF sampling joins light sampling.
+    "reflection",
+    // Output: channels that are asked for.
+    "aov_albedo",
+    "aov_normal",
+    "aov_position",
+    "aov_shadow",
+];
+
+/// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
+/// of this list.
+pub const CONSTANTS: &[(&str, u32)] = &[
+    ("SURFACE_FLAT", crate::tables::surfaces::FLAT),
+    ("MATERIAL_RECORDS", crate::tables::surfaces::MATERIAL_RECORDS),
+    ("MATERIAL_DOUBLE_SIDED", crate::tables::surfaces::DOUBLE_SIDED),
+    ("MATERIAL_UNLIT", crate::tables::surfaces::UNLIT),
+    ("MATERIAL_MASK", crate::tables::surfaces::MASK),
+    ("MATERIAL_BLEND", crate::tables::surfaces::BLEND),
+    ("SLOT_RECORDS", crate::tables::textures::SLOT_RECORDS),
+    ("SLOT_NEAREST", crate::tables::textures::NEAREST),
+    ("SLOT_SRGB", crate::tables::textures::SRGB),
+    ("SLOT_UV1", crate::tables::textures::UV1),
+    ("LAYER_TEXELS_LOG2", 2 * super::buffer::TABLE_WIDTH.trailing_zeros()),
+    ("TABLE_WIDTH_LOG2", super::buffer::TABLE_WIDTH.trailing_zeros()),
+    // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
+    // some of these: they are far apart.
+    ("DIMENSION_CAMERA", 0x1000_0000),
+    ("DIMENSION_ALPHA", 0x2000_0000),
+    ("DIMENSION_LIGHT", 0x3000_0000),
+    ("DIMENSION_AUDIT", 0x4000_0000),
+    ("DIMENSION_SHADOW_ALPHA", 0x5000_0000),
+    ("DIMENSION_REFLECTION", 0x6000_0000),
+    ("DIMENSION_PHOTON", 0x7000_0000),
+    ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
+    ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
+    ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
+    ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
+    ("COUNTER_AUDITED", Counter::Audited as u32),
+    ("COUNTER_AUDITS_WRONG", Counter::AuditsWrong as u32),
+    ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
+    ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
+    ("COUNTER_OVERRUN", Counter::Overrun as u32),
+    ("COUNTER_DARK", Counter::Dark as u32),
+    ("COUNTER_LIT", Counter::Lit as u32),
+    ("COUNTER_SHADOWED", Counter::Shadowed as u32),
+    ("COUNTER_BOUNDARY", Counter::Boundary as u32),
+    ("COUNTER_UNKNOWN", Counter::Unknown as u32),
+    ("LIGHT_MESH", crate::tables::lights::MESH),
+    ("LIGHT_POINT", crate::tables::lights::POINT),
+    ("LIGHT_SPOT", crate::tables::lights::SPOT),
+    ("LIGHT_DIRECTIONAL", crate::tables::lights::DIRECTIONAL),
+    ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
+    ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
+    ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
+    ("LIGHT_HEADER", crate::tables::lights::HEADER),
+    ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
+    ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
 ];
 
 /// The features that a kernel is composed with: a subset of [`FEATURES`].
@@ -61,6 +174,14 @@ impl Features {
     }
 }
 
+impl Composed {
+    /// Those of `constants` that are `override`s of this kernel.
+    pub fn overrides<'c>(&self, constants: &[(&'c str, f64)]) -> Vec<(&'c str, f64)> {
+        let has = |name: &str| self.module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some(name));
+        constants.iter().copied().filter(|(name, _)| has(name)).collect()
+    }
+}
+
 /// A composed and validated kernel.
 pub struct Composed {
     /// Stem of the kernel's file.
@@ -94,6 +215,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     for (name, text) in SHADERS.iter().filter(|(name, _)| name.starts_with("lib/")) {
         resolver.add_module(path(name).map_err(|e| broken(&e))?, Cow::Borrowed(text));
     }
+    let constants: String = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect();
+    resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
     let mut options = wesl::CompileOptions::default();

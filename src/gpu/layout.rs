@@ -46,6 +46,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::grid::GridParameters::SHARED,
     &passes::grid::GridShape::SHARED,
     &passes::grid::Photon::SHARED,
+    &passes::photons::PhotonParameters::SHARED,
 ];
 
 /// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin.

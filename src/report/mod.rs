@@ -1,1 +1,3 @@
 //! Measures of images against a reference.
+
+pub mod metrics;

@@ -4,6 +4,20 @@
 //! bounding sphere is about unit size ([`Normalisation`]); everything here is in that space unless
 //! a field says otherwise. Radiance keeps the file's units.
 
+mod accessor;
+mod camera;
+mod container;
+mod geometry;
+mod gltf;
+mod json;
+mod light;
+mod material;
+mod mesh;
+mod node;
+mod texture;
+
+pub use gltf::ImportOptions;
+
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
 
 /// A scene ready to render.
@@ -28,6 +42,24 @@ pub struct Scene {
     /// One line each: what the file has and the image will not show, extensions that are not
     /// known, degenerate triangles that were dropped. Each said once.
     pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Puts the triangles in another order: the new i-th is the old `order[i]`. The lights follow.
+    pub fn reorder_triangles(&mut self, order: &[u32]) {
+        let mut place = vec![0u32; order.len()];
+        for (new, old) in order.iter().enumerate() {
+            place[*old as usize] = new as u32;
+        }
+        self.triangles = order.iter().map(|old| self.triangles[*old as usize]).collect();
+        for light in &mut self.lights {
+            if let LightKind::Mesh { emitters, .. } = &mut light.kind {
+                for emitter in emitters {
+                    emitter.triangle = place[emitter.triangle as usize];
+                }
+            }
+        }
+    }
 }
 
 /// A corner of a triangle.
@@ -310,6 +342,29 @@ impl Normalisation {
 
     /// From normalised space to world space.
     pub fn undo(&self, normalised: Vec3) -> DVec3 {
-        normalised.as_dvec3() / self.scale() + self.centre
+        self.undo_f64(normalised.as_dvec3())
+    }
+
+    /// From normalised space, in double precision, to world space.
+    pub fn undo_f64(&self, normalised: DVec3) -> DVec3 {
+        normalised / self.scale() + self.centre
+    }
+}
+
+impl Scene {
+    /// Positions of the corners of triangle `index`.
+    pub fn triangle_positions(&self, index: usize) -> [Vec3; 3] {
+        self.triangles[index].vertices.map(|vertex| self.vertices[vertex as usize].position)
+    }
+
+    /// Lower and upper corner of the bounding box of all triangles; None where there is none.
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
+        self.bounds_of(0..self.triangles.len())
+    }
+
+    /// Lower and upper corner of the bounding box of the triangles that `indices` names.
+    fn bounds_of(&self, indices: impl Iterator<Item = usize>) -> Option<[Vec3; 2]> {
+        let corners = indices.flat_map(|index| self.triangle_positions(index));
+        corners.map(|p| [p, p]).reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
     }
 }

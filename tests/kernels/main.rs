@@ -4,4 +4,7 @@ mod classify;
 mod grid;
 mod house;
 mod kit;
+mod photons;
 mod rooms;
+mod sampling;
+mod statistics;

@@ -1,0 +1,36 @@
+//! The scenes that Penumbra made itself: geometry, textures and glTF from code alone.
+//!
+//! The same bytes come out on every machine: coordinates are rounded to what every libm agrees on
+//! ([`mesh::tidy`]) and noise comes from an integer hash.
+
+use serde_json::{Value, json};
+
+mod cornell_box;
+mod glb;
+mod marble_sphere;
+mod mesh;
+mod noise;
+mod still_life;
+
+/// File name and contents of each scene.
+pub fn scenes() -> [(&'static str, Vec<u8>); 3] {
+    [("sphere.glb", marble_sphere::glb()), ("box.glb", cornell_box::glb()), ("still_life.glb", still_life::glb())]
+}
+
+/// A glTF material that reflects by Lambert's law alone; linear RGB.
+fn lambertian(name: &str, albedo: [f64; 3]) -> Value {
+    let [r, g, b] = albedo;
+    json!({
+        "name": name,
+        "pbrMetallicRoughness": { "baseColorFactor": [r, g, b, 1], "metallicFactor": 0, "roughnessFactor": 1 },
+        "extensions": { "KHR_materials_specular": { "specularFactor": 0 } },
+    })
+}
+
+/// A glTF material that reflects nothing and emits white `radiance` from its front, by the cosine law.
+fn emitter(name: &str, radiance: f64) -> Value {
+    let mut material = lambertian(name, [0.0; 3]);
+    material["emissiveFactor"] = json!([1, 1, 1]);
+    material["extensions"]["KHR_materials_emissive_strength"] = json!({ "emissiveStrength": radiance });
+    material
+}

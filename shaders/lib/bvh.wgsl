@@ -1,0 +1,233 @@
+// Rays through the hierarchy that src/bvh builds: four children a node, boxes of 8 bits a plane.
+//
+// A node is three texels (src/bvh/node.rs has the table of its bits), and so is a triangle: its corners, and in the
+// first texel's w the slot's word. Lanes of a software device walk in step and take each other's branches, so one turn
+// of the one loop there is does both kinds of work, a node and a triangle, for whichever lanes have it.
+//
+// To do something else than trace_closest and trace_occluded, walk:
+//
+//     var walk = begin_walk(ray);
+//     while !walk.done {
+//         let slot = next_triangle(&walk, t_max);   // t_max may shrink from turn to turn
+//         if slot != NO_HIT { let hit = intersect_slot(&walk, slot); if meets(ray, hit) { ... } }
+//     }
+
+import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_triangle};
+@if(alpha_test) import package::lib::alpha::alpha_blocks;
+
+@if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_2d<f32>;
+@if(!texture_loads) @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
+@if(!texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
+
+// Entries of the stack: three for each of the 28 levels that a balanced tree over the most triangles can have.
+const STACK_SIZE = 84;
+
+// Turns of the loop after which a traversal gives up and says so: software devices end all loops of an invocation
+// in silence after 65,535 turns in all.
+const MAX_TURNS: u32 = 60000u;
+
+// Whether a traversal of this invocation gave up. Its results are then wrong, and the kernel must count an error.
+var<private> traversal_overrun: bool;
+
+fn node_texel(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(bvh_nodes, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(!texture_loads) { return bvh_nodes[i]; }
+}
+
+fn triangle_texel(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(bvh_triangles, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(!texture_loads) { return bvh_triangles[i]; }
+}
+
+// The word that the host gave a slot.
+fn triangle_word(slot: u32) -> u32 {
+    return bitcast<u32>(triangle_texel(3u * slot).w);
+}
+
+// The corners of a slot.
+fn triangle_corners(slot: u32) -> array<vec3f, 3> {
+    return array(triangle_texel(3u * slot).xyz, triangle_texel(3u * slot + 1u).xyz, triangle_texel(3u * slot + 2u).xyz);
+}
+
+// A place on the stack names a node by its index, or a run of triangles by the first slot and, above it, how many.
+const ONE_TRIANGLE: u32 = 1u << 29u;
+const NO_PLACE: u32 = 0xffffffffu;
+
+// A traversal under way.
+struct Walk {
+    sheared: ShearedRay,
+    inverse_direction: vec3f,
+    t_min: f32,
+    place: u32,
+    height: u32,
+    turns: u32,
+    done: bool,
+    stack: array<u32, STACK_SIZE>,
+}
+
+// Places of a node's children, and keys that sort them by where the ray enters: its bits, the last two of them
+// replaced by the child's number. Distances are not negative, so their bits sort as they do.
+struct Children {
+    places: vec4u,
+    keys: vec4u,
+}
+
+const NO_KEY: u32 = 0xffffffffu;
+
+fn begin_walk(ray: Ray) -> Walk {
+    // A direction's component of 0 is taken for 2^-80 of the same sign, so nothing is infinite and nothing NaN; see
+    // MIN_EXPONENT in src/bvh/node.rs for why no box is missed.
+    let least = 0x1p-80;
+    let d = ray.direction;
+    let safe = select(d, select(vec3f(least), vec3f(-least), d < vec3f(0.0)), abs(d) < vec3f(least));
+    var walk: Walk;
+    walk.sheared = shear_ray(ray);
+    walk.inverse_direction = 1.0 / safe;
+    walk.t_min = ray.t_min;
+    walk.place = 0u;
+    walk.height = 0u;
+    walk.turns = 0u;
+    walk.done = false;
+    return walk;
+}
+
+// Takes a turn: the slot of a triangle to be tested, or NO_HIT where this turn met none.
+fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
+    if (*walk).place == NO_PLACE {
+        if (*walk).height == 0u || (*walk).turns >= MAX_TURNS {
+            traversal_overrun |= (*walk).height != 0u;
+            (*walk).done = true;
+            return NO_HIT;
+        }
+        (*walk).height--;
+        (*walk).place = (*walk).stack[(*walk).height];
+    }
+    (*walk).turns++;
+    if (*walk).place < ONE_TRIANGLE {
+        let children = open_node(walk, (*walk).place, t_max);
+        let keys = sorted(children.keys);
+        // The nearest child is next, the others wait, the farthest deepest.
+        if keys.w != NO_KEY { push(walk, place_of(keys.w, children.places)); }
+        if keys.z != NO_KEY { push(walk, place_of(keys.z, children.places)); }
+        if keys.y != NO_KEY { push(walk, place_of(keys.y, children.places)); }
+        (*walk).place = select(NO_PLACE, place_of(keys.x, children.places), keys.x != NO_KEY);
+    }
+    let place = (*walk).place;
+    if place < ONE_TRIANGLE || place == NO_PLACE { return NO_HIT; }
+    let rest = place + 1u - ONE_TRIANGLE;
+    (*walk).place = select(NO_PLACE, rest, rest >= ONE_TRIANGLE);
+    return place & (ONE_TRIANGLE - 1u);
+}
+
+fn push(walk: ptr<function, Walk>, place: u32) {
+    (*walk).stack[(*walk).height] = place;
+    (*walk).height++;
+}
+
+// The children of a node that the ray meets before t_max.
+//
+// With a = (origin - ray's origin) / direction and b = step / direction, a plane is met at a + q b. Three roundings
+// of a's terms are at most 2^-22 |a|, which moves near planes nearer and far ones farther; those of b's terms are
+// covered by the planes' margin (src/bvh/node.rs). What is left is the rounding of 1 / direction, up to 2^-21 of t
+// where division is inexact, so a far plane may be met that much earlier than a near one (Ize 2013).
+fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
+    let texel_0 = node_texel(3u * node);
+    let texel_1 = node_texel(3u * node + 1u);
+    let texel_2 = node_texel(3u * node + 2u);
+    let head = texel_2.y;
+
+    let inverse = (*walk).inverse_direction;
+    let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
+    let a = (bitcast<vec3f>(texel_0.xyz) - (*walk).sheared.origin) * inverse;
+    let b = step * inverse;
+    let slack = abs(a) * 0x1p-22;
+    let a_near = a - slack;
+    let a_far = a + slack;
+    let lower = vec3u(texel_0.w, texel_1.xy);
+    let upper = vec3u(texel_1.zw, texel_2.x);
+    let forwards = inverse > vec3f(0.0);
+    let near = select(upper, lower, forwards);
+    let far = select(lower, upper, forwards);
+    let enter_xy = max(bytes(near.x) * b.x + a_near.x, bytes(near.y) * b.y + a_near.y);
+    let enter = max(enter_xy, max(bytes(near.z) * b.z + a_near.z, vec4f((*walk).t_min)));
+    let leave_xy = min(bytes(far.x) * b.x + a_far.x, bytes(far.y) * b.y + a_far.y);
+    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * (1.0 + 0x1p-20);
+
+    let number = vec4u(0u, 1u, 2u, 3u);
+    let packed_counts = (head >> 28u) | ((texel_2.z >> 24u) & 0xf0u) | ((texel_2.w >> 20u) & 0xf00u);
+    let counts = (vec4u(packed_counts) >> vec4u(0u, 3u, 6u, 9u)) & vec4u(7u);
+    let is_node = number < vec4u((head >> 24u) & 15u);
+    let first_node = texel_2.z & 0x0fffffffu;
+    let slot_0 = texel_2.w & 0x0fffffffu;
+    let slot_1 = slot_0 + counts.x;
+    let slot_2 = slot_1 + counts.y;
+    let slots = vec4u(slot_0, slot_1, slot_2, slot_2 + counts.z);
+
+    let met = (enter <= leave) & (is_node | (counts != vec4u(0u)));
+    return Children(
+        select(counts * ONE_TRIANGLE + slots, first_node + number, is_node),
+        select(vec4u(NO_KEY), (bitcast<vec4u>(enter) & vec4u(0xfffffffcu)) | number, met),
+    );
+}
+
+fn bytes(word: u32) -> vec4f {
+    // Through i32, which converts in one instruction where u32 takes several.
+    return vec4f(vec4i((vec4u(word) >> vec4u(0u, 8u, 16u, 24u)) & vec4u(255u)));
+}
+
+fn sorted(keys: vec4u) -> vec4u {
+    let low = min(keys.xy, keys.zw);
+    let high = max(keys.xy, keys.zw);
+    let middle = vec2u(max(low.x, low.y), min(high.x, high.y));
+    return vec4u(min(low.x, low.y), min(middle.x, middle.y), max(middle.x, middle.y), max(high.x, high.y));
+}
+
+fn place_of(key: u32, places: vec4u) -> u32 {
+    let odd = (key & 1u) != 0u;
+    return select(select(places.x, places.y, odd), select(places.z, places.w, odd), (key & 2u) != 0u);
+}
+
+// Where the ray's line meets the triangle in a slot; t is MISSED if nowhere.
+fn intersect_slot(walk: ptr<function, Walk>, slot: u32) -> Hit {
+    let corners = triangle_corners(slot);
+    let found = intersect_triangle((*walk).sheared, corners[0], corners[1], corners[2]);
+    return Hit(found.x, found.y, found.z, slot);
+}
+
+// Whether a hit lies within the ray, and its surface stops this one.
+fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
+    var stopped = hit.t > t_min && hit.t <= t_max;
+    @if(alpha_test) {
+        if stopped && (triangle_word(hit.triangle) & 1u) != 0u {
+            stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed);
+        }
+    }
+    return stopped;
+}
+
+// The first surface that the ray meets; of several at the same distance the one in the lowest slot, so that
+// coplanar surfaces do not flicker. `seed` decides by chance at surfaces that are partly let through.
+fn trace_closest(ray: Ray, seed: u32) -> Hit {
+    var walk = begin_walk(ray);
+    var closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
+    while !walk.done {
+        let slot = next_triangle(&walk, closest.t);
+        if slot != NO_HIT {
+            let hit = intersect_slot(&walk, slot);
+            let first = hit.t < closest.t || slot < closest.triangle;
+            if first && stops(hit, ray.t_min, closest.t, seed) { closest = hit; }
+        }
+    }
+    return closest;
+}
+
+// Whether any surface stops the ray.
+fn trace_occluded(ray: Ray, seed: u32) -> bool {
+    var walk = begin_walk(ray);
+    while !walk.done {
+        let slot = next_triangle(&walk, ray.t_max);
+        if slot != NO_HIT && stops(intersect_slot(&walk, slot), ray.t_min, ray.t_max, seed) { return true; }
+    }
+    return false;
+}

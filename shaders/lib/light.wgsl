@@ -1,0 +1,400 @@
+// Lights: sampling, closed-form irradiance, darkness and emission. Tables are made by src/tables/lights.rs.
+
+import package::lib::math::{PI, basis};
+import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
+import package::lib::constants::{
+    LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
+    LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
+};
+@if(emissive_textures) import package::lib::surface::emission_at;
+
+@if(texture_loads) @group(1) @binding(7) var light_records: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(7) var<storage, read> light_records: array<vec4u>;
+@if(mesh_lights && texture_loads) @group(1) @binding(8) var emitter_records: texture_2d<u32>;
+@if(mesh_lights && !texture_loads) @group(1) @binding(8) var<storage, read> emitter_records: array<vec4u>;
+@if(mesh_lights && texture_loads) @group(1) @binding(9) var light_vertices: texture_2d<f32>;
+@if(mesh_lights && !texture_loads) @group(1) @binding(9) var<storage, read> light_vertices: array<vec4f>;
+
+fn load_light_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(light_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @else { return light_records[i]; }
+}
+
+@if(mesh_lights)
+fn load_emitter_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(emitter_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @else { return emitter_records[i]; }
+}
+
+@if(mesh_lights)
+fn load_light_vertex(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(light_vertices, vec2u(i & 4095u, i >> 12u), 0); }
+    @else { return light_vertices[i]; }
+}
+
+// The triangle of an emitted ray that starts on none.
+const NO_EMITTER = 0xffffffffu;
+
+// Distance to a light without a place.
+const FAR_DISTANCE = 3e38;
+
+fn light_count() -> u32 {
+    return load_light_record(0u).x;
+}
+
+// Record `record` of a light.
+fn light_record(light: u32, record: u32) -> vec4u {
+    return load_light_record(LIGHT_HEADER + light * LIGHT_RECORDS + record);
+}
+
+fn light_record_f32(light: u32, record: u32) -> vec4f {
+    return bitcast<vec4f>(light_record(light, record));
+}
+
+fn light_has_closed_form(light: u32) -> bool {
+    return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+// ---- Punctual lights
+
+// What a punctual light sends to a point: `direction` towards the light, irradiance across it.
+@if(point_lights || spot_lights || directional_lights)
+struct PunctualLight {
+    direction: vec3f,
+    distance: f32,
+    irradiance: vec3f,
+}
+
+@if(point_lights || spot_lights || directional_lights)
+fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
+    let intensity = light_record_f32(light, 2u).xyz;
+    @if(directional_lights) {
+        if kind == LIGHT_DIRECTIONAL {
+            return PunctualLight(-light_record_f32(light, 3u).xyz, FAR_DISTANCE, intensity);
+        }
+    }
+    @if(point_lights || spot_lights) {
+        let place = light_record_f32(light, 1u);
+        let offset = place.xyz - position;
+        let distance2 = dot(offset, offset);
+        // At the light itself there is no direction: nothing arrives.
+        if distance2 < 1e-30 { return PunctualLight(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0)); }
+        let distance = sqrt(distance2);
+        let direction = offset / distance;
+        // KHR_lights_punctual: the window that brings the light to nothing at its range; infinite range gives 1.
+        let relative = distance / place.w;
+        let relative2 = relative * relative;
+        var irradiance = intensity * (clamp(1.0 - relative2 * relative2, 0.0, 1.0) / distance2);
+        @if(spot_lights) {
+            if kind == LIGHT_SPOT {
+                let axis = light_record_f32(light, 3u);
+                // KHR_lights_punctual's reference code, the 0.001 included.
+                let scale = 1.0 / max(0.001, light_record_f32(light, 4u).x - axis.w);
+                let falloff = clamp((dot(axis.xyz, -direction) - axis.w) * scale, 0.0, 1.0);
+                irradiance *= falloff * falloff;
+            }
+        }
+        return PunctualLight(direction, distance, irradiance);
+    }
+    @else { return PunctualLight(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0)); }
+}
+
+// ---- Darkness
+
+// The whole light is behind the surface's plane or emits away from the position: nothing arrives, whatever is in
+// between. Exact for lights of a closed form; of others some dark ones may be called not dark.
+fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
+    let header = light_record(light, 0u);
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = header.x & LIGHT_KIND_MASK;
+        if kind != LIGHT_MESH {
+            let arriving = punctual_at(light, kind, position);
+            return dot(arriving.direction, normal) <= 0.0 || all(arriving.irradiance <= vec3f(0.0));
+        }
+    }
+    @if(mesh_lights) { return mesh_dark(light, header, position, normal); }
+    @else { return true; }
+}
+
+@if(mesh_lights)
+fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool {
+    let sphere = light_record_f32(light, 1u);
+    let height = dot(normal, sphere.xyz - position);
+    if height <= -sphere.w { return true; }
+    if (header.x & LIGHT_CLOSED_FORM) == 0u { return false; }
+    let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
+    let end = header.w + light_record(light, 3u).x;
+    var at = header.w;
+    while at < end {
+        let plane = load_light_vertex(at);
+        let loop_end = at + 1u + u32(plane.w);
+        at += 1u;
+        let first = load_light_vertex(at).xyz - position;
+        let side = dot(plane.xyz, first);
+        if select(side < 0.0, side != 0.0, two_sided) {
+            if height > sphere.w { return false; }
+            while at < loop_end {
+                if dot(normal, load_light_vertex(at).xyz - position) > 0.0 { return false; }
+                at += 1u;
+            }
+        }
+        at = loop_end;
+    }
+    return true;
+}
+
+// ---- Sampling
+
+struct LightSample {
+    // Unit vector from the position to the light.
+    direction: vec3f,
+    distance: f32,
+    // Emitted towards the position; of punctual lights the irradiance across the direction.
+    radiance: vec3f,
+    // By solid angle, 0 where nothing arrives; 1 of punctual lights.
+    pdf: f32,
+    // Geometric normal of the emitter on the side of the position; 0 of punctual lights.
+    normal: vec3f,
+    // There is one direction only: no other way of sampling finds this light.
+    delta: bool,
+}
+
+fn no_light_sample() -> LightSample {
+    return LightSample(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), false);
+}
+
+// A point of the light as the position sees it, occluders and horizon aside.
+fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
+    let header = light_record(light, 0u);
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = header.x & LIGHT_KIND_MASK;
+        if kind != LIGHT_MESH {
+            let arriving = punctual_at(light, kind, position);
+            let pdf = select(0.0, 1.0, any(arriving.irradiance > vec3f(0.0)));
+            return LightSample(arriving.direction, arriving.distance, arriving.irradiance, pdf, vec3f(0.0), true);
+        }
+    }
+    @if(mesh_lights) { return mesh_sample(light, header, position, u); }
+    @else { return no_light_sample(); }
+}
+
+// A point of a mesh light, chosen by emitted power.
+@if(mesh_lights)
+struct MeshPoint {
+    position: vec3f,
+    // Unit, on the front.
+    normal: vec3f,
+    // Emitted radiance.
+    radiance: vec3f,
+    // By area.
+    density: f32,
+    // BVH slot of the triangle.
+    triangle: u32,
+}
+
+@if(mesh_lights)
+fn mesh_point(light: u32, header: vec4u, u: vec2f) -> MeshPoint {
+    // The first emitter triangle whose cumulative probability exceeds u.x.
+    var first = header.y;
+    var last = header.y + header.z - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        if bitcast<f32>(load_emitter_record(middle * EMITTER_RECORDS + 1u).w) > u.x { last = middle; } else { first = middle + 1u; }
+    }
+    let r0 = load_emitter_record(first * EMITTER_RECORDS);
+    let r1 = load_emitter_record(first * EMITTER_RECORDS + 1u);
+    let r2 = load_emitter_record(first * EMITTER_RECORDS + 2u);
+    let a = bitcast<vec3f>(r0.xyz);
+    let e1 = bitcast<vec3f>(r1.xyz) - a;
+    let e2 = bitcast<vec3f>(r2.xyz) - a;
+    let across = cross(e1, e2);
+    let twice_area = length(across);
+    let density = bitcast<f32>(r2.w);
+    // What is left of u.x within the triangle's share of the probability.
+    let share = 0.5 * density * twice_area;
+    let left = clamp(1.0 - (bitcast<f32>(r1.w) - u.x) / share, 0.0, 1.0 - 1.0 / 16777216.0);
+    let uv = sample_triangle(vec2f(left, u.y));
+    var radiance: vec3f;
+    @if(emissive_textures) { radiance = emission_at(r0.w, uv.x, uv.y); }
+    @else { radiance = light_record_f32(light, 2u).xyz; }
+    return MeshPoint(a + uv.x * e1 + uv.y * e2, across / twice_area, radiance, density, r0.w);
+}
+
+@if(mesh_lights)
+fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
+    let point = mesh_point(light, header, u);
+    let offset = point.position - position;
+    let distance2 = dot(offset, offset);
+    let towards = -dot(point.normal, offset);
+    let seen = select(towards > 0.0, towards != 0.0, (header.x & LIGHT_TWO_SIDED) != 0u);
+    if !seen || distance2 < 1e-30 { return no_light_sample(); }
+    let distance = sqrt(distance2);
+    let pdf = point.density * distance2 * distance / abs(towards);
+    // Grazing beyond what the numbers hold.
+    if !(pdf < 1e30) { return no_light_sample(); }
+    let normal = select(-point.normal, point.normal, towards > 0.0);
+    return LightSample(offset / distance, distance, point.radiance, pdf, normal, false);
+}
+
+// The light of an emitter triangle, and the density by area with which its points are chosen there; a density of 0
+// for a triangle that is no emitter.
+struct Emitter {
+    light: u32,
+    density: f32,
+}
+
+@if(mesh_lights)
+fn emitter_of(triangle: u32) -> Emitter {
+    let header = load_light_record(0u);
+    // The list of emitters by slot lies behind their records.
+    let base = header.y * EMITTER_RECORDS;
+    var first = base;
+    var end = base + header.y;
+    while first < end {
+        let middle = (first + end) / 2u;
+        if load_emitter_record(middle).x < triangle { first = middle + 1u; } else { end = middle; }
+    }
+    if first < base + header.y {
+        let found = load_emitter_record(first);
+        if found.x == triangle {
+            return Emitter(found.y, bitcast<f32>(load_emitter_record(found.z * EMITTER_RECORDS + 2u).w));
+        }
+    }
+    return Emitter(0u, 0.0);
+}
+
+// The solid angle density with which `light_sample` of the triangle's own light chooses a point of it at distance
+// `t` along the unit `direction`, `normal` being the triangle's; for the MIS weight of a ray that hit it.
+@if(mesh_lights)
+fn light_pdf(triangle: u32, normal: vec3f, direction: vec3f, t: f32) -> f32 {
+    return min(emitter_of(triangle).density * t * t / abs(dot(normal, direction)), 1e30);
+}
+
+// ---- Closed form
+
+// The irradiance of the surface from the light, nothing in between, in closed form; for lights that have one.
+fn light_unshadowed_irradiance(light: u32, position: vec3f, normal: vec3f) -> vec3f {
+    let header = light_record(light, 0u);
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = header.x & LIGHT_KIND_MASK;
+        if kind != LIGHT_MESH {
+            let arriving = punctual_at(light, kind, position);
+            return arriving.irradiance * max(dot(arriving.direction, normal), 0.0);
+        }
+    }
+    @if(mesh_lights) {
+        return light_record_f32(light, 2u).xyz * mesh_form_factor(light, header, position, normal);
+    }
+    @else { return vec3f(0.0); }
+}
+
+// Lambert's term of the edge from a to b, both relative to the position: the angle it spans times the component
+// along n of the unit normal of the plane of position and edge.
+@if(mesh_lights)
+fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    // a x (b - a), and not a x b, keeps the digits of edges that are short against their distance.
+    let c = cross(a, b - a);
+    let sine = length(c);
+    // An edge in line with the position spans no angle.
+    if sine == 0.0 { return 0.0; }
+    return atan2(sine, dot(a, b)) * (dot(n, c) / sine);
+}
+
+// The integral of the cosine over the directions in which the position sees the light, by Lambert's formula over its
+// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle the light spans.
+@if(mesh_lights)
+fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> f32 {
+    let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
+    let end = header.w + light_record(light, 3u).x;
+    var at = header.w;
+    var sum = 0.0;
+    while at < end {
+        let plane = load_light_vertex(at);
+        let loop_end = at + 1u + u32(plane.w);
+        at += 1u;
+        var a = load_light_vertex(at).xyz - position;
+        let side = dot(plane.xyz, a);
+        if select(side < 0.0, side != 0.0, two_sided) {
+            // Sutherland and Hodgman's clipping, each point used as it comes. Contours are closed: the last vertex
+            // is the first again.
+            var loop_sum = 0.0;
+            var started = false;
+            var first: vec3f;
+            var last: vec3f;
+            var height_a = dot(normal, a);
+            for (at += 1u; at < loop_end; at += 1u) {
+                let b = load_light_vertex(at).xyz - position;
+                let height_b = dot(normal, b);
+                if height_a > 0.0 {
+                    if started { loop_sum += edge_term(last, a, normal); } else { first = a; started = true; }
+                    last = a;
+                }
+                if (height_a > 0.0) != (height_b > 0.0) {
+                    let crossing = a + (b - a) * (height_a / (height_a - height_b));
+                    if started { loop_sum += edge_term(last, crossing, normal); } else { first = crossing; started = true; }
+                    last = crossing;
+                }
+                a = b;
+                height_a = height_b;
+            }
+            if started { loop_sum += edge_term(last, first, normal); }
+            // Counter-clockwise seen from the front is clockwise seen along the rays that arrive.
+            sum += select(loop_sum, -loop_sum, side < 0.0);
+        }
+        at = loop_end;
+    }
+    return max(0.5 * sum, 0.0);
+}
+
+// ---- Emission
+
+struct EmittedRay {
+    origin: vec3f,
+    // Unit.
+    direction: vec3f,
+    // Geometric normal on the side that the ray leaves; the direction of punctual lights.
+    normal: vec3f,
+    // BVH slot of the emitter triangle, or NO_EMITTER.
+    triangle: u32,
+}
+
+// A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
+// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene.
+fn light_emit(light: u32, u: vec4f) -> EmittedRay {
+    let header = light_record(light, 0u);
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = header.x & LIGHT_KIND_MASK;
+        if kind != LIGHT_MESH {
+            let place = light_record_f32(light, 1u);
+            let axis = light_record_f32(light, 3u);
+            @if(directional_lights) {
+                if kind == LIGHT_DIRECTIONAL {
+                    // The bounding sphere of the scene, and some more, so that no rounding leaves out its rim.
+                    let sphere = light_record_f32(light, 4u);
+                    let reach = sphere.w * 1.001;
+                    let offset = basis(axis.xyz) * vec3f(reach * sample_disc(u.xy), -2.0 * reach);
+                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER);
+                }
+            }
+            @if(spot_lights) {
+                if kind == LIGHT_SPOT {
+                    let direction = basis(axis.xyz) * sample_cone(u.xy, axis.w);
+                    return EmittedRay(place.xyz, direction, direction, NO_EMITTER);
+                }
+            }
+            let direction = sample_sphere(u.xy);
+            return EmittedRay(place.xyz, direction, direction, NO_EMITTER);
+        }
+    }
+    @if(mesh_lights) {
+        let point = mesh_point(light, header, u.xy);
+        var normal = point.normal;
+        var v = u.zw;
+        if (header.x & LIGHT_TWO_SIDED) != 0u {
+            if v.x < 0.5 { normal = -normal; }
+            v.x = fract(2.0 * v.x);
+        }
+        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, point.triangle);
+    }
+    @else { return EmittedRay(vec3f(0.0), vec3f(0.0, 0.0, 1.0), vec3f(0.0, 0.0, 1.0), NO_EMITTER); }
+}

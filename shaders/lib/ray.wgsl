@@ -1,0 +1,86 @@
+// Rays, what they meet, and the watertight test against one triangle.
+
+// The points origin + t direction with t_min < t <= t_max. The direction need not have unit length (a shadow ray
+// takes the whole way to its light, and t_max 1), but each length from 2^-20 to 2^20 keeps the tests watertight.
+struct Ray {
+    origin: vec3f,
+    t_min: f32,
+    direction: vec3f,
+    t_max: f32,
+}
+
+struct Hit {
+    t: f32,
+    // Barycentric coordinates of the triangle's corners 1 and 2.
+    u: f32,
+    v: f32,
+    // Its slot in the hierarchy, or NO_HIT.
+    triangle: u32,
+}
+
+const NO_HIT: u32 = 0xffffffffu;
+
+// A point as an origin of rays that leave on the side of the normal n, clear of the surface itself. Each coordinate
+// moves by a number of representable steps, so by more where floats are coarser, and by a fixed distance near 0,
+// where steps shrink below the error of the point (after Waechter and Binder 2019; positions are of unit size).
+fn offset_origin(p: vec3f, n: vec3f) -> vec3f {
+    let near_zero = 1.0 / 32.0;
+    let steps = vec3i(256.0 * n);
+    let towards_n = select(steps, -steps, p < vec3f(0.0));
+    let by_steps = bitcast<vec3f>(bitcast<vec3i>(p) + towards_n);
+    return select(by_steps, p + n * (1.0 / 65536.0), abs(p) < vec3f(near_zero));
+}
+
+// A ray in the frame where it is the z axis (Woop, Benthin and Wald 2013).
+struct ShearedRay {
+    origin: vec3f,
+    // The direction's largest component, which becomes z: x or y, else z.
+    along_x: bool,
+    along_y: bool,
+    shear: vec3f,
+}
+
+fn shear_ray(ray: Ray) -> ShearedRay {
+    let size = abs(ray.direction);
+    let along_x = size.x >= max(size.y, size.z);
+    let along_y = !along_x && size.y >= size.z;
+    let d = turned(ray.direction, along_x, along_y);
+    return ShearedRay(ray.origin, along_x, along_y, vec3f(d.xy, 1.0) / d.z);
+}
+
+// The coordinates turned until the one named is the last.
+fn turned(p: vec3f, along_x: bool, along_y: bool) -> vec3f {
+    return select(select(p, p.zxy, along_y), p.yzx, along_x);
+}
+
+fn to_ray_frame(ray: ShearedRay, p: vec3f) -> vec3f {
+    let q = turned(p - ray.origin, ray.along_x, ray.along_y);
+    return vec3f(q.xy - ray.shear.xy * q.z, ray.shear.z * q.z);
+}
+
+// a * b - c * d with the right sign, or 0, however products are rounded or contracted: rounding keeps order, so
+// unfused the difference of the rounded products has the sign of the exact one or is 0; fused, this is Kahan's
+// algorithm, exact to two units in the last place. Two triangles therefore agree on which side of their common
+// edge a ray passes, and no ray passes between them.
+fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
+    let product = c * d;
+    return fma(a, b, -product) + fma(-c, d, product);
+}
+
+// The hit of the ray's line with a triangle of those corners, either side; t is NaN-free, and infinite for a miss.
+fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_2: vec3f) -> vec3f {
+    let a = to_ray_frame(ray, corner_0);
+    let b = to_ray_frame(ray, corner_1);
+    let c = to_ray_frame(ray, corner_2);
+    let u = difference_of_products(c.x, b.y, c.y, b.x);
+    let v = difference_of_products(a.x, c.y, a.y, c.x);
+    let w = difference_of_products(b.x, a.y, b.y, a.x);
+    let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
+    let determinant = u + v + w;
+    let inverse = 1.0 / determinant;
+    let t = (u * a.z + v * b.z + w * c.z) * inverse;
+    return select(vec3f(t, v * inverse, w * inverse), vec3f(MISSED, 0.0, 0.0), outside || determinant == 0.0);
+}
+
+// Farther than anything: no WGSL constant is infinite.
+const MISSED: f32 = 3.4028234e38;

@@ -1,0 +1,276 @@
+// What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
+// _unlit, _emissive_strength, KHR_texture_transform).
+
+import package::lib::bvh::triangle_corners;
+import package::lib::ray::{Hit, Ray};
+import package::lib::math::oct_decode16;
+import package::lib::bsdf::Surface;
+import package::lib::constants::{
+    SURFACE_FLAT, MATERIAL_RECORDS, MATERIAL_DOUBLE_SIDED, MATERIAL_UNLIT, SLOT_RECORDS, SLOT_NEAREST, SLOT_SRGB,
+    SLOT_UV1, LAYER_TEXELS_LOG2, TABLE_WIDTH_LOG2
+};
+
+// Records a triangle, and the places of those that not every scene has.
+override surface_stride: u32;
+@if(textures) override uv_record: u32;
+@if(vertex_colours) override colour_record: u32;
+@if(normal_maps) override tangent_record: u32;
+
+@if(texture_loads) @group(1) @binding(2) var surface_records: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(2) var<storage, read> surface_records: array<vec4u>;
+@if(texture_loads) @group(1) @binding(3) var material_records: texture_2d<u32>;
+@if(!texture_loads) @group(1) @binding(3) var<storage, read> material_records: array<vec4u>;
+@if(textures && texture_loads) @group(1) @binding(4) var texture_slots: texture_2d<u32>;
+@if(textures && !texture_loads) @group(1) @binding(4) var<storage, read> texture_slots: array<vec4u>;
+@if(textures) @group(1) @binding(5) var colour_texels: texture_2d_array<f32>;
+@if(textures) @group(1) @binding(6) var data_texels: texture_2d_array<f32>;
+
+fn load_surface_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(surface_records, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(!texture_loads) { return surface_records[i]; }
+}
+
+fn load_material_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(material_records, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(!texture_loads) { return material_records[i]; }
+}
+
+@if(textures)
+fn load_slot_record(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(texture_slots, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(!texture_loads) { return texture_slots[i]; }
+}
+
+// Texture coordinates 0 and 1 of a point of a triangle.
+@if(textures)
+struct Uv {
+    set0: vec2f,
+    @if(uv1) set1: vec2f,
+}
+
+@if(textures)
+fn uv_at(triangle: u32, u: f32, v: f32) -> Uv {
+    let base = triangle * surface_stride + uv_record;
+    let a = bitcast<vec4f>(load_surface_record(base));
+    let b = bitcast<vec4f>(load_surface_record(base + 1u));
+    let w = 1.0 - u - v;
+    let set0 = w * a.xy + u * a.zw + v * b.xy;
+    @if(uv1) {
+        let c = bitcast<vec4f>(load_surface_record(base + 2u));
+        return Uv(set0, w * b.zw + u * c.xy + v * c.zw);
+    }
+    @if(!uv1) { return Uv(set0); }
+}
+
+// A texel coordinate brought into 0 .. size - 1 by the wrap mode: 0 repeat, 1 mirror, 2 clamp.
+@if(textures)
+fn wrap_texel(coordinate: i32, size: i32, mode: u32) -> u32 {
+    if mode == 2u { return u32(clamp(coordinate, 0, size - 1)); }
+    let period = select(size, 2 * size, mode == 1u);
+    let inside = ((coordinate % period) + period) % period;
+    return u32(select(inside, period - 1 - inside, inside >= size));
+}
+
+@if(textures)
+fn load_texel(i: u32, srgb: bool) -> vec4f {
+    let width_mask = (1u << TABLE_WIDTH_LOG2) - 1u;
+    let at = vec2u(i & width_mask, (i >> TABLE_WIDTH_LOG2) & width_mask);
+    let layer = i >> LAYER_TEXELS_LOG2;
+    if srgb { return textureLoad(colour_texels, at, layer, 0); }
+    return textureLoad(data_texels, at, layer, 0);
+}
+
+// The texture of slot number `slot` (counted from 1) at a point.
+@if(textures)
+fn texture_at(slot: u32, uv: Uv) -> vec4f {
+    let base = (slot - 1u) * SLOT_RECORDS;
+    let m = bitcast<vec4f>(load_slot_record(base));
+    let placement = load_slot_record(base + 1u);
+    let image = load_slot_record(base + 2u);
+    let flags = placement.z;
+    var coordinate = uv.set0;
+    @if(uv1) { if (flags & SLOT_UV1) != 0u { coordinate = uv.set1; } }
+    coordinate = m.xy * coordinate.x + m.zw * coordinate.y + bitcast<vec2f>(placement.xy);
+    let size = vec2i(image.yz);
+    let srgb = (flags & SLOT_SRGB) != 0u;
+    let wrap = vec2u(flags & 3u, (flags >> 2u) & 3u);
+    // Far outside the image only the place within the tile counts: keep it where integers and floats are exact.
+    let texel = (coordinate - select(vec2f(0.0), 2.0 * floor(0.5 * coordinate), wrap != vec2u(2u))) * vec2f(size);
+    let bounded = clamp(texel, vec2f(-1.0), 2.0 * vec2f(size) + 1.0);
+    if (flags & SLOT_NEAREST) != 0u {
+        let at = vec2i(floor(bounded));
+        return load_texel(image.x + wrap_texel(at.x, size.x, wrap.x) + wrap_texel(at.y, size.y, wrap.y) * image.y, srgb);
+    }
+    let corner = floor(bounded - 0.5);
+    let f = bounded - 0.5 - corner;
+    let at = vec2i(corner);
+    let x0 = wrap_texel(at.x, size.x, wrap.x);
+    let x1 = wrap_texel(at.x + 1, size.x, wrap.x);
+    let y0 = image.x + wrap_texel(at.y, size.y, wrap.y) * image.y;
+    let y1 = image.x + wrap_texel(at.y + 1, size.y, wrap.y) * image.y;
+    let top = mix(load_texel(y0 + x0, srgb), load_texel(y0 + x1, srgb), f.x);
+    let bottom = mix(load_texel(y1 + x0, srgb), load_texel(y1 + x1, srgb), f.x);
+    return mix(top, bottom, f.y);
+}
+
+// Alpha of the base colour at a point of a triangle, and the material's flags and cutoff.
+struct Alpha {
+    value: f32,
+    cutoff: f32,
+    flags: u32,
+}
+
+@if(alpha_test)
+fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
+    let material = (load_surface_record(triangle * surface_stride).w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
+    let words = load_material_record(material + 4u);
+    var alpha = bitcast<f32>(load_material_record(material).w);
+    @if(textures) { if words.y != 0u { alpha *= texture_at(words.y, uv_at(triangle, u, v)).w; } }
+    @if(vertex_colours) { alpha *= vertex_colour_at(triangle, u, v).w; }
+    return Alpha(alpha, bitcast<f32>(load_material_record(material + 3u).w), words.x);
+}
+
+@if(vertex_colours)
+fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
+    let a = load_surface_record(triangle * surface_stride + colour_record);
+    let b = load_surface_record(triangle * surface_stride + colour_record + 1u);
+    let c0 = vec4f(unpack2x16unorm(a.x), unpack2x16unorm(a.y));
+    let c1 = vec4f(unpack2x16unorm(a.z), unpack2x16unorm(a.w));
+    let c2 = vec4f(unpack2x16unorm(b.x), unpack2x16unorm(b.y));
+    return (1.0 - u - v) * c0 + u * c1 + v * c2;
+}
+
+// Radiance that a point of a triangle emits on its front (and on its back where the material is double-sided).
+fn emission_at(triangle: u32, u: f32, v: f32) -> vec3f {
+    let material = (load_surface_record(triangle * surface_stride).w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
+    var emission = bitcast<vec3f>(load_material_record(material + 1u).xyz);
+    @if(textures) {
+        let slot = load_material_record(material + 5u).x;
+        if slot != 0u { emission *= texture_at(slot, uv_at(triangle, u, v)).xyz; }
+    }
+    return emission;
+}
+
+// Both sides of the triangle are shaded, emit and store photons.
+fn double_sided(triangle: u32) -> bool {
+    let material = (load_surface_record(triangle * surface_stride).w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
+    return (load_material_record(material + 4u).x & MATERIAL_DOUBLE_SIDED) != 0u;
+}
+
+// A point of a surface as a ray meets it.
+struct SurfaceHit {
+    position: vec3f,
+    // Radiance emitted (or shown, where unlit) towards the ray's origin.
+    emission: vec3f,
+    // The surface reflects nothing: it is unlit.
+    unlit: bool,
+    // Base colour, for the albedo AOV.
+    base_colour: vec3f,
+    surface: Surface,
+}
+
+// The surface at a hit. The normals face the ray's origin; the position lies on the triangle to the last bits, as
+// it is computed from the corners and not along the ray.
+fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
+    let corners = triangle_corners(hit.triangle);
+    let w = 1.0 - hit.u - hit.v;
+    let e1 = corners[1] - corners[0];
+    let e2 = corners[2] - corners[0];
+    let position = corners[0] + hit.u * e1 + hit.v * e2;
+    let outward = normalize(cross(e1, e2));
+    let front = dot(outward, ray.direction) <= 0.0;
+    let geometric_normal = select(-outward, outward, front);
+
+    let first = load_surface_record(hit.triangle * surface_stride);
+    let material = (first.w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
+    let m0 = bitcast<vec4f>(load_material_record(material));
+    let m1 = bitcast<vec4f>(load_material_record(material + 1u));
+    let words = load_material_record(material + 4u);
+
+    var shading_normal = geometric_normal;
+    @if(smooth_normals) {
+        if (first.w & SURFACE_FLAT) == 0u {
+            let n = w * oct_decode16(first.x) + hit.u * oct_decode16(first.y) + hit.v * oct_decode16(first.z);
+            // Opposite normals at the corners may sum to nothing.
+            if dot(n, n) > 1e-12 { shading_normal = select(-normalize(n), normalize(n), front); }
+        }
+    }
+    var base = m0.xyz;
+    var emission = m1.xyz;
+    var metallic = m1.w;
+    @if(vertex_colours) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
+    @if(textures) {
+        let more = load_material_record(material + 5u);
+        let any_texture = (words.y | words.z | words.w | more.x | more.y | more.z) != 0u;
+        var uv: Uv;
+        if any_texture { uv = uv_at(hit.triangle, hit.u, hit.v); }
+        if words.y != 0u { base *= texture_at(words.y, uv).xyz; }
+        if more.x != 0u { emission *= texture_at(more.x, uv).xyz; }
+        @if(normal_maps) {
+            if words.w != 0u {
+                let scale = bitcast<f32>(load_material_record(material + 2u).w);
+                let t = mapped_normal(hit, texture_at(words.w, uv).xyz, scale, select(-shading_normal, shading_normal, front));
+                shading_normal = select(-t, t, front);
+            }
+        }
+    }
+    // Seen from outside the shading normal's half-space there is no such surface: bend the normal back until the
+    // viewer is in it, as far as needed (Schuessler et al. 2017 discuss the choices).
+    let view = -ray.direction;
+    let behind = dot(shading_normal, view);
+    @if(smooth_normals || normal_maps) {
+        if behind < 1e-3 { shading_normal = normalize(shading_normal + (1e-3 - behind) * view); }
+    }
+
+    var surface: Surface;
+    surface.geometric_normal = geometric_normal;
+    surface.shading_normal = shading_normal;
+    surface.view = view;
+    surface.albedo = base;
+    @if(glossy) {
+        let m2 = bitcast<vec4f>(load_material_record(material + 2u));
+        let m3 = bitcast<vec4f>(load_material_record(material + 3u));
+        var roughness = m2.x;
+        var specular = m2.z;
+        var specular_colour = m3.xyz;
+        @if(textures) {
+            if words.z != 0u {
+                let t = texture_at(words.z, uv);
+                roughness *= t.y;
+                metallic *= t.z;
+            }
+            if more.y != 0u { specular *= texture_at(more.y, uv).w; }
+            if more.z != 0u { specular_colour *= texture_at(more.z, uv).xyz; }
+        }
+        let dielectric = min(m2.y * specular_colour, vec3f(1.0)) * specular;
+        surface.albedo = base * (1.0 - metallic);
+        surface.f0 = mix(dielectric, base, metallic);
+        surface.f90 = mix(specular, 1.0, metallic);
+        surface.dielectric = vec2f(max(dielectric.x, max(dielectric.y, dielectric.z)), specular);
+        surface.alpha = roughness * roughness;
+    }
+    var unlit = false;
+    @if(unlit) {
+        if (words.x & MATERIAL_UNLIT) != 0u {
+            unlit = true;
+            emission = base;
+            surface.albedo = vec3f(0.0);
+        }
+    }
+    if !unlit && !front && (words.x & MATERIAL_DOUBLE_SIDED) == 0u { emission = vec3f(0.0); }
+    return SurfaceHit(position, emission, unlit, base, surface);
+}
+
+// The normal of a normal map, on the outer side.
+@if(normal_maps)
+fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f) -> vec3f {
+    let record = load_surface_record(hit.triangle * surface_stride + tangent_record);
+    let w = 1.0 - hit.u - hit.v;
+    let t = w * oct_decode16(record.x) + hit.u * oct_decode16(record.y) + hit.v * oct_decode16(record.z);
+    let across = t - normal * dot(t, normal);
+    if dot(across, across) < 1e-12 { return normal; }
+    let tangent = normalize(across);
+    let bitangent = cross(normal, tangent) * select(1.0, -1.0, (record.w & 1u) != 0u);
+    let local = (texel * 2.0 - 1.0) * vec3f(scale, scale, 1.0);
+    return normalize(local.x * tangent + local.y * bitangent + max(local.z, 1e-3) * normal);
+}

@@ -1,0 +1,184 @@
+// shade: direct light at the points of a tile, by the class that the photons gave each point and light.
+// In: points, surfaces, class words, visibilities of the queued slots. Out: added to `radiance_direct`.
+// The estimator (DESIGN: direct light, auditing) with U the unshadowed answer, f_j / p_j the contributions of the N
+// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper) and c 1 or 0 by class:
+//   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
+//   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
+
+import package::lib::dispatch::group_index;
+import package::lib::tile::{Tile, tile_sample, pixel_seed};
+import package::lib::math::oct_decode16;
+import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
+import package::lib::light_choice::{nth_light_sample, audit_light_sample};
+import package::lib::bsdf::{Surface, bsdf_diffuse};
+@if(glossy) import package::lib::bsdf::bsdf_residual;
+import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
+import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
+@if(audit) import package::lib::photon::is_audited;
+@if(glossy) import package::lib::camera::view_direction;
+@if(reflection) import package::lib::bsdf::bsdf_pdf;
+@if(reflection) import package::lib::reflection::reflects_lights;
+
+struct ShadeParameters {
+    tile: Tile,
+    first_light: u32,
+    lights_in_chunk: u32,
+    light_samples: u32,
+    visibility_words: u32,
+    audit_probability: f32,
+    // Factor on every light (--light-scale).
+    light_scale: f32,
+}
+
+@group(0) @binding(0) var<storage, read> points: array<Point>;
+@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
+@group(0) @binding(2) var<storage, read> classes: array<u32>;
+@group(0) @binding(3) var<storage, read> visibility: array<u32>;
+@group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
+// Of each slot, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
+@if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
+
+var<immediate> parameters: ShadeParameters;
+
+// Everything that does not change over the lights of a point.
+struct Place {
+    position: vec3f,
+    surface: Surface,
+    seed: u32,
+    sample_index: u32,
+    // The shading normal is the geometric one, so that the horizon of the closed form is the surface's own.
+    flat: bool,
+}
+
+// The diffuse and the remaining part of a light point's contribution over its pdf.
+struct Contribution {
+    diffuse: vec3f,
+    @if(glossy) residual: vec3f,
+}
+
+fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
+    let cosine = dot(place.surface.shading_normal, chosen.direction);
+    if chosen.pdf <= 0.0 || cosine <= 0.0 || dot(place.surface.geometric_normal, chosen.direction) <= 0.0 {
+        @if(glossy) { return Contribution(vec3f(0.0), vec3f(0.0)); }
+        @if(!glossy) { return Contribution(vec3f(0.0)); }
+    }
+    let incident = chosen.radiance * (cosine / chosen.pdf);
+    @if(glossy) {
+        var weight = 1.0;
+        @if(reflection) {
+            if !chosen.delta && reflects_lights(place.surface) {
+                let p = chosen.pdf * f32(parameters.light_samples);
+                weight = p / (p + bsdf_pdf(place.surface, chosen.direction));
+            }
+        }
+        return Contribution(bsdf_diffuse(place.surface) * incident, bsdf_residual(place.surface, chosen.direction) * incident * weight);
+    }
+    @if(!glossy) { return Contribution(bsdf_diffuse(place.surface) * incident); }
+}
+
+struct Estimate {
+    radiance: vec3f,
+    visibility: f32,
+}
+
+// Direct light of one light at one place.
+fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
+    let class_ = class_of(word);
+    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), 0.0); }
+    let decided = class_ == CLASS_LIT || class_ == CLASS_SHADOWED;
+    // The visibility that is taken for granted: the class, or the photons' guess.
+    var granted = class_visibility(word);
+    if decided { granted = f32(class_ == CLASS_LIT); }
+    @if(visibility_estimate) let traced = class_illumination(word) + class_shadow(word) == 0u;
+    @if(!visibility_estimate) let traced = !decided;
+
+    // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
+    let closed = light_has_closed_form(light)
+        && (place.flat || light_dark(light, place.position, -place.surface.geometric_normal));
+    var radiance = vec3f(0.0);
+    if closed && granted > 0.0 {
+        radiance = granted * bsdf_diffuse(place.surface)
+            * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
+    }
+    var seen = 0u;
+    @if(glossy) let sampled = traced || granted > 0.0;
+    @if(!glossy) let sampled = traced || (granted > 0.0 && !closed);
+    if sampled {
+        let count = parameters.light_samples;
+        var sum = vec3f(0.0);
+        for (var j = 0u; j < count; j++) {
+            let chosen = nth_light_sample(light, place.position, place.seed, place.sample_index, j, count);
+            let f = contribution(place, chosen, light);
+            var v = granted;
+            if traced {
+                let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
+                seen += bit;
+                v = f32(bit);
+            }
+            sum += select(v, v - granted, closed) * f.diffuse;
+            @if(glossy) { sum += v * f.residual; }
+        }
+        radiance += sum / f32(count);
+    }
+    var estimate = select(granted, f32(seen) / f32(parameters.light_samples), traced);
+    @if(audit) {
+        if decided && is_audited(place.seed, place.sample_index, light, parameters.audit_probability) {
+            let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
+            if error != 0.0 {
+                let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
+                let f = contribution(place, chosen, light);
+                var all = f.diffuse;
+                @if(glossy) { all += f.residual; }
+                radiance += (error / parameters.audit_probability) * all;
+                estimate += error / parameters.audit_probability;
+            }
+        }
+    }
+    return Estimate(radiance, estimate);
+}
+
+@compute @workgroup_size(64)
+fn shade(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= parameters.tile.point_count { return; }
+    if points[i].normal == INVALID_POINT {
+        @if(aov_shadow) {
+            for (var l = 0u; l < parameters.lights_in_chunk; l++) {
+                shadow_samples[l * parameters.tile.point_count + i] = vec4f(0.0);
+            }
+        }
+        return;
+    }
+    var place: Place;
+    place.position = points[i].position;
+    var packed: PackedSurface;
+    packed.a = surfaces[i * SURFACE_VECTORS];
+    var view = vec3f(0.0);
+    @if(glossy) {
+        packed.b = surfaces[i * SURFACE_VECTORS + 1u];
+        packed.c = surfaces[i * SURFACE_VECTORS + 2u];
+        view = view_direction(place.position);
+    }
+    place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
+    place.seed = pixel_seed(parameters.tile, i);
+    place.sample_index = tile_sample(parameters.tile, i);
+    place.flat = bitcast<u32>(packed.a.w) == points[i].normal;
+    var sum = vec3f(0.0);
+    for (var l = 0u; l < parameters.lights_in_chunk; l++) {
+        let slot = l * parameters.tile.point_count + i;
+        let estimate = direct_light(place, parameters.first_light + l, slot, classes[slot]);
+        sum += estimate.radiance;
+        @if(aov_shadow) {
+            let word = classes[slot];
+            let class_ = select(0u, class_of(word), place.sample_index == 0u);
+            shadow_samples[slot] = vec4f(vec4u(class_, 0u, class_illumination(word), class_shadow(word)));
+            shadow_samples[slot].y = estimate.visibility;
+        }
+    }
+    let so_far = radiance_direct[i];
+    radiance_direct[i] = vec4f(so_far.xyz + parameters.light_scale * sum, so_far.w);
+}

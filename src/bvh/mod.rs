@@ -1,0 +1,212 @@
+//! The bounding volume hierarchy: built on the CPU by all threads, read by the kernels of `shaders/lib/bvh.wgsl`.
+//!
+//! A binary tree by the binned surface-area heuristic, collapsed to four children a node at the least expected
+//! cost (Ylitie, Karras and Laine 2017), its boxes rounded outwards to 8 bits a plane.
+
+mod binary;
+mod node;
+mod wide;
+
+use crate::{Error, Result};
+use glam::Vec3;
+use node::Node;
+use rayon::prelude::*;
+use wide::Collapse;
+
+/// Children of a node.
+const WIDTH: usize = 4;
+
+/// Most triangles of a leaf.
+const MAX_LEAF: u32 = 4;
+
+/// Depth of the binary tree that is allowed at first: twice that of a balanced tree over the most triangles.
+const FIRST_DEPTH: u32 = 56;
+
+/// Entries of a kernel's traversal stack.
+const STACK_SIZE: u32 = constant_in(include_str!("../../shaders/lib/bvh.wgsl"), "const STACK_SIZE = ");
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// The least coordinates.
+    pub min: Vec3,
+    /// The greatest coordinates.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// The box that contains nothing: the neutral element of [`union`](Self::union).
+    pub const EMPTY: Aabb = Aabb { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    fn of(triangle: &[Vec3; 3]) -> Aabb {
+        triangle.iter().fold(Aabb::EMPTY, |all, corner| all.extended(*corner))
+    }
+
+    fn extended(&self, point: Vec3) -> Aabb {
+        Aabb { min: self.min.min(point), max: self.max.max(point) }
+    }
+
+    /// The smallest box around both.
+    pub fn union(&self, other: &Aabb) -> Aabb {
+        Aabb { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    fn half_area(&self) -> f32 {
+        let extent = self.max - self.min;
+        extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
+    }
+}
+
+impl Default for Aabb {
+    fn default() -> Self {
+        Aabb::EMPTY
+    }
+}
+
+/// A hierarchy over triangles, in the form that kernels read.
+///
+/// Triangles are known to kernels by their *slot*, their place in the order of the leaves.
+#[derive(Clone, Debug)]
+pub struct Bvh {
+    /// Three texels a node, the root first; the layout is that of `shaders/lib/bvh.wgsl`.
+    pub nodes: Vec<[u32; 4]>,
+    /// Three texels a slot: the three corners, in scene units. The fourth component of the first is the slot's word
+    /// ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. Without triangles there is one
+    /// slot, of zeros, that no leaf names, so that no buffer is empty.
+    pub triangles: Vec<[f32; 4]>,
+    /// The triangle, as an index into what was built from, of each slot.
+    pub order: Vec<u32>,
+    /// Levels of nodes; 1 where the root has no child nodes.
+    pub depth: u32,
+    /// Entries of the stack that a traversal can need at most; never more than kernels have.
+    pub stack: u32,
+    /// The box around all triangles; [`Aabb::EMPTY`] without any.
+    pub bounds: Aabb,
+}
+
+impl Bvh {
+    /// Builds the hierarchy over triangles given by their corners, of any number (0 included) and shape.
+    ///
+    /// The same triangles give the same hierarchy, however many threads there are.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Usage`] where a corner is not finite. [`Error::Buffer`] for 2^28 triangles or more.
+    pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
+        if positions.len() >= node::MAX_INDEX {
+            return Err(Error::Buffer {
+                buffer: "bvh_triangles".into(),
+                needed: positions.len() as u64 * 48,
+                limit: node::MAX_INDEX as u64 * 48,
+                remedy: "use fewer triangles".into(),
+            });
+        }
+        if let Some(at) = positions.par_iter().position_any(|corners| !corners.iter().all(|corner| corner.is_finite()))
+        {
+            return Err(Error::Usage(format!("triangle {at} has a corner that is not finite")));
+        }
+        let mut items: Vec<_> = positions
+            .par_iter()
+            .enumerate()
+            .map(|(at, corners)| binary::Item { bounds: Aabb::of(corners), triangle: at as u32 })
+            .collect();
+        let mut max_depth = FIRST_DEPTH;
+        loop {
+            let tree = binary::build(&mut items, max_depth);
+            let bvh = flatten(&tree, &items, positions);
+            // This ends: once nothing but a balanced tree is allowed, there are at most 28 levels of nodes, as many
+            // as binary ones, and each leaves at most three entries on the stack.
+            const { assert!(STACK_SIZE >= (WIDTH as u32 - 1) * node::MAX_INDEX.ilog2()) };
+            if bvh.stack <= STACK_SIZE {
+                return Ok(bvh);
+            }
+            max_depth /= 2;
+        }
+    }
+
+    /// Sets the word of a slot, 0 at first, which kernels read as the bits of `bvh_triangles`' first texel's w.
+    ///
+    /// The word is free for the renderer's flags. Kernels composed with `alpha_test` take bit 0 to mean that
+    /// `alpha_blocks` decides whether a ray is stopped.
+    pub fn set_triangle_word(&mut self, slot: u32, word: u32) {
+        self.triangles[3 * slot as usize][3] = f32::from_bits(word);
+    }
+}
+
+/// Lays the wide nodes out, the children of each together.
+fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]]) -> Bvh {
+    let mut first_items = vec![0u32; tree.len()];
+    for (at, node) in tree.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
+        let [left, right] = node.children(at);
+        first_items[left] = first_items[at];
+        first_items[right] = first_items[at] + node.left_count;
+    }
+    let collapse = Collapse::new(tree);
+    let mut nodes = vec![Node::around(&[])];
+    let mut order = Vec::with_capacity(items.len());
+    let mut depth = 1;
+    let mut stack = 0;
+    // A wide node to be filled: its index, its binary node, its level, and what lies on the stack below it.
+    let mut open = Vec::new();
+    if !tree.is_empty() {
+        open.push((0usize, 0usize, 1u32, 0u32));
+    }
+    while let Some((index, at, level, entries)) = open.pop() {
+        let mut children = collapse.children(at);
+        children.sort_by_key(|child| child.leaf_count != 0);
+        let bounds: Vec<_> = children.iter().map(|child| child.bounds).collect();
+        let mut node = Node::around(&bounds);
+        node.first_node = nodes.len() as u32;
+        node.first_triangle = order.len() as u32;
+        depth = depth.max(level);
+        let entries = entries + children.len() as u32 - 1;
+        stack = stack.max(entries);
+        for (place, child) in children.iter().enumerate() {
+            node.leaf_counts[place] = child.leaf_count;
+            if child.leaf_count == 0 {
+                node.node_count += 1;
+                open.push((nodes.len(), child.at, level + 1, entries));
+                nodes.push(Node::around(&[]));
+            } else {
+                let first = first_items[child.at] as usize;
+                order.extend(items[first..first + child.leaf_count as usize].iter().map(|item| item.triangle));
+            }
+        }
+        nodes[index] = node;
+    }
+    let triangles = order
+        .par_iter()
+        .flat_map_iter(|&triangle| positions[triangle as usize].map(|corner| corner.extend(0.0).to_array()))
+        .collect::<Vec<_>>();
+    Bvh {
+        nodes: nodes.iter().flat_map(Node::pack).collect(),
+        triangles: if triangles.is_empty() { vec![[0.0; 4]; 3] } else { triangles },
+        order,
+        depth,
+        stack,
+        bounds: tree.first().map_or(Aabb::EMPTY, |root| root.bounds),
+    }
+}
+
+/// The number that follows `name` in `source`: what a kernel and the host must agree on stands in the kernel alone.
+const fn constant_in(source: &str, name: &str) -> u32 {
+    let (source, name) = (source.as_bytes(), name.as_bytes());
+    let mut at = 0;
+    loop {
+        let mut same = 0;
+        while same < name.len() && source[at + same] == name[same] {
+            same += 1;
+        }
+        if same == name.len() {
+            break;
+        }
+        at += 1;
+    }
+    at += name.len();
+    let mut value = 0;
+    while source[at].is_ascii_digit() {
+        value = 10 * value + (source[at] - b'0') as u32;
+        at += 1;
+    }
+    value
+}

@@ -1,0 +1,43 @@
+//! The camera as OpenEXR's standard attributes say it.
+
+use glam::{DMat4, DVec3, DVec4};
+
+use super::{Image, Metadata};
+use crate::scene::{Camera, Normalisation, Projection};
+
+impl Image {
+    /// Adds `worldToCamera` and `worldToNDC` (pbrt's conventions, lengths of the file's world space).
+    ///
+    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the
+    /// image and (1, 1) at the upper right one; its z runs from 1/2 at the near plane to 1 at the far one. A
+    /// perspective camera is as wide as the image's shape makes it.
+    pub fn add_camera(&mut self, camera: &Camera, normalisation: &Normalisation) {
+        let [right, up, backward] = camera.axes.map(|axis| axis.as_dvec3());
+        let rotation =
+            DMat4::from_cols(right.extend(0.0), up.extend(0.0), (-backward).extend(0.0), DVec4::W).transpose();
+        let world_to_camera = rotation * DMat4::from_translation(-normalisation.undo(camera.position));
+
+        let length = |normalised: f32| f64::from(normalised) / normalisation.scale();
+        let (near, far) = (length(camera.near), length(camera.far));
+        let depth = if far.is_finite() { 1.0 / (far - near) } else { 0.0 };
+        let camera_to_screen = match camera.projection {
+            Projection::Perspective { yfov, .. } => {
+                let y = 1.0 / (f64::from(yfov) / 2.0).tan();
+                let x = y * f64::from(self.height) / f64::from(self.width);
+                // far / (far - near), whose limit is 1.
+                let z = if far.is_finite() { far * depth } else { 1.0 };
+                DMat4::from_cols(DVec4::X * x, DVec4::Y * y, DVec4::new(0.0, 0.0, z, 1.0), DVec4::Z * (-near * z))
+            }
+            Projection::Orthographic { xmag, ymag } => {
+                let scale = DVec3::new(1.0 / length(xmag), 1.0 / length(ymag), depth);
+                DMat4::from_scale(scale) * DMat4::from_translation(DVec3::Z * -near)
+            }
+        };
+        let screen_to_ndc = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::splat(0.5));
+
+        // Columns of a matrix for column vectors are rows of the one for row vectors.
+        let attribute = |matrix: DMat4| Metadata::Matrix(matrix.as_mat4().to_cols_array());
+        self.metadata.insert("worldToCamera".into(), attribute(world_to_camera));
+        self.metadata.insert("worldToNDC".into(), attribute(screen_to_ndc * camera_to_screen * world_to_camera));
+    }
+}

@@ -1,0 +1,248 @@
+//! OpenEXR: one flat part of any channels.
+
+use std::collections::HashSet;
+use std::io::Cursor;
+use std::path::Path;
+
+use ::exr::image::read::image::ReadLayers;
+use ::exr::image::read::layers::ReadChannels;
+use ::exr::image::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, read::read, write::WritableImage,
+};
+use ::exr::math::Vec2;
+use ::exr::meta::MetaData;
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use ::exr::meta::header::{ImageAttributes, LayerAttributes};
+
+use super::{Channel, Image, Metadata, read_file, write_atomically};
+use crate::{Error, Result};
+
+/// Rec.709 primaries and D65.
+const REC709: Chromaticities = Chromaticities {
+    red: Vec2(0.64, 0.33),
+    green: Vec2(0.30, 0.60),
+    blue: Vec2(0.15, 0.06),
+    white: Vec2(0.3127, 0.3290),
+};
+
+/// Attributes of the format itself whose type is one of [`Metadata`]: about the file, not the image.
+const TECHNICAL: [&str; 5] = ["name", "chunkCount", "pixelAspectRatio", "screenWindowWidth", "dwaCompressionLevel"];
+
+impl Image {
+    /// Writes all channels and metadata as f32 to a single-part scan-line EXR, compressed without loss (ZIP of 16
+    /// lines), channels in order of name, chromaticities Rec.709.
+    ///
+    /// # Errors
+    /// [`Error::Output`] where a channel or attribute cannot be said in the format or the file cannot be written; the
+    /// old file then stays.
+    pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let image = self.to_exr().map_err(|problem| Error::output(path, problem))?;
+        write_atomically(path, |file| Ok(image.write().to_buffered(file)?))
+    }
+
+    fn to_exr(&self) -> std::result::Result<ExrImage<Layer<AnyChannels<FlatSamples>>>, String> {
+        if self.width == 0 || self.height == 0 || self.channels.is_empty() {
+            return Err("an image without pixels or channels".into());
+        }
+        let mut names = HashSet::new();
+        let mut channels = Vec::with_capacity(self.channels.len());
+        for Channel { name, samples } in &self.channels {
+            if !names.insert(name) {
+                return Err(format!("two channels are called {name}"));
+            }
+            if samples.len() != self.pixels() {
+                return Err(format!("channel {name}: {} samples for {} pixels", samples.len(), self.pixels()));
+            }
+            channels.push(AnyChannel::new(text(name)?, FlatSamples::F32(samples.clone())));
+        }
+
+        let mut attributes = LayerAttributes::default();
+        for (name, value) in &self.metadata {
+            match (name.as_str(), value) {
+                ("worldToCamera", Metadata::Matrix(matrix)) => attributes.world_to_camera = Some(*matrix),
+                ("worldToNDC", Metadata::Matrix(matrix)) => attributes.world_to_normalized_device = Some(*matrix),
+                ("comments", Metadata::Text(value)) => attributes.comments = Some(value_text(value)),
+                ("owner", Metadata::Text(value)) => attributes.owner = Some(value_text(value)),
+                ("software", Metadata::Text(value)) => attributes.software_name = Some(value_text(value)),
+                (name, value) => {
+                    let value = match value {
+                        Metadata::Text(value) => AttributeValue::Text(value_text(value)),
+                        Metadata::Int(value) => AttributeValue::I32(*value),
+                        Metadata::Float(value) => AttributeValue::F32(*value),
+                        Metadata::Matrix(value) => AttributeValue::Matrix4x4(*value),
+                    };
+                    attributes.other.insert(text(name)?, value);
+                }
+            }
+        }
+
+        let size = Vec2(self.width as usize, self.height as usize);
+        let channels = AnyChannels::sort(channels.into_iter().collect());
+        let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, channels);
+        let mut shared = ImageAttributes::with_size(size);
+        shared.chromaticities = Some(REC709);
+        Ok(ExrImage::new(shared, layer))
+    }
+
+    /// Reads all channels of a flat single-part EXR, scan-line or tiled (the largest level), as f32, and its text,
+    /// int, float and 4 x 4 attributes. The image is the data window.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts or subsampled, or where its header
+    /// claims more than a file of its length can hold.
+    pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let input = |place: &str, problem: String| Error::input(path, place, problem);
+        let bytes = read_file(path)?;
+        check_header(&bytes).map_err(|(place, problem)| input(&place, problem))?;
+
+        let damaged = |problem: ::exr::error::Error| input("file", format!("damaged EXR: {problem}"));
+        let header = MetaData::read_from_buffered(bytes.as_slice(), false).map_err(damaged)?.headers.swap_remove(0);
+        let file = read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes()
+            .from_buffered(Cursor::new(&bytes))
+            .map_err(damaged)?;
+
+        let layer = file.layer_data;
+        let mut image = Image::new(layer.size.width() as u32, layer.size.height() as u32);
+        for channel in layer.channel_data.list {
+            let samples = match channel.sample_data {
+                FlatSamples::F32(samples) => samples,
+                samples => samples.values_as_f32().collect(),
+            };
+            image.add_channel(string(&channel.name), samples);
+        }
+        for (name, value) in header.all_named_attributes() {
+            let name = String::from_utf8_lossy(name).into_owned();
+            let value = match value {
+                _ if TECHNICAL.contains(&name.as_str()) => continue,
+                AttributeValue::Text(value) => Metadata::Text(string(&value)),
+                AttributeValue::I32(value) => Metadata::Int(value),
+                AttributeValue::F32(value) => Metadata::Float(value),
+                AttributeValue::Matrix4x4(value) => Metadata::Matrix(value),
+                _ => continue,
+            };
+            image.metadata.insert(name, value);
+        }
+        Ok(image)
+    }
+}
+
+/// A name of a channel or attribute, as UTF-8.
+fn text(name: &str) -> std::result::Result<Text, String> {
+    // 255 is the format's limit; a zero byte would end the name.
+    if name.is_empty() || name.len() > 255 || name.contains('\0') {
+        return Err(format!("a channel or attribute cannot be called {name:?}"));
+    }
+    Ok(value_text(name))
+}
+
+/// The bytes of UTF-8 as they are: the crate's own conversion refuses what is not Latin-1.
+fn value_text(value: &str) -> Text {
+    Text::from_slice_unchecked(value.as_bytes())
+}
+
+fn string(text: &Text) -> String {
+    String::from_utf8_lossy(text.as_slice()).into_owned()
+}
+
+/// Refuses headers that the crate would believe: it allocates what a header claims before it reads a pixel, and
+/// a failed allocation ends the process. The error names the place and the problem.
+fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
+    let file = |problem: &str| ("file".to_owned(), problem.to_owned());
+    let truncated = || file("ends within its header");
+    let mut rest = Bytes(bytes);
+
+    if rest.take(4) != Some(&::exr::meta::magic_number::BYTES) {
+        return Err(file(if bytes.is_empty() { "is empty" } else { "is not an OpenEXR file" }));
+    }
+    let flags = rest.int().ok_or_else(truncated)?;
+    if flags & 0x800 != 0 {
+        return Err(file("holds deep data, which is not supported"));
+    }
+    if flags & 0x1000 != 0 {
+        return Err(file("holds several parts, which is not supported"));
+    }
+
+    let (mut pixels, mut channels) = (0u64, 0u64);
+    loop {
+        let name = rest.name().ok_or_else(truncated)?;
+        if name.is_empty() {
+            break;
+        }
+        rest.name().ok_or_else(truncated)?;
+        let size = rest.int().ok_or_else(truncated)?;
+        let mut value = Bytes(rest.take(usize::try_from(size).unwrap_or(usize::MAX)).ok_or_else(truncated)?);
+        let place = String::from_utf8_lossy(name).into_owned();
+        let damaged = || (place.clone(), "damaged attribute".to_owned());
+        match place.as_str() {
+            "dataWindow" | "displayWindow" => {
+                let bounds = value.window().ok_or_else(damaged)?;
+                // Positions and sizes add up in i32 within the crate.
+                let reach = i64::from(i32::MAX / 2);
+                let [x, y] = [bounds[2] - bounds[0] + 1, bounds[3] - bounds[1] + 1];
+                if x < 1 || y < 1 || x > reach || y > reach || bounds.iter().any(|b| b.abs() > reach) {
+                    return Err((place, format!("{x} x {y} pixels")));
+                }
+                if name == b"dataWindow" {
+                    pixels = x as u64 * y as u64;
+                }
+            }
+            "channels" => loop {
+                let channel = value.name().ok_or_else(damaged)?;
+                if channel.is_empty() {
+                    break;
+                }
+                // The sample's type, and a flag with three bytes reserved.
+                value.take(8).ok_or_else(damaged)?;
+                if [value.int(), value.int()] != [Some(1), Some(1)] {
+                    return Err((String::from_utf8_lossy(channel).into_owned(), "subsampled channel".into()));
+                }
+                channels += 1;
+            },
+            _ => {}
+        }
+    }
+
+    // What deflate, the densest of the common codings, packs into a byte (1032:1), with room for 16 bits of 32 that
+    // PXR24 drops; and what any file may ask for, since a plain image is packed tighter by some.
+    let limit = (bytes.len() as u64).saturating_mul(2048).max(256 << 20);
+    let claimed = u128::from(pixels) * u128::from(channels) * 4;
+    if claimed > u128::from(limit) {
+        return Err(("dataWindow".into(), format!("claims {claimed} bytes of pixels in a file of {}", bytes.len())));
+    }
+    Ok(())
+}
+
+/// What is left to read.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn int(&mut self) -> Option<i32> {
+        self.take(4).and_then(|bytes| bytes.try_into().ok()).map(i32::from_le_bytes)
+    }
+
+    /// Up to a zero byte, which goes too.
+    fn name(&mut self) -> Option<&'a [u8]> {
+        let length = self.0.iter().position(|&byte| byte == 0)?;
+        let name = self.take(length);
+        self.take(1);
+        name
+    }
+
+    fn window(&mut self) -> Option<[i64; 4]> {
+        let mut next = || self.int().map(i64::from);
+        Some([next()?, next()?, next()?, next()?])
+    }
+}

@@ -1,0 +1,80 @@
+//! PNG out, PNG and Radiance HDR in.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::tone_map::linear_from_srgb;
+use super::{Image, View, read_file, write_atomically};
+use crate::{Error, Result};
+
+impl Image {
+    /// Writes the colour as 8-bit PNG, tone-mapped by `view` after scaling by 2^`exposure_ev`. Alpha is kept where the
+    /// image has `A`: coded linearly and, as PNG has it, no longer multiplied into the colour.
+    ///
+    /// # Errors
+    /// [`Error::Output`] where `R`, `G` or `B` is missing or the file cannot be written; the old file then stays.
+    pub fn write_png(&self, path: impl AsRef<Path>, view: View, exposure_ev: f32) -> Result<()> {
+        let path = path.as_ref();
+        let bytes = self
+            .display(view, exposure_ev)
+            .map_err(|name| Error::output(path, format!("there is no channel {name}")))?;
+        write_atomically(path, |file| {
+            let mut encoder = png::Encoder::new(file, self.width, self.height);
+            encoder.set_depth(png::BitDepth::Eight);
+            encoder.set_color(if self.channel("A").is_some() { png::ColorType::Rgba } else { png::ColorType::Rgb });
+            if view != View::Raw {
+                encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+            }
+            let mut writer = encoder.write_header()?;
+            writer.write_image_data(&bytes)?;
+            Ok(writer.finish()?)
+        })
+    }
+
+    /// Pixels of 8-bit RGB, or RGBA where there is an `A`, row by row from the top; the name of a missing channel as
+    /// the error.
+    pub(crate) fn display(&self, view: View, exposure_ev: f32) -> std::result::Result<Vec<u8>, &'static str> {
+        let [r, g, b] = self.rgb()?;
+        let alpha = self.channel("A");
+        let gain = exposure_ev.exp2();
+        let code = |x: f32| (x * 255.0).round() as u8;
+        let pixel = |i: usize, out: &mut [u8]| {
+            let opacity = alpha.map_or(1.0, |a| a[i].clamp(0.0, 1.0));
+            let gain = if opacity > 0.0 { gain / opacity } else { 0.0 };
+            let colour = view.apply([r[i] * gain, g[i] * gain, b[i] * gain]);
+            for (out, x) in out.iter_mut().zip(colour.into_iter().chain([opacity])) {
+                *out = code(x);
+            }
+        };
+        let size = if alpha.is_some() { 4 } else { 3 };
+        let mut bytes = vec![0; self.pixels() * size];
+        bytes.par_chunks_exact_mut(size).enumerate().for_each(|(i, out)| pixel(i, out));
+        Ok(bytes)
+    }
+}
+
+/// Reads a file of that format as `R`, `G`, `B` and, where it has alpha, `A`: sRGB code values become scene-linear.
+pub(super) fn read(path: &Path, format: image::ImageFormat) -> Result<Image> {
+    let input = |problem: image::ImageError| Error::input(path, "file", problem);
+    let bytes = read_file(path)?;
+    // The reader's default limits refuse headers that claim more than 512 MiB.
+    let decoded = image::ImageReader::with_format(std::io::Cursor::new(bytes), format).decode().map_err(input)?;
+    let coded = format == image::ImageFormat::Png;
+    let has_alpha = decoded.color().has_alpha();
+    let pixels = decoded.into_rgba32f();
+
+    let mut image = Image::new(pixels.width(), pixels.height());
+    for (c, name) in ["R", "G", "B", "A"].into_iter().enumerate().take(if has_alpha { 4 } else { 3 }) {
+        let sample = |pixel: &image::Rgba<f32>| {
+            let alpha = if has_alpha { pixel[3] } else { 1.0 };
+            match c {
+                3 => alpha,
+                _ if coded => linear_from_srgb(pixel[c]) * alpha,
+                _ => pixel[c],
+            }
+        };
+        image.add_channel(name, pixels.pixels().map(sample).collect());
+    }
+    Ok(image)
+}

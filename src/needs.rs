@@ -1,0 +1,232 @@
+//! What a scene needs: the one place that decides which modules and branches the kernels are composed of, which
+//! buffers exist and which passes run.
+
+use serde::Serialize;
+
+use crate::gpu::Features;
+use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
+use crate::settings::{Aov, Settings, Technique};
+
+/// What was decided for a scene and its settings.
+#[derive(Clone, Debug, Serialize)]
+pub struct Needs {
+    /// What the kernels are composed with.
+    #[serde(skip)]
+    pub features: Features,
+    /// What is there, and why.
+    pub kept: Vec<Item>,
+    /// What was left out, and why.
+    pub left_out: Vec<Item>,
+}
+
+/// Something that a render can have or do without.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Item {
+    /// What it is.
+    pub name: &'static str,
+    /// Why it is kept or left out.
+    pub reason: String,
+    /// What it costs, or would.
+    pub cost: String,
+}
+
+impl Needs {
+    /// Decides what `scene` rendered with `settings` needs.
+    pub fn new(scene: &Scene, settings: &Settings) -> Needs {
+        let mut needs = Needs { features: Features::default(), kept: Vec::new(), left_out: Vec::new() };
+        let facts = Facts::new(scene);
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let triangles = scene.triangles.len() as u64;
+        let per_triangle = |bytes: u64| format!("{} a triangle", bytes_text(bytes * triangles));
+
+        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+        let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));
+        let m = &facts;
+        let (on, why) = materials(m.textured, "with textures");
+        needs.decide("textures", on, why, "no material has a texture", "texture lookups in every surface; texels");
+        let (on, why) = materials(m.uv1, "with a second set of texture coordinates");
+        needs.decide("uv1", on, why, "no texture uses the second set of coordinates", &per_triangle(16));
+        let (on, why) = materials(m.normal_maps, "with normal maps");
+        needs.decide("normal_maps", on, why, "no material has a normal map", &per_triangle(16));
+        let (on, why) = materials(m.glossy, "not Lambertian");
+        needs.decide(
+            "glossy",
+            on,
+            why,
+            "every material is Lambertian",
+            "specular terms at every light point; 32 B a point",
+        );
+        let (on, why) = materials(m.alpha, "with alpha mask or blending");
+        needs.decide(
+            "alpha_test",
+            on,
+            why,
+            "every surface is opaque",
+            "a test at every alpha triangle that a ray meets",
+        );
+        let (on, why) = materials(m.unlit, "unlit");
+        needs.decide("unlit", on, why, "no material is unlit", "a branch in every surface");
+        let vertices = |on: bool| (on, "some vertices have them".to_owned());
+        let (on, why) = vertices(m.vertex_colours);
+        needs.decide("vertex_colours", on, why, "every vertex is white", &per_triangle(32));
+        let (on, why) = vertices(m.smooth_normals);
+        needs.decide("smooth_normals", on, why, "every triangle is flat", "normal interpolation in every surface");
+
+        let lights = |n: usize| (n > 0, count(n, "light"));
+        for (feature, number) in [
+            ("mesh_lights", m.mesh_lights),
+            ("point_lights", m.point_lights),
+            ("spot_lights", m.spot_lights),
+            ("directional_lights", m.directional_lights),
+        ] {
+            let (on, why) = lights(number);
+            needs.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
+        }
+        let (on, why) = lights(m.textured_lights);
+        needs.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
+
+        let map = settings.technique.uses_visibility_map();
+        let photons = u64::from(settings.photons) * scene.lights.len() as u64;
+        let unneeded = if !map {
+            format!("the technique {} does not ask it", settings.technique)
+        } else if scene.lights.is_empty() {
+            "there is no light".to_owned()
+        } else {
+            "there is nothing to be lit".to_owned()
+        };
+        let wanted = map && !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let why = format!("{photons} photons tell lit and shadowed points apart");
+        let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
+        needs.decide("visibility_map", wanted, why, &unneeded, &cost);
+        let several = scene.lights.len() > 1;
+        let why = format!("{} lights", scene.lights.len());
+        needs.decide(
+            "light_tags",
+            wanted && several,
+            why,
+            "there is one light at most",
+            "a key and a comparison a photon",
+        );
+        needs.decide(
+            "paper_counting",
+            wanted && settings.paper_counting,
+            "asked for".into(),
+            "photons are counted by their normals",
+            "false shadows beside objects",
+        );
+        let estimate = settings.technique == Technique::VisibilityEstimate;
+        let why = "the photons' own visibility is shown (equation 1)".to_owned();
+        needs.decide(
+            "visibility_estimate",
+            wanted && estimate,
+            why,
+            "shadow rays decide at boundaries",
+            "blurred shadows",
+        );
+        let audited = wanted && !estimate && settings.audit > 0.0;
+        let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.audit);
+        let reason =
+            if wanted && estimate { "the technique traces no shadow rays" } else { "nothing is decided by photons" };
+        let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
+        needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
+
+        let aov = |aov: Aov| settings.aovs.contains(&aov);
+        for (feature, on) in [
+            ("aov_albedo", aov(Aov::Albedo)),
+            ("aov_normal", aov(Aov::Normal)),
+            ("aov_position", aov(Aov::Position) || aov(Aov::Depth)),
+            ("aov_shadow", aov(Aov::Shadow)),
+        ] {
+            let cost = format!("{} of film", bytes_text(pixels * 32));
+            needs.decide(feature, on, "asked for".into(), "not asked for", &cost);
+        }
+        needs
+    }
+
+    fn decide(&mut self, name: &'static str, on: bool, kept_for: String, left_out_for: &str, cost: &str) {
+        self.features = std::mem::take(&mut self.features).with(name, on);
+        let reason = if on { kept_for } else { left_out_for.to_owned() };
+        let list = if on { &mut self.kept } else { &mut self.left_out };
+        list.push(Item { name, reason, cost: cost.to_owned() });
+    }
+}
+
+/// A number of bytes as people read it.
+pub fn bytes_text(bytes: u64) -> String {
+    match bytes {
+        0..10_000 => format!("{bytes} B"),
+        10_000..10_000_000 => format!("{} kB", bytes / 1000),
+        _ => format!("{} MB", bytes / 1_000_000),
+    }
+}
+
+/// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
+fn is_lambertian(m: &Material) -> bool {
+    m.unlit || (m.metallic == 0.0 && m.specular == 0.0)
+}
+
+/// Numbers of materials and lights that have some property, counting only materials that a triangle uses.
+#[derive(Default)]
+struct Facts {
+    textured: usize,
+    uv1: usize,
+    normal_maps: usize,
+    glossy: usize,
+    alpha: usize,
+    unlit: usize,
+    vertex_colours: bool,
+    smooth_normals: bool,
+    mesh_lights: usize,
+    point_lights: usize,
+    spot_lights: usize,
+    directional_lights: usize,
+    textured_lights: usize,
+}
+
+impl Facts {
+    fn new(scene: &Scene) -> Facts {
+        let mut facts = Facts::default();
+        let mut used = vec![false; scene.materials.len()];
+        for triangle in &scene.triangles {
+            used[triangle.material as usize] = true;
+        }
+        for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
+            let slots = [
+                &m.base_colour_texture,
+                &m.metallic_roughness_texture,
+                &m.normal_texture,
+                &m.emissive_texture,
+                &m.specular_texture,
+                &m.specular_colour_texture,
+            ];
+            facts.textured += usize::from(slots.iter().any(|s| s.is_some()));
+            facts.uv1 += usize::from(slots.iter().any(|s| s.is_some_and(|s| s.uv_set == 1)));
+            facts.normal_maps += usize::from(m.normal_texture.is_some());
+            facts.glossy += usize::from(!is_lambertian(m));
+            facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
+            facts.unlit += usize::from(m.unlit);
+        }
+        facts.vertex_colours = scene.vertices.iter().any(|v| v.colour != glam::Vec4::ONE);
+        facts.smooth_normals = scene.triangles.iter().any(|t| {
+            let corners = t.vertices.map(|v| &scene.vertices[v as usize]);
+            let [a, b, c] = corners.map(|v| v.position);
+            let flat = (b - a).cross(c - a).normalize_or_zero();
+            // 1e-4: normals that files store of flat faces are as far off as their decimals and their packing.
+            corners.iter().any(|v| v.normal != glam::Vec3::ZERO && v.normal.dot(flat) < 1.0 - 1e-4)
+        });
+        for light in &scene.lights {
+            match &light.kind {
+                LightKind::Mesh { material, .. } => {
+                    facts.mesh_lights += 1;
+                    let textured = scene.materials[*material as usize].emissive_texture.is_some();
+                    facts.textured_lights += usize::from(textured);
+                }
+                LightKind::Point { .. } => facts.point_lights += 1,
+                LightKind::Spot { .. } => facts.spot_lights += 1,
+                LightKind::Directional { .. } => facts.directional_lights += 1,
+            }
+        }
+        debug_assert!(scene.triangles.iter().all(|t| t.light == NO_LIGHT || (t.light as usize) < scene.lights.len()));
+        facts
+    }
+}

@@ -1,0 +1,120 @@
+//! film: compensated sums of the samples of each pixel.
+
+use glam::{DVec4, Vec4};
+
+use crate::gpu::{BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
+use crate::{Result, shared_struct};
+
+use super::{Tile, kernel};
+
+shared_struct! {
+    /// Immediates of the pass; see `shaders/film.wgsl`.
+    pub struct FilmParameters {
+        /// Pixels of the tile.
+        pub pixel_count: u32,
+        /// Points to sum.
+        pub point_count: u32,
+        /// The first of them among the samples.
+        pub first_point: u32,
+    }
+}
+
+/// The pass; see `shaders/film.wgsl`.
+pub struct Film(Kernel);
+
+/// The sums of one quantity over the samples of a tile's pixels.
+pub struct Plane {
+    sums: Buffer,
+    compensations: Buffer,
+    bound: BoundKernel,
+    pixels: u32,
+}
+
+impl Film {
+    /// Compiles the kernel.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn new(gpu: &Gpu, features: &Features) -> Result<Film> {
+        Ok(Film(kernel(
+            gpu,
+            "film",
+            features,
+            &[],
+            &["samples", "sums", "compensations", "counters", "other_samples"],
+        )?))
+    }
+
+    /// An empty plane of `pixels` pixels that sums `samples`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`] and [`Kernel::bind`].
+    pub fn plane(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate", samples, samples, counters)
+    }
+
+    /// An empty plane that sums the squares of the sum of two parts.
+    ///
+    /// # Errors
+    /// As [`Film::plane`].
+    pub fn plane_of_squares(&self, gpu: &Gpu, pixels: u32, parts: [&Buffer; 2], counters: &Buffer) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate_squares", parts[0], parts[1], counters)
+    }
+
+    fn any_plane(
+        &self,
+        gpu: &Gpu,
+        pixels: u32,
+        entry: &str,
+        samples: &Buffer,
+        other_samples: &Buffer,
+        counters: &Buffer,
+    ) -> Result<Plane> {
+        let sums = gpu.buffer::<[f32; 4]>("penumbra/film/sums", pixels as usize)?;
+        let compensations = gpu.buffer::<[f32; 4]>("penumbra/film/compensations", pixels as usize)?;
+        let own = Resources::new()
+            .with("samples", samples)
+            .with("other_samples", other_samples)
+            .with("sums", &sums)
+            .with("compensations", &compensations)
+            .with("counters", counters);
+        let bound = self.0.bind(gpu, entry, &[&own])?;
+        Ok(Plane { sums, compensations, bound, pixels })
+    }
+}
+
+impl Plane {
+    /// Adds the samples of the tile's points.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        self.record_from(frame, tile, 0);
+    }
+
+    /// Adds the samples of the tile's points, the first of which is number `first_point` among the samples.
+    pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
+        let Tile { pixel_count, point_count, .. } = *tile;
+        let parameters = FilmParameters { pixel_count, point_count, first_point };
+        frame.run(&self.bound, tile.pixel_count, &parameters);
+    }
+
+    /// The mean over the samples of each pixel, of which `samples` were added and those that were not finite left out.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn means(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
+        let sums: Vec<[f32; 4]> = gpu.read(&self.sums, self.pixels as usize)?;
+        let compensations: Vec<[f32; 4]> = gpu.read(&self.compensations, self.pixels as usize)?;
+        let mean = |(sum, lost): (&[f32; 4], &[f32; 4])| {
+            // w of the compensations counts the samples that were left out; w of the sums is exact without one, a sum
+            // of zeros and ones.
+            let kept = f64::from(samples) - f64::from(lost[3]);
+            let total = Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4();
+            if kept > 0.0 { total / kept } else { DVec4::ZERO }
+        };
+        Ok(sums.iter().zip(&compensations).map(mean).collect())
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.sums.bytes + self.compensations.bytes
+    }
+}

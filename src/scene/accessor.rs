@@ -1,0 +1,306 @@
+//! Buffers, buffer views and accessors: all checked once, then read without a way to fail.
+
+use std::borrow::Cow;
+
+use super::container;
+use super::json::Json;
+use crate::Result;
+
+/// Most elements of an accessor that has no buffer view: nothing in the file bounds its size. No
+/// primitive that a renderer can hold has more vertices.
+const MAX_ZERO_FILLED: usize = 1 << 24;
+
+/// A buffer view: a byte range of a buffer.
+struct View<'a> {
+    /// None where the buffer has no data in this file (an extension may supply it).
+    bytes: Option<&'a [u8]>,
+    length: usize,
+    stride: Option<usize>,
+}
+
+/// Component type (glTF 3.6.2.2).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn from_code(code: usize) -> Option<Self> {
+        Some(match code {
+            5120 => Component::I8,
+            5121 => Component::U8,
+            5122 => Component::I16,
+            5123 => Component::U16,
+            5125 => Component::U32,
+            5126 => Component::F32,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Component::I8 | Component::U8 => 1,
+            Component::I16 | Component::U16 => 2,
+            Component::U32 | Component::F32 => 4,
+        }
+    }
+
+    fn unsigned(self, bytes: &[u8]) -> u32 {
+        match self {
+            Component::U8 => u32::from(bytes[0]),
+            Component::U16 => u32::from(u16::from_le_bytes([bytes[0], bytes[1]])),
+            _ => u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+        }
+    }
+
+    fn float(self, bytes: &[u8], normalised: bool) -> f32 {
+        let (value, largest) = match self {
+            Component::I8 => (f32::from(bytes[0] as i8), 127.0),
+            Component::U8 => (f32::from(bytes[0]), 255.0),
+            Component::I16 => (f32::from(i16::from_le_bytes([bytes[0], bytes[1]])), 32767.0),
+            Component::U16 => (f32::from(u16::from_le_bytes([bytes[0], bytes[1]])), 65535.0),
+            Component::U32 => return self.unsigned(bytes) as f32,
+            Component::F32 => return f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+        };
+        if normalised { (value / largest).max(-1.0) } else { value }
+    }
+}
+
+/// Evenly spaced elements in a byte range that holds all of them.
+#[derive(Clone, Copy)]
+struct Elements<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+}
+
+impl<'a> Elements<'a> {
+    fn get(&self, index: usize) -> &'a [u8] {
+        &self.bytes[index * self.stride..]
+    }
+}
+
+/// Overrides of single elements (glTF 3.6.2.3).
+struct Sparse<'a> {
+    indices: Vec<u32>,
+    values: Elements<'a>,
+}
+
+/// A checked accessor.
+pub(super) struct Accessor<'a> {
+    /// Number of elements, at least 1.
+    pub count: usize,
+    /// Component type.
+    pub component: Component,
+    /// Components of an element: 1 to 4 for scalars and vectors, more for matrices.
+    pub width: usize,
+    /// Integers stand for [0, 1] or [-1, 1].
+    pub normalised: bool,
+    /// None: all zero before [`Accessor::sparse`].
+    elements: Option<Elements<'a>>,
+    sparse: Option<Sparse<'a>>,
+    /// Why it cannot be read although it is legal, where that is so.
+    unreadable: Option<&'static str>,
+    json: Json<'a>,
+}
+
+impl Accessor<'_> {
+    /// An error at this accessor.
+    pub fn error(&self, problem: impl std::fmt::Display) -> crate::Error {
+        self.json.error(problem)
+    }
+
+    fn for_each(&self, mut read: impl FnMut(usize, &[u8])) -> Result<()> {
+        if let Some(reason) = self.unreadable {
+            return Err(self.error(reason));
+        }
+        if let Some(elements) = self.elements {
+            (0..self.count).for_each(|i| read(i, elements.get(i)));
+        }
+        if let Some(sparse) = &self.sparse {
+            sparse.indices.iter().enumerate().for_each(|(i, &target)| read(target as usize, sparse.values.get(i)));
+        }
+        Ok(())
+    }
+
+    /// All elements as floats, `N` or fewer components each; those beyond the element's are `fill`.
+    pub fn floats<const N: usize>(&self, fill: f32) -> Result<Vec<[f32; N]>> {
+        let mut zero = [fill; N];
+        zero[..self.width.min(N)].fill(0.0);
+        let mut values = vec![zero; self.count];
+        let (size, width) = (self.component.size(), self.width.min(N));
+        self.for_each(|i, bytes| {
+            for (c, value) in values[i][..width].iter_mut().enumerate() {
+                *value = self.component.float(&bytes[c * size..], self.normalised);
+            }
+        })?;
+        Ok(values)
+    }
+
+    /// All elements as vertex indices.
+    pub fn indices(&self) -> Result<Vec<u32>> {
+        let is_index = self.width == 1 && matches!(self.component, Component::U8 | Component::U16 | Component::U32);
+        if !is_index || self.normalised {
+            return Err(self.error("indices must be plain unsigned scalars"));
+        }
+        let mut values = vec![0; self.count];
+        self.for_each(|i, bytes| values[i] = self.component.unsigned(bytes))?;
+        Ok(values)
+    }
+}
+
+/// The buffers of a document: their bytes, where the file has them.
+pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<(usize, Option<Cow<'a, [u8]>>)>> {
+    let mut buffers = Vec::new();
+    for (i, buffer) in root.list("buffers")?.iter().enumerate() {
+        let length = buffer.require("byteLength")?;
+        let length = match length.whole()? {
+            0 => return Err(length.error("must be at least 1")),
+            n => n,
+        };
+        let bytes = match buffer.get("uri")? {
+            Some(uri) => Some(container::resolve(&uri)?),
+            None if i == 0 => bin.map(Cow::Borrowed),
+            None => None,
+        };
+        if let Some(bytes) = bytes.as_ref().filter(|bytes| bytes.len() < length) {
+            return Err(buffer.error(format!("{length} bytes declared, {} are there", bytes.len())));
+        }
+        buffers.push((length, bytes));
+    }
+    Ok(buffers)
+}
+
+/// All buffer views, checked, with their bytes.
+pub(super) struct Views<'a>(Vec<View<'a>>);
+
+impl<'a> Views<'a> {
+    /// Checks every buffer view.
+    pub fn read(root: &Json<'a>, buffers: &'a [(usize, Option<Cow<'a, [u8]>>)]) -> Result<Self> {
+        root.list("bufferViews")?
+            .iter()
+            .map(|view| {
+                let (size, bytes) = &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
+                let offset = view.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
+                let length = view.require("byteLength")?.whole()?;
+                let end = offset.checked_add(length).filter(|end| end <= size && length > 0);
+                let end = end.ok_or_else(|| {
+                    view.error(format!("{length} bytes at {offset} do not fit the {size} bytes of the buffer"))
+                })?;
+                let stride = view.get("byteStride")?.map(|stride| match stride.whole()? {
+                    n @ 4..=252 if n % 4 == 0 => Ok(n),
+                    n => Err(stride.error(format!("{n} is not a multiple of 4 from 4 to 252"))),
+                });
+                Ok(View { bytes: bytes.as_ref().map(|bytes| &bytes[offset..end]), length, stride: stride.transpose()? })
+            })
+            .collect::<Result<_>>()
+            .map(Views)
+    }
+
+    /// The bytes of the view that `index` names.
+    pub fn bytes(&self, index: &Json) -> Result<&'a [u8]> {
+        let view = &self.0[index.index(self.0.len(), "buffer view")?];
+        view.bytes.ok_or_else(|| index.error("its buffer has no data in this file"))
+    }
+
+    /// The elements of `holder` (an accessor, or the indices or values of its sparse part). None
+    /// where the buffer has no data.
+    fn elements(&self, holder: &Json, count: usize, size: usize, component: Component) -> Result<Option<Elements<'a>>> {
+        let index = holder.require("bufferView")?;
+        let view = &self.0[index.index(self.0.len(), "buffer view")?];
+        let offset = holder.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
+        if offset % component.size() != 0 {
+            return Err(
+                holder.error(format!("byte offset {offset} is not a multiple of its component's {}", component.size()))
+            );
+        }
+        let stride = view.stride.unwrap_or(size);
+        if stride < size {
+            return Err(holder.error(format!("byte stride {stride} is less than its element's {size} bytes")));
+        }
+        let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
+        if end.is_none_or(|end| end > view.length) {
+            let problem =
+                format!("{count} elements at {offset} do not fit the {} bytes of the buffer view", view.length);
+            return Err(holder.error(problem));
+        }
+        Ok(view.bytes.map(|bytes| Elements { bytes: &bytes[offset..], stride }))
+    }
+
+    /// Checks every accessor.
+    pub fn accessors(&self, root: &Json<'a>) -> Result<Vec<Accessor<'a>>> {
+        root.list("accessors")?.into_iter().map(|json| self.accessor(json)).collect()
+    }
+
+    fn accessor(&self, json: Json<'a>) -> Result<Accessor<'a>> {
+        let code = json.require("componentType")?;
+        let component = code.whole().map(Component::from_code)?.ok_or_else(|| code.error("unknown component type"))?;
+        let count = json.require("count")?;
+        let count = match count.whole()? {
+            0 => return Err(count.error("must be at least 1")),
+            n => n,
+        };
+        let normalised = json.get("normalized")?.map_or(Ok(false), |n| n.boolean())?;
+        // Columns of a matrix start at multiples of 4 bytes (glTF 3.6.2.4).
+        let matrix = |n: usize| (n * n, n * (n * component.size()).next_multiple_of(4));
+        let vector = |n: usize| (n, n * component.size());
+        let shape = match json.require("type")?.string()? {
+            "SCALAR" => Some(vector(1)),
+            "VEC2" => Some(vector(2)),
+            "VEC3" => Some(vector(3)),
+            "VEC4" => Some(vector(4)),
+            "MAT2" => Some(matrix(2)),
+            "MAT3" => Some(matrix(3)),
+            "MAT4" => Some(matrix(4)),
+            _ => None,
+        };
+        let mut accessor =
+            Accessor { count, component, width: 0, normalised, elements: None, sparse: None, unreadable: None, json };
+        let Some((width, size)) = shape else {
+            accessor.unreadable = Some("unknown type");
+            return Ok(accessor);
+        };
+        accessor.width = width;
+        const NO_DATA: &str = "its buffer has no data in this file";
+        if accessor.json.get("bufferView")?.is_some() {
+            accessor.elements = self.elements(&accessor.json, count, size, component)?;
+            accessor.unreadable = accessor.elements.is_none().then_some(NO_DATA);
+        } else if count > MAX_ZERO_FILLED {
+            return Err(
+                accessor.error(format!("{count} elements without data, at most {MAX_ZERO_FILLED} are supported"))
+            );
+        }
+        if let Some(sparse) = accessor.json.get("sparse")? {
+            accessor.sparse = self.sparse(&sparse, count, size, component)?;
+            accessor.unreadable = accessor.unreadable.or(accessor.sparse.is_none().then_some(NO_DATA));
+        }
+        Ok(accessor)
+    }
+
+    fn sparse(&self, json: &Json, total: usize, size: usize, component: Component) -> Result<Option<Sparse<'a>>> {
+        let count = json.require("count")?;
+        let count = match count.whole()? {
+            n if n > 0 && n <= total => n,
+            n => return Err(count.error(format!("{n} of {total} elements are replaced"))),
+        };
+        let (places, values) = (json.require("indices")?, json.require("values")?);
+        let code = places.require("componentType")?;
+        let index_type = Component::from_code(code.whole()?)
+            .filter(|c| matches!(c, Component::U8 | Component::U16 | Component::U32))
+            .ok_or_else(|| code.error("indices must be unsigned integers"))?;
+        let values = self.elements(&values, count, size, component)?;
+        let Some(indices) = self.elements(&places, count, index_type.size(), index_type)? else { return Ok(None) };
+        let indices: Vec<u32> = (0..count).map(|i| index_type.unsigned(indices.get(i))).collect();
+        if let Some(i) = (1..count).find(|&i| indices[i] <= indices[i - 1]) {
+            return Err(places.error(format!("index {i} does not increase")));
+        }
+        if indices[count - 1] as usize >= total {
+            return Err(places.error(format!("index {} of {total} elements does not exist", indices[count - 1])));
+        }
+        Ok(values.map(|values| Sparse { indices, values }))
+    }
+}

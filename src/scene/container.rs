@@ -1,0 +1,179 @@
+//! The bytes of a glTF file: the JSON and binary chunks of .glb, and what URIs name.
+
+use std::borrow::Cow;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use super::json::Json;
+use crate::{Error, Result};
+
+/// Refused above this: no file that a renderer can hold in memory is larger, and .glb itself ends at 4 GiB.
+const MAX_FILE_BYTES: u64 = 1 << 32;
+
+/// Reads a regular file.
+pub(super) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
+    let metadata = fs::metadata(path).map_err(|e| e.to_string())?;
+    if metadata.is_dir() {
+        return Err("is a directory".into());
+    }
+    // A pipe or a device could block or never end.
+    if !metadata.is_file() {
+        return Err("is not a regular file".into());
+    }
+    if metadata.len() > MAX_FILE_BYTES {
+        return Err(format!("has {} bytes, at most {MAX_FILE_BYTES} are read", metadata.len()));
+    }
+    let mut bytes = Vec::with_capacity(metadata.len() as usize);
+    File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;
+    Ok(bytes)
+}
+
+/// The JSON text and the binary chunk of a .glb or .gltf, told apart by their first bytes.
+pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Option<&'a [u8]>)> {
+    if bytes.is_empty() {
+        return Err(Error::input(file, "file", "is empty"));
+    }
+    if !bytes.starts_with(b"glTF") {
+        let is_glb = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
+        return if is_glb {
+            Err(Error::input(file, "byte 0", "not a .glb: its magic is missing"))
+        } else {
+            Ok((bytes, None))
+        };
+    }
+    let at = |offset: usize, problem: String| Error::input(file, format!("byte {offset}"), problem);
+    let word = |offset: usize, what: &str| -> Result<u32> {
+        let word =
+            bytes.get(offset..offset + 4).ok_or_else(|| at(offset, format!("the file ends within its {what}")))?;
+        Ok(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+    };
+    let version = word(4, "header")?;
+    if version != 2 {
+        return Err(at(4, format!("binary glTF version {version}, only 2 is supported")));
+    }
+    let length = word(8, "header")? as usize;
+    if length > bytes.len() {
+        return Err(at(8, format!("{length} bytes declared, the file is truncated to {}", bytes.len())));
+    }
+    const JSON: u32 = u32::from_le_bytes(*b"JSON");
+    const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
+    let (mut json, mut bin) = (None, None);
+    let mut offset = 12;
+    while offset < length {
+        let size = word(offset, "chunk header")? as usize;
+        let kind = word(offset + 4, "chunk header")?;
+        let start = offset + 8;
+        let chunk = bytes[..length]
+            .get(start..start.saturating_add(size))
+            .ok_or_else(|| at(offset, format!("chunk of {size} bytes does not fit the {length} bytes of the file")))?;
+        match kind {
+            JSON if json.is_none() && offset == 12 => json = Some(chunk),
+            JSON => return Err(at(offset, "second JSON chunk".into())),
+            _ if json.is_none() => return Err(at(offset, "the first chunk is not JSON".into())),
+            BIN if bin.is_none() => bin = Some(chunk),
+            BIN => return Err(at(offset, "second binary chunk".into())),
+            // Chunks of other kinds are for extensions: glTF 4.4.3 has them ignored.
+            _ => {}
+        }
+        offset = start + size;
+    }
+    let json = json.ok_or_else(|| at(12, "no JSON chunk".into()))?;
+    Ok((json, bin))
+}
+
+/// The bytes that a `uri` property stands for: a data URI, or a file below the scene's folder.
+pub(super) fn resolve(uri: &Json) -> Result<Cow<'static, [u8]>> {
+    let text = uri.string()?;
+    if let Some(data) = text.strip_prefix("data:") {
+        return decode_data(data).map(Cow::Owned).map_err(|problem| uri.error(problem));
+    }
+    let path = local_path(text).map_err(|problem| uri.error(problem))?;
+    let folder = uri.file().parent().unwrap_or(Path::new(""));
+    read_file(&folder.join(&path)).map(Cow::Owned).map_err(|e| uri.error(format!("{}: {e}", path.display())))
+}
+
+/// RFC 2397, without the leading `data:`.
+fn decode_data(data: &str) -> std::result::Result<Vec<u8>, &'static str> {
+    let (header, payload) = data.split_once(',').ok_or("data URI without a comma")?;
+    let (header, is_base64) = match header.strip_suffix(";base64") {
+        Some(header) => (header, true),
+        None => (header, false),
+    };
+    if header.split(';').skip(1).any(|parameter| !parameter.contains('=')) {
+        return Err("data URI with a parameter that has no value");
+    }
+    if is_base64 {
+        decode_base64(payload).ok_or("invalid base64")
+    } else {
+        percent_decode(payload).ok_or("invalid percent-encoding")
+    }
+}
+
+/// RFC 4648 section 4; padding may be left out.
+fn decode_base64(text: &str) -> Option<Vec<u8>> {
+    let text = text.trim_end_matches('=').as_bytes();
+    // A single left-over character holds 6 bits, which is no byte.
+    if text.len() % 4 == 1 {
+        return None;
+    }
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
+    for group in text.chunks(4) {
+        let mut bits = 0u32;
+        for &c in group {
+            let digit = match c {
+                b'A'..=b'Z' => c - b'A',
+                b'a'..=b'z' => c - b'a' + 26,
+                b'0'..=b'9' => c - b'0' + 52,
+                b'+' => 62,
+                b'/' => 63,
+                _ => return None,
+            };
+            bits = bits << 6 | u32::from(digit);
+        }
+        bits <<= 6 * (4 - group.len());
+        bytes.extend_from_slice(&bits.to_be_bytes()[1..group.len()]);
+    }
+    Some(bytes)
+}
+
+/// RFC 3986 section 2.1.
+fn percent_decode(text: &str) -> Option<Vec<u8>> {
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text.bytes();
+    while let Some(byte) = rest.next() {
+        if byte == b'%' {
+            let mut digit = || rest.next().and_then(|c| (c as char).to_digit(16));
+            bytes.push((digit()? * 16 + digit()?) as u8);
+        } else {
+            bytes.push(byte);
+        }
+    }
+    Some(bytes)
+}
+
+/// A relative path that stays below the scene's folder.
+fn local_path(uri: &str) -> std::result::Result<PathBuf, String> {
+    // RFC 3986 section 3.1: a colon before the first slash ends a scheme.
+    if uri.split('/').next().is_some_and(|first| first.contains(':')) {
+        return Err("only data URIs and relative paths are supported".into());
+    }
+    let decoded =
+        percent_decode(uri).and_then(|bytes| String::from_utf8(bytes).ok()).ok_or("invalid percent-encoding")?;
+    let mut path = PathBuf::new();
+    for component in Path::new(&decoded).components() {
+        let inside = match component {
+            Component::Normal(name) => {
+                path.push(name);
+                true
+            }
+            Component::CurDir => true,
+            Component::ParentDir => path.pop(),
+            Component::RootDir | Component::Prefix(_) => false,
+        };
+        if !inside {
+            return Err(format!("{decoded}: leaves the scene's folder"));
+        }
+    }
+    if path.as_os_str().is_empty() { Err("empty path".into()) } else { Ok(path) }
+}

@@ -1,0 +1,252 @@
+//! Triangles in world space (f64), and their way into normalised space.
+
+use glam::{DMat3, DVec3, Vec3, Vec4};
+use rayon::prelude::*;
+
+use super::light::{self, Emission};
+use super::mesh::Primitive;
+use super::node::Node;
+use super::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Normalisation, Scene, Triangle, Vertex};
+use crate::Result;
+
+/// Most corners of triangles that a scene may have, instances counted each: indices to them, times
+/// three, stay within u32, and they fill 8 GiB.
+const MAX_CORNERS: usize = 3 << 25;
+
+/// The triangles of one node and one emissive material.
+struct MeshLight {
+    node: usize,
+    material: u32,
+}
+
+/// Mesh lights with the triangles that are left of them, in the order of their nodes.
+pub(super) struct PlacedMeshLight {
+    node: usize,
+    material: u32,
+    emitters: Vec<EmitterTriangle>,
+}
+
+/// World-space triangles. [`Triangle::light`] indexes the mesh lights here.
+#[derive(Default)]
+pub(super) struct Geometry {
+    world: Vec<DVec3>,
+    /// Everything but the position.
+    vertices: Vec<Vertex>,
+    triangles: Vec<Triangle>,
+    mesh_lights: Vec<MeshLight>,
+    /// Mean radiance by triangle.
+    radiance: Vec<Vec3>,
+    default_material: Option<u32>,
+    degenerate: usize,
+}
+
+impl Geometry {
+    /// Adds the primitives of a node's mesh. A material is added for those that name none.
+    pub fn add(
+        &mut self,
+        index: usize,
+        node: &Node,
+        primitives: &[Primitive],
+        materials: &mut Vec<Material>,
+    ) -> Result<()> {
+        let first_light = self.mesh_lights.len();
+        for primitive in primitives {
+            let corners = primitive.positions.len().max(3 * primitive.triangles.len());
+            if self.vertices.len().max(3 * self.triangles.len()) + corners > MAX_CORNERS {
+                return Err(node.json.error(format!("the scene has more than {} triangles", MAX_CORNERS / 3)));
+            }
+            let material = primitive.material.map(|m| m as u32).unwrap_or_else(|| {
+                *self.default_material.get_or_insert_with(|| {
+                    materials.push(Material::default());
+                    materials.len() as u32 - 1
+                })
+            });
+            let light = if materials[material as usize].emissive == Vec3::ZERO {
+                NO_LIGHT
+            } else {
+                let known = self.mesh_lights[first_light..].iter().position(|l| l.material == material);
+                let light = known.map_or(self.mesh_lights.len(), |i| first_light + i);
+                if known.is_none() {
+                    self.mesh_lights.push(MeshLight { node: index, material });
+                }
+                light as u32
+            };
+            self.instantiate(node, primitive, material, light)?;
+        }
+        Ok(())
+    }
+
+    fn instantiate(&mut self, node: &Node, primitive: &Primitive, material: u32, light: u32) -> Result<()> {
+        let first = self.vertices.len() as u32;
+        let matrix = &node.world.matrix3;
+        let mirrors = matrix.determinant() < 0.0;
+        let sign = if mirrors { -1.0 } else { 1.0 };
+        let normal_matrix = cofactor(matrix) * sign;
+        for (i, position) in primitive.positions.iter().enumerate() {
+            let world = node.world.transform_point3(position.as_dvec3());
+            if !world.is_finite() {
+                return Err(node.json.error("its world matrix moves vertices out of range"));
+            }
+            self.world.push(world);
+            self.vertices.push(Vertex {
+                position: Vec3::ZERO,
+                normal: primitive.normals.get(i).map_or(Vec3::ZERO, |n| unit(normal_matrix * n.as_dvec3())),
+                tangent: primitive.tangents.get(i).map_or(Vec4::ZERO, |t| {
+                    let tangent = unit(*matrix * t.truncate().as_dvec3());
+                    let handedness = if t.w < 0.0 { -sign } else { sign };
+                    if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(handedness as f32) }
+                }),
+                uv: [0, 1].map(|set| primitive.uvs[set].get(i).copied().unwrap_or_default()),
+                colour: primitive.colours.get(i).copied().unwrap_or(Vec4::ONE),
+            });
+        }
+        for corners in &primitive.triangles {
+            let [a, b, c] = corners.map(|corner| first + corner);
+            let vertices = if mirrors { [a, c, b] } else { [a, b, c] };
+            let [p, q, r] = vertices.map(|v| self.world[v as usize]);
+            if (q - p).cross(r - p) == DVec3::ZERO {
+                self.degenerate += 1;
+            } else {
+                self.triangles.push(Triangle { vertices, material, light });
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds what each triangle of a mesh light emits.
+    pub fn find_emitters(&mut self, scene: &Scene) {
+        if self.mesh_lights.is_empty() {
+            self.radiance = vec![Vec3::ZERO; self.triangles.len()];
+            return;
+        }
+        let emission = Emission::new(&scene.materials, &scene.textures, &scene.images);
+        let mean = |t: &Triangle| match t.light {
+            NO_LIGHT => Vec3::ZERO,
+            _ => emission.mean(t.material as usize, t.vertices.map(|v| self.vertices[v as usize].uv)),
+        };
+        self.radiance = self.triangles.par_iter().map(mean).collect();
+    }
+
+    /// Some triangle emits.
+    pub fn emits(&self) -> bool {
+        self.radiance.iter().any(|radiance| *radiance != Vec3::ZERO)
+    }
+
+    /// Adds the default light, as of a node `node`; false where there is nothing to light.
+    pub fn add_default_light(&mut self, node: usize, materials: &mut Vec<Material>) -> bool {
+        let Some((centre, radius)) = self.bounding_sphere() else { return false };
+        let (corners, material) = light::default_light(centre, radius);
+        let radiance = material.emissive;
+        let (first, index) = (self.vertices.len() as u32, materials.len() as u32);
+        materials.push(material);
+        self.world.extend(corners);
+        self.vertices.extend([Vertex { colour: Vec4::ONE, ..Default::default() }; 4]);
+        self.mesh_lights.push(MeshLight { node, material: index });
+        let light = self.mesh_lights.len() as u32 - 1;
+        for corners in [[0, 1, 2], [0, 2, 3]] {
+            let vertices = corners.map(|corner| first + corner);
+            self.triangles.push(Triangle { vertices, material: index, light });
+            self.radiance.push(radiance);
+        }
+        true
+    }
+
+    /// Centre of the bounding box of all triangles, and the distance from it to their farthest corner.
+    fn bounding_sphere(&self) -> Option<(DVec3, f64)> {
+        let corners = || self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.world[v as usize]);
+        let lower = corners().reduce(DVec3::min)?;
+        let upper = corners().reduce(DVec3::max)?;
+        // Halves are added, as the sum might overflow.
+        let centre = 0.5 * lower + 0.5 * upper;
+        let extent = (upper - centre).max_element();
+        // Divided first: squares of 1e200 overflow.
+        let radius = corners().map(|p| ((p - centre) / extent).length_squared()).fold(0.0, f64::max).sqrt() * extent;
+        Some((centre, radius))
+    }
+
+    /// How normalised space lies.
+    pub fn normalisation(&self) -> Normalisation {
+        let Some((centre, radius)) = self.bounding_sphere() else { return Normalisation::default() };
+        // 2^-1000 to 2^1000 leaves room for the scale's square to mean something; nothing real is near it.
+        let mut exponent = (-radius.log2().ceil()).clamp(-1000.0, 1000.0) as i32;
+        // The logarithm is rounded: at a power of two it may be off by one.
+        if radius * 2f64.powi(exponent) > 1.0 {
+            exponent -= 1;
+        } else if radius * 2f64.powi(exponent) <= 0.5 {
+            exponent += 1;
+        }
+        Normalisation { centre, exponent }
+    }
+
+    /// Moves everything into `scene`, by its normalisation: vertices that triangles use, triangles
+    /// that have an area in f32 too.
+    pub fn finish(self, scene: &mut Scene, notes: &mut Vec<String>) -> Vec<PlacedMeshLight> {
+        let mut degenerate = self.degenerate;
+        let normalisation = scene.normalisation;
+        let positions: Vec<Vec3> = self.world.par_iter().map(|world| normalisation.apply(*world)).collect();
+        let mut lights: Vec<PlacedMeshLight> = self
+            .mesh_lights
+            .iter()
+            .map(|light| PlacedMeshLight { node: light.node, material: light.material, emitters: Vec::new() })
+            .collect();
+        let mut place = vec![u32::MAX; positions.len()];
+        scene.triangles.reserve(self.triangles.len());
+        for (triangle, radiance) in self.triangles.iter().zip(self.radiance) {
+            if !has_area(triangle.vertices.map(|v| positions[v as usize])) {
+                degenerate += 1;
+                continue;
+            }
+            let vertices = triangle.vertices.map(|v| {
+                let place = &mut place[v as usize];
+                if *place == u32::MAX {
+                    *place = scene.vertices.len() as u32;
+                    scene.vertices.push(Vertex { position: positions[v as usize], ..self.vertices[v as usize] });
+                }
+                *place
+            });
+            if radiance != Vec3::ZERO {
+                let emitter = EmitterTriangle { triangle: scene.triangles.len() as u32, radiance };
+                lights[triangle.light as usize].emitters.push(emitter);
+            }
+            scene.triangles.push(Triangle { vertices, light: NO_LIGHT, ..*triangle });
+        }
+        if degenerate > 0 {
+            notes.push(format!("{degenerate} triangles have no area and are left out"));
+        }
+        lights
+    }
+}
+
+impl Scene {
+    /// Takes over the mesh lights of `node`; those without emitters are none.
+    pub(super) fn adopt_mesh_lights(&mut self, lights: &mut Vec<PlacedMeshLight>, node: usize, name: Option<String>) {
+        let of_node = lights.iter().take_while(|light| light.node == node).count();
+        for light in lights.drain(..of_node).filter(|light| !light.emitters.is_empty()) {
+            let index = self.lights.len();
+            for emitter in &light.emitters {
+                self.triangles[emitter.triangle as usize].light = index as u32;
+            }
+            let name = name.clone().unwrap_or_else(|| format!("light {index}"));
+            let kind = LightKind::Mesh { material: light.material, emitters: light.emitters };
+            self.lights.push(Light { name, kind });
+        }
+    }
+}
+
+/// The triangle's normal, computed as kernels do in f32, is one: neither zero nor so small that its
+/// square vanishes.
+fn has_area([a, b, c]: [Vec3; 3]) -> bool {
+    (b - a).cross(c - a).length_squared() >= f32::MIN_POSITIVE
+}
+
+/// Cofactor matrix: the determinant times the inverse transpose, and defined without an inverse.
+fn cofactor(m: &DMat3) -> DMat3 {
+    DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis))
+}
+
+/// The unit vector along `v`; zero where there is none.
+fn unit(v: DVec3) -> Vec3 {
+    let largest = v.abs().max_element();
+    // Divided first: the squares of a matrix with large or small scales could overflow or vanish.
+    (v / largest).try_normalize().map_or(Vec3::ZERO, |v| v.as_vec3())
+}

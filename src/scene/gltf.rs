@@ -1,0 +1,177 @@
+//! glTF import: a file in, a normalised [`Scene`] out, or an error that names the place.
+//!
+//! The JSON is read as it is, not through a typed model: node transforms keep their f64 digits,
+//! every error has a JSON pointer, and a number is checked where it is used.
+
+use std::path::Path;
+
+use super::geometry::Geometry;
+use super::json::Json;
+use super::{Scene, accessor, camera, container, light, material, mesh, node, texture};
+use crate::{Error, Result};
+
+/// What import does where a file leaves it a choice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImportOptions {
+    /// Add a soft light above the scene if the file has no light.
+    pub default_light: bool,
+    /// Drop a primitive with NaN or infinite numbers instead of refusing the file.
+    pub lenient: bool,
+}
+
+/// Extensions that are rendered.
+const SUPPORTED: [&str; 7] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
+
+impl Scene {
+    /// Reads and checks a .gltf or .glb file and all that it names, and brings its scene into
+    /// normalised space.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a file that is missing, damaged, unsupported or out of range, with the
+    /// JSON pointer (for the .glb container, the byte) at fault.
+    pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
+        let bytes = container::read_file(path).map_err(|e| Error::input(path, "file", e))?;
+        let (text, bin) = container::chunks(&bytes, path)?;
+        let value =
+            serde_json::from_slice(text).map_err(|e| Error::input(path, "file", format!("invalid JSON: {e}")))?;
+        let root = Json::root(&value, path);
+        let mut notes = Vec::new();
+        check_asset(&root)?;
+        check_extensions(&root, &mut notes)?;
+
+        let buffers = accessor::read_buffers(&root, bin)?;
+        let views = accessor::Views::read(&root, &buffers)?;
+        let accessors = views.accessors(&root)?;
+        let images = texture::read_images(&root, &views)?;
+        let materials = material::read(&root, &images, &mut notes)?;
+        let cameras = camera::read(&root)?;
+        let lights = light::read(&root, &mut notes)?;
+        let mut skipped = mesh::Skipped::default();
+        let meshes = mesh::read(&root, &accessors, &materials.materials, options, &mut skipped)?;
+        let nodes = node::visible(&root, &mut notes)?;
+        let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
+
+        let mut scene = Scene {
+            images: texture::decode(&images, &materials.images)?,
+            textures: materials.textures,
+            materials: materials.materials,
+            ..Default::default()
+        };
+        let mut geometry = Geometry::default();
+        for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
+            if let Some(mesh) = of_node.mesh {
+                geometry.add(i, node, &meshes[mesh], &mut scene.materials)?;
+            }
+        }
+        geometry.find_emitters(&scene);
+        let has_light = geometry.emits() || references.iter().any(|r| r.light.is_some_and(|l| lights[l].is_some()));
+        if options.default_light && !has_light && geometry.add_default_light(nodes.len(), &mut scene.materials) {
+            notes.push("no light in the file: a soft one is added above the scene".into());
+        }
+        scene.normalisation = geometry.normalisation();
+        let mut mesh_lights = geometry.finish(&mut scene, &mut notes);
+
+        for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
+            scene.adopt_mesh_lights(&mut mesh_lights, i, node.json.name()?);
+            if let Some(light) = of_node.light.and_then(|l| lights[l].as_ref()) {
+                let index = scene.lights.len();
+                let light = light.place(&node.json, &node.world, &scene.normalisation, index, &mut notes)?;
+                scene.lights.extend(light);
+            }
+            if let Some(camera) = of_node.camera {
+                let index = scene.cameras.len();
+                let camera = cameras[camera].place(&node.json, &node.world, &scene.normalisation, index, &mut notes)?;
+                scene.cameras.extend(camera);
+            }
+        }
+        scene.adopt_mesh_lights(&mut mesh_lights, nodes.len(), Some("default light".into()));
+        note_what_is_not_shown(&root, &scene, &skipped, &mut notes)?;
+        scene.notes = notes;
+        Ok(scene)
+    }
+}
+
+fn check_asset(root: &Json) -> Result<()> {
+    let version = root.require("asset")?.require("version")?;
+    let text = version.string()?;
+    let is_number = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+    match text.split_once('.') {
+        Some(("2", minor)) if is_number(minor) => Ok(()),
+        _ => Err(version.error(format!("glTF version `{text}`, only 2.x is supported"))),
+    }
+}
+
+fn check_extensions(root: &Json, notes: &mut Vec<String>) -> Result<()> {
+    for extension in root.list("extensionsRequired")? {
+        let name = extension.string()?;
+        if !SUPPORTED.contains(&name) {
+            return Err(extension.error(format!("the file requires the extension {name}, which is not supported")));
+        }
+    }
+    for extension in root.list("extensionsUsed")? {
+        let name = extension.string()?;
+        let note = format!("the extension {name} is not supported: what it adds is not shown");
+        if !SUPPORTED.contains(&name) && !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+    Ok(())
+}
+
+/// What a node refers to.
+struct References {
+    mesh: Option<usize>,
+    camera: Option<usize>,
+    light: Option<usize>,
+}
+
+/// Checks what every node of the file refers to; gives those of the visible ones.
+fn check_nodes(
+    root: &Json,
+    visible: &[node::Node],
+    meshes: usize,
+    cameras: usize,
+    lights: usize,
+) -> Result<Vec<References>> {
+    let references = |node: &Json| -> Result<References> {
+        let light = match node.extension("KHR_lights_punctual")? {
+            Some(extension) => Some(extension.require("light")?.index(lights, "light")?),
+            None => None,
+        };
+        let index = |key: &str, count: usize| node.get(key)?.map(|i| i.index(count, key)).transpose();
+        Ok(References { mesh: index("mesh", meshes)?, camera: index("camera", cameras)?, light })
+    };
+    for node in root.list("nodes")? {
+        references(&node)?;
+    }
+    visible.iter().map(|node| references(&node.json)).collect()
+}
+
+fn note_what_is_not_shown(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Vec<String>) -> Result<()> {
+    let mut note = |count: usize, text: &str| {
+        if count > 0 {
+            notes.push(format!("{count} {text}"));
+        }
+    };
+    note(root.list("skins")?.len(), "skins are not applied: their meshes are shown as they are stored");
+    note(root.list("animations")?.len(), "animations are not played");
+    note(skipped.morphed, "primitives have morph targets, which are not applied");
+    note(skipped.points_and_lines, "primitives are points or lines and are left out");
+    note(skipped.without_positions, "primitives have no positions and are left out");
+    note(skipped.not_finite, "primitives have numbers that are not finite and are left out");
+    if scene.cameras.is_empty() {
+        notes.push("no camera in the file".into());
+    }
+    if scene.lights.is_empty() {
+        notes.push("no light in the file".into());
+    }
+    Ok(())
+}

@@ -1,0 +1,147 @@
+//! A place in a glTF document: a JSON value that knows its pointer, so every error can name it.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::{Error, Result};
+
+/// A JSON value and where it stands.
+#[derive(Clone)]
+pub(super) struct Json<'a> {
+    value: &'a Value,
+    pointer: String,
+    file: &'a Path,
+}
+
+impl<'a> Json<'a> {
+    /// The root of a document.
+    pub fn root(value: &'a Value, file: &'a Path) -> Self {
+        Json { value, pointer: String::new(), file }
+    }
+
+    /// The file this is a part of.
+    pub fn file(&self) -> &'a Path {
+        self.file
+    }
+
+    /// An [`Error::Input`] at this place.
+    pub fn error(&self, problem: impl std::fmt::Display) -> Error {
+        let place = if self.pointer.is_empty() { "/" } else { &self.pointer };
+        Error::input(self.file, place, problem)
+    }
+
+    fn at(&self, value: &'a Value, key: impl std::fmt::Display) -> Self {
+        Json { value, pointer: format!("{}/{key}", self.pointer), file: self.file }
+    }
+
+    fn mismatch(&self, expected: &str) -> Error {
+        self.error(format!("not {expected}"))
+    }
+
+    /// The member `key`, if present.
+    pub fn get(&self, key: &str) -> Result<Option<Self>> {
+        let members = self.value.as_object().ok_or_else(|| self.mismatch("an object"))?;
+        // RFC 6901 section 3.
+        Ok(members.get(key).map(|value| self.at(value, key.replace('~', "~0").replace('/', "~1"))))
+    }
+
+    /// The member `key`, which must be there.
+    pub fn require(&self, key: &str) -> Result<Self> {
+        self.get(key)?.ok_or_else(|| self.error(format!("`{key}` is missing")))
+    }
+
+    /// The payload of the extension `name`, if present.
+    pub fn extension(&self, name: &str) -> Result<Option<Self>> {
+        self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
+    }
+
+    /// The elements of an array.
+    pub fn items(&self) -> Result<Vec<Self>> {
+        let items = self.value.as_array().ok_or_else(|| self.mismatch("an array"))?;
+        Ok(items.iter().enumerate().map(|(i, value)| self.at(value, i)).collect())
+    }
+
+    /// The elements of the array `key`; none where it is absent.
+    pub fn list(&self, key: &str) -> Result<Vec<Self>> {
+        self.get(key)?.map_or(Ok(Vec::new()), |list| list.items())
+    }
+
+    /// How many elements or members this has; 0 for anything else.
+    pub fn len(&self) -> usize {
+        self.value.as_array().map(Vec::len).or_else(|| self.value.as_object().map(|m| m.len())).unwrap_or(0)
+    }
+
+    /// A string.
+    pub fn string(&self) -> Result<&'a str> {
+        self.value.as_str().ok_or_else(|| self.mismatch("a string"))
+    }
+
+    /// A boolean.
+    pub fn boolean(&self) -> Result<bool> {
+        self.value.as_bool().ok_or_else(|| self.mismatch("a boolean"))
+    }
+
+    /// A number.
+    pub fn number(&self) -> Result<f64> {
+        self.value.as_f64().ok_or_else(|| self.mismatch("a number"))
+    }
+
+    /// A whole number, 0 or more. A float without a fraction counts as one, as in JSON Schema.
+    pub fn whole(&self) -> Result<usize> {
+        let from_float =
+            || self.value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..9e15).contains(x)).map(|x| x as u64);
+        let whole = self.value.as_u64().or_else(from_float);
+        whole.and_then(|x| usize::try_from(x).ok()).ok_or_else(|| self.mismatch("a whole number, 0 or more"))
+    }
+
+    /// An index into a list of `count` elements.
+    pub fn index(&self, count: usize, what: &str) -> Result<usize> {
+        let index = self.whole()?;
+        if index < count { Ok(index) } else { Err(self.error(format!("{what} {index} of {count} does not exist"))) }
+    }
+
+    /// Exactly `N` numbers.
+    pub fn numbers<const N: usize>(&self) -> Result<[f64; N]> {
+        let items = self.items()?;
+        if items.len() != N {
+            return Err(self.error(format!("has {} numbers, not {N}", items.len())));
+        }
+        let mut numbers = [0.0; N];
+        for (number, item) in numbers.iter_mut().zip(items) {
+            *number = item.number()?;
+        }
+        Ok(numbers)
+    }
+
+    /// The number `key`, or `default`; refused outside `range`.
+    pub fn number_in(&self, key: &str, default: f64, range: impl std::ops::RangeBounds<f64>) -> Result<f32> {
+        let Some(member) = self.get(key)? else { return Ok(default as f32) };
+        let number = member.number()?;
+        if range.contains(&number) && (number as f32).is_finite() {
+            Ok(number as f32)
+        } else {
+            Err(member.error(format!("{number} is out of range")))
+        }
+    }
+
+    /// The `N` numbers of `key`, or `default` for each; refused outside `range`.
+    pub fn numbers_in<const N: usize>(
+        &self,
+        key: &str,
+        default: f64,
+        range: impl std::ops::RangeBounds<f64>,
+    ) -> Result<[f32; N]> {
+        let Some(member) = self.get(key)? else { return Ok([default as f32; N]) };
+        let numbers = member.numbers::<N>()?;
+        match numbers.iter().find(|&x| !range.contains(x) || !(*x as f32).is_finite()) {
+            Some(x) => Err(member.error(format!("{x} is out of range"))),
+            None => Ok(numbers.map(|x| x as f32)),
+        }
+    }
+
+    /// The name of this object, if it has one.
+    pub fn name(&self) -> Result<Option<String>> {
+        self.get("name")?.map(|name| name.string().map(str::to_owned)).transpose()
+    }
+}

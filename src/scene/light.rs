@@ -1,0 +1,235 @@
+//! Lights: punctual ones, what emissive triangles emit, and the default light.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+use super::json::Json;
+use super::{Light, LightKind, Material, Normalisation, Texture, TextureImage};
+use crate::Result;
+
+/// A light of KHR_lights_punctual, as the file states it.
+pub(super) struct Punctual {
+    name: Option<String>,
+    kind: Kind,
+    /// Colour times intensity: candela, or lux for a directional light.
+    strength: DVec3,
+    range: f64,
+}
+
+enum Kind {
+    Point,
+    Spot { inner: f64, outer: f64 },
+    Directional,
+}
+
+/// Reads the file's punctual lights; None for one of a type that is not known.
+pub(super) fn read(root: &Json, notes: &mut Vec<String>) -> Result<Vec<Option<Punctual>>> {
+    let Some(extension) = root.extension("KHR_lights_punctual")? else { return Ok(Vec::new()) };
+    let list = extension.require("lights")?;
+    if list.items()?.is_empty() {
+        return Err(list.error("must not be empty"));
+    }
+    list.items()?.iter().enumerate().map(|(i, light)| punctual(i, light, notes)).collect()
+}
+
+fn punctual(index: usize, json: &Json, notes: &mut Vec<String>) -> Result<Option<Punctual>> {
+    let kind = match json.require("type")?.string()? {
+        "point" => Kind::Point,
+        "directional" => Kind::Directional,
+        "spot" => {
+            let spot = json.require("spot")?;
+            let angle = |key: &str, default: f64| match spot.get(key)? {
+                Some(angle) => angle.number().map(|radians| (radians, angle)),
+                None => Ok((default, spot.clone())),
+            };
+            let (inner, _) = angle("innerConeAngle", 0.0)?;
+            let (outer, place) = angle("outerConeAngle", FRAC_PI_4)?;
+            // The largest angle is rounded to f32 by most writers, which can lie above the f64 value.
+            let limit = f64::from((FRAC_PI_2 as f32).next_up());
+            if inner < 0.0 || inner >= outer || outer > limit {
+                return Err(place.error(format!("cone angles {inner} and {outer}: must be 0 <= inner < outer <= pi/2")));
+            }
+            Kind::Spot { inner, outer }
+        }
+        other => {
+            notes.push(format!("light {index} has the unknown type `{other}` and is left out"));
+            return Ok(None);
+        }
+    };
+    let colour = json.numbers_in::<3>("color", 1.0, 0.0..)?;
+    let intensity = json.number_in("intensity", 1.0, 0.0..)?;
+    let range = match json.get("range")? {
+        // A directional light has no range; one that is stated is ignored.
+        Some(_) if matches!(kind, Kind::Directional) => f64::INFINITY,
+        Some(range) => match range.number()? {
+            metres if metres > 0.0 => metres,
+            metres => return Err(range.error(format!("{metres} is out of range: must be greater than 0"))),
+        },
+        None => f64::INFINITY,
+    };
+    let strength = Vec3::from(colour).as_dvec3() * f64::from(intensity);
+    Ok(Some(Punctual { name: json.name()?, kind, strength, range }))
+}
+
+impl Punctual {
+    /// The light as `node` places it. None, and a note, where it emits nothing or has no direction.
+    pub fn place(
+        &self,
+        node: &Json,
+        world: &DAffine3,
+        normalisation: &Normalisation,
+        index: usize,
+        notes: &mut Vec<String>,
+    ) -> Result<Option<Light>> {
+        let name = node.name()?.or(self.name.clone()).unwrap_or_else(|| format!("light {index}"));
+        let scale = normalisation.scale();
+        let position = normalisation.apply(world.translation);
+        let strength = match self.kind {
+            Kind::Directional => self.strength.as_vec3(),
+            // Irradiance falls with the distance squared, which has shrunk by scale squared.
+            _ => (self.strength * scale * scale).as_vec3(),
+        };
+        if !strength.is_finite() || !position.is_finite() {
+            return Err(node.error("its light is out of range for a scene of this size"));
+        }
+        if strength == Vec3::ZERO {
+            notes.push(format!("light `{name}` emits nothing and is left out"));
+            return Ok(None);
+        }
+        let direction = (-world.matrix3.z_axis).try_normalize().map(|d| d.as_vec3());
+        let range = (self.range * scale) as f32;
+        let kind = match (&self.kind, direction) {
+            (Kind::Point, _) => LightKind::Point { position, intensity: strength, range },
+            (Kind::Spot { inner, outer }, Some(direction)) => {
+                let cos_outer = outer.cos().max(0.0) as f32;
+                // Angles that differ in f64 may have the same cosine in f32.
+                let cos_inner = (inner.cos() as f32).max(cos_outer.next_up());
+                LightKind::Spot { position, direction, intensity: strength, cos_inner, cos_outer, range }
+            }
+            (Kind::Directional, Some(direction)) => LightKind::Directional { direction, irradiance: strength },
+            (_, None) => {
+                notes.push(format!("light `{name}` has no direction, its node is scaled to nothing: it is left out"));
+                return Ok(None);
+            }
+        };
+        Ok(Some(Light { name, kind }))
+    }
+}
+
+/// Points per axis at which an emissive texture is looked up over a triangle.
+const STRATA: usize = 8;
+
+/// What emissive materials emit, triangle by triangle.
+pub(super) struct Emission<'a> {
+    materials: &'a [Material],
+    textures: &'a [Texture],
+    images: &'a [TextureImage],
+    /// For each image that an emissive texture shows: how many texels that are not black lie above
+    /// and to the left, (width + 1) x (height + 1).
+    bright: Vec<Option<Vec<u32>>>,
+}
+
+impl<'a> Emission<'a> {
+    /// Prepares the images that emissive materials use.
+    pub fn new(materials: &'a [Material], textures: &'a [Texture], images: &'a [TextureImage]) -> Self {
+        let mut bright = vec![None; images.len()];
+        for slot in materials.iter().filter(|m| m.emissive != Vec3::ZERO).filter_map(|m| m.emissive_texture) {
+            let image = textures[slot.texture as usize].image as usize;
+            bright[image].get_or_insert_with(|| count_bright(&images[image]));
+        }
+        Emission { materials, textures, images, bright }
+    }
+
+    /// Mean radiance that a triangle with those texture coordinates at its corners emits.
+    pub fn mean(&self, material: usize, uvs: [[Vec2; 2]; 3]) -> Vec3 {
+        let material = &self.materials[material];
+        let Some(slot) = material.emissive_texture.filter(|_| material.emissive != Vec3::ZERO) else {
+            return material.emissive;
+        };
+        let texture = &self.textures[slot.texture as usize];
+        let image = &self.images[texture.image as usize];
+        let uvs = uvs.map(|sets| slot.matrix * sets[slot.uv_set as usize] + slot.offset);
+        let mut sum = Vec3::ZERO;
+        for i in 0..STRATA * STRATA {
+            let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
+            // Maps the unit square to the triangle with constant density.
+            let (root, t) = (at(i / STRATA).sqrt(), at(i % STRATA));
+            let uv = uvs[0] * (1.0 - root) + uvs[1] * (root * (1.0 - t)) + uvs[2] * (root * t);
+            sum += image.sample(texture, uv).truncate();
+        }
+        let count = (STRATA * STRATA) as f32;
+        if sum == Vec3::ZERO {
+            // Whatever these points missed fills about one stratum at most.
+            sum = Vec3::splat(self.bright_share(texture, image, &uvs));
+        }
+        material.emissive * sum / count
+    }
+
+    /// The share of texels that are not black in the bounds of `uvs`.
+    fn bright_share(&self, texture: &Texture, image: &TextureImage, uvs: &[Vec2; 3]) -> f32 {
+        let Some(table) = &self.bright[texture.image as usize] else { return 0.0 };
+        let size = [image.width, image.height];
+        let ranges = [0, 1].map(|axis| {
+            let n = size[axis] as f32;
+            let (lower, upper) = uvs.iter().fold((f32::MAX, f32::MIN), |(l, u), uv| (l.min(uv[axis]), u.max(uv[axis])));
+            // One more texel to each side, as the bilinear filter reaches half of one.
+            let (first, last) = ((lower * n).floor() as i64 - 1, (upper * n).floor() as i64 + 1);
+            let (a, b) = (texture.wrap[axis].texel(first, size[axis]), texture.wrap[axis].texel(last, size[axis]));
+            // Bounds that cross an edge of the image are taken as all of it.
+            let crosses = first < 0 || last >= i64::from(size[axis]);
+            if crosses { (0, size[axis]) } else { (a.min(b), a.max(b) + 1) }
+        });
+        let [(x0, x1), (y0, y1)] = ranges;
+        let at = |x: u32, y: u32| i64::from(table[y as usize * (size[0] as usize + 1) + x as usize]);
+        let count = at(x1, y1) + at(x0, y0) - at(x0, y1) - at(x1, y0);
+        count as f32 / ((x1 - x0) as f32 * (y1 - y0) as f32)
+    }
+}
+
+fn count_bright(image: &TextureImage) -> Vec<u32> {
+    let (width, stride) = (image.width as usize, image.width as usize + 1);
+    let mut table = vec![0; stride * (image.height as usize + 1)];
+    for (y, row) in image.texels.chunks_exact(width).enumerate() {
+        let mut in_row = 0;
+        for (x, texel) in row.iter().enumerate() {
+            in_row += u32::from(texel[..3] != [0; 3]);
+            table[(y + 1) * stride + x + 1] = table[y * stride + x + 1] + in_row;
+        }
+    }
+    table
+}
+
+/// Half the edge of the default light, its height over the scene's centre and how far it stands
+/// before it, in radii of the scene's bounding sphere: above what [`super::Scene::frame_camera`]
+/// sees, and near enough for soft shadows.
+const DEFAULT_LIGHT: [f64; 3] = [1.0, 2.2, 0.5];
+
+/// The default light: a square above and a little before a scene of that centre and radius, facing
+/// down. Gives its corners, counter-clockwise seen from below, and its material.
+pub(super) fn default_light(centre: DVec3, radius: f64) -> ([DVec3; 4], Material) {
+    let [half, height, forward] = DEFAULT_LIGHT;
+    let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+    let corners = corners.map(|(x, z)| centre + radius * DVec3::new(x, height, z + forward));
+    // A white diffuse floor through the centre has the radiance of the light times its form
+    // factor there: this makes it 1.
+    let form_factor = 2.0
+        * (corner_form_factor(half / height, (half + forward) / height)
+            + corner_form_factor(half / height, (half - forward) / height));
+    let material = Material {
+        name: "default light".into(),
+        base_colour: glam::Vec4::new(0.0, 0.0, 0.0, 1.0),
+        metallic: 0.0,
+        specular: 0.0,
+        emissive: Vec3::splat((1.0 / form_factor) as f32),
+        ..Default::default()
+    };
+    (corners, material)
+}
+
+/// Form factor from a surface element to a parallel rectangle a x b at unit distance, one corner of
+/// which is straight above it (Siegel and Howell, Thermal Radiation Heat Transfer, configuration 4).
+fn corner_form_factor(a: f64, b: f64) -> f64 {
+    let (p, q) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
+    (a / p * (b / p).atan() + b / q * (a / q).atan()) / (2.0 * std::f64::consts::PI)
+}

@@ -1,0 +1,201 @@
+//! Materials, and the textures they use.
+
+use std::collections::HashMap;
+
+use glam::{Mat2, Vec2, Vec3, Vec4};
+
+use super::json::Json;
+use super::texture::{self, Encoded};
+use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot};
+use crate::Result;
+
+impl Default for Material {
+    /// The material of a primitive that names none (glTF 3.7.2.1).
+    fn default() -> Self {
+        Material {
+            name: "default".into(),
+            base_colour: Vec4::ONE,
+            metallic: 1.0,
+            roughness: 1.0,
+            emissive: Vec3::ZERO,
+            ior: 1.5,
+            specular: 1.0,
+            specular_colour: Vec3::ONE,
+            normal_scale: 1.0,
+            alpha: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+            base_colour_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            occlusion_texture: None,
+            emissive_texture: None,
+            specular_texture: None,
+            specular_colour_texture: None,
+        }
+    }
+}
+
+impl Material {
+    /// The textures it uses.
+    pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        [
+            &self.base_colour_texture,
+            &self.metallic_roughness_texture,
+            &self.normal_texture,
+            &self.occlusion_texture,
+            &self.emissive_texture,
+            &self.specular_texture,
+            &self.specular_colour_texture,
+        ]
+        .into_iter()
+        .flatten()
+    }
+}
+
+/// Materials as they are read, and the textures and images they turn out to use.
+pub(super) struct Materials {
+    /// Materials in the order of the file.
+    pub materials: Vec<Material>,
+    /// Textures in the order of their first use; [`Texture::image`] indexes [`Materials::images`].
+    pub textures: Vec<Texture>,
+    /// Images of the file, in the order of their first use.
+    pub images: Vec<usize>,
+}
+
+struct Reader<'r, 'a> {
+    textures: &'r [Json<'a>],
+    samplers: &'r [Json<'a>],
+    images: &'r [Encoded<'a>],
+    known: HashMap<Texture, u32>,
+    out: Materials,
+    notes: &'r mut Vec<String>,
+}
+
+/// Reads and checks every material, texture and sampler.
+pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Vec<String>) -> Result<Materials> {
+    let (textures, samplers) = (root.list("textures")?, root.list("samplers")?);
+    for sampler in &samplers {
+        texture::sampler(Some(sampler))?;
+    }
+    for texture in &textures {
+        texture.get("sampler")?.map_or(Ok(0), |sampler| sampler.index(samplers.len(), "sampler"))?;
+        if let Some(source) = texture.get("source")? {
+            let image = source.index(images.len(), "image")?;
+            if !images[image].is_known() {
+                return Err(source.error(format!("image {image} is neither PNG nor JPEG")));
+            }
+        }
+    }
+    let out = Materials { materials: Vec::new(), textures: Vec::new(), images: Vec::new() };
+    let mut reader = Reader { textures: &textures, samplers: &samplers, images, known: HashMap::new(), out, notes };
+    for (i, material) in root.list("materials")?.iter().enumerate() {
+        let material = reader.material(i, material)?;
+        reader.out.materials.push(material);
+    }
+    Ok(reader.out)
+}
+
+impl Reader<'_, '_> {
+    fn material(&mut self, index: usize, json: &Json) -> Result<Material> {
+        use ColourSpace::{Linear, Srgb};
+        let mut m =
+            Material { name: json.name()?.unwrap_or_else(|| format!("material {index}")), ..Default::default() };
+        if let Some(pbr) = json.get("pbrMetallicRoughness")? {
+            m.base_colour = pbr.numbers_in::<4>("baseColorFactor", 1.0, 0.0..=1.0)?.into();
+            m.metallic = pbr.number_in("metallicFactor", 1.0, 0.0..=1.0)?;
+            m.roughness = pbr.number_in("roughnessFactor", 1.0, 0.0..=1.0)?;
+            m.base_colour_texture = self.slot(&pbr, "baseColorTexture", Srgb)?;
+            m.metallic_roughness_texture = self.slot(&pbr, "metallicRoughnessTexture", Linear)?;
+        }
+        m.normal_texture = self.slot(json, "normalTexture", Linear)?;
+        if let Some(normal) = json.get("normalTexture")? {
+            m.normal_scale = normal.number_in("scale", 1.0, ..)?;
+        }
+        m.occlusion_texture = self.slot(json, "occlusionTexture", Linear)?;
+        m.emissive_texture = self.slot(json, "emissiveTexture", Srgb)?;
+        m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
+        if let Some(emission) = json.extension("KHR_materials_emissive_strength")? {
+            m.emissive *= emission.number_in("emissiveStrength", 1.0, 0.0..)?;
+            if !m.emissive.is_finite() {
+                return Err(emission.error("the emitted radiance is out of range"));
+            }
+        }
+        if let Some(ior) = json.extension("KHR_materials_ior")? {
+            m.ior = ior.number_in("ior", 1.5, 0.0..)?;
+            // The extension gives 0 a meaning of its own: full reflection.
+            if m.ior > 0.0 && m.ior < 1.0 {
+                return Err(ior.error(format!("ior {} is out of range: 1 or more, or 0", m.ior)));
+            }
+        }
+        if let Some(specular) = json.extension("KHR_materials_specular")? {
+            m.specular = specular.number_in("specularFactor", 1.0, 0.0..=1.0)?;
+            m.specular_colour = specular.numbers_in::<3>("specularColorFactor", 1.0, 0.0..)?.into();
+            m.specular_texture = self.slot(&specular, "specularTexture", Linear)?;
+            m.specular_colour_texture = self.slot(&specular, "specularColorTexture", Srgb)?;
+        }
+        let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
+        m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {
+            Some("MASK") => AlphaMode::Mask { cutoff },
+            Some("BLEND") => AlphaMode::Blend,
+            _ => AlphaMode::Opaque,
+        };
+        m.double_sided = json.get("doubleSided")?.map_or(Ok(false), |d| d.boolean())?;
+        m.unlit = json.extension("KHR_materials_unlit")?.is_some();
+        if m.unlit {
+            m.emissive = Vec3::ZERO;
+        }
+        Ok(m)
+    }
+
+    fn slot(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureSlot>> {
+        let Some(json) = owner.get(key)? else { return Ok(None) };
+        let index = json.require("index")?.index(self.textures.len(), "texture")?;
+        let texture = &self.textures[index];
+        let (scale, rotation, offset, uv_override) = match json.extension("KHR_texture_transform")? {
+            Some(t) => (
+                Vec2::from(t.numbers_in::<2>("scale", 1.0, ..)?),
+                t.number_in("rotation", 0.0, ..)?,
+                Vec2::from(t.numbers_in::<2>("offset", 0.0, ..)?),
+                t.get("texCoord")?,
+            ),
+            None => (Vec2::ONE, 0.0, Vec2::ZERO, None),
+        };
+        let uv_set = match uv_override.or(json.get("texCoord")?) {
+            Some(set) => set.whole()?,
+            None => 0,
+        };
+        if uv_set > 1 {
+            self.note(format!(
+                "texture coordinates beyond set 1 are not supported: {key} of some materials is not shown"
+            ));
+            return Ok(None);
+        }
+        let Some(source) = texture.get("source")? else {
+            self.note(format!("texture {index} has no image that can be shown"));
+            return Ok(None);
+        };
+        let image = source.index(self.images.len(), "image")?;
+        let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;
+        let (wrap, filter) = texture::sampler(sampler.map(|i| &self.samplers[i]))?;
+        let image = self.out.images.iter().position(|&i| i == image).unwrap_or_else(|| {
+            self.out.images.push(image);
+            self.out.images.len() - 1
+        });
+        let texture = Texture { image: image as u32, wrap, filter, space };
+        let texture = *self.known.entry(texture).or_insert_with(|| {
+            self.out.textures.push(texture);
+            self.out.textures.len() as u32 - 1
+        });
+        // The extension turns coordinates counter-clockwise as seen with v down, after scaling.
+        let (s, c) = rotation.sin_cos();
+        let matrix = Mat2::from_cols(Vec2::new(c, -s) * scale.x, Vec2::new(s, c) * scale.y);
+        Ok(Some(TextureSlot { texture, uv_set: uv_set as u32, matrix, offset }))
+    }
+
+    fn note(&mut self, note: String) {
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! The node hierarchy: world matrices in f64.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use super::json::Json;
+use crate::Result;
+
+/// Largest deviation from 1 of a rotation's length: a quaternion of normalised bytes is off by up
+/// to 0.008, anything more is no rotation.
+const UNIT_TOLERANCE: f64 = 0.01;
+
+/// A node that the scene shows.
+pub(super) struct Node<'a> {
+    /// The node in the file.
+    pub json: Json<'a>,
+    /// From the node's space to world space; finite.
+    pub world: DAffine3,
+}
+
+/// The nodes that the file's scene shows, in the order of the file. `notes` gets a line where
+/// there are other scenes.
+pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Vec<String>) -> Result<Vec<Node<'a>>> {
+    let nodes = root.list("nodes")?;
+    let mut children = vec![Vec::new(); nodes.len()];
+    let mut parent = vec![None; nodes.len()];
+    for (i, node) in nodes.iter().enumerate() {
+        for child in node.list("children")? {
+            let index = child.index(nodes.len(), "node")?;
+            if let Some(other) = parent[index].replace(i) {
+                return Err(child.error(format!("node {index} has two parents, {other} and {i}")));
+            }
+            children[i].push(index);
+        }
+    }
+    refuse_loops(&nodes, &parent, &children)?;
+
+    let mut world: Vec<Option<DAffine3>> = vec![None; nodes.len()];
+    let mut open: Vec<(usize, DAffine3)> = Vec::new();
+    for i in scene_roots(root, &parent, &children, notes)? {
+        open.push((i, DAffine3::IDENTITY));
+    }
+    let local = nodes.iter().map(local_matrix).collect::<Result<Vec<_>>>()?;
+    while let Some((i, above)) = open.pop() {
+        let matrix = above * local[i];
+        if !matrix.is_finite() {
+            return Err(nodes[i].error("its world matrix is not finite"));
+        }
+        world[i] = Some(matrix);
+        open.extend(children[i].iter().map(|&child| (child, matrix)));
+    }
+    Ok(nodes.into_iter().zip(world).filter_map(|(json, world)| Some(Node { json, world: world? })).collect())
+}
+
+/// As every node has one parent at most, those that no root reaches hang on a loop.
+fn refuse_loops(nodes: &[Json], parent: &[Option<usize>], children: &[Vec<usize>]) -> Result<()> {
+    let mut reached = vec![false; nodes.len()];
+    let mut open: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
+    while let Some(i) = open.pop() {
+        reached[i] = true;
+        open.extend(&children[i]);
+    }
+    let Some(mut i) = reached.iter().position(|r| !r) else { return Ok(()) };
+    for _ in 0..nodes.len() {
+        i = parent[i].unwrap_or(i);
+    }
+    Err(nodes[i].error("is its own ancestor"))
+}
+
+/// The nodes to start at: those of `scene`, else of the first scene, else all roots.
+fn scene_roots(
+    root: &Json,
+    parent: &[Option<usize>],
+    children: &[Vec<usize>],
+    notes: &mut Vec<String>,
+) -> Result<Vec<usize>> {
+    let scenes = root.list("scenes")?;
+    let mut listed = Vec::with_capacity(scenes.len());
+    for scene in &scenes {
+        let nodes = scene.list("nodes")?;
+        listed.push(nodes.iter().map(|node| node.index(parent.len(), "node")).collect::<Result<Vec<_>>>()?);
+    }
+    let chosen = root.get("scene")?.map_or(Ok(0), |scene| scene.index(scenes.len(), "scene"))?;
+    if scenes.len() > 1 {
+        notes.push(format!("scene {chosen} of {} is shown, the others are not", scenes.len()));
+    }
+    if scenes.is_empty() {
+        return Ok((0..parent.len()).filter(|&i| parent[i].is_none()).collect());
+    }
+    let mut roots = listed.swap_remove(chosen);
+    // Below another listed node, or listed twice, a node would be shown twice.
+    roots.sort_unstable();
+    roots.dedup();
+    let mut below = vec![false; parent.len()];
+    let mut open: Vec<usize> = roots.iter().flat_map(|&i| &children[i]).copied().collect();
+    while let Some(i) = open.pop() {
+        if !std::mem::replace(&mut below[i], true) {
+            open.extend(&children[i]);
+        }
+    }
+    roots.retain(|&i| !below[i]);
+    // Not legal, but written by some exporters; as in other renderers, the scene starts at the node it lists.
+    if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, parent[i]?))) {
+        notes.push(format!(
+            "scene {chosen} lists node {i}, which is no root: the transform of node {above} is not applied"
+        ));
+    }
+    Ok(roots)
+}
+
+fn local_matrix(node: &Json) -> Result<DAffine3> {
+    let parts = [node.get("translation")?, node.get("rotation")?, node.get("scale")?];
+    if let Some(matrix) = node.get("matrix")? {
+        if parts.iter().any(Option::is_some) {
+            return Err(node.error("has both a matrix and a translation, rotation or scale"));
+        }
+        let m = matrix.numbers::<16>()?;
+        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(matrix.error("its last row is not 0 0 0 1"));
+        }
+        let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);
+        return Ok(DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) });
+    }
+    let [translation, rotation, scale] = parts;
+    let translation = translation.map_or(Ok([0.0; 3]), |t| t.numbers())?;
+    let scale = scale.map_or(Ok([1.0; 3]), |s| s.numbers())?;
+    let rotation = match rotation {
+        Some(json) => {
+            let rotation = DQuat::from_array(json.numbers()?);
+            if (rotation.length() - 1.0).abs().partial_cmp(&UNIT_TOLERANCE) != Some(std::cmp::Ordering::Less) {
+                return Err(json.error(format!("has length {}, not 1", rotation.length())));
+            }
+            rotation.normalize()
+        }
+        None => DQuat::IDENTITY,
+    };
+    Ok(DAffine3::from_scale_rotation_translation(scale.into(), rotation, translation.into()))
+}

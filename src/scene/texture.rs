@@ -1,0 +1,168 @@
+//! Images: found, checked, decoded in parallel; and looked up on the CPU where import needs a texel.
+
+use std::borrow::Cow;
+use std::io::Cursor;
+
+use glam::{Vec2, Vec4};
+use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use rayon::prelude::*;
+
+use super::accessor::Views;
+use super::container;
+use super::json::Json;
+use super::{ColourSpace, Filter, Texture, TextureImage, Wrap};
+use crate::Result;
+
+/// Largest side of an image: what graphics devices sample.
+const MAX_SIDE: u32 = 16384;
+/// Most texels of all images together: 1 GiB of RGBA8.
+const MAX_TEXELS: u64 = 1 << 28;
+
+/// An image of the file: checked, not yet decoded.
+pub(super) struct Encoded<'a> {
+    json: Json<'a>,
+    name: String,
+    bytes: Cow<'a, [u8]>,
+    /// None where it is neither PNG nor JPEG: legal where only an extension uses it.
+    format: Option<(ImageFormat, [u32; 2])>,
+}
+
+impl Encoded<'_> {
+    /// It can be decoded.
+    pub fn is_known(&self) -> bool {
+        self.format.is_some()
+    }
+
+    fn decode(&self) -> Result<TextureImage> {
+        let (format, [width, height]) = self.format.ok_or_else(|| self.json.error("neither PNG nor JPEG"))?;
+        let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), format);
+        reader.limits(limits());
+        let image = reader.decode().map_err(|e| self.json.error(e))?;
+        let texels = image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec();
+        Ok(TextureImage { name: self.name.clone(), width, height, texels })
+    }
+}
+
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(MAX_SIDE);
+    limits.max_image_height = Some(MAX_SIDE);
+    // The largest image allowed at 16 bits a channel.
+    limits.max_alloc = Some(8 * MAX_TEXELS);
+    limits
+}
+
+/// Finds every image and reads its header.
+pub(super) fn read_images<'a>(root: &Json<'a>, views: &Views<'a>) -> Result<Vec<Encoded<'a>>> {
+    let read = |(i, json): (usize, Json<'a>)| {
+        let uri = json.get("uri")?;
+        let bytes = match (&uri, json.get("bufferView")?) {
+            (Some(uri), None) => container::resolve(uri)?,
+            (None, Some(view)) => Cow::Borrowed(views.bytes(&view)?),
+            _ => return Err(json.error("needs either a uri or a buffer view")),
+        };
+        let file_name = uri.map(|uri| uri.string()).transpose()?.filter(|uri| !uri.starts_with("data:"));
+        let name = json.name()?.or(file_name.map(str::to_owned)).unwrap_or_else(|| format!("image {i}"));
+        let format = match image::guess_format(&bytes) {
+            Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
+                let mut reader = ImageReader::with_format(Cursor::new(&bytes), format);
+                reader.limits(limits());
+                let size = reader.into_decoder().map_err(|e| json.error(e))?.dimensions();
+                Some((format, [size.0, size.1]))
+            }
+            _ => None,
+        };
+        Ok(Encoded { json, name, bytes, format })
+    };
+    root.list("images")?.into_iter().enumerate().map(read).collect()
+}
+
+/// Decodes the images that `used` names, in parallel.
+pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureImage>> {
+    let mut total = 0;
+    for image in used.iter().map(|&i| &images[i]) {
+        let [width, height] = image.format.map_or([0, 0], |(_, size)| size);
+        total += u64::from(width) * u64::from(height);
+        if width.max(height) > MAX_SIDE || total > MAX_TEXELS {
+            return Err(image.json.error(format!(
+                "{width} x {height} texels: at most {MAX_SIDE} a side and {MAX_TEXELS} in all images are supported"
+            )));
+        }
+    }
+    used.par_iter().map(|&i| images[i].decode()).collect()
+}
+
+/// Wrap modes and filter of a sampler; repeating and linear where there is none.
+pub(super) fn sampler(json: Option<&Json>) -> Result<([Wrap; 2], Filter)> {
+    let Some(json) = json else { return Ok(Default::default()) };
+    let wrap = |key: &str| match json.get(key)? {
+        None => Ok(Wrap::Repeat),
+        Some(code) => match code.whole()? {
+            10497 => Ok(Wrap::Repeat),
+            33648 => Ok(Wrap::Mirror),
+            33071 => Ok(Wrap::Clamp),
+            n => Err(code.error(format!("unknown wrap mode {n}"))),
+        },
+    };
+    let filter = match json.get("magFilter")? {
+        None => Filter::Linear,
+        Some(code) => match code.whole()? {
+            9728 => Filter::Nearest,
+            9729 => Filter::Linear,
+            n => return Err(code.error(format!("unknown filter {n}"))),
+        },
+    };
+    Ok(([wrap("wrapS")?, wrap("wrapT")?], filter))
+}
+
+/// The sRGB decoding function (IEC 61966-2-1).
+fn srgb_to_linear(coded: f32) -> f32 {
+    if coded <= 0.04045 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
+}
+
+impl Wrap {
+    /// The texel that position `i` of an axis of `size` texels shows.
+    pub(super) fn texel(self, i: i64, size: u32) -> u32 {
+        let size = i64::from(size);
+        let texel = match self {
+            Wrap::Repeat => i.rem_euclid(size),
+            Wrap::Mirror => {
+                let i = i.rem_euclid(2 * size);
+                if i < size { i } else { 2 * size - 1 - i }
+            }
+            Wrap::Clamp => i.clamp(0, size - 1),
+        };
+        texel as u32
+    }
+}
+
+impl TextureImage {
+    /// The texel at `texel`, decoded to linear RGBA.
+    fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
+        let index = texel[1] as usize * self.width as usize + texel[0] as usize;
+        let [r, g, b, a] = self.texels[index].map(|c| f32::from(c) / 255.0);
+        match space {
+            ColourSpace::Linear => Vec4::new(r, g, b, a),
+            ColourSpace::Srgb => Vec4::new(srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a),
+        }
+    }
+
+    /// Linear RGBA at `uv` (v down, texel centres at half-integers), as `texture` filters and wraps.
+    pub(super) fn sample(&self, texture: &Texture, uv: Vec2) -> Vec4 {
+        let at = |x: i64, y: i64| {
+            self.linear([texture.wrap[0].texel(x, self.width), texture.wrap[1].texel(y, self.height)], texture.space)
+        };
+        let position = uv * Vec2::new(self.width as f32, self.height as f32);
+        match texture.filter {
+            Filter::Nearest => at(position.x.floor() as i64, position.y.floor() as i64),
+            Filter::Linear => {
+                let corner = (position - 0.5).floor();
+                let weight = position - 0.5 - corner;
+                let (x, y) = (corner.x as i64, corner.y as i64);
+                let top = at(x, y).lerp(at(x.saturating_add(1), y), weight.x);
+                let y = y.saturating_add(1);
+                top.lerp(at(x, y).lerp(at(x.saturating_add(1), y), weight.x), weight.y)
+            }
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! What to render and how: the settings of a render, with their ranges.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::{Error, Result};
+
+/// How light is computed. The names are those of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Technique {
+    /// Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.
+    Path,
+    /// The two-pass method with all shadow rays.
+    TwoPass,
+    /// The two-pass method with shadow rays only where the photons do not decide.
+    #[default]
+    ShadowPhotons,
+    /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
+    VisibilityEstimate,
+}
+
+impl Technique {
+    /// All techniques.
+    pub const ALL: [Technique; 4] =
+        [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons, Technique::VisibilityEstimate];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Technique::Path => "path",
+            Technique::TwoPass => "two-pass",
+            Technique::ShadowPhotons => "shadow-photons",
+            Technique::VisibilityEstimate => "visibility-estimate",
+        }
+    }
+
+    /// It asks the visibility map.
+    pub fn uses_visibility_map(self) -> bool {
+        matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
+    }
+}
+
+/// A group of channels of the image beside the picture itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aov {
+    /// `direct.R` ...: light seen directly, and light that comes straight from a light.
+    Direct,
+    /// `indirect.R` ...: the rest.
+    Indirect,
+    /// `albedo.R` ...: base colour.
+    Albedo,
+    /// `N.X` ...: shading normal, in world space.
+    Normal,
+    /// `P.X` ...: position, in world space.
+    Position,
+    /// `Z`: depth along the viewing direction, in world units.
+    Depth,
+    /// `variance.R` ...: variance of the pixel's mean.
+    Variance,
+    /// `shadow.<light>.class`, `.visibility`, `.ni`, `.ns`: what the photons say of each light.
+    Shadow,
+}
+
+impl Aov {
+    /// All groups.
+    pub const ALL: [Aov; 8] =
+        [Aov::Direct, Aov::Indirect, Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth, Aov::Variance, Aov::Shadow];
+
+    /// The name on the command line, and the layer's in the EXR file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Aov::Direct => "direct",
+            Aov::Indirect => "indirect",
+            Aov::Albedo => "albedo",
+            Aov::Normal => "N",
+            Aov::Position => "P",
+            Aov::Depth => "Z",
+            Aov::Variance => "variance",
+            Aov::Shadow => "shadow",
+        }
+    }
+}
+
+macro_rules! by_name {
+    ($type:ty, $what:literal) => {
+        impl fmt::Display for $type {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+
+        impl FromStr for $type {
+            type Err = String;
+
+            fn from_str(text: &str) -> std::result::Result<Self, String> {
+                Self::ALL.into_iter().find(|v| v.name() == text).ok_or_else(|| {
+                    let names: Vec<_> = Self::ALL.iter().map(|v| v.name()).collect();
+                    format!(concat!("no ", $what, " is called '{}'; there is: {}"), text, names.join(", "))
+                })
+            }
+        }
+    };
+}
+by_name!(Technique, "technique");
+by_name!(Aov, "AOV");
+
+/// The settings of a render.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Settings {
+    /// How light is computed.
+    pub technique: Technique,
+    /// Width in pixels, 1 to [`Settings::MAX_SIDE`].
+    pub width: u32,
+    /// Height in pixels, 1 to [`Settings::MAX_SIDE`].
+    pub height: u32,
+    /// Samples a pixel that the render is meant to have, at least 1. One sample goes through the pixel's middle.
+    pub spp: u32,
+    /// Seed of all random choices.
+    pub seed: u32,
+    /// Visibility photons emitted from each light.
+    pub photons: u32,
+    /// Photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
+    pub nearest: u32,
+    /// Shadow photons that are kept of one ray, at least 1.
+    pub shadow_photons_per_ray: u32,
+    /// Light points that are asked for by a boundary point, 1 to [`Settings::MAX_SHADOW_SAMPLES`].
+    pub shadow_samples: u32,
+    /// Pixels by which boundaries are widened, 0 or 1; none: 1 for lights with wide penumbrae, 0 for small ones.
+    pub dilate: Option<u32>,
+    /// Probability that a decided point is audited, 0 to 1. 0 is the paper, and biased.
+    pub audit: f32,
+    /// Count photons without regard to their normals, as the paper does.
+    pub paper_counting: bool,
+    /// Most bounces of indirect light.
+    pub max_bounces: u32,
+    /// Factor on the power of every light, at least 0.
+    pub light_scale: f32,
+    /// Channels beside the picture.
+    pub aovs: Vec<Aov>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            technique: Technique::default(),
+            width: 512,
+            height: 512,
+            spp: 16,
+            seed: 0,
+            photons: 131_072,
+            nearest: 50,
+            shadow_photons_per_ray: 10,
+            shadow_samples: 4,
+            dilate: None,
+            audit: 1.0 / 64.0,
+            paper_counting: false,
+            // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
+            max_bounces: 64,
+            light_scale: 1.0,
+            aovs: Vec::new(),
+        }
+    }
+}
+
+impl Settings {
+    /// Largest side of an image.
+    pub const MAX_SIDE: u32 = 16_384;
+    /// Largest k: what a class word has room for.
+    pub const MAX_NEAREST: u32 = 511;
+    /// Most light points of a boundary point.
+    pub const MAX_SHADOW_SAMPLES: u32 = 1024;
+    /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
+    pub const MAX_PHOTONS: u32 = 1 << 26;
+
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming the setting and its range.
+    pub fn check(&self) -> Result<()> {
+        let range = |name: &str, value: u32, least: u32, most: u32| {
+            if (least..=most).contains(&value) {
+                return Ok(());
+            }
+            Err(Error::Usage(format!("{name} is {value}; it must be from {least} to {most}")))
+        };
+        range("--width", self.width, 1, Self::MAX_SIDE)?;
+        range("--height", self.height, 1, Self::MAX_SIDE)?;
+        range("--spp", self.spp, 1, u32::MAX)?;
+        range("--photons", self.photons, 1, Self::MAX_PHOTONS)?;
+        range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
+        range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, 64)?;
+        range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;
+        range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
+        if !(0.0..=1.0).contains(&self.audit) {
+            return Err(Error::Usage(format!("--audit is {}; it must be from 0 to 1", self.audit)));
+        }
+        if !(self.light_scale >= 0.0 && self.light_scale.is_finite()) {
+            return Err(Error::Usage(format!("--light-scale is {}; it must be 0 or more", self.light_scale)));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,226 @@
+//! What a render did: counts, shares with their intervals, times. `docs/statistics.md` describes the JSON form.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::gpu::DeviceInfo;
+use crate::settings::Settings;
+
+/// Everything about a render but the image.
+#[derive(Clone, Debug, Serialize)]
+pub struct Statistics {
+    /// Version of this schema: raised when a key changes its meaning or goes.
+    pub schema: u32,
+    /// Version of Penumbra.
+    pub version: &'static str,
+    /// The device.
+    pub device: DeviceInfo,
+    /// The settings, as they were used.
+    pub settings: Settings,
+    /// Samples a pixel that were rendered.
+    pub samples: u32,
+    /// Rays by type.
+    pub rays: Rays,
+    /// Points by class.
+    pub points: Points,
+    /// Photons by light.
+    pub photons: Vec<LightPhotons>,
+    /// What audits found.
+    pub audits: Audits,
+    /// Samples that were not finite, and left out of the image.
+    pub not_finite: u64,
+    /// Seconds.
+    pub time: Times,
+    /// Bytes.
+    pub memory: Memory,
+    /// What the scene has.
+    pub scene: SceneCounts,
+    /// What the kernels were composed of.
+    pub kept: Vec<String>,
+    /// What was left out because the scene does not need it.
+    pub left_out: Vec<String>,
+    /// Remarks for the user, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Rays by type.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Rays {
+    /// From the camera.
+    pub camera: u64,
+    /// From lights, straight through the scene.
+    pub photon: u64,
+    /// To lights, for boundary points.
+    pub shadow: u64,
+    /// To lights, for audits of decided points.
+    pub audit: u64,
+    /// From surfaces along a sampled direction.
+    pub bounce: u64,
+    /// Of final gathers.
+    pub gather: u64,
+    /// All of them.
+    pub total: u64,
+}
+
+impl Rays {
+    /// With `total` the sum of the rest.
+    pub fn summed(mut self) -> Self {
+        self.total = self.camera + self.photon + self.shadow + self.audit + self.bounce + self.gather;
+        self
+    }
+}
+
+/// Points (camera sample and light) by class.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Points {
+    /// Those with some of the light in front of the surface: all but `dark`.
+    pub total: u64,
+    /// The whole light is behind the surface's plane, or emits away from it.
+    pub dark: u64,
+    /// All photons near are illumination photons.
+    pub lit: u64,
+    /// All photons near are shadow photons.
+    pub shadowed: u64,
+    /// Both kinds are near, or the pixel's neighbour is a boundary.
+    pub boundary: u64,
+    /// Too few photons are near to tell, or there is no map.
+    pub unknown: u64,
+    /// Boundary and unknown points over all.
+    pub boundary_share: f64,
+    /// Of the boundary and unknown points, the share whose light points were neither all seen nor all hidden: a lower
+    /// bound of `fill`, near it for many light points.
+    pub fill_seen: f64,
+}
+
+/// Photons of a light.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LightPhotons {
+    /// Name of the light.
+    pub light: String,
+    /// Photons emitted.
+    pub emitted: u64,
+    /// Illumination photons stored.
+    pub illumination: u64,
+    /// Shadow photons stored.
+    pub shadow: u64,
+    /// Photons that audits added.
+    pub healed: u64,
+}
+
+/// What audits found about the decided points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Audits {
+    /// Decided points that were audited.
+    pub audited: u64,
+    /// Those whose shadow ray contradicted the class.
+    pub wrong: u64,
+    /// Estimated miss bias: the mean of |V - c| over all points.
+    pub miss_bias: f64,
+    /// Its 95 % interval (Wilson's score interval, scaled by the decided share).
+    pub miss_bias_interval: [f64; 2],
+}
+
+impl Audits {
+    /// The estimate from `wrong` of `audited` decided points, which are the share `decided` of all points.
+    pub fn new(audited: u64, wrong: u64, decided: f64) -> Self {
+        // 97.5 % quantile of the normal distribution.
+        const Z: f64 = 1.959_964;
+        if audited == 0 {
+            return Audits { miss_bias_interval: [0.0, decided], ..Audits::default() };
+        }
+        let n = audited as f64;
+        let p = wrong as f64 / n;
+        let centre = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
+        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        let low = if wrong == 0 { 0.0 } else { (centre - half).max(0.0) };
+        Audits {
+            audited,
+            wrong,
+            miss_bias: p * decided,
+            miss_bias_interval: [low * decided, (centre + half).min(1.0) * decided],
+        }
+    }
+}
+
+/// Seconds of wall time, and of the device by pass.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Times {
+    /// The whole run, as far as it is known when this is written.
+    pub total: f64,
+    /// Opening the device.
+    pub start: f64,
+    /// Reading the scene.
+    pub import: f64,
+    /// Building the BVH.
+    pub bvh: f64,
+    /// Composing and compiling kernels.
+    pub compile: f64,
+    /// Photons, grid and all samples.
+    pub render: f64,
+    /// On the device, by kernel and entry point; empty where the device has no timestamps.
+    pub passes: BTreeMap<String, f64>,
+}
+
+/// Bytes on the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Memory {
+    /// The scene's tables: BVH, surfaces, textures, lights.
+    pub scene: u64,
+    /// Photons and grid.
+    pub photons: u64,
+    /// Points, classes, radiance, film.
+    pub frame: u64,
+}
+
+/// What the scene has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct SceneCounts {
+    /// Triangles.
+    pub triangles: u64,
+    /// Lights.
+    pub lights: u64,
+    /// Materials.
+    pub materials: u64,
+    /// Images.
+    pub images: u64,
+    /// Deepest path in the BVH.
+    pub bvh_depth: u32,
+}
+
+/// What kernels count, each in its word of the buffer `counters`; the host adds them up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Counter {
+    /// [`Rays::shadow`].
+    ShadowRays,
+    /// [`Rays::audit`].
+    AuditRays,
+    /// [`Rays::bounce`].
+    BounceRays,
+    /// [`Audits::audited`].
+    Audited,
+    /// [`Audits::wrong`].
+    AuditsWrong,
+    /// Boundary points whose light points disagree.
+    PenumbraSeen,
+    /// [`Statistics::not_finite`].
+    NotFinite,
+    /// Traversals or paths that met the loop budget: the result cannot be trusted.
+    Overrun,
+    /// [`Points::dark`].
+    Dark,
+    /// [`Points::lit`].
+    Lit,
+    /// [`Points::shadowed`].
+    Shadowed,
+    /// [`Points::boundary`].
+    Boundary,
+    /// [`Points::unknown`].
+    Unknown,
+}
+
+impl Counter {
+    /// Words of the buffer `counters`.
+    pub const COUNT: usize = 16;
+}

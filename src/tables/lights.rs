@@ -1,0 +1,361 @@
+//! Lights as `shaders/lib/light.wgsl` reads them: records, emitter triangles, contours.
+
+use std::collections::HashMap;
+
+use glam::{DVec3, Vec3};
+
+use crate::Result;
+use crate::gpu::buffer::TableFormat;
+use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
+use crate::scene::{EmitterTriangle, Light, LightKind, Scene};
+
+use super::sobol;
+
+/// Kinds of lights, and flags, in the first word of a light's records.
+pub(crate) const MESH: u32 = 0;
+pub(crate) const POINT: u32 = 1;
+pub(crate) const SPOT: u32 = 2;
+pub(crate) const DIRECTIONAL: u32 = 3;
+pub(crate) const KIND_MASK: u32 = 3;
+pub(crate) const TWO_SIDED: u32 = 4;
+pub(crate) const CLOSED_FORM: u32 = 8;
+/// Records before the first light's, of a light, and of an emitter triangle.
+pub(crate) const HEADER: u32 = 1;
+pub(crate) const RECORDS: u32 = 5;
+pub(crate) const EMITTER_RECORDS: u32 = 3;
+
+/// Most contour edges of a light that has a closed form: beyond them the formula costs more than the shadow ray
+/// that a sample would need anyway.
+const MAX_CONTOUR_EDGES: usize = 64;
+
+/// How far corners may lie from their contour's plane or edge, relative to the light's radius, to count as in it:
+/// a few roundings of f32 coordinates of a scene of unit size.
+const COPLANAR: f64 = 2e-6;
+
+/// The scene's lights on the device, bound by the names `light_records`, `emitter_records`, `light_vertices` and
+/// `sobol_directions`.
+pub struct LightTables {
+    /// What the host wants to know of each light, in the scene's order.
+    pub lights: Vec<LightInfo>,
+    records: Table,
+    emitters: Table,
+    vertices: Table,
+    sobol: Buffer,
+}
+
+/// What the host wants to know of a light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightInfo {
+    /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
+    /// directional light: through the disc that covers the scene.
+    pub power: f64,
+    /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
+    pub closed_form: bool,
+    /// Edges of its contours; 0 where there is no closed form and of punctual lights.
+    pub contour_edges: usize,
+    /// Both sides emit.
+    pub two_sided: bool,
+    /// A point, spot or directional light: one shadow ray tells all.
+    pub punctual: bool,
+    /// All its emitter triangles lie in one plane and face the same way.
+    pub planar: bool,
+    /// Centre of a sphere around the light; of a directional light around the scene.
+    pub centre: Vec3,
+    /// Radius of that sphere; 0 of point and spot lights.
+    pub radius: f32,
+}
+
+impl LightTables {
+    /// Uploads the lights of a scene whose triangles are in the order of the BVH.
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<LightTables> {
+        let mut build = Build::default();
+        for (index, light) in scene.lights.iter().enumerate() {
+            build.push(scene, index as u32, light);
+        }
+        build.slots.sort_unstable();
+        let mut records = vec![[scene.lights.len() as u32, build.emitters.len() as u32 / EMITTER_RECORDS, 0, 0]];
+        records.extend(build.records);
+        build.emitters.extend(build.slots);
+        Ok(LightTables {
+            lights: build.lights,
+            records: gpu.table("penumbra/scene/light_records", &records, TableFormat::Uint)?,
+            emitters: gpu.table("penumbra/scene/emitter_records", &build.emitters, TableFormat::Uint)?,
+            vertices: gpu.table("penumbra/scene/light_vertices", &build.vertices, TableFormat::Float)?,
+            sobol: sobol::upload(gpu)?,
+        })
+    }
+
+    /// `features` with those that the lights of the scene need.
+    pub fn features(scene: &Scene, features: Features) -> Features {
+        let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
+        let textured = scene.lights.iter().any(|light| match light.kind {
+            LightKind::Mesh { material, .. } => scene.materials[material as usize].emissive_texture.is_some(),
+            _ => false,
+        });
+        features
+            .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
+            .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
+            .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
+            .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
+            .with("emissive_textures", textured)
+    }
+}
+
+impl Bindings for LightTables {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        match name {
+            "light_records" => Some((&self.records).into()),
+            "emitter_records" => Some((&self.emitters).into()),
+            "light_vertices" => Some((&self.vertices).into()),
+            "sobol_directions" => Some((&self.sobol).into()),
+            _ => None,
+        }
+    }
+}
+
+#[derive(Default)]
+struct Build {
+    lights: Vec<LightInfo>,
+    records: Vec<[u32; 4]>,
+    emitters: Vec<[u32; 4]>,
+    /// By BVH slot of an emitter triangle: its light and its place in `emitters`.
+    slots: Vec<[u32; 4]>,
+    vertices: Vec<[f32; 4]>,
+}
+
+fn bits(v: Vec3, w: f32) -> [u32; 4] {
+    v.extend(w).to_array().map(f32::to_bits)
+}
+
+impl Build {
+    fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
+        let punctual = |power, centre, radius| LightInfo {
+            power,
+            closed_form: true,
+            contour_edges: 0,
+            two_sided: false,
+            punctual: true,
+            planar: false,
+            centre,
+            radius,
+        };
+        let mean = |v: Vec3| v.as_dvec3().element_sum() / 3.0;
+        // An infinite range has no finite twin that matters: at 3e38 the window is 1 everywhere.
+        let finite = |range: f32| range.min(f32::MAX);
+        let none = [0; 4];
+        let info = match &light.kind {
+            LightKind::Mesh { material, emitters } => self.push_mesh(scene, index, *material, emitters),
+            LightKind::Point { position, intensity, range } => {
+                let kind = [POINT | CLOSED_FORM, 0, 0, 0];
+                self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none]);
+                punctual(mean(*intensity) * 4.0 * std::f64::consts::PI, *position, 0.0)
+            }
+            LightKind::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
+                let kind = [SPOT | CLOSED_FORM, 0, 0, 0];
+                let cone = [cos_inner.to_bits(), 0, 0, 0];
+                let place = bits(*position, finite(*range));
+                self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone]);
+                // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
+                let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
+                let steradians = 2.0 * std::f64::consts::PI * ((1.0 - inner) + (inner - outer) / 3.0);
+                punctual(mean(*intensity) * steradians, *position, 0.0)
+            }
+            LightKind::Directional { direction, irradiance } => {
+                let kind = [DIRECTIONAL | CLOSED_FORM, 0, 0, 0];
+                let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
+                let disc = bits(centre, radius);
+                self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc]);
+                let area = std::f64::consts::PI * f64::from(radius).powi(2);
+                punctual(mean(*irradiance) * area, centre, radius)
+            }
+        };
+        self.lights.push(info);
+    }
+
+    fn push_mesh(&mut self, scene: &Scene, index: u32, material: u32, emitters: &[EmitterTriangle]) -> LightInfo {
+        let material = &scene.materials[material as usize];
+        let corners = |e: &EmitterTriangle| {
+            scene.triangles[e.triangle as usize].vertices.map(|v| scene.vertices[v as usize].position)
+        };
+        let (centre, radius) = bounding_sphere(emitters.iter().flat_map(corners));
+        let first = self.emitters.len() as u32 / EMITTER_RECORDS;
+        let area = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3()).length() / 2.0;
+        let power = |e: &EmitterTriangle| area(corners(e)) * e.radiance.as_dvec3().element_sum() / 3.0;
+        let total: f64 = emitters.iter().map(power).sum();
+        let mut cumulative = 0.0;
+        let mut below = 0f32;
+        for (i, emitter) in emitters.iter().enumerate() {
+            let [a, b, c] = corners(emitter);
+            cumulative += power(emitter);
+            // The kernels compare with the rounded numbers: the probabilities are made of them too.
+            let end = if i + 1 == emitters.len() { 1.0 } else { (cumulative / total) as f32 };
+            let density = f64::from(end - below) / area([a, b, c]);
+            below = end;
+            self.slots.push([emitter.triangle, index, first + i as u32, 0]);
+            self.emitters.extend([
+                [a.x.to_bits(), a.y.to_bits(), a.z.to_bits(), emitter.triangle],
+                bits(b, end),
+                bits(c, density as f32),
+            ]);
+        }
+        let two_sided = material.double_sided;
+        let uniform = material.emissive_texture.is_none();
+        let triangles: Vec<[Vec3; 3]> = emitters.iter().map(corners).collect();
+        let contours = if uniform { contours(&triangles, f64::from(radius)) } else { None };
+        let start = self.vertices.len() as u32;
+        for contour in contours.iter().flatten() {
+            self.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
+            // Closed: the kernels need not remember the first vertex.
+            let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
+            self.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
+        }
+        let flag = |flag, on| if on { flag } else { 0 };
+        let kind = MESH | flag(TWO_SIDED, two_sided) | flag(CLOSED_FORM, contours.is_some());
+        self.records.extend([
+            [kind, first, emitters.len() as u32, start],
+            bits(centre, radius),
+            bits(material.emissive, 0.0),
+            [self.vertices.len() as u32 - start, 0, 0, 0],
+            [0; 4],
+        ]);
+        let sides = if two_sided { 2.0 } else { 1.0 };
+        let normals = contours.iter().flatten().map(|contour| contour.normal);
+        LightInfo {
+            power: total * std::f64::consts::PI * sides,
+            closed_form: contours.is_some(),
+            contour_edges: contours.iter().flatten().map(|contour| contour.vertices.len()).sum(),
+            two_sided,
+            punctual: false,
+            planar: contours.is_some() && normals.clone().all(|n| normals.clone().all(|m| m == n)),
+            centre,
+            radius,
+        }
+    }
+}
+
+/// A sphere around the points: about the middle of their box, of radius 0 where there is none.
+fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
+    let (low, high) = points
+        .clone()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), point| (low.min(point), high.max(point)));
+    if low.x > high.x {
+        return (Vec3::ZERO, 0.0);
+    }
+    let centre = (low + high) / 2.0;
+    let radius = points.map(|point| point.as_dvec3().distance(centre.as_dvec3())).fold(0.0, f64::max);
+    // Up, so that rounding leaves no point outside.
+    (centre, (radius as f32).next_up())
+}
+
+/// A closed chain of edges in a plane, counter-clockwise about its normal; the edges of holes run clockwise.
+struct Contour {
+    normal: Vec3,
+    vertices: Vec<Vec3>,
+}
+
+/// The contours of the triangles, those in one plane that face the same way merged; none where there are more than
+/// [`MAX_CONTOUR_EDGES`] edges.
+fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Contour>> {
+    let mut planes: Vec<(DVec3, DVec3, Vec<usize>)> = Vec::new();
+    // Large triangles first: their planes are the most exact.
+    let normal = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3());
+    let mut order: Vec<usize> = (0..triangles.len()).collect();
+    order.sort_by(|&i, &j| normal(triangles[j]).length_squared().total_cmp(&normal(triangles[i]).length_squared()));
+    for i in order {
+        let n = normal(triangles[i]).normalize();
+        let within = |plane: &(DVec3, DVec3, Vec<usize>)| {
+            let near = |corner: Vec3| (corner.as_dvec3() - plane.1).dot(plane.0).abs() <= COPLANAR * radius;
+            n.dot(plane.0) > 0.0 && triangles[i].into_iter().all(near)
+        };
+        match planes.iter().position(within) {
+            Some(plane) => planes[plane].2.push(i),
+            // Each plane has three edges at least.
+            None if planes.len() * 3 >= MAX_CONTOUR_EDGES => return None,
+            None => planes.push((n, triangles[i][0].as_dvec3(), vec![i])),
+        }
+    }
+    let mut contours = Vec::new();
+    for (normal, _, members) in planes {
+        for chain in boundary(members.iter().map(|&i| triangles[i])) {
+            let vertices = without_straight_corners(chain, COPLANAR * radius);
+            // A chain that runs to and fro encloses nothing.
+            if vertices.len() >= 3 {
+                contours.push(Contour { normal: normal.as_vec3(), vertices });
+            }
+        }
+    }
+    let edges: usize = contours.iter().map(|contour| contour.vertices.len()).sum();
+    (edges <= MAX_CONTOUR_EDGES).then_some(contours)
+}
+
+type Corner = [u32; 3];
+
+/// The edges of triangles that no other triangle runs along the other way, joined to closed chains. Any way to join
+/// them will do: the closed form sums over edges.
+fn boundary(triangles: impl Iterator<Item = [Vec3; 3]>) -> Vec<Vec<Vec3>> {
+    // Adding zero makes -0 and 0 the same corner.
+    let key = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
+    let mut edges: HashMap<(Corner, Corner), usize> = HashMap::new();
+    let mut order: Vec<(Vec3, Vec3)> = Vec::new();
+    for [a, b, c] in triangles {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let back = edges.entry((key(to), key(from))).or_default();
+            if *back > 0 {
+                *back -= 1;
+            } else {
+                *edges.entry((key(from), key(to))).or_default() += 1;
+                order.push((from, to));
+            }
+        }
+    }
+    let mut next: HashMap<Corner, Vec<Vec3>> = HashMap::new();
+    let mut starts = Vec::new();
+    for (from, to) in order {
+        let left = edges.entry((key(from), key(to))).or_default();
+        if *left > 0 {
+            *left -= 1;
+            next.entry(key(from)).or_default().push(to);
+            starts.push(from);
+        }
+    }
+    let mut chains = Vec::new();
+    for start in starts {
+        let mut chain = Vec::new();
+        let mut at = start;
+        // Every corner has as many edges that leave as arrive, so that a chain ends where it began.
+        while let Some(to) = next.get_mut(&key(at)).and_then(Vec::pop) {
+            chain.push(at);
+            at = to;
+        }
+        if !chain.is_empty() {
+            chains.push(chain);
+        }
+    }
+    chains
+}
+
+/// The chain without corners that lie within `tolerance` of the line between their neighbours.
+fn without_straight_corners(mut chain: Vec<Vec3>, tolerance: f64) -> Vec<Vec3> {
+    let mut i = 0;
+    let mut kept = 0;
+    // Once around without a corner to drop, and it is done.
+    while chain.len() >= 3 && kept < chain.len() {
+        let n = chain.len();
+        let [a, b, c] = [(i + n - 1) % n, i % n, (i + 1) % n].map(|k| chain[k].as_dvec3());
+        let along = (c - a).try_normalize();
+        let off = along.map_or(0.0, |along| (b - a).cross(along).length());
+        let between = (b - a).dot(c - b) >= 0.0;
+        if off <= tolerance && (between || along.is_none()) {
+            chain.remove(i % n);
+            kept = 0;
+            i %= chain.len();
+        } else {
+            kept += 1;
+            i = (i + 1) % n;
+        }
+    }
+    chain
+}

@@ -1,0 +1,100 @@
+//! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
+
+pub mod camera;
+pub mod lights;
+pub mod sobol;
+pub mod surfaces;
+pub mod textures;
+
+pub use camera::CameraUniform;
+pub use lights::LightTables;
+pub use surfaces::SurfaceTables;
+pub use textures::TextureTables;
+
+use crate::Result;
+use crate::bvh::Bvh;
+use crate::gpu::buffer::TableFormat;
+use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
+use crate::scene::{AlphaMode, Camera, Scene};
+
+/// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
+pub struct SceneTables {
+    /// The lights, and what the host wants to know of them.
+    pub lights: LightTables,
+    nodes: Table,
+    triangles: Table,
+    surfaces: SurfaceTables,
+    textures: TextureTables,
+    camera: Buffer,
+    /// Bytes on the device, padding not counted.
+    pub bytes: u64,
+}
+
+/// Bits of a triangle's word in the BVH.
+pub(crate) const TRIANGLE_ALPHA: u32 = 1;
+pub(crate) const TRIANGLE_DOUBLE_SIDED: u32 = 2;
+
+impl SceneTables {
+    /// Uploads a scene whose triangles are in the order of `bvh`.
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        mut bvh: Bvh,
+        camera: &Camera,
+        size: [u32; 2],
+        features: &Features,
+    ) -> Result<SceneTables> {
+        for (slot, triangle) in scene.triangles.iter().enumerate() {
+            let material = &scene.materials[triangle.material as usize];
+            let alpha = if material.alpha == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
+            let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
+            bvh.set_triangle_word(slot as u32, alpha | sides);
+        }
+        let (textures, slots) = TextureTables::new(gpu, scene)?;
+        let surfaces = SurfaceTables::new(gpu, scene, &slots, features)?;
+        let records = bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
+        Ok(SceneTables {
+            lights: LightTables::new(gpu, scene)?,
+            nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
+            triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
+            camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
+            bytes: records as u64 * 16 + textures.bytes,
+            surfaces,
+            textures,
+        })
+    }
+
+    /// The `override`s of the kernels that read the scene.
+    pub fn constants(&self) -> Vec<(&'static str, f64)> {
+        self.surfaces.constants()
+    }
+}
+
+impl Bindings for SceneTables {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        Some(match name {
+            "bvh_nodes" => (&self.nodes).into(),
+            "bvh_triangles" => (&self.triangles).into(),
+            "surface_records" => (&self.surfaces.surfaces).into(),
+            "material_records" => (&self.surfaces.materials).into(),
+            "texture_slots" => (&self.textures.slots).into(),
+            "colour_texels" => (&self.textures.colour).into(),
+            "data_texels" => (&self.textures.data).into(),
+            "camera" => (&self.camera).into(),
+            _ => return self.lights.get(name),
+        })
+    }
+}
+
+/// A unit vector in 32 bits: its octahedral image as two signed 16-bit fractions (Cigolle et al. 2014,
+/// "A Survey of Efficient Representations for Independent Unit Vectors"); within 4e-5 rad.
+pub(crate) fn oct_encode16(n: glam::Vec3) -> u32 {
+    let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
+    let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
+    let (x, y) = if n.z >= 0.0 { (n.x, n.y) } else { (fold(n.x, n.y), fold(n.y, n.x)) };
+    let snorm = |v: f32| (v.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16 as u32;
+    snorm(x) | snorm(y) << 16
+}

@@ -1,0 +1,279 @@
+//! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
+
+mod direct;
+mod output;
+mod totals;
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use crate::bvh::Bvh;
+use crate::gpu::{Features, Gpu};
+use crate::needs::Needs;
+use crate::passes::film::{Film, Plane};
+use crate::passes::primary::{BoundPrimary, Primary};
+use crate::passes::{Tile, TileBuffers};
+use crate::scene::{Camera, Scene};
+use crate::settings::{Aov, Settings, Technique};
+use crate::statistics::{Counter, Statistics};
+use crate::tables::SceneTables;
+use crate::{Error, Image, Result};
+
+use direct::Direct;
+use totals::Totals;
+
+/// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
+const TILE_POINTS: u32 = 1 << 19;
+
+/// Most samples of a pixel in one tile, so that audits mend the map early and a render can stop soon.
+const TILE_SAMPLES: u32 = 8;
+
+/// A render under way.
+pub struct Renderer<'g> {
+    gpu: &'g Gpu,
+    scene: Scene,
+    camera: Camera,
+    settings: Settings,
+    needs: Needs,
+    notes: Vec<String>,
+    tables: SceneTables,
+    primary: BoundPrimary,
+    direct: Direct,
+    buffers: TileBuffers,
+    tiles: Vec<TileFilm>,
+    rows: u32,
+    samples: u32,
+    totals: Totals,
+}
+
+/// How far a render is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Samples a pixel so far.
+    pub samples: u32,
+    /// Rays of all types so far.
+    pub rays: u64,
+    /// Boundary and unknown points over all points so far.
+    pub boundary_share: f64,
+}
+
+/// The film of some rows.
+struct TileFilm {
+    first_row: u32,
+    rows: u32,
+    direct: Plane,
+    indirect: Option<Plane>,
+    squares: Option<Plane>,
+    albedo: Option<Plane>,
+    normal: Option<Plane>,
+    position: Option<Plane>,
+    shadow: Vec<direct::ShadowFilm>,
+}
+
+impl TileFilm {
+    fn planes(&self) -> impl Iterator<Item = &Plane> {
+        let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
+        std::iter::once(&self.direct).chain(optional.into_iter().flatten())
+    }
+}
+
+impl<'g> Renderer<'g> {
+    /// Makes everything ready for the first sample: hierarchy, kernels, tables, photons and their grid.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for settings out of range, [`Error::Buffer`] for what the device cannot hold, and those of
+    /// [`Gpu::check`].
+    pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
+        settings.check()?;
+        let mut totals = Totals::default();
+
+        let start = Instant::now();
+        let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+        let bvh = Bvh::build(&positions)?;
+        drop(positions);
+        scene.reorder_triangles(&bvh.order);
+        totals.bvh_depth = bvh.depth;
+        totals.time_bvh = start.elapsed().as_secs_f64();
+
+        let needs = Needs::new(&scene, settings);
+        let features = device_features(gpu, needs.features.clone());
+        let size = [settings.width, settings.height];
+        let tables = SceneTables::new(gpu, &scene, bvh, camera, size, &features)?;
+        totals.scene_bytes = tables.bytes;
+
+        let start = Instant::now();
+        let constants = tables.constants();
+        let (kernels, direct) = rayon::join(
+            || -> Result<(Primary, Film)> {
+                let (primary, film) =
+                    rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features));
+                Ok((primary?, film?))
+            },
+            || direct::Kernels::new(gpu, &features, &constants, settings),
+        );
+        let ((primary, film), direct) = (kernels?, direct?);
+        totals.time_compile = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
+        let layers = (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp));
+        let points = rows * settings.width * layers;
+        let indirect = settings.technique == Technique::Path;
+        let buffers = TileBuffers::new(gpu, &features, points, indirect)?;
+        let primary = primary.bind(gpu, &buffers, &tables)?;
+        let direct = Direct::new(gpu, direct, &scene, &tables, &buffers, points, settings, &mut totals)?;
+        let first_rows = (0..settings.height).step_by(rows as usize);
+        let tiles = first_rows
+            .map(|first_row| {
+                let rows = rows.min(settings.height - first_row);
+                new_film(gpu, &film, &buffers, &direct, [first_row, rows], settings)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        gpu.wait("preparation")?;
+        totals.frame_bytes =
+            buffers.bytes() + direct.frame_bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.time_render = start.elapsed().as_secs_f64();
+
+        let notes = notes(&scene, settings);
+        let (camera, settings) = (camera.clone(), settings.clone());
+        Ok(Renderer {
+            gpu,
+            scene,
+            camera,
+            settings,
+            needs,
+            notes,
+            tables,
+            primary,
+            direct,
+            buffers,
+            tiles,
+            rows,
+            samples: 0,
+            totals,
+        })
+    }
+
+    /// Renders some more samples of every pixel, at least one, and no more than are missing to the settings' number
+    /// where some are.
+    ///
+    /// # Errors
+    /// [`Error::Computation`] where a kernel met the loop budget, and those of [`Gpu::check`].
+    pub fn render_batch(&mut self) -> Result<Progress> {
+        let start = Instant::now();
+        let width = self.settings.width;
+        let most = (TILE_POINTS / (self.rows * width)).clamp(1, TILE_SAMPLES.min(self.settings.spp));
+        let missing = self.settings.spp.saturating_sub(self.samples);
+        let layers = if missing > 0 { most.min(missing) } else { most };
+        for index in 0..self.tiles.len() {
+            let film = &self.tiles[index];
+            let pixel_count = film.rows * width;
+            let tile = Tile {
+                width,
+                height: self.settings.height,
+                first_row: film.first_row,
+                pixel_count,
+                point_count: pixel_count * layers,
+                first_sample: self.samples,
+                seed: self.settings.seed,
+                centred: u32::from(self.settings.spp == 1),
+            };
+            let mut frame = self.gpu.frame("sample");
+            frame.clear(&self.buffers.counters);
+            self.primary.record(&mut frame, &tile);
+            self.direct.record(&mut frame, &tile, &film.shadow);
+            for plane in film.planes() {
+                plane.record(&mut frame, &tile);
+            }
+            frame.submit()?;
+            let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
+            self.totals.add(&counters, u64::from(tile.point_count));
+        }
+        self.samples += layers;
+        self.totals.check()?;
+        self.direct.heal(self.gpu, &mut self.totals, self.samples)?;
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        let points = self.totals.points();
+        Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
+    }
+
+    /// Samples a pixel so far.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// The image so far, with the channels that the settings ask for.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn image(&self) -> Result<Image> {
+        output::image(self)
+    }
+
+    /// What was done so far. The times that the library does not see (start, import, total) are 0.
+    ///
+    /// # Errors
+    /// As [`Gpu::pass_times`].
+    pub fn statistics(&self) -> Result<Statistics> {
+        output::statistics(self)
+    }
+
+    /// What was kept and left out.
+    pub fn needs(&self) -> &Needs {
+        &self.needs
+    }
+
+    /// Remarks on the render, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
+
+/// `features` with those of the device.
+pub fn device_features(gpu: &Gpu, features: Features) -> Features {
+    features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
+}
+
+fn notes(scene: &Scene, settings: &Settings) -> Vec<String> {
+    let mut notes = Vec::new();
+    if settings.technique != Technique::Path {
+        notes.push(format!(
+            "technique {} renders emission and direct light; indirect light is left to --technique path",
+            settings.technique
+        ));
+    }
+    if scene.triangles.is_empty() {
+        notes.push("the scene has no triangles: the image is empty".to_owned());
+    }
+    notes
+}
+
+fn new_film(
+    gpu: &Gpu,
+    film: &Film,
+    buffers: &TileBuffers,
+    direct: &Direct,
+    [first_row, rows]: [u32; 2],
+    settings: &Settings,
+) -> Result<TileFilm> {
+    let pixels = rows * settings.width;
+    let plane = |samples: &crate::gpu::Buffer| film.plane(gpu, pixels, samples, &buffers.counters);
+    let optional = |samples: &Option<crate::gpu::Buffer>| samples.as_ref().map(plane).transpose();
+    let other = buffers.radiance_indirect.as_ref();
+    let squares = settings.aovs.contains(&Aov::Variance).then(|| {
+        let parts = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
+        film.plane_of_squares(gpu, pixels, parts, &buffers.counters)
+    });
+    Ok(TileFilm {
+        first_row,
+        rows,
+        direct: plane(&buffers.radiance_direct)?,
+        indirect: optional(&buffers.radiance_indirect)?,
+        squares: squares.transpose()?,
+        albedo: optional(&buffers.albedo_samples)?,
+        normal: optional(&buffers.normal_samples)?,
+        position: optional(&buffers.position_samples)?,
+        shadow: direct.films(gpu, pixels)?,
+    })
+}

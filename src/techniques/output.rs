@@ -1,0 +1,204 @@
+//! The image and the statistics of a render.
+
+use glam::{DMat4, DVec3, DVec4, Vec3};
+
+use crate::film::{Channel, Metadata};
+use crate::gpu::Gpu;
+use crate::passes::film::Plane;
+use crate::settings::Aov;
+use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
+use crate::{Image, Result};
+
+use super::Renderer;
+
+/// Depth where the ray left the scene: Blender's number, as EXR readers stumble over infinities.
+const NO_DEPTH: f64 = 1e10;
+
+pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
+    let settings = &renderer.settings;
+    let samples = renderer.samples;
+    let plane = |pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>| means(renderer, pick);
+    let direct = plane(&|f| Some(&f.direct))?.unwrap_or_default();
+    let indirect = plane(&|f| f.indirect.as_ref())?;
+    let total: Vec<DVec4> = match &indirect {
+        Some(indirect) => direct.iter().zip(indirect).map(|(d, i)| (d.truncate() + i.truncate()).extend(d.w)).collect(),
+        None => direct.clone(),
+    };
+    let mut channels = Vec::new();
+    push(&mut channels, ["R", "G", "B"], &total);
+    channels.push(Channel { name: "A".into(), samples: total.iter().map(|v| v.w as f32).collect() });
+    let black = vec![DVec4::ZERO; direct.len()];
+    for aov in &settings.aovs {
+        match aov {
+            Aov::Direct => push(&mut channels, ["direct.R", "direct.G", "direct.B"], &direct),
+            Aov::Indirect => {
+                push(&mut channels, ["indirect.R", "indirect.G", "indirect.B"], indirect.as_ref().unwrap_or(&black));
+            }
+            Aov::Albedo => {
+                let albedo = plane(&|f| f.albedo.as_ref())?.unwrap_or_default();
+                push(&mut channels, ["albedo.R", "albedo.G", "albedo.B"], &albedo);
+            }
+            Aov::Normal => {
+                let mut normals = plane(&|f| f.normal.as_ref())?.unwrap_or_default();
+                normals.iter_mut().for_each(|n| *n = n.truncate().normalize_or_zero().extend(0.0));
+                push(&mut channels, ["N.X", "N.Y", "N.Z"], &normals);
+            }
+            Aov::Position => {
+                let mut positions = plane(&|f| f.position.as_ref())?.unwrap_or_default();
+                for (p, total) in positions.iter_mut().zip(&total) {
+                    let seen = total.w;
+                    let normalised = if seen > 0.0 { p.truncate() / seen } else { DVec3::ZERO };
+                    let world = if seen > 0.0 { renderer.scene.normalisation.undo_f64(normalised) } else { DVec3::ZERO };
+                    *p = world.extend(0.0);
+                }
+                push(&mut channels, ["P.X", "P.Y", "P.Z"], &positions);
+            }
+            Aov::Depth => {
+                let positions = plane(&|f| f.position.as_ref())?.unwrap_or_default();
+                let scale = renderer.scene.normalisation.scale();
+                let depth = positions.iter().zip(&total).map(|(p, total)| {
+                    (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32
+                });
+                channels.push(Channel { name: "Z".into(), samples: depth.collect() });
+            }
+            Aov::Variance => {
+                let squares = plane(&|f| f.squares.as_ref())?.unwrap_or_default();
+                let n = f64::from(samples);
+                let variance = squares.iter().zip(&total).map(|(square, mean)| {
+                    // Of the mean of n samples; unknown, and said to be 0, where there is one.
+                    if n > 1.0 { ((*square - *mean * *mean) / (n - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
+                });
+                push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variance.collect::<Vec<_>>());
+            }
+            Aov::Shadow => shadow_channels(renderer, &mut channels)?,
+        }
+    }
+    let mut image = Image { width: settings.width, height: settings.height, channels, ..Image::default() };
+    metadata(renderer, &mut image);
+    Ok(image)
+}
+
+/// The means of a plane over the whole image, or none where the tiles have no such plane.
+fn means(renderer: &Renderer<'_>, pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
+    let mut all = Vec::new();
+    for tile in &renderer.tiles {
+        let Some(plane) = pick(tile) else { return Ok(None) };
+        all.extend(plane.means(renderer.gpu, renderer.samples)?);
+    }
+    Ok(Some(all))
+}
+
+fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {
+    for (axis, name) in names.into_iter().enumerate() {
+        channels.push(Channel { name: name.to_owned(), samples: values.iter().map(|v| v[axis] as f32).collect() });
+    }
+}
+
+fn shadow_channels(renderer: &Renderer<'_>, channels: &mut Vec<Channel>) -> Result<()> {
+    let mut used = std::collections::HashSet::new();
+    for (index, light) in renderer.scene.lights.iter().enumerate() {
+        let mut all = Vec::new();
+        for tile in &renderer.tiles {
+            let Some(film) = tile.shadow.get(index) else { return Ok(()) };
+            all.extend(film.read(renderer.gpu, renderer.samples)?);
+        }
+        // A dot ends a layer's name, and two lights may share theirs.
+        let mut name = light.name.replace('.', "_");
+        if !used.insert(name.clone()) {
+            name = format!("{name}_{index}");
+            used.insert(name.clone());
+        }
+        for (axis, suffix) in ["class", "visibility", "ni", "ns"].into_iter().enumerate() {
+            let samples = all.iter().map(|v| v[axis] as f32).collect();
+            channels.push(Channel { name: format!("shadow.{name}.{suffix}"), samples });
+        }
+    }
+    Ok(())
+}
+
+fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
+    let settings = &renderer.settings;
+    let mut put = |name: &str, value: Metadata| {
+        image.metadata.insert(name.to_owned(), value);
+    };
+    put("renderTimeSeconds", Metadata::Float(renderer.totals.time_render as f32));
+    put("samplesPerPixel", Metadata::Int(renderer.samples as i32));
+    let (camera, ndc) = camera_matrices(renderer);
+    put("worldToCamera", Metadata::Matrix(camera));
+    put("worldToNDC", Metadata::Matrix(ndc));
+    let text = |s: &str| Metadata::Text(s.to_owned());
+    put("penumbra:version", text(env!("CARGO_PKG_VERSION")));
+    put("penumbra:technique", text(settings.technique.name()));
+    put("penumbra:device", text(&renderer.gpu.info.name));
+    put("penumbra:driver", text(&renderer.gpu.info.driver));
+    put("penumbra:seed", Metadata::Int(settings.seed as i32));
+    put("penumbra:photons", Metadata::Int(settings.photons as i32));
+    put("penumbra:nearest", Metadata::Int(settings.nearest as i32));
+    put("penumbra:shadowSamples", Metadata::Int(settings.shadow_samples as i32));
+    let left_out: Vec<&str> = renderer.needs.left_out.iter().map(|item| item.name).collect();
+    put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
+    let dropped = renderer.totals.get(Counter::NotFinite);
+    put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
+}
+
+/// World to camera and to NDC, for row vectors, as pbrt writes them: camera space is left-handed with z forward.
+fn camera_matrices(renderer: &Renderer<'_>) -> ([f32; 16], [f32; 16]) {
+    let camera = &renderer.camera;
+    let [right, up, backward] = camera.axes.map(Vec3::as_dvec3);
+    let position = renderer.scene.normalisation.undo(camera.position);
+    let to_world = DMat4::from_cols(right.extend(0.0), up.extend(0.0), (-backward).extend(0.0), position.extend(1.0));
+    let to_camera = to_world.inverse();
+    let uniform = crate::tables::CameraUniform::new(camera, renderer.settings.width, renderer.settings.height);
+    let length = |v: [f32; 3]| Vec3::from(v).as_dvec3().length();
+    let scale = renderer.scene.normalisation.scale();
+    let (half_width, half_height) = (length(uniform.right), length(uniform.up));
+    let to_ndc = if uniform.orthographic == 1 {
+        let (w, h) = (scale / half_width, scale / half_height);
+        DMat4::from_scale(DVec3::new(w, h, 1.0)) * to_camera
+    } else {
+        let project = DMat4::from_cols(
+            DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
+            DVec4::new(0.0, 0.0, 1.0, 1.0),
+            DVec4::new(0.0, 0.0, 0.0, 0.0),
+        );
+        project * to_camera
+    };
+    // Row-major for row vectors is column-major for column vectors: the same sixteen numbers in order.
+    (to_camera.as_mat4().to_cols_array(), to_ndc.as_mat4().to_cols_array())
+}
+
+pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
+    let (totals, scene, gpu): (_, _, &Gpu) = (&renderer.totals, &renderer.scene, renderer.gpu);
+    let names = |items: &[crate::needs::Item]| items.iter().map(|item| item.name.to_owned()).collect();
+    Ok(Statistics {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: gpu.info.clone(),
+        settings: renderer.settings.clone(),
+        samples: renderer.samples,
+        rays: totals.rays(),
+        points: totals.points(),
+        photons: totals.photons.clone(),
+        audits: totals.audits(),
+        not_finite: totals.get(Counter::NotFinite),
+        time: Times {
+            bvh: totals.time_bvh,
+            compile: totals.time_compile,
+            render: totals.time_render,
+            passes: gpu.pass_times()?,
+            ..Times::default()
+        },
+        memory: Memory { scene: totals.scene_bytes, photons: totals.photon_bytes, frame: totals.frame_bytes },
+        scene: SceneCounts {
+            triangles: scene.triangles.len() as u64,
+            lights: scene.lights.len() as u64,
+            materials: scene.materials.len() as u64,
+            images: scene.images.len() as u64,
+            bvh_depth: totals.bvh_depth,
+        },
+        kept: names(&renderer.needs.kept),
+        left_out: names(&renderer.needs.left_out),
+        notes: renderer.notes.clone(),
+    })
+}

@@ -1,0 +1,84 @@
+//! Counts and times of a render, added up from what the kernels count.
+
+use crate::statistics::{Audits, Counter, LightPhotons, Points, Rays};
+use crate::{Error, Result};
+
+/// Sums over all samples so far.
+#[derive(Default)]
+pub(super) struct Totals {
+    counters: [u64; Counter::COUNT],
+    camera_rays: u64,
+    pub photons: Vec<LightPhotons>,
+    pub photon_rays: u64,
+    pub bvh_depth: u32,
+    pub time_bvh: f64,
+    pub time_compile: f64,
+    pub time_render: f64,
+    pub scene_bytes: u64,
+    pub photon_bytes: u64,
+    pub frame_bytes: u64,
+}
+
+impl Totals {
+    /// Adds what the kernels counted for a tile of `points` points.
+    pub fn add(&mut self, counters: &[u32], points: u64) {
+        for (sum, count) in self.counters.iter_mut().zip(counters) {
+            *sum += u64::from(*count);
+        }
+        self.camera_rays += points;
+    }
+
+    pub fn get(&self, counter: Counter) -> u64 {
+        self.counters[counter as usize]
+    }
+
+    /// # Errors
+    /// [`Error::Computation`] where a kernel met the loop budget.
+    pub fn check(&self) -> Result<()> {
+        match self.get(Counter::Overrun) {
+            0 => Ok(()),
+            n => Err(Error::Computation {
+                kernel: "bvh".to_owned(),
+                problem: format!(
+                    "{n} rays met more geometry than the device's loop budget of 65,535 turns allows; the image \
+                     would be wrong. Remove overlapping layers, or choose a hardware device with --device"
+                ),
+            }),
+        }
+    }
+
+    pub fn rays(&self) -> Rays {
+        Rays {
+            camera: self.camera_rays,
+            photon: self.photon_rays,
+            shadow: self.get(Counter::ShadowRays),
+            audit: self.get(Counter::AuditRays),
+            bounce: self.get(Counter::BounceRays),
+            ..Rays::default()
+        }
+        .summed()
+    }
+
+    pub fn points(&self) -> Points {
+        let [lit, shadowed, boundary, unknown] =
+            [Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown].map(|c| self.get(c));
+        let total = lit + shadowed + boundary + unknown;
+        let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+        Points {
+            total,
+            dark: self.get(Counter::Dark),
+            lit,
+            shadowed,
+            boundary,
+            unknown,
+            boundary_share: share(boundary + unknown, total),
+            fill_seen: share(self.get(Counter::PenumbraSeen), boundary + unknown),
+        }
+    }
+
+    pub fn audits(&self) -> Audits {
+        let points = self.points();
+        let decided = 1.0 - points.boundary_share;
+        Audits::new(self.get(Counter::Audited), self.get(Counter::AuditsWrong), decided)
+    }
+}

@@ -1,0 +1,297 @@
+//! `scripts/with-vulkan` on made-up machines: every program that it could call is a stub in a folder that
+//! is the whole of PATH, and drivers are manifests in a folder that XDG_DATA_DIRS names.
+//!
+//! The loader, and so the script, also looks in /etc/vulkan, which a test cannot hide. Hence machines without
+//! any driver run `cargo test` here, which asks for lavapipe whatever a GPU's driver has put there.
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/with-vulkan");
+const LAVAPIPE: &str = "lvp_icd.x86_64.json";
+const GPU: &str = "nvidia_icd.json";
+
+struct Machine {
+    root: PathBuf,
+}
+
+impl Machine {
+    /// A machine with a loader, a linker and cargo, but with no driver and no package manager.
+    fn new(name: &str) -> Self {
+        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("with_vulkan").join(name);
+        let _ = fs::remove_dir_all(&root);
+        for folder in ["bin", "share/vulkan/icd.d", "tmp"] {
+            fs::create_dir_all(root.join(folder)).unwrap();
+        }
+        let machine = Machine { root };
+        for tool in ["bash", "cat", "env", "mkdir", "mktemp", "mv"] {
+            let real = ["/bin", "/usr/bin", "/usr/local/bin"].map(|folder| Path::new(folder).join(tool));
+            let real = real.iter().find(|path| path.exists()).unwrap_or_else(|| panic!("no {tool} on this machine"));
+            symlink(real, machine.root.join("bin").join(tool)).unwrap();
+        }
+        machine.stub("ldconfig", "echo ' libvulkan.so.1 (libc6,x86-64) => /lib/libvulkan.so.1'");
+        machine.stub("id", "echo 0");
+        machine.stub("cc", "");
+        machine.stub("cargo", r#"echo "cargo $*"; env >"$ROOT/cargo.env"; exit 7"#);
+        machine
+    }
+
+    /// A program of that name.
+    fn stub(&self, name: &str, body: &str) {
+        let path = self.root.join("bin").join(name);
+        fs::write(&path, format!("#!/usr/bin/env bash\n{body}\n")).unwrap();
+        fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+    }
+
+    /// A package manager that writes down its arguments, talks on stdout and then runs `effect`.
+    fn manager(&self, name: &str, effect: &str) {
+        self.stub(name, &format!("echo \"{name} $*\" >>\"$ROOT/log\"; echo chatter; {effect}"));
+    }
+
+    fn sudo(&self) {
+        self.stub("id", "echo 1000");
+        self.stub("sudo", r#"echo "sudo $*" >>"$ROOT/log"; exec "$@""#);
+    }
+
+    fn driver(&self, manifest: &str) {
+        fs::write(self.root.join("share/vulkan/icd.d").join(manifest), "{}").unwrap();
+    }
+
+    fn run(&self, arguments: &[&str], environment: &[(&str, &str)]) -> Output {
+        Command::new(SCRIPT)
+            .args(arguments)
+            .env_clear()
+            .env("PATH", self.root.join("bin"))
+            .env("HOME", &self.root)
+            .env("XDG_CONFIG_DIRS", self.root.join("etc"))
+            .env("XDG_DATA_DIRS", self.root.join("share"))
+            .env("TMPDIR", self.root.join("tmp"))
+            .env("ROOT", &self.root)
+            .envs(environment.iter().copied())
+            .output()
+            .unwrap()
+    }
+
+    /// What was asked of package managers and sudo, a line each.
+    fn log(&self) -> String {
+        fs::read_to_string(self.root.join("log")).unwrap_or_default()
+    }
+
+    /// The value of a variable as the command saw it.
+    fn variable(&self, name: &str) -> Option<String> {
+        let environment = fs::read_to_string(self.root.join("cargo.env")).unwrap();
+        environment.lines().find_map(|line| Some(line.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+    }
+}
+
+/// Shell that puts lavapipe's manifest where the loader looks, as its package does.
+const INSTALL: &str = r#"echo {} >"$ROOT/share/vulkan/icd.d/lvp_icd.x86_64.json""#;
+
+fn stdout(output: &Output) -> &str {
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+/// The command ran with these arguments, its output and exit code came through, and nothing else was printed on stdout.
+#[track_caller]
+fn assert_ran(output: &Output, command: &str) {
+    assert_eq!(stdout(output), format!("{command}\n"), "stderr: {}", stderr(output));
+    assert_eq!(output.status.code(), Some(7));
+}
+
+/// The command did not run; the exit code is that of a missing device, and stderr names `what`.
+#[track_caller]
+fn assert_refused(output: &Output, what: &str) {
+    assert_eq!(output.status.code(), Some(4), "stderr: {}", stderr(output));
+    assert_eq!(stdout(output), "");
+    assert!(stderr(output).contains(what), "{what:?} is not in {:?}", stderr(output));
+}
+
+#[test]
+fn a_machine_with_a_driver_just_runs_the_command() {
+    let machine = Machine::new("driver");
+    machine.manager("apt-get", INSTALL);
+    machine.driver(LAVAPIPE);
+    let output = machine.run(&["cargo", "test", "--", "a b"], &[]);
+    assert_ran(&output, "cargo test -- a b");
+    assert_eq!(stderr(&output), "");
+    assert_eq!(machine.log(), "");
+    assert_eq!(machine.variable("VK_DRIVER_FILES"), None, "a GPU would disappear");
+    assert_eq!(machine.variable("VK_ICD_FILENAMES"), None, "a GPU would disappear");
+}
+
+#[test]
+fn each_package_manager_installs_lavapipe() {
+    let apt = "env DEBIAN_FRONTEND=noninteractive apt-get";
+    let cases = [
+        (
+            "apt-get",
+            vec![
+                format!("{apt} update -q"),
+                format!("{apt} install -qy --no-install-recommends libvulkan1 mesa-vulkan-drivers"),
+            ],
+        ),
+        ("dnf", vec!["dnf install -y vulkan-loader mesa-vulkan-drivers".into()]),
+        ("pacman", vec!["pacman -S --needed --noconfirm vulkan-icd-loader vulkan-swrast".into()]),
+    ];
+    for (manager, calls) in cases {
+        for root in [true, false] {
+            let machine = Machine::new(&format!("{manager}-{root}"));
+            machine.manager(manager, INSTALL);
+            if !root {
+                machine.sudo();
+            }
+            let output = machine.run(&["cargo", "test"], &[]);
+            assert_ran(&output, "cargo test");
+            assert!(stderr(&output).starts_with("with-vulkan: missing: lavapipe; installing "), "{}", stderr(&output));
+            let mut expected = String::new();
+            for call in &calls {
+                if !root {
+                    expected += &format!("sudo {call}\n");
+                }
+                let called = call.find(manager).map(|at| &call[at..]).unwrap();
+                expected += &format!("{called}\n");
+            }
+            assert_eq!(machine.log(), expected);
+        }
+    }
+}
+
+#[test]
+fn stale_package_lists_are_fetched_anew() {
+    let machine = Machine::new("stale");
+    machine.manager("pacman", &format!("[[ $1 == -Sy ]] || exit 1; {INSTALL}"));
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+    assert_eq!(machine.log().lines().count(), 2);
+
+    let machine = Machine::new("failed-update");
+    machine.manager("apt-get", &format!("[[ $1 == install ]] || exit 100; {INSTALL}"));
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+}
+
+#[test]
+fn no_install_refuses_and_names_the_packages() {
+    for (manager, packages) in [
+        ("apt-get", "install libvulkan1 mesa-vulkan-drivers"),
+        ("dnf", "install vulkan-loader mesa-vulkan-drivers"),
+        ("pacman", "install vulkan-icd-loader vulkan-swrast"),
+    ] {
+        let machine = Machine::new(&format!("no-install-{manager}"));
+        machine.manager(manager, INSTALL);
+        assert_refused(&machine.run(&["--no-install", "cargo", "test"], &[]), packages);
+        assert_eq!(machine.log(), "");
+        machine.driver(LAVAPIPE);
+        assert_ran(&machine.run(&["--no-install", "cargo", "test"], &[]), "cargo test");
+    }
+}
+
+#[test]
+fn tests_want_lavapipe_beside_a_gpu_unless_a_device_is_named() {
+    let machine = Machine::new("gpu");
+    machine.manager("apt-get", INSTALL);
+    machine.driver(GPU);
+    assert_ran(&machine.run(&["cargo", "run", "--", "test"], &[]), "cargo run -- test");
+    assert_ran(&machine.run(&["cargo", "test"], &[("PENUMBRA_DEVICE", "gpu")]), "cargo test");
+    assert_eq!(machine.log(), "");
+    assert_ran(&machine.run(&["cargo", "+stable", "--locked", "test"], &[]), "cargo +stable --locked test");
+    assert!(machine.log().contains("mesa-vulkan-drivers"));
+}
+
+#[test]
+fn drivers_named_by_the_user_are_respected() {
+    for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        let machine = Machine::new(&format!("named-{name}"));
+        machine.manager("apt-get", INSTALL);
+        let mine = machine.root.join("mine.json");
+        fs::write(&mine, "{}").unwrap();
+        let mine = mine.to_str().unwrap();
+        let output = machine.run(&["cargo", "test"], &[(name, mine)]);
+        assert_ran(&output, "cargo test");
+        assert_eq!((stderr(&output), machine.log().as_str()), ("", ""));
+        assert_eq!(machine.variable(name).as_deref(), Some(mine));
+
+        let output = machine.run(&["cargo", "test"], &[(name, "/nonexistent/icd.json")]);
+        assert_ran(&output, "cargo test");
+        assert!(stderr(&output).contains("/nonexistent/icd.json"));
+    }
+}
+
+#[test]
+fn a_missing_loader_or_linker_is_installed_too() {
+    let machine = Machine::new("no-loader");
+    machine.driver(LAVAPIPE);
+    machine.stub("ldconfig", r#"[[ ! -e $ROOT/log ]] || echo libvulkan.so.1"#);
+    machine.manager("dnf", "");
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+    assert_eq!(machine.log(), "dnf install -y vulkan-loader\n");
+
+    let machine = Machine::new("no-linker");
+    fs::remove_file(machine.root.join("bin/cc")).unwrap();
+    machine.driver(LAVAPIPE);
+    machine.manager("dnf", r#"mv "$ROOT/bin/not-cc" "$ROOT/bin/cc""#);
+    machine.stub("not-cc", "");
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+    assert_eq!(machine.log(), "dnf install -y gcc\n");
+
+    let machine = Machine::new("no-need-of-a-linker");
+    fs::remove_file(machine.root.join("bin/cc")).unwrap();
+    machine.driver(LAVAPIPE);
+    machine.stub("render", "echo render; exit 7");
+    assert_ran(&machine.run(&["render"], &[]), "render");
+}
+
+#[test]
+fn what_cannot_be_installed_is_an_error() {
+    let machine = Machine::new("no-manager");
+    assert_refused(&machine.run(&["cargo", "test"], &[]), "missing: lavapipe");
+
+    let machine = Machine::new("no-sudo");
+    machine.manager("apt-get", INSTALL);
+    machine.stub("id", "echo 1000");
+    assert_refused(&machine.run(&["cargo", "test"], &[]), "as root: apt-get");
+    assert_eq!(machine.log(), "");
+
+    let machine = Machine::new("failing");
+    machine.manager("apt-get", "exit 100");
+    assert_refused(&machine.run(&["cargo", "test"], &[]), "could not install");
+
+    let machine = Machine::new("ineffective");
+    machine.manager("apt-get", "");
+    assert_refused(&machine.run(&["cargo", "test"], &[]), "still missing");
+}
+
+#[test]
+fn mesa_gets_a_private_runtime_folder() {
+    let machine = Machine::new("runtime");
+    machine.driver(LAVAPIPE);
+    machine.run(&["cargo", "test"], &[]);
+    let folder = machine.variable("XDG_RUNTIME_DIR").unwrap();
+    assert_eq!(fs::metadata(&folder).unwrap().permissions().mode() & 0o777, 0o700);
+
+    // The name is taken by a link, as someone else could have planted it in a shared folder.
+    fs::remove_dir(&folder).unwrap();
+    symlink("/", &folder).unwrap();
+    machine.run(&["cargo", "test"], &[]);
+    let other = machine.variable("XDG_RUNTIME_DIR").unwrap();
+    assert_ne!(other, folder);
+    assert_eq!(fs::metadata(&other).unwrap().permissions().mode() & 0o777, 0o700);
+
+    let mine = machine.root.to_str().unwrap();
+    machine.run(&["cargo", "test"], &[("XDG_RUNTIME_DIR", mine)]);
+    assert_eq!(machine.variable("XDG_RUNTIME_DIR").as_deref(), Some(mine));
+}
+
+#[test]
+fn wrong_usage_and_unknown_commands_have_their_own_exit_codes() {
+    let machine = Machine::new("usage");
+    machine.driver(LAVAPIPE);
+    assert_eq!(machine.run(&[], &[]).status.code(), Some(2));
+    assert_eq!(machine.run(&["--no-such-option", "cargo"], &[]).status.code(), Some(2));
+    assert_eq!(machine.run(&["--help"], &[]).status.code(), Some(0));
+    assert_eq!(machine.run(&["no-such-command"], &[]).status.code(), Some(127));
+}

@@ -1,0 +1,255 @@
+//! EXR: what is written comes back, and what is damaged is refused.
+
+use std::fs;
+use std::path::Path;
+
+use glam::{DVec3, Mat4, Vec3};
+use penumbra::film::{Image, Metadata, View};
+use penumbra::scene::{Camera, Normalisation, Projection};
+
+/// 37 x 21 pixels (more than one block of 16 lines, and a rest), with values that f16 or decimal text would lose.
+fn sample() -> Image {
+    let mut image = Image::new(37, 21);
+    let names = ["shadow.lamp.class", "R", "G", "B", "A", "N.X", "Z", "direct.R", "shadow.Größe 灯.ni"];
+    for (c, name) in names.into_iter().enumerate() {
+        let bits = (0..image.pixels()).map(|i| ((i * 9 + c + 1) as u32).wrapping_mul(2_654_435_761));
+        image.add_channel(name, bits.map(f32::from_bits).collect());
+    }
+    let z = image.channels.iter_mut().find(|channel| channel.name == "Z").unwrap();
+    z.samples[..4].copy_from_slice(&[f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45]);
+    image.metadata = [
+        ("penumbra:technique", Metadata::Text("shadow-photons".into())),
+        ("penumbra:device", Metadata::Text("Gerät 灯, 37 %".into())),
+        ("penumbra:an attribute with a name longer than thirty-one bytes", Metadata::Text(String::new())),
+        ("penumbra:seed", Metadata::Int(i32::MIN)),
+        ("samplesPerPixel", Metadata::Int(16)),
+        ("renderTimeSeconds", Metadata::Float(1.25e-3)),
+        ("comments", Metadata::Text("none".into())),
+        ("software", Metadata::Text("penumbra".into())),
+        ("worldToCamera", Metadata::Matrix(std::array::from_fn(|i| i as f32 + 0.5))),
+        ("worldToNDC", Metadata::Matrix(std::array::from_fn(|i| -(i as f32)))),
+        ("penumbra:matrix", Metadata::Matrix(std::array::from_fn(|i| 1.0 / (i + 1) as f32))),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into();
+    image
+}
+
+fn bits(samples: &[f32]) -> Vec<u32> {
+    samples.iter().map(|x| x.to_bits()).collect()
+}
+
+fn written(image: &Image) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    image.write_exr(&path).unwrap();
+    fs::read(path).unwrap()
+}
+
+fn read(bytes: &[u8]) -> Result<Image, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    fs::write(&path, bytes).unwrap();
+    Image::read_exr(&path).map_err(|error| {
+        assert_eq!(error.exit_code(), 3, "{error}");
+        let text = error.to_string();
+        assert_eq!(text.lines().count(), 1, "{text}");
+        text.strip_prefix(&format!("{}: ", path.display())).expect("the file is named").to_owned()
+    })
+}
+
+#[test]
+fn everything_comes_back_bit_for_bit() {
+    let image = sample();
+    let back = read(&written(&image)).unwrap();
+    assert_eq!((back.width, back.height), (image.width, image.height));
+    assert_eq!(back.metadata, image.metadata);
+    assert_eq!(back.channels.len(), image.channels.len());
+    for channel in &image.channels {
+        assert_eq!(bits(back.channel(&channel.name).unwrap()), bits(&channel.samples), "{}", channel.name);
+    }
+    assert!(back.channels.is_sorted_by(|a, b| a.name < b.name));
+}
+
+/// The header, byte by byte as "OpenEXR File Layout" has it: what other programs rely on.
+#[test]
+fn the_header_is_as_the_format_says() {
+    let bytes = written(&sample());
+    let attribute = |name: &str, kind: &str| {
+        let start = [name.as_bytes(), b"\0", kind.as_bytes(), b"\0"].concat();
+        let at = bytes.windows(start.len()).position(|window| window == start).expect(name) + start.len();
+        let size = u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        &bytes[at + 4..at + 4 + size]
+    };
+    let floats = |bytes: &[u8]| -> Vec<f32> {
+        bytes.chunks(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect()
+    };
+    // Version 2, one part of scan lines (no tiles, nothing deep), names longer than 31 bytes.
+    assert_eq!(bytes[..8], [0x76, 0x2f, 0x31, 0x01, 2, 4, 0, 0]);
+    // ZIP of 16 lines; lines from the top.
+    assert_eq!(attribute("compression", "compression"), [3]);
+    assert_eq!(attribute("lineOrder", "lineOrder"), [0]);
+    let rec709 = [0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290];
+    assert_eq!(floats(attribute("chromaticities", "chromaticities")), rec709);
+    assert_eq!(floats(attribute("worldToCamera", "m44f"))[..3], [0.5, 1.5, 2.5]);
+    assert_eq!(attribute("penumbra:technique", "string"), b"shadow-photons");
+    assert_eq!(attribute("samplesPerPixel", "int"), 16i32.to_le_bytes());
+    assert_eq!(floats(attribute("renderTimeSeconds", "float")), [1.25e-3]);
+}
+
+#[test]
+fn cameras_follow_the_conventions_of_pbrt() {
+    let normalisation = Normalisation { centre: DVec3::new(10.0, -20.0, 30.0), exponent: -3 };
+    // At world (12, -20, 46), looking along -x with +z up.
+    let camera = Camera {
+        name: "camera".into(),
+        position: normalisation.apply(DVec3::new(12.0, -20.0, 46.0)),
+        axes: [Vec3::Y, Vec3::Z, Vec3::X],
+        projection: Projection::Perspective { yfov: 90f32.to_radians(), aspect: None },
+        near: 0.125,
+        far: f32::INFINITY,
+    };
+    let mut image = Image::new(200, 100);
+    image.add_channel("R", vec![0.0; image.pixels()]);
+    image.add_camera(&camera, &normalisation);
+    let matrix = |name: &str| match image.metadata[name] {
+        // Rows for row vectors are columns for column vectors.
+        Metadata::Matrix(matrix) => Mat4::from_cols_array(&matrix),
+        _ => panic!("{name} is a matrix"),
+    };
+    // f32 matrices at distances of some tens.
+    let near = |found: Vec3, expected: Vec3| assert!((found - expected).length() < 1e-4, "{found} for {expected}");
+
+    // 8 in front, 3 to the right, 2 up.
+    let point = Vec3::new(12.0 - 8.0, -20.0 + 3.0, 46.0 + 2.0);
+    near(matrix("worldToCamera").transform_point3(point), Vec3::new(3.0, 2.0, 8.0));
+    // 90 degrees: half the view is 8 high there and 16 wide. The near plane is 1 away: z = 1 - 1/8 on the screen.
+    let expected = Vec3::new(0.5 + 0.5 * 3.0 / 16.0, 0.5 + 0.5 * 2.0 / 8.0, 0.5 + 0.5 * (1.0 - 1.0 / 8.0));
+    near(matrix("worldToNDC").project_point3(point), expected);
+}
+
+/// A header's attribute: name, type, size, value.
+fn attribute(name: &str, kind: &str, value: &[u8]) -> Vec<u8> {
+    [name.as_bytes(), b"\0", kind.as_bytes(), b"\0", &(value.len() as u32).to_le_bytes(), value].concat()
+}
+
+/// An uncompressed EXR of one f32 channel `Y` with that sampling and data window, without any pixels.
+fn header(sampling: u32, window: [i32; 4]) -> Vec<u8> {
+    let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>();
+    let window: Vec<u8> = window.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let channels = [b"Y\0".as_slice(), &words(&[2, 0, sampling, sampling]), b"\0"].concat();
+    [
+        vec![0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0],
+        attribute("channels", "chlist", &channels),
+        attribute("compression", "compression", &[0]),
+        attribute("dataWindow", "box2i", &window),
+        attribute("displayWindow", "box2i", &window),
+        attribute("lineOrder", "lineOrder", &[0]),
+        attribute("pixelAspectRatio", "float", &1f32.to_le_bytes()),
+        attribute("screenWindowCenter", "v2f", &[0; 8]),
+        attribute("screenWindowWidth", "float", &1f32.to_le_bytes()),
+        vec![0],
+    ]
+    .concat()
+}
+
+#[test]
+fn a_file_made_by_hand_is_read() {
+    // 2 x 2 pixels at (5, 7): a table of two offsets, then for each line its y, its size and its samples.
+    let mut bytes = header(1, [5, 7, 6, 8]);
+    let start = bytes.len() as u64 + 16;
+    bytes.extend([start, start + 16].map(u64::to_le_bytes).concat());
+    for (y, line) in [(7i32, [1.5f32, -2.0]), (8, [1e8, 1e-8])] {
+        bytes.extend(y.to_le_bytes());
+        bytes.extend(8u32.to_le_bytes());
+        bytes.extend(line.map(f32::to_le_bytes).concat());
+    }
+    let image = read(&bytes).unwrap();
+    assert_eq!((image.width, image.height), (2, 2));
+    assert_eq!(image.channel("Y").unwrap(), [1.5, -2.0, 1e8, 1e-8]);
+}
+
+#[test]
+fn hostile_headers_are_errors() {
+    let part = |flag: u8| {
+        let mut bytes = header(1, [0, 0, 1, 1]);
+        bytes[5] = flag;
+        bytes
+    };
+    for (bytes, expected) in [
+        (vec![], "file: is empty"),
+        (vec![0x76, 0x2f], "file: is not an OpenEXR file"),
+        (vec![b'x'; 5000], "file: is not an OpenEXR file"),
+        (header(1, [0, 0, 1, 1])[..60].to_vec(), "file: ends within its header"),
+        // 384,000 x 384,000 f32: 590 GB.
+        (header(1, [0, 0, 383_999, 383_999]), "dataWindow: claims 589824000000 bytes of pixels in a file of"),
+        (header(1, [0, 0, i32::MAX, i32::MAX]), "dataWindow: 2147483648 x 2147483648 pixels"),
+        (header(1, [i32::MIN, i32::MIN, i32::MAX, i32::MAX]), "dataWindow: 4294967296 x 4294967296 pixels"),
+        (header(1, [i32::MAX - 1, 0, i32::MAX, 1]), "dataWindow: 2 x 2 pixels"),
+        (header(1, [0, 0, -1, 5]), "dataWindow: 0 x 6 pixels"),
+        (header(2, [0, 0, 1, 1]), "Y: subsampled channel"),
+        (header(0, [0, 0, 1, 1]), "Y: subsampled channel"),
+        (part(0x08), "file: holds deep data"),
+        (part(0x10), "file: holds several parts"),
+        // A header without its pixels, small and as large as any may be.
+        (header(1, [0, 0, 1, 1]), "file: damaged EXR"),
+        (header(1, [0, 0, 8191, 8191]), "file: damaged EXR"),
+        (header(1, [0, 0, 0, 67_108_863]), "file: damaged EXR"),
+    ] {
+        let error = read(&bytes).unwrap_err();
+        assert!(error.starts_with(expected), "{error} for {expected}");
+    }
+    // An attribute that claims 2 GB of itself.
+    let mut bytes = header(1, [0, 0, 1, 1]);
+    let at = bytes.windows(6).position(|window| window == b"chlist").unwrap() + 7;
+    bytes[at..at + 4].copy_from_slice(&i32::MAX.to_le_bytes());
+    assert!(read(&bytes).unwrap_err().starts_with("file: ends within its header"));
+}
+
+#[test]
+fn damage_anywhere_is_survived() {
+    let bytes = written(&sample());
+    for length in (0..bytes.len()).step_by(bytes.len() / 200) {
+        assert!(read(&bytes[..length]).is_err(), "{length} of {} bytes", bytes.len());
+    }
+    // Any byte of the header, set to what is likeliest to hurt; the pixels may come out changed, or refused.
+    let end = bytes.windows(17).position(|window| window == b"screenWindowWidth").unwrap() + 40;
+    for at in 0..end {
+        for value in [0, 0x7f, 0xff] {
+            let mut damaged = bytes.clone();
+            damaged[at] = value;
+            if let Ok(image) = read(&damaged) {
+                assert!(image.channels.iter().all(|channel| channel.samples.len() == image.pixels()));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_format_cannot_say_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let refused = |change: &dyn Fn(&mut Image), expected: &str| {
+        let mut image = sample();
+        change(&mut image);
+        let error = image.write_exr(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+        assert!(!Path::new(&path).exists());
+    };
+    refused(&|image| image.channels[0].name.clear(), "cannot be called \"\"");
+    refused(&|image| image.channels[0].name = "a\0b".into(), "cannot be called");
+    refused(&|image| image.channels[0].name = "R".into(), "two channels are called R");
+    refused(&|image| image.channels[0].samples.truncate(5), "5 samples for 777 pixels");
+    refused(&|image| image.width = 0, "without pixels");
+    refused(&|image| image.channels.clear(), "without pixels or channels");
+    refused(&|image| drop(image.metadata.insert("dataWindow".into(), Metadata::Int(3))), "dataWindow");
+}
+
+#[test]
+fn a_view_of_an_exr_that_was_read_can_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (exr, png) = (folder.path().join("a.exr"), folder.path().join("a.png"));
+    sample().write(&exr, View::Neutral, 0.0).unwrap();
+    Image::read(&exr).unwrap().write(&png, View::Agx, 0.5).unwrap();
+    assert_eq!(image::image_dimensions(&png).unwrap(), (37, 21));
+}

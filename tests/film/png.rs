@@ -1,0 +1,92 @@
+//! PNG, read back with another crate than writes it.
+
+use penumbra::film::{Image, View};
+
+fn image(channels: &[(&str, &[f32])]) -> Image {
+    let mut image = Image::new(2, 2);
+    for (name, samples) in channels {
+        image.add_channel(*name, samples.to_vec());
+    }
+    image
+}
+
+#[test]
+fn pixels_are_coded_in_srgb_after_exposure() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let image = image(&[
+        ("R", &[0.0, 0.25, 0.1, 5.0]),
+        ("G", &[0.0, 0.5, 0.1, 0.0]),
+        ("B", &[0.5, 0.0, 0.1, f32::NAN]),
+        ("Z", &[9.0; 4]),
+    ]);
+    image.write_png(&path, View::Standard, 1.0).unwrap();
+    let png = image::open(&path).unwrap();
+    assert_eq!(png.color(), image::ColorType::Rgb8);
+    // Linear 1/2 is code 187.52 and 1/5 is 123.54 of IEC 61966-2-1.
+    assert_eq!(png.to_rgb8().into_raw(), [0, 0, 255, 188, 255, 0, 124, 124, 124, 255, 0, 0]);
+
+    image.write_png(&path, View::Raw, 0.0).unwrap();
+    assert_eq!(image::open(&path).unwrap().to_rgb8().into_raw(), [0, 0, 128, 64, 128, 0, 26, 26, 26, 255, 0, 0]);
+}
+
+#[test]
+fn alpha_is_kept_and_taken_out_of_the_colour() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let image = image(&[
+        ("R", &[0.25, 0.0, 1.0, 0.2]),
+        ("G", &[0.5, 0.0, 1.0, 0.2]),
+        ("B", &[0.0, 0.0, 1.0, 0.2]),
+        ("A", &[0.5, 0.0, 1.0, 0.2]),
+    ]);
+    image.write_png(&path, View::Raw, 0.0).unwrap();
+    let png = image::open(&path).unwrap().to_rgba8().into_raw();
+    assert_eq!(png, [128, 255, 0, 128, 0, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 51]);
+}
+
+#[test]
+fn srgb_codes_come_back_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, second) = (folder.path().join("a.png"), folder.path().join("b.png"));
+    let codes: Vec<u8> = (0..=255).flat_map(|i: u8| [i, 255 - i, i / 2]).collect();
+    image::save_buffer(&first, &codes, 16, 16, image::ColorType::Rgb8).unwrap();
+    Image::read(&first).unwrap().write(&second, View::Standard, 0.0).unwrap();
+    assert_eq!(image::open(&second).unwrap().to_rgb8().into_raw(), codes);
+}
+
+#[test]
+fn radiance_hdr_is_read_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdr");
+    // Flat RGBE: mantissa / 256 * 2^(exponent - 128).
+    let header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n";
+    std::fs::write(&path, [header.as_slice(), &[128, 64, 0, 129, 128, 128, 128, 138]].concat()).unwrap();
+    let image = Image::read(&path).unwrap();
+    assert_eq!(image.rgb().unwrap(), [&[1.0, 512.0], &[0.5, 512.0], &[0.0, 512.0]]);
+}
+
+#[test]
+fn what_is_no_image_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    // A PNG header (with its right checksum) of 400,000 x 400,000 pixels: 590 GB as RGBA, and nothing behind it.
+    let mut huge = Vec::new();
+    png::Encoder::new(&mut huge, 400_000, 400_000).write_header().unwrap();
+    for (name, bytes) in [
+        ("empty.png", Vec::new()),
+        ("garbage.png", vec![7; 999]),
+        ("garbage.hdr", vec![7; 999]),
+        ("text.txt", vec![7; 9]),
+        ("huge.png", huge),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let error = Image::read(&path).unwrap_err();
+        assert_eq!(error.exit_code(), 3);
+        assert!(error.to_string().contains(name), "{error}");
+        assert_eq!(error.to_string().lines().count(), 1, "{error}");
+    }
+    for name in ["missing.png", "."] {
+        assert_eq!(Image::read(folder.path().join(name)).unwrap_err().exit_code(), 3);
+    }
+}

@@ -1,0 +1,179 @@
+//! Sequences against what defines a net; warps against their densities.
+
+use penumbra::gpu::{Kernel, Resources, compose};
+use penumbra::tables::sobol;
+
+use crate::kit::{device_features, gpu};
+use crate::statistics::chi_square;
+
+/// Runs one entry of the test kernel over `count` items with `per_item` results each.
+fn run(entry: &str, count: u32, constants: &[(&str, f64)], directions: &[[f32; 4]], per_item: usize) -> Vec<[f32; 4]> {
+    let gpu = gpu();
+    let source = include_str!("shaders/sampling.wgsl");
+    let composed = compose::compose_source("sampling", source, &device_features(gpu)).unwrap();
+    let mut all = vec![("count", f64::from(count)), ("seed", 0.0), ("warp", 0.0), ("cos_max", 0.0)];
+    for (name, value) in constants {
+        all.iter_mut().find(|(n, _)| n == name).unwrap().1 = *value;
+    }
+    let kernel = Kernel::new(gpu, &composed, &all, &[]).unwrap();
+    let points = gpu.poisoned::<[f32; 4]>("test/points", count as usize * per_item).unwrap();
+    let directions = gpu.upload("test/directions", directions).unwrap();
+    let sobol = sobol::upload(gpu).unwrap();
+    let sets =
+        Resources::new().with("points", &points).with("directions", &directions).with("sobol_directions", &sobol);
+    let bound = kernel.bind(gpu, entry, &[&sets]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, count, &[0u32; 0]);
+    frame.submit().unwrap();
+    gpu.read(&points, count as usize * per_item).unwrap()
+}
+
+/// How many elementary intervals of the first 2^m points, of all shapes 2^-a by 2^-(m-a), do not hold exactly one
+/// point.
+fn misplaced(points: &[[f32; 4]], x: usize, y: usize) -> usize {
+    let m = points.len().ilog2();
+    let cell = |v: f32, bits: u32| (f64::from(v) * f64::from(1 << bits)) as usize;
+    (0..=m)
+        .map(|a| {
+            let mut counts = vec![0; points.len()];
+            for p in points {
+                counts[(cell(p[x], a) << (m - a)) + cell(p[y], m - a)] += 1;
+            }
+            counts.iter().filter(|c| **c != 1).count()
+        })
+        .sum()
+}
+
+/// The first two dimensions of both sequences are (0, 2)-sequences whatever the seed: each elementary interval of
+/// each power of two holds one point. Independent random points would fill 63 % of the cells.
+#[test]
+fn elementary_intervals_hold_one_point_each() {
+    for seed in [0u32, 1, 0x9e37_79b9, u32::MAX] {
+        for entry in ["two", "four"] {
+            let points = run(entry, 1 << 10, &[("seed", f64::from(seed))], &[], 1);
+            assert_eq!(misplaced(&points, 0, 1), 0, "{entry}, seed {seed}");
+            for point in &points {
+                assert!(point.iter().all(|v| (0.0..1.0).contains(v)), "{point:?}");
+            }
+        }
+    }
+}
+
+/// Each dimension alone is stratified; so is every pair in cells as coarse as Joe and Kuo's numbers allow.
+#[test]
+fn four_dimensions_are_stratified_each_and_in_pairs() {
+    for seed in [3u32, 77] {
+        let points = run("four", 1 << 10, &[("seed", f64::from(seed))], &[], 1);
+        for d in 0..4 {
+            let mut seen = vec![0; points.len()];
+            points.iter().for_each(|p| seen[(p[d] * 1024.0) as usize] += 1);
+            assert!(seen.iter().all(|c| *c == 1), "dimension {d}, seed {seed}");
+        }
+        for (x, y) in [(0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+            // A (t, m, 2)-net has 2^t points in each cell of 2^(m - t); t is at most 3 for these pairs, the sum of
+            // the polynomials' degrees less one, each (Niederreiter).
+            let t = 3;
+            let side = 1 << ((10 - t) / 2);
+            let mut counts = vec![0; side * side];
+            points
+                .iter()
+                .for_each(|p| counts[(p[x] * side as f32) as usize * side + (p[y] * side as f32) as usize] += 1);
+            assert!(counts.iter().all(|c| *c == 1024 / (side * side)), "dimensions {x} and {y}, seed {seed}");
+        }
+    }
+}
+
+/// The two sequences' own dimensions are the ones that the direction numbers give: unscrambled they would be equal,
+/// and scrambled differently they are nets of different points.
+#[test]
+fn seeds_give_different_points() {
+    let a = run("two", 256, &[("seed", 5.0)], &[], 1);
+    let b = run("two", 256, &[("seed", 6.0)], &[], 1);
+    assert!(a.iter().zip(&b).filter(|(a, b)| a == b).count() < 3);
+    // Paired points of two seeds fill their square like random ones: 16 x 16 cells.
+    let a = run("two", 1 << 14, &[("seed", 5.0)], &[], 1);
+    let b = run("two", 1 << 14, &[("seed", 6.0)], &[], 1);
+    let mut counts = [0u64; 256];
+    for (a, b) in a.iter().zip(&b) {
+        counts[(a[0] * 16.0) as usize * 16 + (b[0] * 16.0) as usize] += 1;
+    }
+    chi_square(&counts, &[64.0; 256], 1).unwrap();
+}
+
+/// A net with two points exchanged between intervals is no net.
+#[test]
+fn a_misplaced_point_is_found() {
+    let mut points = run("two", 1 << 10, &[], &[], 1);
+    points[17][0] = 1.0 - points[17][0];
+    assert!(misplaced(&points, 0, 1) > 0);
+}
+
+/// Warped points, counted in cells whose expected counts come from the closed-form distribution.
+#[test]
+fn warps_follow_their_densities() {
+    const N: u32 = 1 << 16;
+    // Of each warp: a cell coordinate in [0, 1)^2 in which the distribution is uniform, from the definition of its
+    // density, not from the warp's own formula.
+    type Uniform = fn([f64; 3]) -> [f64; 2];
+    let warps: [(f64, f64, Uniform); 5] = [
+        (0.0, 0.0, |p| [1.0 - p[2] * p[2], (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
+        (1.0, 0.0, |p| [p[0].hypot(p[1]).powi(2), (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
+        (2.0, 0.0, |p| [0.5 - 0.5 * p[2], (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
+        (3.0, 0.75, |p| [(1.0 - p[2]) / 0.25, (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
+        // Of a triangle the strip of a given first coordinate is as long as what is left: 1 - (1 - x)^2.
+        (4.0, 0.0, |p| [1.0 - (1.0 - p[0]).powi(2), p[1] / (1.0 - p[0])]),
+    ];
+    for (warp, cos_max, uniform) in warps {
+        // Seed and index make independent points: one point of each of N sequences.
+        let points = run("warped", N, &[("warp", warp), ("cos_max", cos_max), ("seed", 11.0)], &[], 1);
+        let cells = |fault: f64| {
+            let mut counts = [0u64; 256];
+            for p in &points {
+                let [a, b] = uniform([p[0], p[1], p[2]].map(f64::from));
+                let a = a.clamp(0.0, 1.0).powf(1.0 + fault);
+                counts[((a * 16.0) as usize).min(15) * 16 + ((b * 16.0) as usize).min(15)] += 1;
+            }
+            counts
+        };
+        chi_square(&cells(0.0), &[f64::from(N) / 256.0; 256], 5).unwrap_or_else(|e| panic!("warp {warp}: {e}"));
+        chi_square(&cells(0.1), &[f64::from(N) / 256.0; 256], 5).expect_err("a density that is off by a tenth");
+        let length = |p: &[f32; 4]| p[..3].iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
+        if warp == 0.0 || warp >= 2.0 && warp < 4.0 {
+            // A few roundings of f32.
+            assert!(points.iter().all(|p| (length(p) - 1.0).abs() < 1e-6), "warp {warp}: unit length");
+        }
+    }
+}
+
+/// Octahedral coordinates give directions back within the error that their comments state, axes and diagonals and
+/// signed zeros included, and bases are orthonormal and right-handed.
+#[test]
+fn directions_survive_coding() {
+    let mut directions: Vec<[f32; 4]> = Vec::new();
+    for x in -12..=12i32 {
+        for y in -12..=12i32 {
+            for z in -12..=12i32 {
+                let v = glam::Vec3::new(x as f32, y as f32, z as f32);
+                if let Some(n) = v.try_normalize() {
+                    directions.push(n.extend(0.0).to_array());
+                    directions.push((n * glam::Vec3::new(1.0, 1.0, -1.0)).extend(0.0).to_array());
+                }
+            }
+        }
+    }
+    directions.push([-0.0, -0.0, -1.0, 0.0]);
+    directions.push([1e-20, -1e-20, -1.0, 0.0]);
+    let results = run("coded", directions.len() as u32, &[], &directions, 4);
+    let vec = |v: &[f32; 4]| glam::DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let angle = |a: glam::DVec3, b: glam::DVec3| a.cross(b).length().atan2(a.dot(b));
+    for (n, r) in directions.iter().zip(results.chunks_exact(4)) {
+        let n = vec(n);
+        assert!(angle(n, vec(&r[0])) < 5e-5, "16 bits: {n}");
+        assert!(angle(n, vec(&r[1])) < 0.02, "7 bits: {n}, {}", vec(&r[1]));
+        assert!(r[1][3] < f32::from(1u16 << 14));
+        let (t, b) = (vec(&r[2]), vec(&r[3]));
+        // A few roundings of f32.
+        assert!(t.cross(b).distance(n) < 2e-6, "basis of {n}: {t}, {b}");
+        assert!((t.length() - 1.0).abs() < 2e-6 && t.dot(b).abs() < 2e-6, "basis of {n}: {t}, {b}");
+    }
+}
