@@ -2,39 +2,28 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_decode16;
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, is_audited};
 import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
-import package::lib::rng::{hash3, uniform_from_bits};
 @if(dark_points) import package::lib::light::light_dark;
+import package::lib::point::{Point, INVALID_POINT};
+import package::lib::tile::{Tile, tile_sample, pixel_seed};
+import package::lib::constants::{COUNTER_DARK, COUNTER_AUDITED};
 
 // n_i and n_s of boundary points are the exact counts, not those about the middle of a cell.
 override exact_counts: bool;
 
-struct Point {
-    position: vec3f,
-    normal: u32,
-}
-
-const INVALID_POINT = 0xffffffffu;
-
 struct ClassifyParameters {
     grid: GridShape,
-    point_count: u32,
+    tile: Tile,
     // (light, point) pairs: points of the chunk's first light, of its second, ...
     slot_count: u32,
     first_light: u32,
-    // Pixels in a row of the tile.
-    width: u32,
-    // First row of the tile in the image.
-    origin_row: u32,
-    sample: u32,
-    seed: u32,
     dilate_radius: u32,
     audit_probability: f32,
     // Which of the queues `arrange_queue` makes arguments for, and for workgroups of how many.
     queue: u32,
     queue_group: u32,
-    padding: u32,
+    padding: vec2u,
 }
 
 var<immediate> classify_pass: ClassifyParameters;
@@ -49,20 +38,21 @@ var<immediate> classify_pass: ClassifyParameters;
 @group(0) @binding(5) var<storage, read_write> dilated_classes: array<u32>;
 @group(0) @binding(6) var<storage, read_write> boundary_queue: array<u32>;
 @group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
-// Slots by class (dark, lit, shadowed, boundary, unknown), then audits.
-@group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>, 8>;
+@group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
 
+const FAR = 1e30;
 const QUERY_QUEUE = 0u;
 const BOUNDARY_QUEUE = 1u;
 const AUDIT_QUEUE = 2u;
-const COUNTER_AUDITS = 5u;
+const CLASSES = 5u;
 const CLASSIFY_GROUP = 64u;
 const MAX_GROUPS_X = 65535u;
 
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
-var<workgroup> group_counts: array<atomic<u32>, 8>;
-var<workgroup> audit_length: atomic<u32>;
+var<workgroup> group_classes: atomic<u32>;
+var<workgroup> group_unknown: atomic<u32>;
+var<workgroup> group_audits: atomic<u32>;
 var<workgroup> audit_base: u32;
 
 // Classes by the verdicts on whole cells; the slots that have none are queued for `query`.
@@ -75,7 +65,7 @@ fn classify(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     var queued = false;
     if slot < classify_pass.slot_count {
         let word = class_by_verdict(slot);
-        queued = class_of(word) == CLASS_UNKNOWN;
+        @if(visibility_map) { queued = class_of(word) == CLASS_UNKNOWN; }
         if queued { rank = atomicAdd(&group_length, 1u); } else { classes[slot] = word; }
     }
     workgroupBarrier();
@@ -88,15 +78,21 @@ fn classify(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
 }
 
 fn class_by_verdict(slot: u32) -> u32 {
-    let local_light = slot / classify_pass.point_count;
-    let point = points[slot - local_light * classify_pass.point_count];
+    let local_light = slot / classify_pass.tile.point_count;
+    let point = points[slot - local_light * classify_pass.tile.point_count];
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let normal = oct_decode16(point.normal);
     let light = classify_pass.first_light + local_light;
     @if(dark_points) {
         if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
-    let verdict = verdict_at(light, point.position, normal);
+    @if(!visibility_map) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
+    @if(visibility_map) { return class_of_verdict(verdict_at(light, point.position, normal)); }
+}
+
+// The class word that a verdict stands for; CLASS_UNKNOWN alone where it settles nothing.
+@if(visibility_map)
+fn class_of_verdict(verdict: Verdict) -> u32 {
     if verdict.class_ == CLASS_LIT { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
     if verdict.class_ == CLASS_SHADOWED { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
     if verdict.class_ == CLASS_BOUNDARY && !exact_counts {
@@ -162,9 +158,9 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
                 let v = bitcast<vec3f>(photon.xyz) - position;
                 let along = dot(v, normal);
                 let compatible = dot(photon_normal(photon.w), normal) >= COS_COMPATIBLE;
-                let d = select(1e30, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
                 let shadow = photon_is_shadow(photon.w);
-                let d_lit = select(d, 1e30, shadow);
+                let d_lit = select(d, FAR, shadow);
                 result.all_a += vec4u(vec4f(d) <= marks_a);
                 result.all_b += vec4u(vec4f(d) <= marks_b);
                 result.lit_a += vec4u(vec4f(d_lit) <= marks_a);
@@ -187,9 +183,63 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUERY_QUEUE]) { return; }
     let slot = query_queue[i];
-    let local_light = slot / classify_pass.point_count;
-    let point = points[slot - local_light * classify_pass.point_count];
+    let local_light = slot / classify_pass.tile.point_count;
+    let point = points[slot - local_light * classify_pass.tile.point_count];
     classes[slot] = class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal));
+}
+
+// What a search finds within a distance.
+struct Found {
+    // Photons, and illumination photons of them.
+    all: u32,
+    lit: u32,
+    // Sixteenths of hits that the shadow photons stand for beyond one each.
+    excess: u32,
+    // Squared distances of the nearest of each kind.
+    nearest_lit: f32,
+    nearest_shadow: f32,
+    complete: bool,
+}
+
+fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
+    let grid = classify_pass.grid;
+    var result = Found(0u, 0u, 0u, FAR, FAR, false);
+    let units = (position - grid.origin) * grid.inverse_cell;
+    // A margin for the rounding of cells' borders.
+    let reach = sqrt(limit) * grid.inverse_cell * 1.0001 + 1e-3;
+    let row_low = max(vec2i(floor(units.yz - reach)), vec2i(0));
+    let row_high = min(vec2i(floor(units.yz + reach)), vec2i(grid.size.yz) - 1);
+    var seen = 0xffffffffu;
+    var compatible = false;
+    for (var z = row_low.y; z <= row_high.y; z++) {
+        for (var y = row_low.x; y <= row_high.x; y++) {
+            let row = row_photons(grid, light, vec2i(y, z), units, units, reach, normal, 0.0);
+            let looks = row.y - row.x + 1u;
+            if looks > looks_left { return result; }
+            looks_left -= looks;
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                // Neighbours in the order are of one surface, most of them.
+                if (photon.w & 0x3fffu) != seen {
+                    seen = photon.w & 0x3fffu;
+                    compatible = dot(photon_normal(seen), normal) >= COS_COMPATIBLE;
+                }
+                let v = bitcast<vec3f>(photon.xyz) - position;
+                let along = dot(v, normal);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let shadow = photon_is_shadow(photon.w);
+                result.all += u32(d <= limit);
+                result.lit += u32(d <= limit && !shadow);
+                result.nearest_lit = min(result.nearest_lit, select(d, FAR, shadow));
+                result.nearest_shadow = min(result.nearest_shadow, select(FAR, d, shadow));
+                if (photon.w & PHOTON_WEIGHT) != 0u && d <= limit {
+                    result.excess += photon_weight_sixteenths(photon.w) - 16u;
+                }
+            }
+        }
+    }
+    result.complete = true;
+    return result;
 }
 
 fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
@@ -207,18 +257,43 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
         reach = grid.cell * clamp(1.3 * sqrt(f32(nearest) / (3.14 * f32(max(here, 1u)))), 0.1, 3.0);
     }
     reach = min(reach, farthest);
+    var limit = reach * reach;
+    var visibility = 0.0;
+    var deciding = false;
+    loop {
+        let found = search(light, position, normal, limit);
+        if !found.complete { return unknown; }
+        if deciding {
+            // Both kinds are among the nearest k where the nearest of the farther kind is.
+            if found.all <= nearest { break; }
+            if found.nearest_lit < found.nearest_shadow { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+            return class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
+        }
+        if found.all < nearest {
+            if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
+            let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
+            reach = min(reach * clamp(more, 1.25, 2.0), farthest);
+            limit = reach * reach;
+            continue;
+        }
+        if found.nearest_shadow > limit { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+        if found.nearest_lit > limit { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+        visibility = f32(found.lit) / (f32(found.all) + f32(found.excess) / 16.0);
+        limit = max(found.nearest_lit, found.nearest_shadow);
+        deciding = true;
+    }
+    if exact_counts { return class_by_counts(light, position, normal, reach); }
+    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
+    return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
+}
+
+// The exact n_i and n_s of a point whose nearest k are within the reach.
+fn class_by_counts(light: u32, position: vec3f, normal: vec3f, reach: f32) -> u32 {
+    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
     var floor_ = 0.0;
     var span = reach * reach;
     var found = tally(light, position, normal, reach, floor_, span);
-    loop {
-        if !found.complete { return unknown; }
-        if found.all_b.w >= nearest { break; }
-        if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit_b.w, found.all_b.w - found.lit_b.w, 0.5); }
-        let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all_b.w, 1u)));
-        reach = min(reach * clamp(more, 1.25, 2.0), farthest);
-        span = reach * reach;
-        found = tally(light, position, normal, reach, floor_, span);
-    }
+    if !found.complete { return unknown; }
 
     // The k-th is between two marks; look closer until they have none but it between them.
     var all_below = 0u;
@@ -235,18 +310,15 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
             all_below = select(found.all_b[last & 3u], found.all_a[last & 3u], last < 4u);
             lit_below = select(found.lit_b[last & 3u], found.lit_a[last & 3u], last < 4u);
         }
-        let surely_both = lit_below > 0u && lit_below < all_below;
         let rest = nearest - all_below;
         let narrower = span * 0.125;
         let next_floor = floor_ + narrower * f32(mark);
         // Distances that no float lies between are ties: illumination photons first, whatever their order.
         let tied = pass_ > 12u || next_floor + narrower * 0.125 <= next_floor;
-        if within == nearest || tied || (surely_both && !exact_counts) {
+        if within == nearest || tied {
             var n_i = lit;
             if within > nearest {
-                let between = lit - lit_below;
-                let share = u32(round(f32(between) * f32(rest) / f32(within - all_below)));
-                n_i = lit_below + select(share, min(between, rest), tied);
+                n_i = lit_below + min(lit - lit_below, rest);
             }
             let n_s = nearest - n_i;
             if n_s == 0u { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
@@ -287,13 +359,16 @@ fn dilate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     let own = class_of(word);
     var result = word;
     if own == CLASS_LIT || own == CLASS_SHADOWED {
-        let first = slot / classify_pass.point_count * classify_pass.point_count;
+        let first = slot / classify_pass.tile.point_count * classify_pass.tile.point_count;
         let pixel = slot - first;
-        let width = i32(classify_pass.width);
+        // Neighbours are of the same sample: the tile's samples are layers of whole rows.
+        let width = i32(classify_pass.tile.width);
+        let rows = i32(classify_pass.tile.pixel_count) / width;
+        let top = i32(pixel / classify_pass.tile.pixel_count) * rows;
         let at = vec2i(i32(pixel) % width, i32(pixel) / width);
         let radius = i32(classify_pass.dilate_radius);
-        let low = max(at - radius, vec2i(0));
-        let high = min(at + radius, vec2i(width, i32(classify_pass.point_count) / width) - 1);
+        let low = max(at - radius, vec2i(0, top));
+        let high = min(at + radius, vec2i(width, top + rows) - 1);
         for (var y = low.y; y <= high.y; y++) {
             for (var x = low.x; x <= high.x; x++) {
                 let other = u32(y * width + x);
@@ -317,47 +392,54 @@ fn same_surface(a: Point, b: Point) -> bool {
 @compute @workgroup_size(64)
 fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    if lane < 8u { atomicStore(&group_counts[lane], 0u); }
     if lane == 0u {
-        atomicStore(&group_length, 0u);
-        atomicStore(&audit_length, 0u);
+        atomicStore(&group_classes, 0u);
+        atomicStore(&group_unknown, 0u);
+        atomicStore(&group_audits, 0u);
     }
     workgroupBarrier();
     var rank = 0u;
-    var traced = false;
+    var class_ = CLASS_DARK;
     var audited = false;
     if slot < classify_pass.slot_count {
-        let local_light = slot / classify_pass.point_count;
-        let pixel = slot - local_light * classify_pass.point_count;
+        let local_light = slot / classify_pass.tile.point_count;
+        let pixel = slot - local_light * classify_pass.tile.point_count;
         if points[pixel].normal != INVALID_POINT {
-            let class_ = class_of(dilated_classes[slot]);
-            atomicAdd(&group_counts[class_], 1u);
-            traced = class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN;
-            if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
-                let image_pixel = pixel + classify_pass.origin_row * classify_pass.width;
-                let bits = hash3(image_pixel, classify_pass.sample, (classify_pass.first_light + local_light) ^ classify_pass.seed);
-                audited = uniform_from_bits(bits) < classify_pass.audit_probability;
+            class_ = class_of(dilated_classes[slot]);
+            if class_ == CLASS_UNKNOWN {
+                rank = atomicAdd(&group_unknown, 1u);
+            } else {
+                // A byte for each of the other classes: one atomic counts them all, and ranks the boundary points.
+                rank = atomicAdd(&group_classes, 1u << (8u * class_)) >> 24u;
             }
-            if traced { rank = atomicAdd(&group_length, 1u); }
-            if audited { rank = atomicAdd(&audit_length, 1u); }
+            if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
+                let light = classify_pass.first_light + local_light;
+                let sample_index = tile_sample(classify_pass.tile, pixel);
+                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, classify_pass.audit_probability);
+            }
+            if audited { rank = atomicAdd(&group_audits, 1u); }
         }
     }
     workgroupBarrier();
+    let classes_here = atomicLoad(&group_classes);
+    let unknown_here = atomicLoad(&group_unknown);
+    let boundaries = classes_here >> 24u;
     if lane == 0u {
-        let length = atomicLoad(&group_length);
+        let length = boundaries + unknown_here;
         if length > 0u { group_base = atomicAdd(&queue_lengths[BOUNDARY_QUEUE], length); }
-        let audits = atomicLoad(&audit_length);
+        let audits = atomicLoad(&group_audits);
         if audits > 0u {
             audit_base = atomicAdd(&queue_lengths[AUDIT_QUEUE], audits);
-            atomicAdd(&counters[COUNTER_AUDITS], audits);
+            atomicAdd(&counters[COUNTER_AUDITED], audits);
         }
     }
-    if lane < COUNTER_AUDITS {
-        let counted = atomicLoad(&group_counts[lane]);
-        if counted > 0u { atomicAdd(&counters[lane], counted); }
+    if lane < CLASSES {
+        let counted = select(unknown_here, (classes_here >> (8u * lane)) & 255u, lane < CLASS_UNKNOWN);
+        if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }
     workgroupBarrier();
-    if traced { boundary_queue[group_base + rank] = slot; }
+    if class_ == CLASS_BOUNDARY { boundary_queue[group_base + rank] = slot; }
+    if class_ == CLASS_UNKNOWN { boundary_queue[group_base + boundaries + rank] = slot; }
     if audited { audit_queue[audit_base + rank] = slot; }
 }
 

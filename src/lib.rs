@@ -13,9 +13,11 @@ pub mod scene;
 pub mod settings;
 pub mod statistics;
 pub mod tables;
+pub mod techniques;
 
 pub use error::{Error, Result};
 pub use film::Image;
-pub use scene::Scene;
+pub use scene::{Camera, Scene};
 pub use settings::{Aov, Settings, Technique};
 pub use statistics::Statistics;
+pub use techniques::{Progress, Renderer};

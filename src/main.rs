@@ -1,1 +1,7 @@
-fn main() {}
+//! The program `penumbra`.
+
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::run()
+}

@@ -85,6 +85,13 @@ impl Needs {
         let (on, why) = lights(m.textured_lights);
         needs.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
 
+        needs.decide(
+            "dark_points",
+            !scene.lights.is_empty(),
+            "points that face away from a light need no ray".into(),
+            "there is no light",
+            "a test at every point and light",
+        );
         let map = settings.technique.uses_visibility_map();
         let photons = u64::from(settings.photons) * scene.lights.len() as u64;
         let unneeded = if !map {

@@ -123,7 +123,7 @@ pub struct Settings {
     pub photons: u32,
     /// Photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
     pub nearest: u32,
-    /// Shadow photons that are kept of one ray, at least 1.
+    /// Shadow photons that are kept of one ray, 1 to [`Settings::MAX_SHADOW_PHOTONS`].
     pub shadow_photons_per_ray: u32,
     /// Light points that are asked for by a boundary point, 1 to [`Settings::MAX_SHADOW_SAMPLES`].
     pub shadow_samples: u32,
@@ -171,6 +171,8 @@ impl Settings {
     pub const MAX_NEAREST: u32 = 511;
     /// Most light points of a boundary point.
     pub const MAX_SHADOW_SAMPLES: u32 = 1024;
+    /// Most shadow photons that are kept of one ray: what an invocation has registers for.
+    pub const MAX_SHADOW_PHOTONS: u32 = 64;
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
 
@@ -190,7 +192,7 @@ impl Settings {
         range("--spp", self.spp, 1, u32::MAX)?;
         range("--photons", self.photons, 1, Self::MAX_PHOTONS)?;
         range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
-        range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, 64)?;
+        range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;
         range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
         if !(0.0..=1.0).contains(&self.audit) {

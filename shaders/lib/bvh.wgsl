@@ -78,7 +78,7 @@ const NO_KEY: u32 = 0xffffffffu;
 fn begin_walk(ray: Ray) -> Walk {
     // A direction's component of 0 is taken for 2^-80 of the same sign, so nothing is infinite and nothing NaN; see
     // MIN_EXPONENT in src/bvh/node.rs for why no box is missed.
-    let least = 0x1p-80;
+    let least = 8.2718061e-25;
     let d = ray.direction;
     let safe = select(d, select(vec3f(least), vec3f(-least), d < vec3f(0.0)), abs(d) < vec3f(least));
     var walk: Walk;
@@ -127,10 +127,13 @@ fn push(walk: ptr<function, Walk>, place: u32) {
 
 // The children of a node that the ray meets before t_max.
 //
-// With a = (origin - ray's origin) / direction and b = step / direction, a plane is met at a + q b. Three roundings
-// of a's terms are at most 2^-22 |a|, which moves near planes nearer and far ones farther; those of b's terms are
-// covered by the planes' margin (src/bvh/node.rs). What is left is the rounding of 1 / direction, up to 2^-21 of t
-// where division is inexact, so a far plane may be met that much earlier than a near one (Ize 2013).
+// With a = (origin - ray's origin) / direction and b = step / direction, a plane is met at a + q b; the roundings of
+// b's terms are covered by the planes' margin (src/bvh/node.rs). Nothing may be missed that the test of a triangle
+// would call a hit. That test works with points which are off, across the ray, by their coordinates relative to its
+// origin times at most 9 * 2^-24: one rounding of the difference, three of the shear, its product, the sum and the edge
+// function. So do three roundings of a. Planes are moved outwards by 2^-20 of the farthest coordinate for both. What is
+// left is the rounding of 1 / direction, up to 2^-21 of t where division is inexact: a far plane may be met that much
+// earlier than a near one (Ize 2013).
 fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
     let texel_0 = node_texel(3u * node);
     let texel_1 = node_texel(3u * node + 1u);
@@ -139,9 +142,11 @@ fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
 
     let inverse = (*walk).inverse_direction;
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
-    let a = (bitcast<vec3f>(texel_0.xyz) - (*walk).sheared.origin) * inverse;
+    let offset = bitcast<vec3f>(texel_0.xyz) - (*walk).sheared.origin;
+    let reach = abs(offset) + 255.0 * step;
+    let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    let a = offset * inverse;
     let b = step * inverse;
-    let slack = abs(a) * 0x1p-22;
     let a_near = a - slack;
     let a_far = a + slack;
     let lower = vec3u(texel_0.w, texel_1.xy);
@@ -152,7 +157,7 @@ fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
     let enter_xy = max(bytes(near.x) * b.x + a_near.x, bytes(near.y) * b.y + a_near.y);
     let enter = max(enter_xy, max(bytes(near.z) * b.z + a_near.z, vec4f((*walk).t_min)));
     let leave_xy = min(bytes(far.x) * b.x + a_far.x, bytes(far.y) * b.y + a_far.y);
-    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * (1.0 + 0x1p-20);
+    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * 1.00000095367432;
 
     let number = vec4u(0u, 1u, 2u, 3u);
     let packed_counts = (head >> 28u) | ((texel_2.z >> 24u) & 0xf0u) | ((texel_2.w >> 20u) & 0xf00u);

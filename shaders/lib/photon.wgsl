@@ -1,6 +1,8 @@
 // Photons of the visibility map, and the class words that come of them.
 
 import package::lib::math::oct_decode7;
+import package::lib::rng::{hash3, uniform_from_bits};
+import package::lib::constants::DIMENSION_AUDIT;
 
 struct Photon {
     position: vec3f,
@@ -47,4 +49,22 @@ fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u
 
 fn class_of(word: u32) -> u32 {
     return word & 7u;
+}
+
+fn class_illumination(word: u32) -> u32 {
+    return (word >> 3u) & 511u;
+}
+
+fn class_shadow(word: u32) -> u32 {
+    return (word >> 12u) & 511u;
+}
+
+// n_i / (n_s + n_i), equation 1 of the paper, the shadow photons weighted.
+fn class_visibility(word: u32) -> f32 {
+    return f32(word >> 21u) / 2047.0;
+}
+
+// Whether a decided point traces a shadow ray all the same.
+fn is_audited(seed: u32, sample_index: u32, light: u32, probability: f32) -> bool {
+    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < probability;
 }

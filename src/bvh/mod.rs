@@ -19,6 +19,9 @@ const WIDTH: usize = 4;
 /// Most triangles of a leaf.
 const MAX_LEAF: u32 = 4;
 
+/// Largest coordinate: kernels divide it by directions' components of 2^-80, and the quotient must be finite.
+const LARGEST: f32 = (1u64 << 40) as f32;
+
 /// Depth of the binary tree that is allowed at first: twice that of a balanced tree over the most triangles.
 const FIRST_DEPTH: u32 = 56;
 
@@ -91,7 +94,7 @@ impl Bvh {
     ///
     /// # Errors
     ///
-    /// [`Error::Usage`] where a corner is not finite. [`Error::Buffer`] for 2^28 triangles or more.
+    /// [`Error::Usage`] where a coordinate is not finite or its size is above 2^40: a scene is normalised first. [`Error::Buffer`] for 2^28 triangles or more.
     pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
         if positions.len() >= node::MAX_INDEX {
             return Err(Error::Buffer {
@@ -101,9 +104,9 @@ impl Bvh {
                 remedy: "use fewer triangles".into(),
             });
         }
-        if let Some(at) = positions.par_iter().position_any(|corners| !corners.iter().all(|corner| corner.is_finite()))
-        {
-            return Err(Error::Usage(format!("triangle {at} has a corner that is not finite")));
+        let usable = |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(LARGEST)).all());
+        if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
+            return Err(Error::Usage(format!("triangle {at} has a corner that is not finite or beyond {LARGEST:e}")));
         }
         let mut items: Vec<_> = positions
             .par_iter()
@@ -210,3 +213,6 @@ const fn constant_in(source: &str, name: &str) -> u32 {
     }
     value
 }
+
+#[cfg(test)]
+mod tests;

@@ -45,8 +45,6 @@ pub const FEATURES: &[&str] = &[
     "texture_loads",
     // Device: workgroups are interleaved between two threads.
     "interleave",
-    // Points may lie where the whole light is behind their surface, or emits away from it.
-    "dark_points",
     // Scene: some material has a texture.
     "textures",
     // Scene: some material uses the second set of texture coordinates.
@@ -70,6 +68,8 @@ pub const FEATURES: &[&str] = &[
     "directional_lights",
     // Scene: some mesh light has an emissive texture.
     "emissive_textures",
+    // Method: points that face away from a light are told apart.
+    "dark_points",
     // Method: photons classify the points.
     "visibility_map",
     // Method: photons are told apart by light.
@@ -113,7 +113,9 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_SHADOW_ALPHA", 0x5000_0000),
     ("DIMENSION_REFLECTION", 0x6000_0000),
     ("DIMENSION_PHOTON", 0x7000_0000),
+    ("DIMENSION_PHOTON_ALPHA", 0x8000_0000),
     ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
+    ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),

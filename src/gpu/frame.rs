@@ -83,6 +83,11 @@ impl Frame<'_> {
         self.encoder.clear_buffer(&buffer.raw, 0, None);
     }
 
+    /// Copies the first `bytes` bytes of a buffer to another, from byte `at` on.
+    pub fn copy(&mut self, from: &Buffer, to: &Buffer, at: u64, bytes: u64) {
+        self.encoder.copy_buffer_to_buffer(&from.raw, 0, &to.raw, at, bytes);
+    }
+
     /// Copies the first `records` records of a buffer into a table's texture.
     pub fn copy_to_table(&mut self, buffer: &Buffer, texture: &wgpu::Texture) {
         let width = super::buffer::TABLE_WIDTH;

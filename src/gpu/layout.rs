@@ -2,7 +2,7 @@
 
 use wgpu::naga;
 
-use crate::{Error, Result, passes};
+use crate::{Error, Result, passes, tables};
 
 use super::compose::Composed;
 
@@ -41,12 +41,17 @@ macro_rules! shared_struct {
 
 /// All shared structs.
 pub const SHARED: &[&SharedStruct] = &[
+    &passes::Point::SHARED,
+    &passes::Tile::SHARED,
     &passes::classify::ClassifyParameters::SHARED,
-    &passes::classify::Point::SHARED,
+    &passes::film::FilmParameters::SHARED,
     &passes::grid::GridParameters::SHARED,
     &passes::grid::GridShape::SHARED,
     &passes::grid::Photon::SHARED,
     &passes::photons::PhotonParameters::SHARED,
+    &passes::shade::ShadeParameters::SHARED,
+    &passes::shadow::ShadowParameters::SHARED,
+    &tables::CameraUniform::SHARED,
 ];
 
 /// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin.

@@ -4,19 +4,7 @@ use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, co
 use crate::{Error, Result, bindings, shared_struct};
 
 use super::grid::{GridShape, MAX_NEAREST, PhotonGrid};
-
-shared_struct! {
-    /// A point to be lit.
-    pub struct Point {
-        /// In normalised space.
-        pub position: [f32; 3],
-        /// Geometric normal on the viewer's side (octahedral, two 16-bit snorms), or [`INVALID_POINT`].
-        pub normal: u32,
-    }
-}
-
-/// [`Point::normal`] where there is nothing to be lit.
-pub const INVALID_POINT: u32 = u32::MAX;
+use super::{Tile, TileBuffers};
 
 /// What the photons say of a point and a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,19 +49,9 @@ impl Classified {
     }
 }
 
-/// A tile's points in an image, for decisions by chance, and what to do with them.
+/// Lights that are worked on together, and what is decided about them.
 #[derive(Clone, Copy, Debug)]
-pub struct Tile {
-    /// Points, a multiple of `width`.
-    pub points: u32,
-    /// Pixels in a row.
-    pub width: u32,
-    /// First row of the tile in the image.
-    pub origin_row: u32,
-    /// Sample of the pixels.
-    pub sample: u32,
-    /// Seed of the render.
-    pub seed: u32,
+pub struct Chunk {
     /// First light of the chunk.
     pub first_light: u32,
     /// Lights of the chunk.
@@ -88,18 +66,14 @@ shared_struct! {
     /// Parameters of the classification's kernels.
     pub struct ClassifyParameters {
         grid: GridShape,
-        point_count: u32,
+        tile: Tile,
         slot_count: u32,
         first_light: u32,
-        width: u32,
-        origin_row: u32,
-        sample: u32,
-        seed: u32,
         dilate_radius: u32,
         audit_probability: f32,
         queue: u32,
         queue_group: u32,
-        padding: u32,
+        padding: [u32; 2],
     }
 }
 
@@ -130,17 +104,6 @@ impl Queue {
     }
 }
 
-/// What [`ClassifyBuffers::counters`] counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct ClassCounts {
-    /// Slots by [`Class`], after dilation.
-    pub classes: [u32; 5],
-    /// Slots that are audited.
-    pub audits: u32,
-    unused: [u32; 2],
-}
-
 /// The buffers of the pass, for up to so many slots: (light of the chunk, point) pairs, light by light.
 pub struct ClassifyBuffers {
     /// Class words as the photons have them.
@@ -155,8 +118,6 @@ pub struct ClassifyBuffers {
     pub queue_lengths: Buffer,
     /// Indirect arguments by [`Queue::arguments_offset`].
     pub queue_arguments: Buffer,
-    /// [`ClassCounts`] since they were last cleared.
-    pub counters: Buffer,
     query_queue: Buffer,
 }
 
@@ -164,33 +125,33 @@ impl ClassifyBuffers {
     /// Buffers for `slots` slots.
     ///
     /// # Errors
-    /// [`Error::Buffer`] where the device cannot hold them.
+    /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, slots: u32) -> Result<ClassifyBuffers> {
         let words = |label: &str| gpu.buffer::<u32>(label, slots as usize);
         Ok(ClassifyBuffers {
-            classes: words("classify/classes")?,
-            dilated_classes: words("classify/dilated_classes")?,
-            boundary_queue: words("classify/boundary_queue")?,
-            audit_queue: words("classify/audit_queue")?,
-            queue_lengths: gpu.buffer::<u32>("classify/queue_lengths", 4)?,
-            queue_arguments: gpu.buffer::<u32>("classify/queue_arguments", 16)?,
-            counters: gpu.buffer::<ClassCounts>("classify/counters", 1)?,
-            query_queue: words("classify/query_queue")?,
+            classes: words("penumbra/classify/classes")?,
+            dilated_classes: words("penumbra/classify/dilated_classes")?,
+            boundary_queue: words("penumbra/classify/boundary_queue")?,
+            audit_queue: words("penumbra/classify/audit_queue")?,
+            queue_lengths: gpu.buffer::<u32>("penumbra/classify/queue_lengths", 4)?,
+            queue_arguments: gpu.buffer::<u32>("penumbra/classify/queue_arguments", 16)?,
+            query_queue: words("penumbra/classify/query_queue")?,
         })
     }
 }
 
-/// The pass.
-pub struct ClassifyPass {
+/// The pass; see `shaders/classify.wgsl`.
+pub struct Classify {
     kernel: Kernel,
+    /// There is a visibility map to ask.
+    map: bool,
 }
 
 /// The pass with its resources bound.
-pub struct BoundClassify<'a> {
-    buffers: &'a ClassifyBuffers,
+pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    query: BoundKernel,
+    query: Option<BoundKernel>,
     dilate: BoundKernel,
     compact: BoundKernel,
     compact_undilated: BoundKernel,
@@ -198,36 +159,37 @@ pub struct BoundClassify<'a> {
     query_group: u32,
 }
 
-impl ClassifyPass {
+impl Classify {
     /// Makes the pass. With `exact_counts` n_i and n_s of boundary points are those of the nearest k; without, they
     /// may be those of photons about the point: enough for a control variate, and cheaper. Classes are exact in
     /// both.
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
-    pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<ClassifyPass> {
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
         if !(1..=MAX_NEAREST).contains(&nearest) {
             return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
         }
         let composed = compose::compose("classify", features)?;
         let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];
-        Ok(ClassifyPass { kernel: Kernel::new(gpu, &composed, &constants, ClassifyBindings::NAMES)? })
+        let kernel = Kernel::new(gpu, &composed, &composed.overrides(&constants), ClassifyBindings::NAMES)?;
+        Ok(Classify { kernel, map: features.has("visibility_map") })
     }
 
-    /// Binds the pass. `scene` has what the lights' tables need.
+    /// Binds the pass to a tile's points, the map (where there is one) and the lights' tables.
     ///
     /// # Errors
-    /// [`Error::Kernel`] naming the variable that nothing is bound to.
-    pub fn bind<'a>(
+    /// As [`Kernel::bind`].
+    pub fn bind(
         &self,
         gpu: &Gpu,
-        points: &Buffer,
-        grid: &PhotonGrid,
-        buffers: &'a ClassifyBuffers,
+        tile: &TileBuffers,
+        grid: Option<&PhotonGrid>,
+        buffers: &ClassifyBuffers,
         scene: &dyn Bindings,
-    ) -> Result<BoundClassify<'a>> {
+    ) -> Result<BoundClassify> {
         let own = |dilated_classes| ClassifyBindings {
-            points,
+            points: &tile.points,
             classes: &buffers.classes,
             query_queue: &buffers.query_queue,
             queue_lengths: &buffers.queue_lengths,
@@ -235,15 +197,17 @@ impl ClassifyPass {
             dilated_classes,
             boundary_queue: &buffers.boundary_queue,
             audit_queue: &buffers.audit_queue,
-            counters: &buffers.counters,
+            counters: &tile.counters,
         };
-        let bind = |entry, dilated| self.kernel.bind(gpu, entry, &[&own(dilated), grid, scene]);
+        let bind = |entry, dilated| match grid {
+            Some(grid) => self.kernel.bind(gpu, entry, &[&own(dilated), grid, scene]),
+            None => self.kernel.bind(gpu, entry, &[&own(dilated), scene]),
+        };
         let dilated = &buffers.dilated_classes;
         Ok(BoundClassify {
-            buffers,
-            shape: grid.shape,
+            shape: grid.map_or(GridShape::default(), |grid| grid.shape),
             classify: bind("classify", dilated)?,
-            query: bind("query", dilated)?,
+            query: self.map.then(|| bind("query", dilated)).transpose()?,
             dilate: bind("dilate", dilated)?,
             compact: bind("compact", dilated)?,
             compact_undilated: bind("compact", &buffers.classes)?,
@@ -253,33 +217,38 @@ impl ClassifyPass {
     }
 }
 
-impl BoundClassify<'_> {
-    /// Records the classification of a tile, dilation, and the queues with their indirect arguments for workgroups
-    /// of `queue_group` invocations.
-    pub fn run(&self, frame: &mut Frame<'_>, tile: &Tile, queue_group: u32) {
-        let slots = tile.points * tile.lights;
+impl BoundClassify {
+    /// Records the classification of a tile's points for a chunk of lights, dilation, and the queues with their
+    /// indirect arguments for workgroups of `queue_group` invocations.
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        buffers: &ClassifyBuffers,
+        tile: &Tile,
+        chunk: &Chunk,
+        queue_group: u32,
+    ) {
+        let slots = tile.point_count * chunk.lights;
         let parameters = |queue: Queue, queue_group| ClassifyParameters {
             grid: self.shape,
-            point_count: tile.points,
+            tile: *tile,
             slot_count: slots,
-            first_light: tile.first_light,
-            width: tile.width,
-            origin_row: tile.origin_row,
-            sample: tile.sample,
-            seed: tile.seed,
-            dilate_radius: tile.dilate,
-            audit_probability: tile.audit_probability,
+            first_light: chunk.first_light,
+            dilate_radius: chunk.dilate,
+            audit_probability: chunk.audit_probability,
             queue: queue as u32,
             queue_group,
-            padding: 0,
+            padding: [0; 2],
         };
-        let arguments = &self.buffers.queue_arguments;
+        let arguments = &buffers.queue_arguments;
         let query = parameters(Queue::Query, self.query_group);
-        frame.clear(&self.buffers.queue_lengths);
+        frame.clear(&buffers.queue_lengths);
         frame.run(&self.classify, slots, &query);
-        frame.run(&self.arrange, 1, &query);
-        frame.run_indirect(&self.query, arguments, Queue::Query.arguments_offset(), &query);
-        if tile.dilate > 0 {
+        if let Some(kernel) = &self.query {
+            frame.run(&self.arrange, 1, &query);
+            frame.run_indirect(kernel, arguments, Queue::Query.arguments_offset(), &query);
+        }
+        if chunk.dilate > 0 {
             frame.run(&self.dilate, slots, &query);
             frame.run(&self.compact, slots, &query);
         } else {
@@ -288,9 +257,17 @@ impl BoundClassify<'_> {
         frame.run(&self.arrange, 1, &parameters(Queue::Boundary, queue_group));
         frame.run(&self.arrange, 1, &parameters(Queue::Audit, queue_group));
     }
+}
 
-    /// The class words that [`BoundClassify::run`] leaves for a tile of that dilation.
-    pub fn classes(&self, tile: &Tile) -> &Buffer {
-        if tile.dilate > 0 { &self.buffers.dilated_classes } else { &self.buffers.classes }
+impl ClassifyBuffers {
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        let words = [&self.classes, &self.dilated_classes, &self.boundary_queue, &self.audit_queue, &self.query_queue];
+        words.into_iter().map(|b| b.bytes).sum()
+    }
+
+    /// The class words that [`BoundClassify::record`] leaves with that dilation.
+    pub fn final_classes(&self, dilate: u32) -> &Buffer {
+        if dilate > 0 { &self.dilated_classes } else { &self.classes }
     }
 }

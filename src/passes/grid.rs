@@ -21,6 +21,13 @@ shared_struct! {
     }
 }
 
+impl Photon {
+    /// The light that sent it.
+    pub fn light(&self) -> u32 {
+        (self.word >> 14) & (MAX_LIGHTS - 1)
+    }
+}
+
 /// Lights of a photon map: a photon's word has eleven bits for its light.
 pub const MAX_LIGHTS: u32 = 2048;
 
@@ -112,7 +119,7 @@ bindings! {
 const SCAN_SERIAL: u32 = 64;
 
 /// The pass.
-pub struct GridPass {
+pub struct Grid {
     kernel: Kernel,
     nearest: u32,
 }
@@ -125,6 +132,8 @@ pub struct PhotonGrid {
     pub lights: u32,
     /// Photons.
     pub photons: u32,
+    /// Bytes of its tables on the device.
+    pub bytes: u64,
     photon_table: Table,
     cell_starts: Table,
     cell_records: Table,
@@ -141,18 +150,18 @@ impl Bindings for PhotonGrid {
     }
 }
 
-impl GridPass {
+impl Grid {
     /// Makes the pass. `nearest` is k, at most [`MAX_NEAREST`].
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
-    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<GridPass> {
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<Grid> {
         if !(1..=MAX_NEAREST).contains(&nearest) {
             return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
         }
         let composed = compose::compose("grid", features)?;
         let kernel = Kernel::new(gpu, &composed, &[("nearest", f64::from(nearest))], GridBindings::NAMES)?;
-        Ok(GridPass { kernel, nearest })
+        Ok(Grid { kernel, nearest })
     }
 
     /// Sorts the first `count` of `photons`, whose lights are below `lights`, and judges the cells.
@@ -223,6 +232,7 @@ impl GridPass {
             shape,
             lights,
             photons: count,
+            bytes: sorted_photons.bytes + starts.bytes + judged_cells.bytes,
             photon_table: table(photon_texture, sorted_photons),
             cell_starts: table(starts_texture, starts),
             cell_records: table(records_texture, judged_cells),

@@ -1,6 +1,7 @@
 //! photons: rays from the lights through everything they meet; what they leave is the visibility map's photons.
 
 use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
+use crate::settings::Settings;
 use crate::{Error, Result, bindings, shared_struct};
 
 use super::grid::{MAX_LIGHTS, Photon};
@@ -11,10 +12,8 @@ shared_struct! {
     pub struct PhotonParameters {
         first_ray: u32,
         ray_count: u32,
-        first_light: u32,
         light_count: u32,
         seed: u32,
-        padding: u32,
     }
 }
 
@@ -26,9 +25,6 @@ bindings! {
 /// Rays of a dispatch: some tens of milliseconds on a software device, and no danger to a desktop's watchdog.
 const BATCH_RAYS: u32 = 1 << 16;
 
-/// Most shadow photons that may be kept of one ray, as the kernel has it.
-pub const MAX_SHADOW_PHOTONS_PER_RAY: u32 = 64;
-
 /// The counts' words before those of the lights, as the kernel has them.
 const COUNT_HEADER: usize = 2;
 
@@ -38,26 +34,13 @@ pub struct Photons {
     shadow_photons_per_ray: u32,
 }
 
-/// Whose photons, and how many.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PhotonRequest {
-    /// First light of the map.
-    pub first_light: u32,
-    /// Lights in it, 1 to [`MAX_LIGHTS`].
-    pub lights: u32,
-    /// Photons emitted from each light.
-    pub per_light: u32,
-    /// Seed of the render.
-    pub seed: u32,
-}
-
-/// Photons on the device, in any order; their set depends on nothing but the scene, the request and the settings.
-pub struct TracedPhotons {
-    /// [`Photon`]s; the buffer may have room for more.
+/// Photons on the device, in any order; their set depends on nothing but the scene, the settings and the seed.
+pub struct Traced {
+    /// [`Photon`]s, with room for as many more as were asked to be spared.
     pub photons: Buffer,
     /// How many.
     pub count: u32,
-    /// Emitted from each light: fewer than asked for where no more fit into one binding of the device.
+    /// Rays of each light: fewer than asked for where more photons do not fit into one binding of the device.
     pub emitted: Vec<u32>,
     /// Illumination and shadow photons stored, of each light.
     pub stored: Vec<[u32; 2]>,
@@ -67,18 +50,17 @@ impl Photons {
     /// Compiles the kernel. At most `shadow_photons_per_ray` shadow photons are kept of one ray.
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a number out of 1 to [`MAX_SHADOW_PHOTONS_PER_RAY`].
+    /// As [`Kernel::new`]; [`Error::Usage`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
     pub fn new(
         gpu: &Gpu,
         features: &Features,
         constants: &[(&str, f64)],
         shadow_photons_per_ray: u32,
     ) -> Result<Photons> {
-        if !(1..=MAX_SHADOW_PHOTONS_PER_RAY).contains(&shadow_photons_per_ray) {
-            return Err(Error::Usage(format!(
-                "--shadow-photons-per-ray {shadow_photons_per_ray}: it must be between 1 and \
-                 {MAX_SHADOW_PHOTONS_PER_RAY}"
-            )));
+        let most = Settings::MAX_SHADOW_PHOTONS;
+        if !(1..=most).contains(&shadow_photons_per_ray) {
+            let given = format!("--shadow-photons-per-ray {shadow_photons_per_ray}");
+            return Err(Error::Usage(format!("{given}: it must be between 1 and {most}")));
         }
         let mut constants = constants.to_vec();
         constants.push(("shadow_photons_per_ray", f64::from(shadow_photons_per_ray)));
@@ -86,66 +68,64 @@ impl Photons {
         Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces the photons, batch by batch; the buffer grows as they need, up to what the device can bind.
+    /// Traces `rays` rays of each of `lights` lights, batch by batch; the buffer grows as they need, up to what the
+    /// device can bind. Photons that no longer fit there end the tracing: all lights are then short by the same.
+    /// `spare` photons more than were traced fit in the buffer.
     ///
     /// # Errors
-    /// [`Error::Usage`] for lights out of range, [`Error::Computation`] where a traversal gave up, else as
+    /// [`Error::Usage`] for lights or rays out of range, [`Error::Computation`] where a traversal gave up, else as
     /// [`Gpu::check`] and [`Kernel::bind`].
-    pub fn trace(&self, gpu: &Gpu, scene: &dyn Bindings, request: &PhotonRequest) -> Result<TracedPhotons> {
-        if !(1..=MAX_LIGHTS).contains(&request.lights) {
-            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {}", request.lights)));
+    pub fn trace(
+        &self,
+        gpu: &Gpu,
+        scene: &dyn Bindings,
+        lights: u32,
+        rays: u32,
+        seed: u32,
+        spare: u32,
+    ) -> Result<Traced> {
+        if !(1..=MAX_LIGHTS).contains(&lights) {
+            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
         }
-        let lights = request.lights as usize;
-        let rays = u64::from(request.per_light) * u64::from(request.lights);
-        if rays > u64::from(u32::MAX) {
-            return Err(Error::Usage(format!("--photons {}: 2^32 or more of all lights together", request.per_light)));
-        }
-        let rays = rays as u32;
-        let batch_rays = BATCH_RAYS.min(rays.max(1));
+        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights))
+            .map_err(|_| Error::Usage(format!("--photons {rays}: 2^32 or more of all lights together")))?;
+        let batch_rays = BATCH_RAYS.min(all_rays.max(1));
         let batch_photons = (batch_rays * (1 + self.shadow_photons_per_ray)) as usize;
         let batch = gpu.buffer::<Photon>("penumbra/photons/batch", batch_photons)?;
-        let counts = gpu.buffer::<u32>("penumbra/photons/counts", COUNT_HEADER + 2 * lights)?;
+        let words = COUNT_HEADER + 2 * lights as usize;
+        let counts = gpu.buffer::<u32>("penumbra/photons/counts", words)?;
         let own = PhotonBindings { traced_photons: &batch, traced_counts: &counts };
         let bound = self.kernel.bind(gpu, "photons", &[&own, scene])?;
-        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
 
-        let mut photons = gpu.buffer::<Photon>("penumbra/photons/photons", (rays as usize * 2).min(limit))?;
-        let mut room = (photons.bytes / size_of::<Photon>() as u64) as usize;
+        let spare = spare as usize;
+        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
+        let mut room = (2 * all_rays as usize + spare).min(limit);
+        let mut photons = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
         let (mut count, mut done) = (0, 0);
-        let mut stored = vec![[0; 2]; lights];
-        while done < rays {
-            let ray_count = batch_rays.min(rays - done);
-            let parameters = PhotonParameters {
-                first_ray: done,
-                ray_count,
-                first_light: request.first_light,
-                light_count: request.lights,
-                seed: request.seed,
-                padding: 0,
-            };
+        let mut stored = vec![[0; 2]; lights as usize];
+        while done < all_rays {
+            let ray_count = batch_rays.min(all_rays - done);
             let mut frame = gpu.frame("photons");
             frame.clear(&counts);
-            frame.run(&bound, ray_count, &parameters);
+            frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
             frame.submit()?;
-            let counted: Vec<u32> = gpu.read(&counts, COUNT_HEADER + 2 * lights)?;
-            if counted[1] > 0 {
-                return Err(Error::Computation {
-                    kernel: "photons".to_owned(),
-                    problem: format!("{} rays met more triangles than one invocation may", counted[1]),
-                });
+            let counted: Vec<u32> = gpu.read(&counts, words)?;
+            let (more, overruns) = (counted[0] as usize, counted[1]);
+            if overruns > 0 {
+                let problem = format!("{overruns} photon rays met more triangles than the device's loop budget allows");
+                return Err(Error::Computation { kernel: "photons".to_owned(), problem });
             }
-            let more = counted[0] as usize;
-            if count + more > limit {
+            if count + more + spare > limit {
                 break;
             }
             let mut frame = gpu.frame("photons");
-            if count + more > room {
-                room = (2 * room).max(count + more).min(limit);
+            if count + more + spare > room {
+                room = (2 * room).max(count + more + spare).min(limit);
                 let larger = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
-                copy(&mut frame, &photons, &larger, 0, count);
+                frame.copy(&photons, &larger, 0, bytes(count));
                 photons = larger;
             }
-            copy(&mut frame, &batch, &photons, count, more);
+            frame.copy(&batch, &photons, bytes(count), bytes(more));
             frame.submit()?;
             count += more;
             done += ray_count;
@@ -154,15 +134,11 @@ impl Photons {
             }
         }
         // Rays are numbered round by round of the lights.
-        let emitted = (0..request.lights).map(|light| done / request.lights + u32::from(light < done % request.lights));
-        Ok(TracedPhotons { photons, count: count as u32, emitted: emitted.collect(), stored })
+        let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
+        Ok(Traced { photons, count: count as u32, emitted, stored })
     }
 }
 
-/// Copies the first `count` photons of one buffer behind the first `at` of another.
-fn copy(frame: &mut crate::gpu::Frame<'_>, from: &Buffer, to: &Buffer, at: usize, count: usize) {
-    let bytes = |photons: usize| (photons * size_of::<Photon>()) as u64;
-    if count > 0 {
-        frame.encoder.copy_buffer_to_buffer(&from.raw, 0, &to.raw, bytes(at), bytes(count));
-    }
+fn bytes(photons: usize) -> u64 {
+    (photons * size_of::<Photon>()) as u64
 }

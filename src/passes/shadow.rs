@@ -39,10 +39,8 @@ pub struct ShadowBuffers<'a> {
     pub queue_lengths: &'a Buffer,
     /// Visibility bits of the slots.
     pub visibility: &'a Buffer,
-    /// Photons that audits add to the map.
-    pub heal_photons: &'a Buffer,
-    /// How many.
-    pub heal_count: &'a Buffer,
+    /// Photons that audits add to the map, and how many; none where nothing is audited.
+    pub heal: Option<[&'a Buffer; 2]>,
 }
 
 impl Shadow {
@@ -72,16 +70,17 @@ impl Shadow {
         buffers: &ShadowBuffers<'_>,
         scene: &dyn Bindings,
     ) -> Result<BoundShadow> {
-        let own = Resources::new()
+        let mut own = Resources::new()
             .with("points", &tile.points)
             .with("counters", &tile.counters)
             .with("classes", buffers.classes)
             .with("boundary_queue", buffers.boundary_queue)
             .with("audit_queue", buffers.audit_queue)
             .with("queue_lengths", buffers.queue_lengths)
-            .with("visibility", buffers.visibility)
-            .with("heal_photons", buffers.heal_photons)
-            .with("heal_count", buffers.heal_count);
+            .with("visibility", buffers.visibility);
+        if let Some([photons, count]) = buffers.heal {
+            own = own.with("heal_photons", photons).with("heal_count", count);
+        }
         let bind = |entry| self.kernel.bind(gpu, entry, &[&own, scene]);
         Ok(BoundShadow { shadow: bind("shadow")?, audit: self.audits.then(|| bind("audit")).transpose()? })
     }

@@ -114,31 +114,36 @@ impl Accessor<'_> {
         self.json.error(problem)
     }
 
-    fn for_each(&self, mut read: impl FnMut(usize, &[u8])) -> Result<()> {
-        if let Some(reason) = self.unreadable {
-            return Err(self.error(reason));
+    /// The bytes of element `index`, from its first on; None for one that is all zeros.
+    fn element(&self, index: usize) -> Option<&[u8]> {
+        let replaced = |sparse: &Sparse| sparse.indices.binary_search(&(index as u32)).ok();
+        match self.sparse.as_ref().and_then(|sparse| Some((sparse, replaced(sparse)?))) {
+            Some((sparse, k)) => Some(sparse.values.get(k)),
+            None => self.elements.map(|elements| elements.get(index)),
         }
-        if let Some(elements) = self.elements {
-            (0..self.count).for_each(|i| read(i, elements.get(i)));
-        }
-        if let Some(sparse) = &self.sparse {
-            sparse.indices.iter().enumerate().for_each(|(i, &target)| read(target as usize, sparse.values.get(i)));
-        }
-        Ok(())
     }
 
-    /// All elements as floats, `N` or fewer components each; those beyond the element's are `fill`.
-    pub fn floats<const N: usize>(&self, fill: f32) -> Result<Vec<[f32; N]>> {
-        let mut zero = [fill; N];
-        zero[..self.width.min(N)].fill(0.0);
-        let mut values = vec![zero; self.count];
+    fn check_readable(&self) -> Result<()> {
+        self.unreadable.map_or(Ok(()), |reason| Err(self.error(reason)))
+    }
+
+    /// The elements `which` (all where None) as floats, `N` or fewer components each; those beyond
+    /// the element's are `fill`. The indices in `which` must be less than [`Accessor::count`].
+    pub fn floats<const N: usize>(&self, fill: f32, which: Option<&[u32]>) -> Result<Vec<[f32; N]>> {
+        self.check_readable()?;
         let (size, width) = (self.component.size(), self.width.min(N));
-        self.for_each(|i, bytes| {
-            for (c, value) in values[i][..width].iter_mut().enumerate() {
-                *value = self.component.float(&bytes[c * size..], self.normalised);
+        let read = |index: usize| {
+            let mut value = [fill; N];
+            let bytes = self.element(index);
+            for (c, value) in value[..width].iter_mut().enumerate() {
+                *value = bytes.map_or(0.0, |bytes| self.component.float(&bytes[c * size..], self.normalised));
             }
-        })?;
-        Ok(values)
+            value
+        };
+        Ok(match which {
+            Some(which) => which.iter().map(|&index| read(index as usize)).collect(),
+            None => (0..self.count).map(read).collect(),
+        })
     }
 
     /// All elements as vertex indices.
@@ -147,14 +152,21 @@ impl Accessor<'_> {
         if !is_index || self.normalised {
             return Err(self.error("indices must be plain unsigned scalars"));
         }
-        let mut values = vec![0; self.count];
-        self.for_each(|i, bytes| values[i] = self.component.unsigned(bytes))?;
-        Ok(values)
+        self.check_readable()?;
+        let read = |index| self.element(index).map_or(0, |bytes| self.component.unsigned(bytes));
+        Ok((0..self.count).map(read).collect())
     }
 }
 
-/// The buffers of a document: their bytes, where the file has them.
-pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<(usize, Option<Cow<'a, [u8]>>)>> {
+/// A buffer.
+pub(super) struct Buffer<'a> {
+    length: usize,
+    /// At least `length` of them; None where the file has none (an extension may supply them).
+    bytes: Option<Cow<'a, [u8]>>,
+}
+
+/// Reads the buffers of a document.
+pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<Buffer<'a>>> {
     let mut buffers = Vec::new();
     for (i, buffer) in root.list("buffers")?.iter().enumerate() {
         let length = buffer.require("byteLength")?;
@@ -170,7 +182,7 @@ pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result
         if let Some(bytes) = bytes.as_ref().filter(|bytes| bytes.len() < length) {
             return Err(buffer.error(format!("{length} bytes declared, {} are there", bytes.len())));
         }
-        buffers.push((length, bytes));
+        buffers.push(Buffer { length, bytes });
     }
     Ok(buffers)
 }
@@ -180,11 +192,12 @@ pub(super) struct Views<'a>(Vec<View<'a>>);
 
 impl<'a> Views<'a> {
     /// Checks every buffer view.
-    pub fn read(root: &Json<'a>, buffers: &'a [(usize, Option<Cow<'a, [u8]>>)]) -> Result<Self> {
+    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>]) -> Result<Self> {
         root.list("bufferViews")?
             .iter()
             .map(|view| {
-                let (size, bytes) = &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
+                let Buffer { length: size, bytes } =
+                    &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
                 let offset = view.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
                 let length = view.require("byteLength")?.whole()?;
                 let end = offset.checked_add(length).filter(|end| end <= size && length > 0);

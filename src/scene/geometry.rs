@@ -11,7 +11,7 @@ use crate::Result;
 
 /// Most corners of triangles that a scene may have, instances counted each: indices to them, times
 /// three, stay within u32, and they fill 8 GiB.
-const MAX_CORNERS: usize = 3 << 25;
+pub(super) const MAX_CORNERS: usize = 3 << 25;
 
 /// The triangles of one node and one emissive material.
 struct MeshLight {
@@ -158,7 +158,7 @@ impl Geometry {
         let upper = corners().reduce(DVec3::max)?;
         // Halves are added, as the sum might overflow.
         let centre = 0.5 * lower + 0.5 * upper;
-        let extent = (upper - centre).max_element();
+        let extent = (upper - centre).max(centre - lower).max_element();
         // Divided first: squares of 1e200 overflow.
         let radius = corners().map(|p| ((p - centre) / extent).length_squared()).fold(0.0, f64::max).sqrt() * extent;
         Some((centre, radius))

@@ -54,8 +54,7 @@ impl Scene {
         let materials = material::read(&root, &images, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
-        let mut skipped = mesh::Skipped::default();
-        let meshes = mesh::read(&root, &accessors, &materials.materials, options, &mut skipped)?;
+        let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
         let nodes = node::visible(&root, &mut notes)?;
         let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
 

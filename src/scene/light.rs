@@ -1,6 +1,7 @@
 //! Lights: punctual ones, what emissive triangles emit, and the default light.
 
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::sync::OnceLock;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
@@ -125,20 +126,15 @@ pub(super) struct Emission<'a> {
     materials: &'a [Material],
     textures: &'a [Texture],
     images: &'a [TextureImage],
-    /// For each image that an emissive texture shows: how many texels that are not black lie above
-    /// and to the left, (width + 1) x (height + 1).
-    bright: Vec<Option<Vec<u32>>>,
+    /// For each image, once it is asked for: how many texels that are not black lie above and to
+    /// the left, (width + 1) x (height + 1).
+    bright: Vec<OnceLock<Vec<u32>>>,
 }
 
 impl<'a> Emission<'a> {
-    /// Prepares the images that emissive materials use.
+    /// Of those materials, seen through those textures.
     pub fn new(materials: &'a [Material], textures: &'a [Texture], images: &'a [TextureImage]) -> Self {
-        let mut bright = vec![None; images.len()];
-        for slot in materials.iter().filter(|m| m.emissive != Vec3::ZERO).filter_map(|m| m.emissive_texture) {
-            let image = textures[slot.texture as usize].image as usize;
-            bright[image].get_or_insert_with(|| count_bright(&images[image]));
-        }
-        Emission { materials, textures, images, bright }
+        Emission { materials, textures, images, bright: vec![OnceLock::new(); images.len()] }
     }
 
     /// Mean radiance that a triangle with those texture coordinates at its corners emits.
@@ -158,6 +154,10 @@ impl<'a> Emission<'a> {
             let uv = uvs[0] * (1.0 - root) + uvs[1] * (root * (1.0 - t)) + uvs[2] * (root * t);
             sum += image.sample(texture, uv).truncate();
         }
+        if !sum.is_finite() {
+            // Coordinates of 1e38 texels and more show no texel in particular.
+            return Vec3::ZERO;
+        }
         let count = (STRATA * STRATA) as f32;
         if sum == Vec3::ZERO {
             // Whatever these points missed fills about one stratum at most.
@@ -168,13 +168,14 @@ impl<'a> Emission<'a> {
 
     /// The share of texels that are not black in the bounds of `uvs`.
     fn bright_share(&self, texture: &Texture, image: &TextureImage, uvs: &[Vec2; 3]) -> f32 {
-        let Some(table) = &self.bright[texture.image as usize] else { return 0.0 };
+        let table = self.bright[texture.image as usize].get_or_init(|| count_bright(image));
         let size = [image.width, image.height];
         let ranges = [0, 1].map(|axis| {
             let n = size[axis] as f32;
             let (lower, upper) = uvs.iter().fold((f32::MAX, f32::MIN), |(l, u), uv| (l.min(uv[axis]), u.max(uv[axis])));
             // One more texel to each side, as the bilinear filter reaches half of one.
-            let (first, last) = ((lower * n).floor() as i64 - 1, (upper * n).floor() as i64 + 1);
+            let texel = |x: f32| (x * n).floor() as i64;
+            let (first, last) = (texel(lower).saturating_sub(1), texel(upper).saturating_add(1));
             let (a, b) = (texture.wrap[axis].texel(first, size[axis]), texture.wrap[axis].texel(last, size[axis]));
             // Bounds that cross an edge of the image are taken as all of it.
             let crosses = first < 0 || last >= i64::from(size[axis]);
@@ -231,5 +232,5 @@ pub(super) fn default_light(centre: DVec3, radius: f64) -> ([DVec3; 4], Material
 /// which is straight above it (Siegel and Howell, Thermal Radiation Heat Transfer, configuration 4).
 fn corner_form_factor(a: f64, b: f64) -> f64 {
     let (p, q) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
-    (a / p * (b / p).atan() + b / q * (a / q).atan()) / (2.0 * std::f64::consts::PI)
+    (a / p * (b / p).atan() + b / q * (a / q).atan()) / (2.0 * PI)
 }

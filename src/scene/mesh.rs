@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::accessor::Accessor;
+use super::accessor::{Accessor, Component};
+use super::geometry::MAX_CORNERS;
 use super::json::Json;
 use super::{ImportOptions, Material};
 use crate::Result;
@@ -30,109 +31,146 @@ pub(super) struct Skipped {
     pub not_finite: usize,
 }
 
-/// The primitives of each mesh.
+/// The primitives of each mesh, and what is not shown of them.
 pub(super) fn read(
     root: &Json,
     accessors: &[Accessor],
     materials: &[Material],
     options: &ImportOptions,
-    skipped: &mut Skipped,
-) -> Result<Vec<Vec<Primitive>>> {
+) -> Result<(Vec<Vec<Primitive>>, Skipped)> {
+    let mut reader = Reader { accessors, materials, lenient: options.lenient, corners: 0, skipped: Skipped::default() };
     let mut meshes = Vec::new();
     for mesh in root.list("meshes")? {
-        let mut primitives = Vec::new();
         let list = mesh.require("primitives")?;
+        let mut primitives = Vec::new();
         for json in list.items()? {
-            primitives.extend(primitive(&json, accessors, materials, options, skipped)?);
+            primitives.extend(reader.primitive(&json)?);
         }
         if list.len() == 0 {
             return Err(list.error("must not be empty"));
         }
         meshes.push(primitives);
     }
-    Ok(meshes)
+    Ok((meshes, reader.skipped))
 }
 
-/// Reads attributes of `count` elements.
+struct Reader<'r, 'a> {
+    accessors: &'r [Accessor<'a>],
+    materials: &'r [Material],
+    lenient: bool,
+    /// Corners read so far. Accessors may be shared, so the file's size does not bound them.
+    corners: usize,
+    skipped: Skipped,
+}
+
+impl<'r, 'a> Reader<'r, 'a> {
+    fn primitive(&mut self, json: &Json<'a>) -> Result<Option<Primitive>> {
+        let attributes = json.require("attributes")?;
+        let mode = json.get("mode")?.map_or(Ok(4), |mode| mode.index(7, "mode"))?;
+        let material = json.get("material")?.map(|m| m.index(self.materials.len(), "material")).transpose()?;
+        self.skipped.morphed += usize::from(json.get("targets")?.is_some());
+        let Some(position) = attributes.get("POSITION")? else {
+            self.skipped.without_positions += 1;
+            return Ok(None);
+        };
+        let count = self.accessor(&position)?.count;
+        if mode < 4 {
+            self.skipped.points_and_lines += 1;
+            return Ok(None);
+        }
+        let mut corners = self.corners(json, count)?;
+        let which = used(&corners, count);
+        if let Some(which) = &which {
+            for corner in &mut corners {
+                *corner = which.partition_point(|vertex| vertex < corner) as u32;
+            }
+        }
+        let mut read = Attributes { json: attributes, reader: self, count, which: which.as_deref(), not_finite: false };
+        let positions = read.read::<3, Vec3>("POSITION", &[3])?;
+        let normals = read.read::<3, Vec3>("NORMAL", &[3])?;
+        let tangents = read.read::<4, Vec4>("TANGENT", &[4])?;
+        let uvs = [read.read::<2, Vec2>("TEXCOORD_0", &[2])?, read.read::<2, Vec2>("TEXCOORD_1", &[2])?];
+        let colours = read.read::<4, Vec4>("COLOR_0", &[3, 4])?;
+        if read.not_finite {
+            self.skipped.not_finite += 1;
+            return Ok(None);
+        }
+        let mut slots = material.into_iter().flat_map(|m| self.materials[m].slots());
+        if let Some(slot) = slots.find(|slot| uvs[slot.uv_set as usize].is_empty()) {
+            let place = json.require("material")?;
+            return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", slot.uv_set)));
+        }
+        let triangles = assemble(mode, &corners);
+        Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material }))
+    }
+
+    fn accessor(&self, index: &Json) -> Result<&'r Accessor<'a>> {
+        Ok(&self.accessors[index.index(self.accessors.len(), "accessor")?])
+    }
+
+    /// Vertices of a primitive of `count` vertices in the order in which triangles take them.
+    fn corners(&mut self, json: &Json, count: usize) -> Result<Vec<u32>> {
+        let indices = json.get("indices")?.map(|place| Ok((self.accessor(&place)?, place))).transpose()?;
+        self.corners += indices.as_ref().map_or(count, |(indices, _)| indices.count);
+        if self.corners > MAX_CORNERS {
+            return Err(json.error(format!("the meshes have more than {MAX_CORNERS} corners of triangles")));
+        }
+        let Some((indices, place)) = indices else { return Ok((0..count as u32).collect()) };
+        let values = indices.indices()?;
+        match values.iter().position(|&vertex| vertex as usize >= count) {
+            Some(i) => Err(place.error(format!("index {i} is {}, there are {count} vertices", values[i]))),
+            None => Ok(values),
+        }
+    }
+}
+
+/// Which of `count` vertices occur in `corners`, in their order; None where all do. Exporters share
+/// one set of vertices between many primitives: the time to read each must not grow with the set.
+fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
+    let which = if corners.len() < count {
+        let mut which = corners.to_vec();
+        which.sort_unstable();
+        which.dedup();
+        which
+    } else {
+        let mut occurs = vec![false; count];
+        corners.iter().for_each(|&vertex| occurs[vertex as usize] = true);
+        (0..count as u32).filter(|&vertex| occurs[vertex as usize]).collect()
+    };
+    (which.len() < count).then_some(which)
+}
+
+/// Reads the attributes of a primitive of `count` vertices, for those of `which` (None: all).
 struct Attributes<'r, 'a> {
     json: Json<'a>,
-    accessors: &'r [Accessor<'a>],
+    reader: &'r Reader<'r, 'a>,
     count: usize,
+    which: Option<&'r [u32]>,
     /// Some number read is NaN or infinite, and leniency was asked for.
     not_finite: bool,
-    lenient: bool,
 }
 
 impl Attributes<'_, '_> {
     /// The attribute `name`, if present; its width must be one of `widths`.
     fn read<const N: usize, T: From<[f32; N]>>(&mut self, name: &str, widths: &[usize]) -> Result<Vec<T>> {
         let Some(json) = self.json.get(name)? else { return Ok(Vec::new()) };
-        let accessor = &self.accessors[json.index(self.accessors.len(), "accessor")?];
+        let accessor = self.reader.accessor(&json)?;
         if accessor.count != self.count {
             return Err(json.error(format!("has {} elements, POSITION has {}", accessor.count, self.count)));
         }
-        let values = accessor.floats::<N>(1.0)?;
-        if !widths.contains(&accessor.width) || accessor.component == super::accessor::Component::U32 {
+        let values = accessor.floats::<N>(1.0, self.which)?;
+        if !widths.contains(&accessor.width) || accessor.component == Component::U32 {
             return Err(json.error("its accessor has a type that this attribute cannot have"));
         }
         if let Some(i) = values.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
-            if !self.lenient {
-                return Err(json.error(format!("element {i} is not finite")));
+            if !self.reader.lenient {
+                let element = self.which.map_or(i, |which| which[i] as usize);
+                return Err(json.error(format!("element {element} is not finite")));
             }
             self.not_finite = true;
         }
         Ok(values.into_iter().map(T::from).collect())
     }
-}
-
-fn primitive(
-    json: &Json,
-    accessors: &[Accessor],
-    materials: &[Material],
-    options: &ImportOptions,
-    skipped: &mut Skipped,
-) -> Result<Option<Primitive>> {
-    let attributes = json.require("attributes")?;
-    let mode = json.get("mode")?.map_or(Ok(4), |mode| mode.index(7, "mode"))?;
-    let material = json.get("material")?.map(|m| m.index(materials.len(), "material")).transpose()?;
-    skipped.morphed += usize::from(json.get("targets")?.is_some());
-    let Some(position) = attributes.get("POSITION")? else {
-        skipped.without_positions += 1;
-        return Ok(None);
-    };
-    let count = accessors[position.index(accessors.len(), "accessor")?].count;
-    if mode < 4 {
-        skipped.points_and_lines += 1;
-        return Ok(None);
-    }
-    let mut read = Attributes { json: attributes, accessors, count, not_finite: false, lenient: options.lenient };
-    let positions = read.read::<3, Vec3>("POSITION", &[3])?;
-    let normals = read.read::<3, Vec3>("NORMAL", &[3])?;
-    let tangents = read.read::<4, Vec4>("TANGENT", &[4])?;
-    let uvs = [read.read::<2, Vec2>("TEXCOORD_0", &[2])?, read.read::<2, Vec2>("TEXCOORD_1", &[2])?];
-    let colours = read.read::<4, Vec4>("COLOR_0", &[3, 4])?;
-    if read.not_finite {
-        skipped.not_finite += 1;
-        return Ok(None);
-    }
-    if let Some(slot) = material.and_then(|m| materials[m].slots().find(|slot| uvs[slot.uv_set as usize].is_empty())) {
-        let place = json.get("material")?.unwrap_or_else(|| json.clone());
-        return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", slot.uv_set)));
-    }
-    let corners: Vec<u32> = match json.get("indices")? {
-        Some(indices) => {
-            let values = accessors[indices.index(accessors.len(), "accessor")?].indices()?;
-            if let Some((i, vertex)) = values.iter().enumerate().find(|(_, v)| **v as usize >= count) {
-                return Err(indices.error(format!("index {i} is {vertex}, there are {count} vertices")));
-            }
-            values
-        }
-        None => {
-            u32::try_from(count).map_err(|_| json.error(format!("{count} vertices are too many")))?;
-            (0..count as u32).collect()
-        }
-    };
-    Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles: assemble(mode, &corners), material }))
 }
 
 /// Triangles of `corners` in mode 4 (list), 5 (strip) or 6 (fan), wound as glTF 3.7.2.1 says.

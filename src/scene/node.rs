@@ -34,12 +34,12 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Vec<String>) -> Result<Ve
     }
     refuse_loops(&nodes, &parent, &children)?;
 
+    let local = nodes.iter().map(local_matrix).collect::<Result<Vec<_>>>()?;
     let mut world: Vec<Option<DAffine3>> = vec![None; nodes.len()];
     let mut open: Vec<(usize, DAffine3)> = Vec::new();
-    for i in scene_roots(root, &parent, &children, notes)? {
+    for i in scene_roots(root, &parent, &children, &local, notes)? {
         open.push((i, DAffine3::IDENTITY));
     }
-    let local = nodes.iter().map(local_matrix).collect::<Result<Vec<_>>>()?;
     while let Some((i, above)) = open.pop() {
         let matrix = above * local[i];
         if !matrix.is_finite() {
@@ -71,6 +71,7 @@ fn scene_roots(
     root: &Json,
     parent: &[Option<usize>],
     children: &[Vec<usize>],
+    local: &[DAffine3],
     notes: &mut Vec<String>,
 ) -> Result<Vec<usize>> {
     let scenes = root.list("scenes")?;
@@ -99,10 +100,9 @@ fn scene_roots(
     }
     roots.retain(|&i| !below[i]);
     // Not legal, but written by some exporters; as in other renderers, the scene starts at the node it lists.
-    if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, parent[i]?))) {
-        notes.push(format!(
-            "scene {chosen} lists node {i}, which is no root: the transform of node {above} is not applied"
-        ));
+    let moved = |i: usize| parent[i].filter(|&above| local[above] != DAffine3::IDENTITY);
+    if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, moved(i)?))) {
+        notes.push(format!("scene {chosen} lists node {i}, not a root: the transform of node {above} is not applied"));
     }
     Ok(roots)
 }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::Cursor;
+use std::sync::LazyLock;
 
 use glam::{Vec2, Vec4};
 use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
@@ -115,10 +116,13 @@ pub(super) fn sampler(json: Option<&Json>) -> Result<([Wrap; 2], Filter)> {
     Ok(([wrap("wrapS")?, wrap("wrapT")?], filter))
 }
 
-/// The sRGB decoding function (IEC 61966-2-1).
-fn srgb_to_linear(coded: f32) -> f32 {
-    if coded <= 0.04045 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
-}
+/// The sRGB decoding function (IEC 61966-2-1) of every byte.
+static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|byte| {
+        let coded = byte as f32 / 255.0;
+        if coded <= 0.04045 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
+    })
+});
 
 impl Wrap {
     /// The texel that position `i` of an axis of `size` texels shows.
@@ -140,11 +144,13 @@ impl TextureImage {
     /// The texel at `texel`, decoded to linear RGBA.
     fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
         let index = texel[1] as usize * self.width as usize + texel[0] as usize;
-        let [r, g, b, a] = self.texels[index].map(|c| f32::from(c) / 255.0);
-        match space {
-            ColourSpace::Linear => Vec4::new(r, g, b, a),
-            ColourSpace::Srgb => Vec4::new(srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a),
-        }
+        let [r, g, b, a] = self.texels[index];
+        let plain = |byte: u8| f32::from(byte) / 255.0;
+        let colour = |byte: u8| match space {
+            ColourSpace::Linear => plain(byte),
+            ColourSpace::Srgb => SRGB_TO_LINEAR[byte as usize],
+        };
+        Vec4::new(colour(r), colour(g), colour(b), plain(a))
     }
 
     /// Linear RGBA at `uv` (v down, texel centres at half-integers), as `texture` filters and wraps.

@@ -7,14 +7,13 @@ use glam::DVec4;
 
 use crate::Result;
 use crate::gpu::{Buffer, Features, Frame, Gpu};
-use crate::needs::Needs;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
 use crate::passes::film::{Film, Plane};
 use crate::passes::shade::{BoundShade, Shade, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::Scene;
-use crate::settings::Settings;
+use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
 use super::totals::Totals;
@@ -39,16 +38,16 @@ pub(super) struct Kernels {
 
 impl Kernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
+        // Elsewhere the photons' visibility is a control variate, for which any guess will do.
+        let exact_counts = features.has("aov_shadow") || features.has("visibility_estimate");
         let ((classify, map), (shadow, shade)) = rayon::join(
             || {
                 rayon::join(
-                    || Classify::new(gpu, features, constants, settings.nearest),
+                    || Classify::new(gpu, features, settings.nearest, exact_counts),
                     || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings)),
                 )
             },
-            || {
-                rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants))
-            },
+            || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
         Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map: map.transpose()? })
     }
@@ -57,15 +56,20 @@ impl Kernels {
 pub(super) struct Direct {
     buffers: Buffers,
     map: Option<VisibilityMap>,
-    classify: Classify,
-    shadow: Shadow,
-    shade: Shade,
+    passes: Passes,
     bound: Bound,
     lights: u32,
     lights_in_chunk: u32,
+    /// Words of visibilities of a slot.
+    words: u32,
     settings: Settings,
     dilate: u32,
-    film: bool,
+}
+
+struct Passes {
+    classify: Classify,
+    shadow: Shadow,
+    shade: Shade,
 }
 
 /// What the passes hand to each other for a chunk of lights.
@@ -93,5 +97,127 @@ impl ShadowFilm {
         // Only the first sample wrote its class into the sum.
         means.iter_mut().for_each(|v| v.x *= f64::from(samples));
         Ok(means)
+    }
+}
+
+impl Direct {
+    #[allow(clippy::too_many_arguments)]
+    pub fn new(
+        gpu: &Gpu,
+        kernels: Kernels,
+        scene: &Scene,
+        tables: &SceneTables,
+        tile: &TileBuffers,
+        points: u32,
+        settings: &Settings,
+        totals: &mut Totals,
+    ) -> Result<Direct> {
+        let Kernels { classify, shadow, shade, map } = kernels;
+        let lights = scene.lights.len() as u32;
+        let words = settings.shadow_samples.div_ceil(32);
+        let lights_in_chunk = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words)).clamp(1, lights.max(1));
+        let slots = points * lights_in_chunk;
+        let film = settings.aovs.contains(&Aov::Shadow);
+        let buffers = Buffers {
+            classify: ClassifyBuffers::new(gpu, slots)?,
+            visibility: gpu.buffer::<u32>("penumbra/shadow/visibility", (slots * words) as usize)?,
+            shadow_samples: film
+                .then(|| gpu.buffer::<[f32; 4]>("penumbra/shade/shadow_samples", slots as usize))
+                .transpose()?,
+        };
+        let map = map.map(|kernels| VisibilityMap::new(gpu, kernels, scene, tables, settings, totals)).transpose()?;
+        let wide = tables.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
+        let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
+        let passes = Passes { classify, shadow, shade };
+        let bound = passes.bind(gpu, tables, tile, &buffers, map.as_ref(), dilate)?;
+        Ok(Direct { buffers, map, passes, bound, lights, lights_in_chunk, words, settings: settings.clone(), dilate })
+    }
+
+    /// Adds the direct light of every light to the tile's points.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, films: &[ShadowFilm]) {
+        for first_light in (0..self.lights).step_by(self.lights_in_chunk as usize) {
+            let lights = self.lights_in_chunk.min(self.lights - first_light);
+            let audit_probability = self.settings.audit;
+            let chunk = Chunk { first_light, lights, dilate: self.dilate, audit_probability };
+            let group = self.passes.shadow.workgroup_size();
+            self.bound.classify.record(frame, &self.buffers.classify, tile, &chunk, group);
+            let shadow = ShadowParameters {
+                tile: *tile,
+                first_light,
+                light_samples: self.settings.shadow_samples,
+                visibility_words: self.words,
+                heal_capacity: self.map.as_ref().map_or(0, VisibilityMap::heal_capacity),
+            };
+            self.bound.shadow.record(
+                frame,
+                &self.buffers.classify.queue_arguments,
+                Queue::Boundary.arguments_offset(),
+                Queue::Audit.arguments_offset(),
+                &shadow,
+            );
+            let shade = ShadeParameters {
+                tile: *tile,
+                first_light,
+                lights_in_chunk: lights,
+                light_samples: self.settings.shadow_samples,
+                visibility_words: self.words,
+                audit_probability,
+                light_scale: self.settings.light_scale,
+            };
+            self.bound.shade.record(frame, &shade);
+            for light in 0..lights.min(films.len() as u32) {
+                films[(first_light + light) as usize].0.record_from(frame, tile, light * tile.point_count);
+            }
+        }
+    }
+
+    /// Films of all lights for a tile of `pixels` pixels; none where they are not asked for.
+    pub fn films(&self, gpu: &Gpu, film: &Film, pixels: u32, counters: &Buffer) -> Result<Vec<ShadowFilm>> {
+        let Some(samples) = &self.buffers.shadow_samples else { return Ok(Vec::new()) };
+        (0..self.lights).map(|_| Ok(ShadowFilm(film.plane(gpu, pixels, samples, counters)?))).collect()
+    }
+
+    /// Adds the photons that audits left to the map, and sorts it anew. `true` where there were some.
+    pub fn heal(&mut self, gpu: &Gpu, tables: &SceneTables, tile: &TileBuffers, totals: &mut Totals) -> Result<()> {
+        let Some(map) = &mut self.map else { return Ok(()) };
+        if map.heal(gpu, totals)? {
+            self.bound = self.passes.bind(gpu, tables, tile, &self.buffers, Some(map), self.dilate)?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of the buffers of the frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.buffers.classify.bytes()
+            + self.buffers.visibility.bytes
+            + self.buffers.shadow_samples.as_ref().map_or(0, |b| b.bytes)
+    }
+}
+
+impl Passes {
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        tables: &SceneTables,
+        tile: &TileBuffers,
+        buffers: &Buffers,
+        map: Option<&VisibilityMap>,
+        dilate: u32,
+    ) -> Result<Bound> {
+        let classes = buffers.classify.final_classes(dilate);
+        let shadow = ShadowBuffers {
+            classes,
+            boundary_queue: &buffers.classify.boundary_queue,
+            audit_queue: &buffers.classify.audit_queue,
+            queue_lengths: &buffers.classify.queue_lengths,
+            visibility: &buffers.visibility,
+            heal: map.map(VisibilityMap::heal_buffers),
+        };
+        let samples = buffers.shadow_samples.as_ref();
+        Ok(Bound {
+            classify: self.classify.bind(gpu, tile, map.map(VisibilityMap::grid), &buffers.classify, tables)?,
+            shadow: self.shadow.bind(gpu, tile, &shadow, tables)?,
+            shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, tables)?,
+        })
     }
 }

@@ -3,11 +3,12 @@
 mod direct;
 mod output;
 mod totals;
+mod visibility_map;
 
 use std::time::Instant;
 
-use rayon::prelude::*;
-
+#[expect(unused_imports, reason = "named in the documentation")]
+use crate::Error;
 use crate::bvh::Bvh;
 use crate::gpu::{Features, Gpu};
 use crate::needs::Needs;
@@ -18,7 +19,7 @@ use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{Counter, Statistics};
 use crate::tables::SceneTables;
-use crate::{Error, Image, Result};
+use crate::{Image, Result};
 
 use direct::Direct;
 use totals::Totals;
@@ -131,8 +132,9 @@ impl<'g> Renderer<'g> {
             })
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
-        totals.frame_bytes =
-            buffers.bytes() + direct.frame_bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.frame_bytes = buffers.bytes()
+            + direct.frame_bytes()
+            + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
         totals.time_render = start.elapsed().as_secs_f64();
 
         let notes = notes(&scene, settings);
@@ -192,7 +194,7 @@ impl<'g> Renderer<'g> {
         }
         self.samples += layers;
         self.totals.check()?;
-        self.direct.heal(self.gpu, &mut self.totals, self.samples)?;
+        self.direct.heal(self.gpu, &self.tables, &self.buffers, &mut self.totals)?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
@@ -274,6 +276,6 @@ fn new_film(
         albedo: optional(&buffers.albedo_samples)?,
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
-        shadow: direct.films(gpu, pixels)?,
+        shadow: direct.films(gpu, film, pixels, &buffers.counters)?,
     })
 }

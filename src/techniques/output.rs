@@ -48,7 +48,8 @@ pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
                 for (p, total) in positions.iter_mut().zip(&total) {
                     let seen = total.w;
                     let normalised = if seen > 0.0 { p.truncate() / seen } else { DVec3::ZERO };
-                    let world = if seen > 0.0 { renderer.scene.normalisation.undo_f64(normalised) } else { DVec3::ZERO };
+                    let world =
+                        if seen > 0.0 { renderer.scene.normalisation.undo_f64(normalised) } else { DVec3::ZERO };
                     *p = world.extend(0.0);
                 }
                 push(&mut channels, ["P.X", "P.Y", "P.Z"], &positions);
@@ -56,9 +57,10 @@ pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
             Aov::Depth => {
                 let positions = plane(&|f| f.position.as_ref())?.unwrap_or_default();
                 let scale = renderer.scene.normalisation.scale();
-                let depth = positions.iter().zip(&total).map(|(p, total)| {
-                    (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32
-                });
+                let depth = positions
+                    .iter()
+                    .zip(&total)
+                    .map(|(p, total)| (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32);
                 channels.push(Channel { name: "Z".into(), samples: depth.collect() });
             }
             Aov::Variance => {

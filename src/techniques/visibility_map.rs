@@ -2,9 +2,134 @@
 
 use crate::Result;
 use crate::gpu::{Buffer, Features, Gpu};
-use crate::passes::grid::{Grid, GridShape, PhotonGrid};
+use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 use crate::passes::photons::Photons;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::LightPhotons;
 use crate::tables::SceneTables;
+
+use super::totals::Totals;
+
+/// Photons that audits can add between two sortings of the map. Audits that contradict the map are a few in a
+/// thousand of one in 64 points; what does not fit is counted as wrong all the same, and found again.
+const HEAL_BATCH: u32 = 1 << 14;
+
+/// Photons that audits can add to a map in all.
+const HEAL_ROOM: u32 = 1 << 18;
+
+/// Rays of all lights together: what a map of the smallest storage binding that devices offer (128 MiB, eight million
+/// photons) holds where rays meet two surfaces on average.
+const MAX_RAYS: u32 = 1 << 22;
+
+pub(super) struct MapKernels {
+    photons: Photons,
+    grid: Grid,
+}
+
+impl MapKernels {
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<MapKernels> {
+        let (photons, grid) = rayon::join(
+            || Photons::new(gpu, features, constants, settings.shadow_photons_per_ray),
+            || Grid::new(gpu, features, settings.nearest),
+        );
+        Ok(MapKernels { photons: photons?, grid: grid? })
+    }
+}
+
+pub(super) struct VisibilityMap {
+    grid: PhotonGrid,
+    kernel: Grid,
+    shape: GridShape,
+    photons: Buffer,
+    count: u32,
+    room: u32,
+    heal_photons: Buffer,
+    heal_count: Buffer,
+}
+
+impl VisibilityMap {
+    /// Traces the photons of every light and sorts them.
+    pub fn new(
+        gpu: &Gpu,
+        kernels: MapKernels,
+        scene: &Scene,
+        tables: &SceneTables,
+        settings: &Settings,
+        totals: &mut Totals,
+    ) -> Result<VisibilityMap> {
+        let lights = scene.lights.len() as u32;
+        let rays = settings.photons.min(MAX_RAYS / lights);
+        let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
+        totals.photon_rays = traced.emitted.iter().map(|n| u64::from(*n)).sum();
+        let counts = traced.emitted.iter().zip(&traced.stored);
+        let by_light = scene.lights.iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
+            light: light.name.clone(),
+            emitted: u64::from(*emitted),
+            illumination: u64::from(*illumination),
+            shadow: u64::from(*shadow),
+            healed: 0,
+        });
+        totals.photons = by_light.collect();
+        let (bounds, area) = extent(scene);
+        let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
+        let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
+        totals.photon_bytes = traced.photons.bytes + grid.bytes;
+        Ok(VisibilityMap {
+            grid,
+            kernel: kernels.grid,
+            shape,
+            photons: traced.photons,
+            count: traced.count,
+            room: HEAL_ROOM,
+            heal_photons: gpu.buffer::<Photon>("penumbra/shadow/heal_photons", HEAL_BATCH as usize)?,
+            heal_count: gpu.buffer::<u32>("penumbra/shadow/heal_count", 1)?,
+        })
+    }
+
+    /// Adds the photons that audits left to the map and sorts it anew; whether there were any.
+    pub fn heal(&mut self, gpu: &Gpu, totals: &mut Totals) -> Result<bool> {
+        let asked = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        let added = asked.min(HEAL_BATCH).min(self.room);
+        if added == 0 {
+            return Ok(false);
+        }
+        let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
+        for photon in words {
+            totals.photons[photon.light() as usize].healed += 1;
+        }
+        let size = size_of::<Photon>() as u64;
+        let mut frame = gpu.frame("heal");
+        frame.copy(&self.heal_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+        frame.clear(&self.heal_count);
+        frame.submit()?;
+        self.count += added;
+        self.room -= added;
+        self.grid = self.kernel.build(gpu, &self.photons, self.count, self.grid.lights, self.shape)?;
+        Ok(true)
+    }
+
+    pub fn grid(&self) -> &PhotonGrid {
+        &self.grid
+    }
+
+    pub fn heal_capacity(&self) -> u32 {
+        HEAL_BATCH
+    }
+
+    pub fn heal_buffers(&self) -> [&Buffer; 2] {
+        [&self.heal_photons, &self.heal_count]
+    }
+}
+
+/// Bounds and area of the scene's surfaces.
+fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
+    let mut bounds = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
+    let mut area = 0.0f64;
+    for i in 0..scene.triangles.len() {
+        let [a, b, c] = scene.triangle_positions(i);
+        bounds = (bounds.0.min(a).min(b).min(c), bounds.1.max(a).max(b).max(c));
+        area += f64::from((b - a).cross(c - a).length()) * 0.5;
+    }
+    (bounds, area as f32)
+}

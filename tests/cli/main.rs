@@ -1,5 +1,12 @@
 //! The program, and the scripts around it, as a user runs them.
 
+mod bad_input;
+mod compare;
+mod plan;
+mod program;
+mod render;
 mod scenes;
+mod schema;
+mod usage;
 #[cfg(unix)]
 mod with_vulkan;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 use penumbra::gpu::{Bindings, Features, Gpu, Kernel, Resources, compose};
-use penumbra::passes::grid::{GridPass, GridShape, Photon, PhotonGrid};
+use penumbra::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, photon};
@@ -70,7 +70,7 @@ fn sorts(photons: &[Photon], shape: &GridShape, sorted: &[Photon], starts: &[u32
 }
 
 fn build(gpu: &Gpu, photons: &[Photon], lights: u32, shape: GridShape) -> PhotonGrid {
-    let pass = GridPass::new(gpu, &device_features(gpu), 50).unwrap();
+    let pass = Grid::new(gpu, &device_features(gpu), 50).unwrap();
     let buffer = gpu.upload("test/photons", photons).unwrap();
     pass.build(gpu, &buffer, photons.len() as u32, lights, shape).unwrap()
 }
@@ -180,12 +180,12 @@ fn settings_out_of_range_are_refused() {
     let gpu = gpu();
     let features = device_features(gpu);
     for nearest in [0, 512] {
-        let problem = GridPass::new(gpu, &features, nearest).err().unwrap().to_string();
+        let problem = Grid::new(gpu, &features, nearest).err().unwrap().to_string();
         assert!(problem.contains(&nearest.to_string()), "{problem}");
     }
     let room = Room::new(0.2);
     let shape = GridShape::new(room.bounds(), room.area(), 1, 1, 50);
-    let pass = GridPass::new(gpu, &features, 50).unwrap();
+    let pass = Grid::new(gpu, &features, 50).unwrap();
     let photons = gpu.buffer::<Photon>("test/photons", 1).unwrap();
     assert!(pass.build(gpu, &photons, 1, 2049, shape).is_err());
 }

@@ -8,3 +8,4 @@ mod photons;
 mod rooms;
 mod sampling;
 mod statistics;
+mod traverse;

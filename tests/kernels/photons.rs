@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use penumbra::bvh::Bvh;
 use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
 use penumbra::passes::grid::Photon;
-use penumbra::passes::photons::{PhotonRequest, Photons};
+use penumbra::passes::photons::Photons;
 use penumbra::scene::{
     Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
 };
@@ -113,7 +113,7 @@ fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let tables = tables(gpu, scene, bvh, &features);
     let pass = Photons::new(gpu, &features, &tables.constants(), kept).unwrap();
     let lights = scene.lights.len() as u32;
-    let traced = pass.trace(gpu, &tables, &PhotonRequest { first_light: 0, lights, per_light, seed: 9 }).unwrap();
+    let traced = pass.trace(gpu, &tables, lights, per_light, 9, 5).unwrap();
     let composed = compose::compose_source("emit", EMIT, &features).unwrap();
     let kernel = Kernel::new(gpu, &composed, &composed.overrides(&tables.constants()), &[]).unwrap();
     let rays = (0..lights).map(|light| {
@@ -166,9 +166,15 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
             hits.push((t, faces || double_sided, n.normalize() * if faces { 1.0 } else { -1.0 }));
         }
     }
-    hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+    hits.sort_by(|a, b| a.0.total_cmp(&b.0));
     // One of coplanar twins, the side that stores before the other.
-    hits.dedup_by(|a, b| a.0 - b.0 < 1e-6);
+    hits.dedup_by(|twin, kept| {
+        let same = twin.0 - kept.0 < 1e-6;
+        if same && !kept.1 {
+            *kept = *twin;
+        }
+        same
+    });
     let photon = |(rank, hit): (usize, &(f64, bool, DVec3))| (origin + direction * hit.0, hit.2, rank > 0);
     Some(hits.iter().enumerate().filter(|(_, hit)| hit.1).map(photon).collect())
 }

@@ -1,4 +1,9 @@
 //! Scene import, against what the glTF specification says of files made here, and against files of others.
 
+mod bad_input;
 mod builder;
+mod cameras;
+mod geometry;
+mod lights;
+mod materials;
 mod shared;

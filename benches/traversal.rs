@@ -1,0 +1,228 @@
+//! Rays a second through the hierarchy: camera, shadow and diffuse rays in a box of 36 triangles and among 200,012.
+//!
+//! Timed on the device; `PENUMBRA_DEVICE` names another one than lavapipe. Median and best of nine runs, in millions a second.
+
+use std::f32::consts::{PI, TAU};
+use std::time::Instant;
+
+use glam::{Mat3, Vec3, vec3};
+use penumbra::Result;
+use penumbra::bvh::Bvh;
+use penumbra::gpu::{Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
+
+const RUNS: usize = 9;
+/// Pixels along a side of the image whose rays are traced.
+const SIZE: usize = 1024;
+const FAR: f32 = 1e30;
+
+type Triangle = [Vec3; 3];
+/// Origin and t_min, direction and t_max.
+type Rays = Vec<[f32; 4]>;
+
+/// Rays come from a table, since that is the cheapest read; every answer is stored.
+const KERNEL: &str = "
+import package::lib::dispatch::group_index;
+import package::lib::ray::Ray;
+import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
+@if(texture_loads) @group(0) @binding(0) var rays: texture_2d<f32>;
+@if(!texture_loads) @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> answers: array<vec4f>;
+override ray_count: u32;
+fn ray_texel(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(rays, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(!texture_loads) { return rays[i]; }
+}
+fn ray_of(i: u32) -> Ray {
+    let a = ray_texel(2u * i);
+    let b = ray_texel(2u * i + 1u);
+    return Ray(a.xyz, a.w, b.xyz, b.w);
+}
+@compute @workgroup_size(64)
+fn closest(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= ray_count { return; }
+    let hit = trace_closest(ray_of(i), 0u);
+    answers[i] = vec4f(hit.t, f32(traversal_overrun), hit.v, bitcast<f32>(hit.triangle));
+}
+@compute @workgroup_size(64)
+fn occluded(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= ray_count { return; }
+    answers[i] = vec4f(f32(trace_occluded(ray_of(i), 0u)), f32(traversal_overrun), 0.0, 0.0);
+}";
+
+struct Bench<'a> {
+    gpu: &'a Gpu,
+    bvh: &'a Bvh,
+}
+
+impl Bench<'_> {
+    /// Median and best time in seconds, and the answers.
+    fn run(&self, entry: &str, rays: &Rays) -> Result<(f64, f64, Vec<[f32; 4]>)> {
+        let gpu = self.gpu;
+        let count = rays.len() / 2;
+        let features =
+            Features::default().with("texture_loads", gpu.texture_loads).with("interleave", gpu.texture_loads);
+        let composed = compose::compose_source("traversal", KERNEL, &features)?;
+        let kernel = Kernel::new(gpu, &composed, &[("ray_count", count as f64)], &["answers"])?;
+        let nodes = gpu.table("bench/bvh_nodes", &self.bvh.nodes, TableFormat::Uint)?;
+        let triangles = gpu.table("bench/bvh_triangles", &self.bvh.triangles, TableFormat::Float)?;
+        let rays = gpu.table("bench/rays", rays, TableFormat::Float)?;
+        let answers = gpu.poisoned::<[f32; 4]>("bench/answers", count)?;
+        let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
+        let bound = kernel.bind(gpu, entry, &[&set.with("rays", &rays).with("answers", &answers)])?;
+        let mut times = Vec::new();
+        let run = |items: usize| -> Result<f64> {
+            let before = gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0);
+            let mut frame = gpu.frame("bench");
+            frame.run(&bound, items as u32, &[0u32; 0]);
+            frame.submit()?;
+            Ok(gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0) - before)
+        };
+        run(1)?;
+        for _ in 0..RUNS {
+            times.push(run(count)?);
+        }
+        times.sort_by(f64::total_cmp);
+        let answers: Vec<[f32; 4]> = gpu.read(&answers, count)?;
+        assert!(answers.iter().all(|answer| answer[1] == 0.0), "a traversal gave up");
+        Ok((times[RUNS / 2], times[0], answers))
+    }
+}
+
+/// Camera rays in tiles of 8 x 8 pixels, a workgroup's worth.
+fn camera_rays(random: &mut Random) -> Rays {
+    let mut rays = Rays::new();
+    for i in 0..SIZE * SIZE {
+        let (tile, lane) = (i / 64, i % 64);
+        let (x, y) = (tile % (SIZE / 8) * 8 + lane % 8, tile / (SIZE / 8) * 8 + lane / 8);
+        let at = |pixel: usize, jitter: f32| (pixel as f32 + jitter) / SIZE as f32 - 0.5;
+        let direction = vec3(at(x, random.number()), -at(y, random.number()), -1.3735).normalize();
+        rays.push([0.0, 0.0, 3.6, 0.0]);
+        rays.push(direction.extend(FAR).to_array());
+    }
+    rays
+}
+
+/// From what the camera sees: a ray to a point of the light, and a ray in a direction of a cosine's density.
+fn secondary_rays(bvh: &Bvh, camera: &Rays, answers: &[[f32; 4]], random: &mut Random) -> (Rays, Rays) {
+    let (mut shadow, mut diffuse) = (Rays::new(), Rays::new());
+    for (ray, answer) in camera.chunks(2).zip(answers) {
+        let slot = answer[3].to_bits();
+        if slot == u32::MAX {
+            continue;
+        }
+        let corner = |i: usize| Vec3::from_slice(&bvh.triangles[3 * slot as usize + i][..3]);
+        let direction = Vec3::from_slice(&ray[1][..3]);
+        let normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize();
+        let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+        let point = Vec3::from_slice(&ray[0][..3]) + answer[0] * direction + 1e-5 * normal;
+        let light = vec3(0.8 * random.number() - 0.4, 0.99, 0.8 * random.number() - 0.4);
+        shadow.extend([point.extend(0.0).to_array(), (light - point).extend(0.9999).to_array()]);
+        let (z, phi) = (2.0 * random.number() - 1.0, TAU * random.number());
+        let (sin, cos) = phi.sin_cos();
+        let sphere = vec3((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
+        diffuse.extend([point.extend(0.0).to_array(), (normal + sphere).normalize().extend(FAR).to_array()]);
+    }
+    (shadow, diffuse)
+}
+
+fn main() -> Result<()> {
+    let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into());
+    let gpu = Gpu::open(&choice.parse().unwrap_or_default())?;
+    println!("{} ({})", gpu.info.name, gpu.info.driver);
+    println!("millions of rays a second, median (best) of {RUNS}: camera / shadow / diffuse");
+    for triangles in [boxes(), spheres()] {
+        let start = Instant::now();
+        let bvh = Bvh::build(&triangles)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let bench = Bench { gpu: &gpu, bvh: &bvh };
+        let mut random = Random(1);
+        let camera = camera_rays(&mut random);
+        let first = bench.run("closest", &camera)?;
+        let (shadow, diffuse) = secondary_rays(&bvh, &camera, &first.2, &mut random);
+        let results = [
+            (camera.len() / 2, first),
+            (shadow.len() / 2, bench.run("occluded", &shadow)?),
+            (diffuse.len() / 2, bench.run("closest", &diffuse)?),
+        ];
+        let rates = results.map(|(count, (median, best, _))| {
+            format!("{:.2} ({:.2})", count as f64 / median * 1e-6, count as f64 / best * 1e-6)
+        });
+        let count = triangles.len();
+        println!("{count} triangles, built in {build_s:.3} s, {} levels: {}", bvh.depth, rates.join(" / "));
+    }
+    Ok(())
+}
+
+fn quad(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> [Triangle; 2] {
+    [[a, b, c], [a, c, d]]
+}
+
+/// The faces, of six, of a box turned about y.
+fn cuboid(centre: Vec3, half: Vec3, turn: f32, faces: &[usize]) -> Vec<Triangle> {
+    let rotation = Mat3::from_rotation_y(turn);
+    let mut triangles = Vec::new();
+    for &face in faces {
+        let (axis, side) = (face / 2, face as f32 % 2.0 * 2.0 - 1.0);
+        let corner = |u: f32, v: f32| {
+            let mut p = Vec3::ZERO;
+            p[axis] = side;
+            p[(axis + 1) % 3] = u;
+            p[(axis + 2) % 3] = v;
+            centre + rotation * (p * half)
+        };
+        triangles.extend(quad(corner(-1., -1.), corner(1., -1.), corner(1., 1.), corner(-1., 1.)));
+    }
+    triangles
+}
+
+/// A room without its front, and a light below its ceiling: 12 triangles.
+fn room() -> Vec<Triangle> {
+    let mut t = cuboid(Vec3::ZERO, Vec3::ONE, 0.0, &[0, 1, 2, 3, 4]);
+    t.extend(quad(vec3(-0.4, 0.99, -0.4), vec3(0.4, 0.99, -0.4), vec3(0.4, 0.99, 0.4), vec3(-0.4, 0.99, 0.4)));
+    t
+}
+
+/// The room with two boxes in it.
+fn boxes() -> Vec<Triangle> {
+    let mut t = room();
+    t.extend(cuboid(vec3(0.3, -0.65, 0.1), Vec3::splat(0.35), 0.35, &[0, 1, 2, 3, 4, 5]));
+    t.extend(cuboid(vec3(-0.4, -0.4, -0.4), vec3(0.3, 0.6, 0.3), -0.3, &[0, 1, 2, 3, 4, 5]));
+    t
+}
+
+/// The room with twenty bumpy spheres of 10,000 triangles.
+fn spheres() -> Vec<Triangle> {
+    let mut t = room();
+    let mut random = Random(7);
+    for i in 0..20 {
+        let centre = vec3(random.number() * 1.6 - 0.8, random.number() * 1.5 - 0.8, random.number() * 1.6 - 0.8);
+        let radius = 0.1 + 0.15 * random.number();
+        let (rows, columns) = (50, 100);
+        let place = |row: usize, column: usize| {
+            let (theta, phi) = (PI * row as f32 / rows as f32, TAU * (column % columns) as f32 / columns as f32);
+            let n = vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+            let bump = (n * 9.0 + i as f32).map(f32::sin).element_product();
+            centre + n * radius * (1.0 + 0.15 * bump)
+        };
+        for row in 0..rows {
+            for column in 0..columns {
+                let (a, b, c, d) =
+                    (place(row, column), place(row + 1, column), place(row + 1, column + 1), place(row, column + 1));
+                t.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+    t
+}
+
+/// Numbers in 0..1 (Knuth's MMIX constants; the upper bits are the good ones).
+struct Random(u64);
+
+impl Random {
+    fn number(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1u64 << 24) as f32
+    }
+}

@@ -1,0 +1,189 @@
+//! What every hierarchy must be, checked by decoding the nodes as the kernels do.
+
+use super::*;
+use glam::{DVec3, vec3};
+
+type Triangle = [Vec3; 3];
+
+/// Decodes the hierarchy and returns the first thing that is wrong with it.
+fn fault(bvh: &Bvh, triangles: &[Triangle]) -> Option<String> {
+    let mut order = bvh.order.clone();
+    order.sort_unstable();
+    if !order.iter().copied().eq(0..triangles.len() as u32) {
+        return Some("the order is no permutation".into());
+    }
+    let mut met_slots = vec![false; triangles.len()];
+    let mut met_nodes = vec![false; bvh.nodes.len() / 3];
+    // Nodes to visit, with the boxes they must keep to, their level and what waits on the stack meanwhile.
+    let mut open: Vec<(usize, Vec<[DVec3; 2]>, u32, u32)> = vec![(0, Vec::new(), 1, 0)];
+    let (mut depth, mut stack) = (0, 0);
+    while let Some((index, boxes, level, waiting)) = open.pop() {
+        if std::mem::replace(&mut met_nodes[index], true) {
+            return Some(format!("node {index} has two parents"));
+        }
+        let node = Node::unpack(&bvh.nodes[3 * index..3 * index + 3]);
+        let children = node.node_count + node.leaf_counts.iter().filter(|count| **count > 0).count() as u32;
+        let waiting = (waiting + children).saturating_sub(1);
+        depth = depth.max(level);
+        stack = stack.max(waiting);
+        let mut slot = node.first_triangle as usize;
+        for child in 0..WIDTH {
+            let mut boxes = boxes.clone();
+            boxes.push(node.child_bounds(child));
+            // Less a hair for the roundings of double precision where corners are far smaller than a step.
+            let margin = node.step.as_dvec3() * (0.999_999 / 4096.0);
+            if child < node.node_count as usize {
+                open.push((node.first_node as usize + child, boxes, level + 1, waiting));
+                continue;
+            }
+            for _ in 0..node.leaf_counts[child] {
+                if std::mem::replace(&mut met_slots[slot], true) {
+                    return Some(format!("slot {slot} is in two leaves"));
+                }
+                let corners = triangles[bvh.order[slot] as usize];
+                let texels = corners.map(|corner| corner.extend(0.0).to_array());
+                if bvh.triangles[3 * slot..3 * slot + 3] != texels {
+                    return Some(format!("slot {slot} does not hold its triangle"));
+                }
+                for corner in corners.map(|corner| corner.as_dvec3()) {
+                    let inside = |[low, high]: &[DVec3; 2]| corner.cmpge(*low).all() && corner.cmple(*high).all();
+                    let [low, high] = boxes[boxes.len() - 1];
+                    if !boxes.iter().all(inside) || !inside(&[low + margin, high - margin]) {
+                        return Some(format!("slot {slot} reaches out of its boxes"));
+                    }
+                }
+                slot += 1;
+            }
+        }
+    }
+    if let Some(slot) = met_slots.iter().position(|met| !met) {
+        return Some(format!("slot {slot} is in no leaf"));
+    }
+    if let Some(index) = met_nodes.iter().position(|met| !met) {
+        return Some(format!("node {index} has no parent"));
+    }
+    if (depth, stack) != (bvh.depth, bvh.stack) || stack > STACK_SIZE {
+        return Some(format!("depth {depth}, stack {stack}, but {} and {} are stated", bvh.depth, bvh.stack));
+    }
+    None
+}
+
+/// A repeatable number in 0..1.
+fn number(seed: usize) -> f32 {
+    let mixed = (seed as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
+    let mixed = (mixed ^ mixed >> 15).wrapping_mul(0x2c1b_3c6d);
+    let mixed = (mixed ^ mixed >> 12).wrapping_mul(0x297a_2d39);
+    (mixed >> 8) as f32 / (1u32 << 24) as f32
+}
+
+fn soup(count: usize, size: f32) -> Vec<Triangle> {
+    let point = |seed: usize| vec3(number(3 * seed), number(3 * seed + 1), number(3 * seed + 2)) * 2.0 - 1.0;
+    (0..count).map(|i| std::array::from_fn(|corner| point(4 * i) + size * point(4 * i + 1 + corner))).collect()
+}
+
+const UNIT: Triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
+
+/// Every triangle lies in one leaf and inside all boxes above it, with the margin that the kernels count on, and the
+/// stack is as deep as stated: for scenes of every small size and for those that break builders.
+#[test]
+fn hierarchies_hold_their_triangles() {
+    let scaled = |scale: f32| UNIT.map(|corner| corner * scale);
+    let mut scenes: Vec<(String, Vec<Triangle>)> =
+        (0..20).map(|count| (format!("{count} triangles"), soup(count, 0.3))).collect();
+    scenes.extend([
+        ("a soup".into(), soup(30_000, 0.02)),
+        ("identical triangles".into(), vec![UNIT; 100_000]),
+        ("one centroid".into(), (0..100_000).map(|i| scaled(1.0 + i as f32).map(|p| p * 1e-5)).map(centred).collect()),
+        ("a stack".into(), (0..100_000).map(|i| UNIT.map(|p| p + Vec3::Z * (i as f32 * 1e-5))).collect()),
+        ("halving sizes".into(), (0..120).flat_map(|i| vec![scaled(2f32.powi(-i)); 7]).collect()),
+        ("doubling distances".into(), (0..39).map(|i| UNIT.map(|p| p + 2f32.powi(i))).collect()),
+        ("points".into(), (0..100).map(|i| [Vec3::splat(number(i)); 3]).collect()),
+        ("far from the origin".into(), soup(1000, 0.1).iter().map(|t| t.map(|p| p + 1e6)).collect()),
+        ("huge".into(), soup(1000, 0.1).iter().map(|t| t.map(|p| p * 1e11)).collect()),
+        ("tiny".into(), soup(1000, 0.1).iter().map(|t| t.map(|p| p * 1e-30)).collect()),
+    ]);
+    for (name, triangles) in scenes {
+        let bvh = Bvh::build(&triangles).unwrap();
+        assert_eq!(fault(&bvh, &triangles), None, "{name}");
+    }
+}
+
+fn centred(triangle: Triangle) -> Triangle {
+    let bounds = Aabb::of(&triangle);
+    triangle.map(|corner| corner - 0.5 * (bounds.min + bounds.max))
+}
+
+/// The check sees a plane one step too far in, a leaf that lost a triangle and a wrong depth.
+#[test]
+fn planted_faults_are_found() {
+    let triangles = soup(500, 0.1);
+    let bvh = Bvh::build(&triangles).unwrap();
+    let faults: [fn(&mut Bvh); 3] = [
+        |bvh| bvh.nodes[0][3] += 1,
+        |bvh| {
+            let leaf = bvh.nodes.len() - 3;
+            bvh.nodes[leaf + 2][1] ^= 1 << 28;
+        },
+        |bvh| bvh.depth += 1,
+    ];
+    for (number, plant) in faults.iter().enumerate() {
+        let mut bvh = bvh.clone();
+        plant(&mut bvh);
+        assert!(fault(&bvh, &triangles).is_some(), "fault {number} goes unseen");
+    }
+}
+
+/// A tree that may not be deep is as shallow as a balanced one, whatever the triangles.
+#[test]
+fn depth_is_bounded() {
+    let triangles: Vec<Triangle> = (0..1000).map(|i| UNIT.map(|p| p * 0.9f32.powi(i))).collect();
+    let build = |max_depth: u32| {
+        let item = |(at, corners)| binary::Item { bounds: Aabb::of(corners), triangle: at as u32 };
+        let mut items: Vec<_> = triangles.iter().enumerate().map(item).collect();
+        let nodes = binary::build(&mut items, max_depth);
+        let mut levels = vec![0; nodes.len()];
+        for (at, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
+            for child in node.children(at) {
+                levels[child] = levels[at] + 1;
+            }
+        }
+        levels.into_iter().max().unwrap()
+    };
+    assert!(build(1000) > 40, "the scene is no trial");
+    for max_depth in [0, 10, 12, 20] {
+        assert!(build(max_depth) <= max_depth.max(10), "{max_depth}");
+    }
+}
+
+/// The number of threads does not show.
+#[test]
+fn hierarchies_do_not_depend_on_threads() {
+    let triangles = soup(30_000, 0.02);
+    let build = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| Bvh::build(&triangles).unwrap())
+    };
+    let (one, four) = (build(1), build(4));
+    assert!(one.nodes == four.nodes && one.order == four.order);
+}
+
+/// Nodes survive packing.
+#[test]
+fn nodes_are_packed_without_loss() {
+    let mut node = Node::around(&soup(4, 0.3).iter().map(Aabb::of).collect::<Vec<_>>());
+    node.node_count = 1;
+    node.leaf_counts = [0, 4, 1, 3];
+    node.first_node = (1 << 28) - 1;
+    node.first_triangle = (1 << 28) - 2;
+    assert_eq!(Node::unpack(&node.pack()), node);
+}
+
+/// Corners that are no numbers, or too large for the kernels' arithmetic, are refused by the triangle's index.
+#[test]
+fn corners_out_of_range_are_refused() {
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e20, f32::MIN] {
+        let mut triangles = soup(10, 0.1);
+        triangles[7][1].y = bad;
+        assert!(Bvh::build(&triangles).unwrap_err().to_string().contains("triangle 7"), "{bad}");
+    }
+}

@@ -1,0 +1,82 @@
+//! `penumbra compare`.
+
+use std::path::PathBuf;
+
+use penumbra::report::metrics;
+use penumbra::{Error, Image, Result};
+use serde::Serialize;
+
+use super::options::finite;
+use super::{Ending, print, print_json, say};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    /// The image: .exr, .png or .hdr
+    image: PathBuf,
+
+    /// The reference, of the same size
+    reference: PathBuf,
+
+    /// Exit with code 5 where relMSE is above X
+    #[arg(long, value_name = "X", value_parser = limit)]
+    max_relmse: Option<f64>,
+
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn limit(text: &str) -> std::result::Result<f64, String> {
+    finite(text).and_then(|x| if x >= 0.0 { Ok(x) } else { Err("it must be 0 or more".into()) })
+}
+
+#[derive(Serialize)]
+struct Measures {
+    rmse: f64,
+    relmse: f64,
+    mae: f64,
+    flip: f64,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let image = Image::read(&arguments.image)?;
+    let reference = Image::read(&arguments.reference)?;
+    let measures = measure(&image, &reference).map_err(|error| arguments.name_files(error))?;
+    if arguments.json {
+        print_json(&measures)?;
+    } else {
+        let Measures { rmse, relmse, mae, flip } = measures;
+        print(&format!("RMSE    {rmse:.4e}\nrelMSE  {relmse:.4e}\nMAE     {mae:.4e}\nFLIP    {flip:.4e}\n"))?;
+    }
+    match arguments.max_relmse {
+        Some(limit) if measures.relmse > limit => {
+            let image = arguments.image.display();
+            say(format_args!("{image}: relMSE {:.4e} is above the limit of {limit:e}", measures.relmse));
+            Ok(Ending::AboveLimit)
+        }
+        _ => Ok(Ending::Done),
+    }
+}
+
+fn measure(image: &Image, reference: &Image) -> Result<Measures> {
+    Ok(Measures {
+        rmse: metrics::rmse(image, reference)?,
+        relmse: metrics::relmse(image, reference)?,
+        mae: metrics::mae(image, reference)?,
+        flip: metrics::flip(image, reference)?,
+    })
+}
+
+impl Arguments {
+    /// The metrics know images, not files: puts the paths into their errors.
+    fn name_files(&self, error: Error) -> Error {
+        match error {
+            Error::Input { file, place, problem } => {
+                let path = if file.as_os_str() == "reference" { &self.reference } else { &self.image };
+                Error::Input { file: path.clone(), place, problem }
+            }
+            other => other,
+        }
+    }
+}

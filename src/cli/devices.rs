@@ -1,0 +1,41 @@
+//! `penumbra devices`.
+
+use std::fmt::Write;
+
+use penumbra::Result;
+use penumbra::gpu::{DeviceChoice, Gpu};
+
+use super::{Ending, print, print_json};
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let devices = Gpu::list();
+    if devices.is_empty() {
+        // Its error says what to do.
+        Gpu::open(&DeviceChoice::Best)?;
+    }
+    if arguments.json {
+        print_json(&devices)?;
+        return Ok(Ending::Done);
+    }
+    let mut text = String::new();
+    for (index, device) in devices.iter().enumerate() {
+        let timestamps = if device.timestamps { "timestamps" } else { "no timestamps" };
+        let _ = writeln!(text, "{index}  {}", device.name);
+        let _ = writeln!(
+            text,
+            "   {}, {}, buffers of {} MiB, {timestamps}",
+            device.kind,
+            device.driver,
+            device.max_binding_bytes >> 20
+        );
+    }
+    print(&text)?;
+    Ok(Ending::Done)
+}

@@ -1,0 +1,126 @@
+//! The command line: the one place that prints, listens to signals and sets the exit code.
+//!
+//! What was asked for (a plan, devices, measures) goes to stdout; everything said about it to stderr.
+
+mod compare;
+mod devices;
+mod interrupt;
+mod options;
+mod plan;
+mod progress;
+mod render;
+
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+use penumbra::{Error, Result};
+
+/// Render glTF scenes with shadow photons, on a Vulkan device
+#[derive(Parser)]
+#[command(name = "penumbra", version, after_help = EXIT_CODES)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render a scene to images
+    Render(Box<render::Arguments>),
+    /// Say what a scene needs, what is left out and why, without rendering it
+    Plan(plan::Arguments),
+    /// List the Vulkan devices
+    Devices(devices::Arguments),
+    /// Measure how far an image is from a reference
+    Compare(compare::Arguments),
+}
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    the render failed
+  2    wrong usage
+  3    a file that cannot be read, understood or written
+  4    no Vulkan device, or the device was lost
+  5    compare: the difference is above the limit
+  130  stopped with Ctrl-C, after writing what there was";
+
+/// How a command ended that did not fail.
+enum Ending {
+    Done,
+    /// `compare`: the difference is above the limit.
+    AboveLimit,
+    /// Stopped by a signal, after writing what there was.
+    Stopped,
+}
+
+/// Runs the program with the arguments of the process.
+pub fn run() -> ExitCode {
+    let command = match CommandLine::try_parse() {
+        Ok(line) => line.command,
+        Err(error) => return answer(&error),
+    };
+    let ending = match command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+    };
+    match ending {
+        Ok(Ending::Done) => ExitCode::SUCCESS,
+        Ok(Ending::AboveLimit) => ExitCode::from(5),
+        // 128 + SIGINT, as shells have it.
+        Ok(Ending::Stopped) => ExitCode::from(130),
+        Err(error) => {
+            say(format_args!("penumbra: error: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// Help and version as clap has them; wrong usage on one line, as every other error.
+fn answer(error: &clap::Error) -> ExitCode {
+    let help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    if help || !error.use_stderr() {
+        // Nobody reads what cannot be written.
+        let _ = error.print();
+    } else {
+        say(format_args!("penumbra: error: {}; try --help", one_line(&error.to_string())));
+    }
+    ExitCode::from(if error.use_stderr() { 2 } else { 0 })
+}
+
+/// The paragraphs of a message of clap's that say what is wrong, without those on usage and help.
+fn one_line(message: &str) -> String {
+    let paragraphs = message.trim_start_matches("error: ").split("\n\n");
+    let telling = paragraphs.take_while(|text| !text.starts_with("Usage:") && !text.starts_with("For more"));
+    let joined = telling.map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
+    joined.collect::<Vec<_>>().join("; ")
+}
+
+/// A line to the user, on stderr.
+fn say(line: impl Display) {
+    // Where stderr is closed there is nobody to tell.
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// What a program or a user asked for, on stdout. A reader that has seen enough (`| head`) is no error.
+fn print(text: &str) -> Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(problem) if problem.kind() != io::ErrorKind::BrokenPipe => Err(Error::output("stdout", problem)),
+        _ => Ok(()),
+    }
+}
+
+/// As [`print`], for programs.
+fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    print(&(json(value).map_err(|problem| Error::output("stdout", problem))? + "\n"))
+}
+
+fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {
+    serde_json::to_string_pretty(value)
+}

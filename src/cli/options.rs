@@ -1,0 +1,236 @@
+//! Options that several commands share. Every default is that of [`Settings`], so no number is written twice.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use penumbra::scene::ImportOptions;
+use penumbra::tables::camera::CameraUniform;
+use penumbra::{Aov, Camera, Error, Result, Scene, Settings, Technique};
+
+#[derive(Args)]
+pub struct SceneOptions {
+    /// The scene, .gltf or .glb
+    pub scene: PathBuf,
+
+    /// Camera, by its name or its index [default: the file's first, or one that frames the scene]
+    #[arg(long, value_name = "NAME|INDEX", help_heading = "Scene")]
+    camera: Option<String>,
+
+    /// Add a soft light above the scene if the file has no light
+    #[arg(long, help_heading = "Scene")]
+    default_light: bool,
+
+    /// Drop a primitive with NaN or infinite numbers instead of refusing the file
+    #[arg(long, help_heading = "Scene")]
+    lenient: bool,
+}
+
+impl SceneOptions {
+    /// The scene, and the camera to render it with.
+    pub fn load(&self) -> Result<(Scene, Camera)> {
+        let options = ImportOptions { default_light: self.default_light, lenient: self.lenient };
+        let mut scene = Scene::load(&self.scene, &options)?;
+        let camera = self.choose_camera(&scene)?;
+        if scene.cameras.is_empty() {
+            scene.notes.push("the view is that of a camera that frames the scene".into());
+        }
+        Ok((scene, camera))
+    }
+
+    fn choose_camera(&self, scene: &Scene) -> Result<Camera> {
+        let cameras = &scene.cameras;
+        let Some(wanted) = &self.camera else {
+            return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame_camera()));
+        };
+        let by_name = cameras.iter().find(|camera| camera.name == *wanted);
+        let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
+        camera.cloned().ok_or_else(|| {
+            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+            Error::Usage(format!("no camera is called '{wanted}' or has that index; there is: {names}"))
+        })
+    }
+}
+
+#[derive(Args)]
+#[command(next_help_heading = "Image")]
+pub struct SettingsOptions {
+    /// How light is computed
+    #[arg(long, value_name = "T", default_value_t = Settings::default().technique, value_parser = techniques())]
+    technique: Technique,
+
+    /// Width in pixels [default: the height times the camera's aspect ratio]
+    #[arg(long, value_name = "PIXELS")]
+    width: Option<u32>,
+
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        help = format!("Height in pixels [default: {}, or the width over the aspect ratio]", Settings::default().height)
+    )]
+    height: Option<u32>,
+
+    #[arg(
+        long,
+        value_name = "SAMPLES",
+        help = format!("Samples a pixel [default: {}]", Settings::default().spp)
+    )]
+    pub spp: Option<u32>,
+
+    /// Seed of all random choices: the same seed on the same device gives the same bits
+    #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
+    seed: u32,
+
+    /// Most bounces of indirect light
+    #[arg(long, value_name = "N", default_value_t = Settings::default().max_bounces)]
+    max_bounces: u32,
+
+    /// Factor on the power of every light
+    #[arg(long, value_name = "X", default_value_t = Settings::default().light_scale)]
+    light_scale: f32,
+
+    /// Channels beside the picture, for .exr: a list with commas, or all [default: none]
+    #[arg(long, value_name = "LIST", long_help = AovList::help())]
+    aov: Option<AovList>,
+
+    /// Visibility photons emitted from each light
+    #[arg(long, value_name = "N", default_value_t = Settings::default().photons, help_heading = "Visibility map")]
+    photons: u32,
+
+    /// Photons that classify a point (k of the paper)
+    #[arg(long, value_name = "K", default_value_t = Settings::default().nearest, help_heading = "Visibility map")]
+    nearest: u32,
+
+    /// Shadow photons that are kept of one ray
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = Settings::default().shadow_photons_per_ray,
+        help_heading = "Visibility map"
+    )]
+    shadow_photons_per_ray: u32,
+
+    /// Light points, and so shadow rays, of a boundary point
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = Settings::default().shadow_samples,
+        help_heading = "Visibility map"
+    )]
+    shadow_samples: u32,
+
+    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, else 0]
+    #[arg(long, value_name = "PIXELS", help_heading = "Visibility map")]
+    dilate: Option<u32>,
+
+    /// Probability of a shadow ray where the photons decide: keeps the image unbiased; 0 is the paper, and biased
+    #[arg(long, value_name = "P", default_value_t = Settings::default().audit, help_heading = "Visibility map")]
+    audit: f32,
+
+    /// Count photons without regard to their normals, as the paper does
+    #[arg(long, help_heading = "Visibility map")]
+    paper_counting: bool,
+}
+
+impl SettingsOptions {
+    /// Says what is out of range before a file is opened.
+    ///
+    /// # Errors
+    /// As [`Settings::check`].
+    pub fn check(&self) -> Result<()> {
+        self.settings_of_aspect(1.0).check()
+    }
+
+    /// The settings for an image through `camera`.
+    ///
+    /// # Errors
+    /// As [`Settings::check`]: the side that follows from the aspect ratio may be out of range.
+    pub fn settings(&self, camera: &Camera) -> Result<Settings> {
+        let settings = self.settings_of_aspect(CameraUniform::aspect(camera));
+        settings.check()?;
+        Ok(settings)
+    }
+
+    fn settings_of_aspect(&self, aspect: f32) -> Settings {
+        let defaults = Settings::default();
+        let side = |length: f64| (length.round() as u32).max(1);
+        let aspect = f64::from(aspect);
+        let (width, height) = match (self.width, self.height) {
+            (Some(width), Some(height)) => (width, height),
+            (Some(width), None) => (width, side(f64::from(width) / aspect)),
+            (None, height) => {
+                let height = height.unwrap_or(defaults.height);
+                (side(f64::from(height) * aspect), height)
+            }
+        };
+        Settings {
+            technique: self.technique,
+            width,
+            height,
+            spp: self.spp.unwrap_or(defaults.spp),
+            seed: self.seed,
+            photons: self.photons,
+            nearest: self.nearest,
+            shadow_photons_per_ray: self.shadow_photons_per_ray,
+            shadow_samples: self.shadow_samples,
+            dilate: self.dilate,
+            audit: self.audit,
+            paper_counting: self.paper_counting,
+            max_bounces: self.max_bounces,
+            light_scale: self.light_scale,
+            aovs: self.aov.clone().unwrap_or_default().0,
+        }
+    }
+
+    /// Channels beside the picture are asked for.
+    pub fn has_aovs(&self) -> bool {
+        self.aov.is_some()
+    }
+}
+
+fn techniques() -> impl TypedValueParser<Value = Technique> {
+    let values = Technique::ALL.map(|technique| {
+        PossibleValue::new(technique.name()).help(match technique {
+            Technique::Path => "path tracing with next-event estimation: the reference",
+            Technique::TwoPass => "the two-pass method with all shadow rays",
+            Technique::ShadowPhotons => "shadow rays only where the photons do not decide",
+            Technique::VisibilityEstimate => "no shadow rays: the photons' own visibility, equation 1 of the paper",
+        })
+    });
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
+}
+
+/// Groups of channels, as a list with commas.
+#[derive(Clone, Default)]
+struct AovList(Vec<Aov>);
+
+impl AovList {
+    fn help() -> String {
+        let names = Aov::ALL.map(Aov::name).join(", ");
+        format!("Channels beside the picture, for .exr: a list with commas of {names}; or all [default: none]")
+    }
+}
+
+impl FromStr for AovList {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if text == "all" {
+            return Ok(AovList(Aov::ALL.into()));
+        }
+        let mut aovs = text.split(',').map(|name| name.trim().parse()).collect::<std::result::Result<Vec<Aov>, _>>()?;
+        aovs.sort();
+        aovs.dedup();
+        Ok(AovList(aovs))
+    }
+}
+
+/// A number that is not NaN or infinite.
+pub fn finite<T: FromStr<Err = std::num::ParseFloatError> + Into<f64> + Copy>(
+    text: &str,
+) -> std::result::Result<T, String> {
+    let number: T = text.parse().map_err(|problem: std::num::ParseFloatError| problem.to_string())?;
+    if number.into().is_finite() { Ok(number) } else { Err("it must be finite".into()) }
+}

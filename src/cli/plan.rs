@@ -1,0 +1,96 @@
+//! `penumbra plan`.
+
+use std::fmt::Write;
+
+use penumbra::needs::{Item, Needs};
+use penumbra::{Result, Scene, Settings};
+use serde::Serialize;
+
+use super::options::{SceneOptions, SettingsOptions};
+use super::{Ending, print, print_json};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    #[command(flatten)]
+    scene: SceneOptions,
+
+    #[command(flatten)]
+    settings: SettingsOptions,
+
+    /// Print JSON: kept and left_out, each with name, reason and cost
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// What is printed; `docs/statistics.md` describes the JSON form.
+#[derive(Serialize)]
+struct Plan {
+    scene: Counts,
+    settings: Settings,
+    kept: Vec<Item>,
+    left_out: Vec<Item>,
+    notes: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Counts {
+    triangles: usize,
+    vertices: usize,
+    materials: usize,
+    images: usize,
+    lights: usize,
+    cameras: usize,
+}
+
+impl Counts {
+    fn new(scene: &Scene) -> Self {
+        Counts {
+            triangles: scene.triangles.len(),
+            vertices: scene.vertices.len(),
+            materials: scene.materials.len(),
+            images: scene.images.len(),
+            lights: scene.lights.len(),
+            cameras: scene.cameras.len(),
+        }
+    }
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    arguments.settings.check()?;
+    let (scene, camera) = arguments.scene.load()?;
+    let settings = arguments.settings.settings(&camera)?;
+    let Needs { kept, left_out, .. } = Needs::new(&scene, &settings);
+    let plan = Plan { scene: Counts::new(&scene), settings, kept, left_out, notes: scene.notes };
+    if arguments.json {
+        print_json(&plan)?
+    } else {
+        print(&plan.text())?
+    }
+    Ok(Ending::Done)
+}
+
+impl Plan {
+    fn text(&self) -> String {
+        let Counts { triangles, vertices, materials, images, lights, cameras } = self.scene;
+        let Settings { width, height, technique, .. } = self.settings;
+        let mut text = format!(
+            "{width} x {height} pixels, technique {technique}\n\
+             triangles {triangles}, vertices {vertices}, materials {materials}, images {images}, lights {lights}, \
+             cameras {cameras}\n"
+        );
+        for note in &self.notes {
+            let _ = writeln!(text, "note: {note}");
+        }
+        let items = || self.kept.iter().chain(&self.left_out);
+        let name_width = items().map(|item| item.name.len()).max().unwrap_or(0);
+        let reason_width = items().map(|item| item.reason.chars().count()).max().unwrap_or(0);
+        for (title, items) in [("kept", &self.kept), ("left out", &self.left_out)] {
+            let _ = writeln!(text, "\n{title}");
+            for Item { name, reason, cost } in items {
+                let _ = writeln!(text, "  {name:name_width$}  {reason:reason_width$}  {cost}");
+            }
+        }
+        text
+    }
+}

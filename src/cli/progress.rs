@@ -1,0 +1,116 @@
+//! How far a render is: a bar on a terminal, a line now and then elsewhere.
+
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use penumbra::Progress;
+
+use super::say;
+
+/// What a render is heading for.
+pub struct Goal {
+    /// Samples a pixel.
+    pub spp: u32,
+    /// When its time is spent.
+    pub deadline: Option<Instant>,
+}
+
+impl Goal {
+    /// Time left, were it to go on as since `started`.
+    fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Duration {
+        let so_far = (now - started).as_secs_f64();
+        let samples_left = f64::from(self.spp.saturating_sub(samples)) / f64::from(samples.max(1));
+        // The most that a Duration of some use holds: a century.
+        let by_samples = Duration::from_secs_f64((so_far * samples_left).min(3.2e9));
+        self.deadline.map_or(by_samples, |deadline| by_samples.min(deadline.saturating_duration_since(now)))
+    }
+}
+
+/// Shows progress until it is dropped.
+pub struct Display {
+    target: Target,
+    goal: Goal,
+    started: Instant,
+    /// When the last batch was done, and rays until then.
+    last: (Instant, u64),
+}
+
+enum Target {
+    Bar(ProgressBar),
+    /// The next line is due after this time; then after twice as long.
+    Lines(Duration),
+    Nothing,
+}
+
+/// Steps of the bar: finer than a terminal is wide.
+const STEPS: u64 = 1000;
+
+impl Display {
+    pub fn new(goal: Goal, quiet: bool) -> Self {
+        let target = if quiet {
+            Target::Nothing
+        } else if io::stderr().is_terminal() {
+            let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
+            if let Ok(style) = ProgressStyle::with_template("{bar:30} {msg}") {
+                bar.set_style(style);
+            }
+            Target::Bar(bar)
+        } else {
+            Target::Lines(Duration::from_secs(1))
+        };
+        let started = Instant::now();
+        Display { target, goal, started, last: (started, 0) }
+    }
+
+    /// Shows what there is after a batch.
+    pub fn update(&mut self, progress: &Progress) {
+        let now = Instant::now();
+        let left = self.goal.time_left(progress.samples, self.started, now);
+        let elapsed = now - self.started;
+        let speed = mega(progress.rays.saturating_sub(self.last.1), (now - self.last.0).as_secs_f64());
+        self.last = (now, progress.rays);
+        let message = || {
+            format!(
+                "{} spp, {} left, {speed:.1} Mrays/s, {:.1} % boundary points",
+                progress.samples,
+                seconds(left),
+                100.0 * progress.boundary_share
+            )
+        };
+        match &mut self.target {
+            Target::Bar(bar) => {
+                let done = elapsed.as_secs_f64() / (elapsed + left).as_secs_f64().max(f64::MIN_POSITIVE);
+                bar.set_position((done * STEPS as f64) as u64);
+                bar.set_message(message());
+            }
+            Target::Lines(due) if elapsed >= *due => {
+                *due = 2 * elapsed;
+                say(message());
+            }
+            Target::Lines(_) | Target::Nothing => {}
+        }
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        if let Target::Bar(bar) = &self.target {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Millions a second.
+pub fn mega(count: u64, seconds: f64) -> f64 {
+    if seconds > 0.0 { count as f64 / seconds / 1e6 } else { 0.0 }
+}
+
+/// A time as people read it.
+fn seconds(time: Duration) -> String {
+    match time.as_secs() {
+        0..60 => format!("{:.1} s", time.as_secs_f64()),
+        s @ 60..3600 => format!("{} min {} s", s / 60, s % 60),
+        s => format!("{} h {} min", s / 3600, s % 3600 / 60),
+    }
+}

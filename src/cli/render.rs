@@ -1,0 +1,205 @@
+//! `penumbra render`.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use penumbra::film::{self, View};
+use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::{Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
+
+use super::interrupt::Interrupt;
+use super::options::{SceneOptions, SettingsOptions, finite};
+use super::progress::{Display, Goal, mega};
+use super::{Ending, json, say};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    #[command(flatten)]
+    scene: SceneOptions,
+
+    /// Image to write: .exr (scene-linear, all channels) or .png (tone-mapped); may be given several times
+    #[arg(short, long, value_name = "FILE", required = true, help_heading = "Output")]
+    output: Vec<PathBuf>,
+
+    /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear)
+    #[arg(long, value_name = "VIEW", default_value_t = View::default(), help_heading = "Output")]
+    view: View,
+
+    /// Exposure of .png, in stops
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
+    exposure: f32,
+
+    /// Write statistics as JSON
+    #[arg(long, value_name = "FILE.json", help_heading = "Output")]
+    stats: Option<PathBuf>,
+
+    /// Print errors only
+    #[arg(long, help_heading = "Output")]
+    quiet: bool,
+
+    #[command(flatten)]
+    settings: SettingsOptions,
+
+    /// Take samples until the run has lasted so long; --spp is then only a limit, and has no default
+    #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
+    time: Option<Duration>,
+
+    /// Device: best, software, an index or a part of a name of `penumbra devices`
+    #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
+    device: DeviceChoice,
+}
+
+fn budget(text: &str) -> std::result::Result<Duration, String> {
+    let seconds = finite::<f64>(text)?;
+    let duration = Duration::try_from_secs_f64(seconds).map_err(|problem| problem.to_string())?;
+    if duration.is_zero() { Err("it must be more than 0".into()) } else { Ok(duration) }
+}
+
+/// Samples that `--time` ends long before. A power of two keeps the samples of a pixel well stratified.
+const UNLIMITED_SPP: u32 = 1 << 24;
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let started = Instant::now();
+    arguments.check()?;
+    let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
+
+    let opened = arguments.load_and_open()?;
+    let Opened { scene, camera, settings, gpu, .. } = opened;
+    notes.say(&scene.notes);
+    let mut renderer = Renderer::new(&gpu, scene, &camera, &settings)?;
+    notes.say(renderer.notes());
+
+    // Before this a signal ends the process: there is nothing to save yet.
+    let interrupt = Interrupt::listen();
+    let deadline = arguments.time.map(|time| started + time);
+    if !arguments.quiet {
+        let Settings { width, height, technique, .. } = settings;
+        say(format_args!("rendering {width} x {height} pixels, {technique}, on {}", gpu.info.name));
+    }
+    let mut display = Display::new(Goal { spp: settings.spp, deadline }, arguments.quiet);
+    let mut batch = Instant::now();
+    while renderer.samples() < settings.spp {
+        display.update(&renderer.render_batch()?);
+        let took = batch.elapsed();
+        batch = Instant::now();
+        // Another batch, were it to take as long, would end too late.
+        if interrupt.raised() || deadline.is_some_and(|deadline| batch + took > deadline) {
+            break;
+        }
+    }
+    drop(display);
+    let stopped = interrupt.raised() && renderer.samples() < settings.spp;
+    notes.say(renderer.notes());
+
+    let image = renderer.image()?;
+    let mut statistics = renderer.statistics()?;
+    statistics.time.start = opened.start;
+    statistics.time.import = opened.import;
+    if !arguments.quiet {
+        say(summary(&statistics, stopped));
+    }
+    let written = arguments.write(&image);
+    statistics.notes = notes.said;
+    statistics.time.total = started.elapsed().as_secs_f64();
+    arguments.write_statistics(&statistics)?;
+    written?;
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// What a render starts from, and the seconds that it took.
+struct Opened {
+    scene: Scene,
+    camera: Camera,
+    settings: Settings,
+    gpu: Gpu,
+    import: f64,
+    start: f64,
+}
+
+impl Arguments {
+    /// Everything that can be known to be wrong before the scene is read.
+    fn check(&self) -> Result<()> {
+        self.settings.check()?;
+        let is_exr = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+        for path in &self.output {
+            film::check_writable(path)?;
+        }
+        if self.settings.has_aovs() && !self.output.iter().any(is_exr) {
+            return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
+        }
+        self.stats.iter().try_for_each(film::check_target)
+    }
+
+    /// Imports the scene while the device opens. A bad file is the error to report, whatever the device says.
+    fn load_and_open(&self) -> Result<Opened> {
+        let timed = |start: Instant| start.elapsed().as_secs_f64();
+        thread::scope(|scope| {
+            let device = scope.spawn(|| {
+                let start = Instant::now();
+                Gpu::open(&self.device).map(|gpu| (gpu, timed(start)))
+            });
+            let start = Instant::now();
+            let (scene, camera) = self.scene.load()?;
+            let import = timed(start);
+            let mut settings = self.settings.settings(&camera)?;
+            if self.time.is_some() && self.settings.spp.is_none() {
+                settings.spp = UNLIMITED_SPP;
+            }
+            let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+            Ok(Opened { scene, camera, settings, gpu, import, start })
+        })
+    }
+
+    /// Writes every output, also after one that fails: a render is not lost because one disk is full.
+    fn write(&self, image: &Image) -> Result<()> {
+        let mut result = Ok(());
+        for path in &self.output {
+            let written = image.write(path, self.view, self.exposure);
+            if written.is_ok() && !self.quiet {
+                say(format_args!("wrote {}", path.display()));
+            }
+            result = result.and(written);
+        }
+        result
+    }
+
+    fn write_statistics(&self, statistics: &Statistics) -> Result<()> {
+        let Some(path) = &self.stats else { return Ok(()) };
+        let text = json(statistics).map_err(|problem| Error::output(path, problem))?;
+        film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?))
+    }
+}
+
+/// One line on what was rendered.
+fn summary(statistics: &Statistics, stopped: bool) -> String {
+    let Statistics { samples, settings, rays, points, time, .. } = statistics;
+    let samples = if stopped { format!("stopped after {samples} of {}", settings.spp) } else { samples.to_string() };
+    format!(
+        "{samples} spp in {:.2} s, {:.1} Mrays/s, {:.1} % boundary points",
+        time.render,
+        mega(rays.total, time.render),
+        100.0 * points.boundary_share
+    )
+}
+
+/// Notes, each said once.
+struct Notes {
+    quiet: bool,
+    said: Vec<String>,
+}
+
+impl Notes {
+    fn say(&mut self, notes: &[String]) {
+        for note in notes {
+            if !self.said.contains(note) {
+                if !self.quiet {
+                    say(format_args!("note: {note}"));
+                }
+                self.said.push(note.clone());
+            }
+        }
+    }
+}

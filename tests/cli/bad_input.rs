@@ -1,0 +1,85 @@
+//! Files that cannot be used: exit code 3, one line that names the file and the place, and no output touched.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::program::{BOX, device, folder, run};
+
+/// Renders and plans `scene`, which must be refused; the output that was there must stay as it was.
+#[track_caller]
+fn assert_refused(folder: &Path, scene: &Path, words: &[&str]) {
+    let output = folder.join("old.png");
+    let statistics = folder.join("old.json");
+    for file in [&output, &statistics] {
+        fs::write(file, "old").unwrap();
+    }
+    let words = [&[scene.to_str().unwrap()], words].concat();
+    let arguments = format!("render --width 4 --height 4 --spp 1 --device {} -o", device());
+    run(&arguments, &[&output, &"--stats", &statistics, &scene]).assert_refused(3, &words);
+    run("plan", &[&scene]).assert_refused(3, &words);
+    for file in [&output, &statistics] {
+        assert_eq!(fs::read_to_string(file).unwrap(), "old");
+    }
+}
+
+/// A scene in `folder` of these bytes.
+fn scene(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    let path = folder.join(name);
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn scenes_that_are_none() {
+    let folder = folder();
+    let folder = folder.path();
+    assert_refused(folder, &folder.join("missing.glb"), &["No such file"]);
+    assert_refused(folder, folder, &["directory"]);
+    assert_refused(folder, &scene(folder, "empty.glb", ""), &["empty"]);
+    assert_refused(folder, &scene(folder, "empty.gltf", ""), &[]);
+    assert_refused(folder, &scene(folder, "text.glb", "not a scene"), &[]);
+    assert_refused(folder, &scene(folder, "text.gltf", "{ not JSON"), &["JSON"]);
+}
+
+#[test]
+fn truncated_scenes() {
+    let folder = folder();
+    let whole = fs::read(BOX).unwrap();
+    // Within the header, the first chunk's header, the JSON and the binary chunk.
+    for length in [3, 11, 12, 19, 40, whole.len() - 1] {
+        assert_refused(folder.path(), &scene(folder.path(), "cut.glb", &whole[..length]), &[]);
+    }
+}
+
+#[test]
+fn scenes_with_a_fault_have_its_place_named() {
+    let folder = folder();
+    let folder = folder.path();
+    let gltf = |name: &str, rest: &str| scene(folder, name, format!(r#"{{"asset": {{"version": "2.0"}}, {rest}}}"#));
+    let loops = gltf("loop.gltf", r#""nodes": [{"children": [1]}, {"children": [0]}], "scenes": [{"nodes": [0]}]"#);
+    assert_refused(folder, &loops, &["/nodes/"]);
+    let escape = gltf("escape.gltf", r#""buffers": [{"uri": "../../secret.bin", "byteLength": 4}]"#);
+    assert_refused(folder, &escape, &["/buffers/0"]);
+    let required = gltf("required.gltf", r#""extensionsRequired": ["EXT_no_such"], "extensionsUsed": ["EXT_no_such"]"#);
+    assert_refused(folder, &required, &["EXT_no_such"]);
+    let range = gltf("range.gltf", r#""nodes": [{"mesh": 7}], "scenes": [{"nodes": [0]}]"#);
+    assert_refused(folder, &range, &["/nodes/0/mesh"]);
+}
+
+#[test]
+fn outputs_that_cannot_be_written() {
+    let folder = folder();
+    let folder = folder.path();
+    let kept = scene(folder, "kept.png", "old");
+    let (missing, below, dir) = (folder.join("no/x.png"), folder.join("kept.png/x.png"), folder.join("dir.png"));
+    fs::create_dir(&dir).unwrap();
+    let render = |output: &Path| run("render", &[&BOX, &"-o", &kept, &"-o", &output]);
+    for output in [&missing, &below, &dir] {
+        render(output).assert_refused(3, &[output.to_str().unwrap()]);
+    }
+    let statistics = folder.join("no/x.json");
+    let answer = run("render", &[&BOX, &"-o", &kept, &"--stats", &statistics]);
+    answer.assert_refused(3, &[statistics.to_str().unwrap()]);
+    assert_eq!(fs::read_to_string(&kept).unwrap(), "old");
+    assert_eq!(fs::read_dir(folder).unwrap().count(), 2, "something was left behind");
+}

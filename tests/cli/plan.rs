@@ -1,0 +1,130 @@
+//! `penumbra plan` and `penumbra devices`.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use serde_json::Value;
+
+use crate::program::{BOX, STILL_LIFE, folder, penumbra, run};
+use crate::schema;
+
+fn names(items: &Value) -> BTreeSet<&str> {
+    items.as_array().unwrap().iter().map(|item| item["name"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn the_plan_has_every_part_once_with_a_reason_and_a_cost() {
+    let (plain, rich) = (run("plan --json", &[&BOX]).json(), run("plan --json", &[&STILL_LIFE]).json());
+    for plan in [&plain, &rich] {
+        schema::assert_documented("Plan", plan);
+        for item in [&plan["kept"], &plan["left_out"]].iter().flat_map(|list| list.as_array().unwrap()) {
+            assert!(["name", "reason", "cost"].iter().all(|key| !item[key].as_str().unwrap().is_empty()), "{item}");
+        }
+        assert!(names(&plan["kept"]).is_disjoint(&names(&plan["left_out"])));
+    }
+    let all = |plan: &Value| {
+        names(&plan["kept"]).union(&names(&plan["left_out"])).map(|n| n.to_string()).collect::<BTreeSet<_>>()
+    };
+    assert_eq!(all(&plain), all(&rich));
+    // The box is of one Lambertian light and plain Lambertian surfaces; the still life has what it leaves out.
+    for part in ["textures", "alpha_test", "glossy", "point_lights", "light_tags"] {
+        assert!(names(&plain["left_out"]).contains(part) && names(&rich["kept"]).contains(part), "{part}");
+    }
+    assert_eq!(plain["scene"]["triangles"], 24);
+    assert_eq!(plain["scene"]["lights"], 1);
+}
+
+#[test]
+fn the_plan_follows_the_settings() {
+    let plan = |arguments: &str| run(&format!("plan --json {arguments}"), &[&BOX]).json();
+    assert!(names(&plan("")["kept"]).contains("visibility_map"));
+    for technique in ["two-pass", "path"] {
+        let plan = plan(&format!("--technique {technique}"));
+        assert!(names(&plan["left_out"]).contains("visibility_map"), "{technique}");
+        assert_eq!(plan["settings"]["technique"], technique);
+    }
+    assert!(names(&plan("--audit 0")["left_out"]).contains("audit"));
+}
+
+#[test]
+fn the_text_says_what_the_json_says() {
+    let (text, json) = (run("plan", &[&STILL_LIFE]), run("plan --json", &[&STILL_LIFE]).json());
+    let (kept, left_out) = text.assert_done().stdout.split_once("\nleft out\n").unwrap();
+    for (part, items) in [(kept, &json["kept"]), (left_out, &json["left_out"])] {
+        for item in items.as_array().unwrap() {
+            let line =
+                |line: &str| ["name", "reason", "cost"].iter().all(|key| line.contains(item[key].as_str().unwrap()));
+            assert!(part.lines().any(line), "{item}");
+        }
+    }
+}
+
+/// An image's shape follows the camera's, which is the file's first unless it is chosen by name or index.
+#[test]
+fn the_camera_gives_the_shape_of_the_image() {
+    let folder = folder();
+    let file = folder.path().join("cameras.gltf");
+    let camera = |aspect: f32| {
+        format!(r#"{{"type": "perspective", "perspective": {{"aspectRatio": {aspect}, "yfov": 1, "znear": 0.1}}}}"#)
+    };
+    let text = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0, 1]}}],
+        "nodes": [{{"camera": 0, "name": "wide"}}, {{"camera": 1, "name": "tall"}}],
+        "cameras": [{}, {}]}}"#,
+        camera(2.5),
+        camera(0.5)
+    );
+    fs::write(&file, text).unwrap();
+    let size = |arguments: &str| {
+        let settings = &run(&format!("plan --json {arguments}"), &[&file]).json()["settings"];
+        [&settings["width"], &settings["height"]].map(|side| side.as_u64().unwrap())
+    };
+    assert_eq!(size(""), [1280, 512]);
+    assert_eq!(size("--camera wide"), [1280, 512]);
+    assert_eq!(size("--camera tall"), [256, 512]);
+    assert_eq!(size("--camera 1"), [256, 512]);
+    assert_eq!(size("--width 100"), [100, 40]);
+    assert_eq!(size("--height 100"), [250, 100]);
+    assert_eq!(size("--width 30 --height 20"), [30, 20]);
+    assert_eq!(size("--width 1"), [1, 1]);
+    // 16384 high would be 40960 wide.
+    run("plan --height 16384", &[&file]).assert_refused(2, &["--width", "40960"]);
+}
+
+#[test]
+fn a_scene_without_a_camera_says_so() {
+    let folder = folder();
+    let file = folder.path().join("nothing.gltf");
+    fs::write(&file, r#"{"asset": {"version": "2.0"}}"#).unwrap();
+    let plan = run("plan --json", &[&file]).json();
+    let notes: Vec<_> = plan["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
+    assert!(notes.contains(&"no camera in the file"), "{notes:?}");
+    assert_eq!(plan["scene"]["cameras"], 0);
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_error() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut child = penumbra("plan", &[&BOX]).stdout(writer).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let mut stderr = String::new();
+    std::io::Read::read_to_string(child.stderr.as_mut().unwrap(), &mut stderr).unwrap();
+    assert_eq!((child.wait().unwrap().code(), stderr.as_str()), (Some(0), ""));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_an_error() {
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    crate::program::Answer::of(penumbra("plan", &[&BOX]).stdout(full)).assert_refused(3, &["stdout"]);
+}
+
+#[test]
+fn devices_are_listed() {
+    let devices = run("devices --json", &[]).json();
+    schema::assert_documented("Devices", &devices);
+    let text = run("devices", &[]);
+    for device in devices.as_array().unwrap() {
+        assert!(text.assert_done().stdout.contains(device["name"].as_str().unwrap()), "{text:?}");
+    }
+}

@@ -1,0 +1,74 @@
+//! Running the program.
+
+use std::ffi::OsStr;
+use std::process::{Command, Output};
+
+pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
+pub const STILL_LIFE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/still_life.glb");
+
+/// A folder that goes when it is dropped.
+pub fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
+/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another.
+pub fn device() -> String {
+    std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into())
+}
+
+/// The program, with the arguments between spaces, then `files`.
+pub fn penumbra(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
+    command.args(arguments.split_whitespace()).args(files);
+    // Mesa complains on stderr where it is not set.
+    command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
+    command
+}
+
+/// Runs the program, with arguments as for [`penumbra`].
+pub fn run(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Answer {
+    Answer::of(&mut penumbra(arguments, files))
+}
+
+/// What the program answered.
+#[derive(Debug)]
+pub struct Answer {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Answer {
+    pub fn of(command: &mut Command) -> Self {
+        Answer::from(command.output().unwrap())
+    }
+
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|problem| panic!("{problem}: {self:?}"))
+    }
+
+    #[track_caller]
+    pub fn assert_done(&self) -> &Self {
+        assert_eq!(self.code, Some(0), "{self:?}");
+        self
+    }
+
+    /// One line on stderr, with that exit code, that holds all of `words`.
+    #[track_caller]
+    pub fn assert_refused(&self, code: i32, words: &[&str]) {
+        assert_eq!(self.code, Some(code), "{self:?}");
+        assert_eq!(self.stdout, "");
+        let line = self.stderr.strip_prefix("penumbra: error: ").unwrap_or_else(|| panic!("{self:?}"));
+        assert_eq!(line.lines().count(), 1, "{self:?}");
+        for word in words {
+            assert!(line.contains(word), "{word:?} is not in {line:?}");
+        }
+    }
+}
+
+impl From<Output> for Answer {
+    fn from(output: Output) -> Self {
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Answer { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+    }
+}

@@ -1,0 +1,202 @@
+//! `penumbra render`: outputs, statistics, what is said, and being stopped.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use penumbra::Image;
+use penumbra::film::{Metadata, View};
+use serde_json::Value;
+
+use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::schema;
+
+/// Settings that are quick: few photons, a small image.
+const SMALL: &str = "--width 24 --height 16 --photons 4096";
+
+/// Renders the box to `outputs` with `arguments`.
+fn render(arguments: &str, outputs: &[&Path]) -> Answer {
+    let mut command = penumbra(&format!("render --device {} {SMALL} {arguments}", device()), &[&BOX]);
+    for output in outputs {
+        command.arg("-o").arg(output);
+    }
+    Answer::of(&mut command)
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn channels(image: &Image) -> BTreeSet<&str> {
+    image.channels.iter().map(|channel| channel.name.as_str()).collect()
+}
+
+#[test]
+fn one_render_goes_to_several_files_by_their_extensions() {
+    let folder = folder();
+    let [exr, png, again] = ["a.exr", "b.PNG", "c.png"].map(|name| folder.path().join(name));
+    fs::write(&png, "old").unwrap();
+    render("--spp 2 --view agx --exposure -1", &[&exr, &png, &again]).assert_done();
+    let image = Image::read(&exr).unwrap();
+    assert_eq!((image.width, image.height), (24, 16));
+    assert_eq!(channels(&image), ["A", "B", "G", "R"].into());
+    assert!(image.channels.iter().all(|channel| channel.samples.iter().all(|x| x.is_finite())));
+    assert_eq!(image.metadata["samplesPerPixel"], Metadata::Int(2));
+
+    // The PNG is that view of the EXR.
+    let expected = folder.path().join("expected.png");
+    image.write_png(&expected, View::Agx, -1.0).unwrap();
+    for file in [&png, &again] {
+        assert!(fs::read(file).unwrap() == fs::read(&expected).unwrap(), "{}", file.display());
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 4, "something was left behind");
+}
+
+#[test]
+fn channels_are_those_that_were_asked_for() {
+    let folder = folder();
+    let file = folder.path().join("a.exr");
+    let layers = |arguments: &str| {
+        render(&format!("--spp 1 {arguments}"), &[&file]).assert_done();
+        let image = Image::read(&file).unwrap();
+        let layer = |name: &str| name.split('.').next().unwrap().to_owned();
+        image.channels.iter().map(|channel| layer(&channel.name)).collect::<BTreeSet<_>>()
+    };
+    let set = |names: &[&str]| names.iter().map(|name| name.to_string()).collect::<BTreeSet<_>>();
+    assert_eq!(layers("--aov Z,N,Z"), set(&["R", "G", "B", "A", "N", "Z"]));
+    let all = ["R", "G", "B", "A", "N", "P", "Z", "albedo", "direct", "indirect", "shadow", "variance"];
+    assert_eq!(layers("--aov all"), set(&all));
+}
+
+#[test]
+fn statistics_are_as_documented_and_add_up() {
+    let folder = folder();
+    let [image, file] = ["a.exr", "a.json"].map(|name| folder.path().join(name));
+    render(&format!("--spp 3 --seed 7 --aov N --stats {}", file.display()), &[&image]).assert_done();
+    let statistics = read_json(&file);
+    schema::assert_documented("Statistics", &statistics);
+
+    let count = |pointer: &str| statistics.pointer(pointer).unwrap().as_u64().unwrap();
+    let sum = |holder: &str, keys: &[&str]| keys.iter().map(|key| count(&format!("{holder}/{key}"))).sum::<u64>();
+    assert_eq!(count("/rays/total"), sum("/rays", &["camera", "photon", "shadow", "audit", "bounce", "gather"]));
+    assert_eq!(count("/points/total"), sum("/points", &["lit", "shadowed", "boundary", "unknown"]));
+    assert_eq!(count("/samples"), 3);
+    assert_eq!(count("/rays/camera"), 24 * 16 * 3);
+    // One light: at most one point a sample.
+    assert!(count("/points/total") > 0 && sum("/points", &["total", "dark"]) <= count("/rays/camera"));
+    let boundary = sum("/points", &["boundary", "unknown"]) as f64 / count("/points/total") as f64;
+    // Both are the same quotient of integers in f64.
+    assert_eq!(statistics["points"]["boundary_share"].as_f64().unwrap(), boundary);
+    // Every boundary and unknown point asks 4 light points at most: those in front of it.
+    assert!(count("/rays/shadow") <= 4 * sum("/points", &["boundary", "unknown"]));
+    assert_eq!(count("/photons/0/emitted"), 4096);
+    assert!(count("/photons/0/illumination") > 0 && count("/photons/0/illumination") <= 4096);
+    assert!(count("/audits/wrong") <= count("/audits/audited"));
+    assert_eq!(count("/not_finite"), 0);
+    assert_eq!((count("/scene/triangles"), count("/scene/lights")), (24, 1));
+
+    let settings = &statistics["settings"];
+    assert_eq!((&settings["seed"], &settings["spp"], &settings["photons"]), (&7.into(), &3.into(), &4096.into()));
+    assert_eq!(statistics["version"], env!("CARGO_PKG_VERSION"));
+    let time = |key: &str| statistics["time"][key].as_f64().unwrap();
+    for part in ["start", "import", "bvh", "compile", "render"] {
+        assert!(time(part) > 0.0 && time(part) <= time("total"), "{part}: {}", statistics["time"]);
+    }
+
+    let plan = run(&format!("plan --json {SMALL} --aov N"), &[&BOX]).json();
+    for list in ["kept", "left_out"] {
+        let names: Vec<&Value> = plan[list].as_array().unwrap().iter().map(|item| &item["name"]).collect();
+        assert_eq!(statistics[list].as_array().unwrap().iter().collect::<Vec<_>>(), names);
+    }
+}
+
+#[test]
+fn progress_is_a_few_lines_and_quiet_is_silent() {
+    let folder = folder();
+    let file = folder.path().join("a.png");
+    let talking = render("--spp 64", &[&file]);
+    talking.assert_done();
+    assert!(talking.stdout.is_empty());
+    assert!(talking.stderr.contains("64 spp") && talking.stderr.contains(&format!("wrote {}", file.display())));
+    assert!(!talking.stderr.contains('\u{1b}'), "no terminal, no colours: {talking:?}");
+    assert!(talking.stderr.lines().count() < 20, "{talking:?}");
+
+    fs::remove_file(&file).unwrap();
+    let quiet = render("--spp 64 --quiet", &[&file]);
+    quiet.assert_done();
+    assert_eq!((quiet.stdout.as_str(), quiet.stderr.as_str()), ("", ""));
+    assert!(file.exists());
+}
+
+#[test]
+fn notes_are_said_once_and_kept_in_the_statistics() {
+    let folder = folder();
+    let [scene, image, file] = ["nothing.gltf", "a.png", "a.json"].map(|name| folder.path().join(name));
+    fs::write(&scene, r#"{"asset": {"version": "2.0"}}"#).unwrap();
+    let answer =
+        run(&format!("render --device {} {SMALL} --spp 1", device()), &[&scene, &"-o", &image, &"--stats", &file]);
+    answer.assert_done();
+    let said: Vec<&str> = answer.stderr.lines().filter_map(|line| line.strip_prefix("note: ")).collect();
+    assert!(said.contains(&"no camera in the file") && said.contains(&"no light in the file"), "{answer:?}");
+    assert_eq!(said.iter().collect::<BTreeSet<_>>().len(), said.len(), "{said:?}");
+    let kept = read_json(&file);
+    let kept: Vec<&str> = kept["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
+    assert_eq!(kept, said);
+}
+
+/// A budget ends a render without a number of samples; samples end one within its budget.
+#[test]
+fn a_render_ends_by_time_or_by_samples() {
+    let folder = folder();
+    let [image, file] = ["a.exr", "a.json"].map(|name| folder.path().join(name));
+    let samples = |arguments: &str| {
+        render(&format!("{arguments} --stats {}", file.display()), &[&image]).assert_done();
+        read_json(&file)["samples"].as_u64().unwrap()
+    };
+    assert!(samples("--time 0.001") >= 1);
+    assert_eq!(samples("--time 3600 --spp 2"), 2);
+}
+
+#[cfg(unix)]
+mod stopped {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    use super::*;
+
+    /// Renders for an hour, but sends `signal` as soon as the render is under way.
+    fn stop(signal: &str, image: &PathBuf, statistics: &PathBuf) -> Answer {
+        let arguments = format!("render --device {} {SMALL} --time 3600", device());
+        let mut child = penumbra(&arguments, &[&BOX, &"-o", image, &"--stats", statistics])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        let mut said = String::new();
+        while !said.contains("rendering") {
+            assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        stderr.read_to_string(&mut said).unwrap();
+        let code = child.wait().unwrap().code();
+        Answer { code, stdout: String::new(), stderr: said }
+    }
+
+    #[test]
+    fn a_signal_ends_the_batch_and_what_there_is_is_written() {
+        let folder = folder();
+        for signal in ["-INT", "-TERM"] {
+            let [image, file] = ["a.exr", "a.json"].map(|name| folder.path().join(format!("{signal}{name}")));
+            let answer = stop(signal, &image, &file);
+            assert_eq!(answer.code, Some(130), "{answer:?}");
+            let written = format!("wrote {}", image.display());
+            assert!(answer.stderr.contains("stopped after") && answer.stderr.contains(&written), "{answer:?}");
+            let image = Image::read(&image).unwrap();
+            assert!(image.channels.iter().all(|channel| channel.samples.iter().all(|x| x.is_finite())));
+            let samples = read_json(&file)["samples"].as_u64().unwrap();
+            assert!(samples >= 1);
+            assert_eq!(image.metadata["samplesPerPixel"], Metadata::Int(samples as i32));
+        }
+    }
+}

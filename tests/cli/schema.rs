@@ -1,0 +1,87 @@
+//! JSON against the tables of `docs/statistics.md`, which are read here, so that they cannot go stale.
+
+use serde_json::Value;
+
+const DOCUMENT: &str = include_str!("../../docs/statistics.md");
+
+/// The rows of a section's table: key and type.
+fn table(section: &str) -> Vec<(&'static str, &'static str)> {
+    let heading = format!("\n## {section}\n");
+    let text = DOCUMENT.split_once(&heading).unwrap_or_else(|| panic!("no section {section}")).1;
+    let text = text.split_once("\n## ").map_or(text, |(text, _)| text);
+    let row = |line: &'static str| {
+        let mut cells = line.strip_prefix("| `")?.split(" | ");
+        Some((cells.next()?.trim_end_matches('`'), cells.next()?))
+    };
+    let rows: Vec<_> = text.lines().filter_map(row).collect();
+    assert!(!rows.is_empty(), "section {section} has no table");
+    rows
+}
+
+/// Every value that holds no other, with its key as the tables write it.
+fn leaves<'a>(value: &'a Value, key: String, found: &mut Vec<(String, &'a Value)>) {
+    match value {
+        Value::Object(members) => {
+            for (name, value) in members {
+                let key = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                leaves(value, key, found);
+            }
+        }
+        Value::Array(items) => items.iter().for_each(|item| leaves(item, format!("{key}[]"), found)),
+        value => found.push((key, value)),
+    }
+}
+
+fn is_of_type(value: &Value, name: &str) -> bool {
+    match name {
+        "integer" => value.is_u64(),
+        "number" => value.is_number(),
+        "text" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "integer or null" => value.is_u64() || value.is_null(),
+        "any" => true,
+        _ => panic!("{name} is no type of docs/statistics.md"),
+    }
+}
+
+/// The list or object that a key with `[]` or `*` lies in is there and empty.
+fn is_empty(json: &Value, key: &str) -> bool {
+    let Some((path, _)) = key.split_once("[]").or_else(|| key.split_once(".*")) else { return false };
+    let value = path.split('.').fold(json, |value, name| &value[name]);
+    value.as_array().is_some_and(Vec::is_empty) || value.as_object().is_some_and(|members| members.is_empty())
+}
+
+/// `json` has the keys of the section's table with their types, and no others.
+#[track_caller]
+pub fn assert_documented(section: &str, json: &Value) {
+    let table = table(section);
+    let mut found = Vec::new();
+    leaves(json, String::new(), &mut found);
+    let matches = |documented: &str, key: &str| match documented.strip_suffix('*') {
+        Some(prefix) => key.starts_with(prefix),
+        None => key == documented,
+    };
+    for (key, value) in &found {
+        let row = table.iter().find(|(documented, _)| matches(documented, key));
+        let (_, name) = row.unwrap_or_else(|| panic!("{section}: {key} is not documented"));
+        assert!(is_of_type(value, name), "{section}: {key} is {value}, not of type {name}");
+    }
+    for (documented, _) in table {
+        let there = found.iter().any(|(key, _)| matches(documented, key)) || is_empty(json, documented);
+        assert!(there, "{section}: {documented} is not there");
+    }
+}
+
+#[test]
+fn faults_are_found() {
+    let good = serde_json::json!({"rmse": 0.0, "relmse": 1, "mae": 0.5, "flip": 0.0});
+    assert_documented("Comparison", &good);
+    for (key, value) in [("mae", Value::Null), ("mae", "0".into()), ("psnr", 1.into())] {
+        let mut bad = good.clone();
+        bad[key] = value;
+        assert!(std::panic::catch_unwind(|| assert_documented("Comparison", &bad)).is_err(), "{bad}");
+    }
+    let mut bad = good;
+    bad.as_object_mut().unwrap().remove("flip");
+    assert!(std::panic::catch_unwind(|| assert_documented("Comparison", &bad)).is_err(), "{bad}");
+}

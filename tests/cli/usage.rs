@@ -1,0 +1,141 @@
+//! Help, versions, and wrong usage: exit code 2 and one line that names the option.
+
+use std::ffi::OsStr;
+
+use penumbra::{Aov, Settings, Technique};
+
+use crate::program::{Answer, BOX, folder, penumbra, run};
+
+#[test]
+fn help_and_version_are_answers() {
+    let version = run("--version", &[]);
+    assert_eq!(version.assert_done().stdout, concat!("penumbra ", env!("CARGO_PKG_VERSION"), "\n"));
+    for arguments in ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help"] {
+        let answer = run(arguments, &[]);
+        answer.assert_done();
+        assert!(answer.stdout.contains("Usage: penumbra") && answer.stderr.is_empty(), "{answer:?}");
+    }
+}
+
+#[test]
+fn no_command_shows_the_help() {
+    let answer = run("", &[]);
+    assert_eq!(answer.code, Some(2));
+    assert!(answer.stderr.contains("Usage: penumbra <COMMAND>"), "{answer:?}");
+}
+
+/// The text of an option in the help of `render`, on one line.
+fn help_of(option: &str) -> String {
+    let help = run("render --help", &[]).stdout;
+    let lines = help.lines().skip_while(|line| !line.contains(option));
+    let text: Vec<_> = lines.enumerate().take_while(|(i, line)| *i == 0 || !line.contains("  --")).collect();
+    text.into_iter().flat_map(|(_, line)| line.split_whitespace()).collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn help_states_the_defaults_and_names() {
+    let Settings { height, spp, seed, photons, nearest, shadow_photons_per_ray, .. } = Settings::default();
+    let Settings { shadow_samples, audit, max_bounces, light_scale, technique, .. } = Settings::default();
+    for (option, default) in [
+        ("--technique <", technique.to_string()),
+        ("--height <", height.to_string()),
+        ("--spp <", spp.to_string()),
+        ("--seed <", seed.to_string()),
+        ("--photons <", photons.to_string()),
+        ("--nearest <", nearest.to_string()),
+        ("--shadow-photons-per-ray <", shadow_photons_per_ray.to_string()),
+        ("--shadow-samples <", shadow_samples.to_string()),
+        ("--audit <", audit.to_string()),
+        ("--max-bounces <", max_bounces.to_string()),
+        ("--light-scale <", light_scale.to_string()),
+    ] {
+        let help = help_of(option);
+        assert!(help.contains(&format!("[default: {default}")), "{help}");
+    }
+    let (techniques, aovs) = (help_of("--technique <"), help_of("--aov <"));
+    assert!(Technique::ALL.iter().all(|technique| techniques.contains(technique.name())), "{techniques}");
+    assert!(Aov::ALL.iter().all(|aov| aovs.contains(aov.name())), "{aovs}");
+}
+
+#[test]
+fn wrong_usage_names_the_option() {
+    // No file is opened before usage is checked: the scene is not there.
+    for (arguments, word) in [
+        ("render no-scene.glb", "--output"),
+        ("render -o x.png", "<SCENE>"),
+        ("render no-scene.glb -o x.tiff", "x.tiff"),
+        ("render no-scene.glb -o x", ".exr or .png"),
+        ("render no-scene.glb -o x.png -o y.jpg", "y.jpg"),
+        ("render no-scene.glb -o x.png --widht 3", "--widht"),
+        ("render no-scene.glb -o x.png --width 0", "--width"),
+        ("render no-scene.glb -o x.png --width -1", "--width"),
+        ("render no-scene.glb -o x.png --width 16385", "--width"),
+        ("render no-scene.glb -o x.png --width 1e3", "--width"),
+        ("render no-scene.glb -o x.png --width 4294967296", "--width"),
+        ("render no-scene.glb -o x.png --height 0", "--height"),
+        ("render no-scene.glb -o x.png --spp 0", "--spp"),
+        ("render no-scene.glb -o x.png --spp", "--spp"),
+        ("render no-scene.glb -o x.png --seed x", "--seed"),
+        ("render no-scene.glb -o x.png --technique radiosity", "radiosity"),
+        ("render no-scene.glb -o x.png --photons 0", "--photons"),
+        ("render no-scene.glb -o x.png --nearest 0", "--nearest"),
+        ("render no-scene.glb -o x.png --nearest 512", "--nearest"),
+        ("render no-scene.glb -o x.png --shadow-photons-per-ray 0", "--shadow-photons-per-ray"),
+        ("render no-scene.glb -o x.png --shadow-samples 0", "--shadow-samples"),
+        ("render no-scene.glb -o x.png --dilate 2", "--dilate"),
+        ("render no-scene.glb -o x.png --audit 1.5", "--audit"),
+        ("render no-scene.glb -o x.png --audit nan", "--audit"),
+        ("render no-scene.glb -o x.png --light-scale -1", "--light-scale"),
+        ("render no-scene.glb -o x.png --light-scale inf", "--light-scale"),
+        ("render no-scene.glb -o x.exr --aov beauty", "beauty"),
+        ("render no-scene.glb -o x.exr --aov N,,Z", "--aov"),
+        ("render no-scene.glb -o x.png --aov N", "--aov"),
+        ("render no-scene.glb -o x.png --view filmic", "filmic"),
+        ("render no-scene.glb -o x.png --exposure nan", "--exposure"),
+        ("render no-scene.glb -o x.png --time 0", "--time"),
+        ("render no-scene.glb -o x.png --time -1", "--time"),
+        ("render no-scene.glb -o x.png --time inf", "--time"),
+        ("plan", "<SCENE>"),
+        ("plan no-scene.glb --nearest 0", "--nearest"),
+        ("plan no-scene.glb -o x.png", "-o"),
+        ("compare a.exr", "<REFERENCE>"),
+        ("compare a.exr b.exr --max-relmse -1", "--max-relmse"),
+        ("compare a.exr b.exr --max-relmse nan", "--max-relmse"),
+        ("devices now", "now"),
+        ("paint", "paint"),
+    ] {
+        run(arguments, &[]).assert_refused(2, &[word]);
+    }
+}
+
+#[test]
+fn an_unknown_camera_is_wrong_usage() {
+    run("plan --camera nobody", &[&BOX]).assert_refused(2, &["nobody", "camera"]);
+    run("plan --camera 1", &[&BOX]).assert_refused(2, &["1", "camera"]);
+}
+
+/// The loader finds no driver where both of its variables, of which old loaders know the second, name none.
+fn without_driver(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Answer {
+    let nothing = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|name| (name, "/nonexistent"));
+    Answer::of(penumbra(arguments, files).envs(nothing))
+}
+
+#[test]
+fn no_device_names_the_fix() {
+    without_driver("devices", &[]).assert_refused(4, &["scripts/with-vulkan"]);
+    let folder = folder();
+    let output = folder.path().join("x.png");
+    without_driver("render -o", &[&output, &BOX]).assert_refused(4, &["scripts/with-vulkan"]);
+    assert!(!output.exists());
+    // A bad file is the error to report, whatever the device says.
+    without_driver("render -o", &[&output, &"no-scene.glb"]).assert_refused(3, &["no-scene.glb"]);
+    without_driver("plan", &[&BOX]).assert_done();
+}
+
+#[test]
+fn an_unknown_device_names_those_there_are() {
+    let folder = folder();
+    let known = run("devices --json", &[]).json()[0]["name"].as_str().unwrap().to_owned();
+    let answer = run("render --device no-such-device -o", &[&folder.path().join("x.png"), &BOX]);
+    answer.assert_refused(4, &["no-such-device", &known]);
+}

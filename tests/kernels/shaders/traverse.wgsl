@@ -1,0 +1,77 @@
+// Traces given rays, one an invocation, by each traversal of the shipped module.
+// Inputs: rays, two texels each (origin, t_min; direction, t_max). Outputs: see each entry.
+
+import package::lib::dispatch::group_index;
+import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
+import package::lib::bvh::{trace_closest, trace_occluded, begin_walk, next_triangle, intersect_slot, stops, traversal_overrun};
+
+override ray_count: u32;
+override slot_count: u32;
+
+@group(0) @binding(0) var<storage, read> rays: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> answers: array<vec4u>;
+
+fn ray_of(i: u32) -> Ray {
+    return Ray(rays[2u * i].xyz, rays[2u * i].w, rays[2u * i + 1u].xyz, rays[2u * i + 1u].w);
+}
+
+fn answer(i: u32, hit: Hit) {
+    answers[i] = vec4u(bitcast<vec3u>(vec3f(hit.t, hit.u, hit.v)), hit.triangle);
+}
+
+// t, u, v, slot.
+@compute @workgroup_size(64)
+fn closest(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < ray_count { answer(i, trace_closest(ray_of(i), 0u)); }
+}
+
+// As closest, by a loop over all slots.
+@compute @workgroup_size(64)
+fn exhaustive(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= ray_count { return; }
+    let ray = ray_of(i);
+    var walk = begin_walk(ray);
+    var first = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
+    for (var slot = 0u; slot < slot_count; slot++) {
+        let hit = intersect_slot(&walk, slot);
+        if stops(hit, ray.t_min, ray.t_max, 0u) && (hit.t < first.t || first.triangle == NO_HIT) { first = hit; }
+    }
+    answer(i, first);
+}
+
+// Occluded, overrun, 0, 0.
+@compute @workgroup_size(64)
+fn occluded(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= ray_count { return; }
+    let stopped = trace_occluded(ray_of(i), 0u);
+    answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u);
+}
+
+// Every surface along the ray: how many, the sum of their slots, overrun, 0.
+@compute @workgroup_size(64)
+fn line(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= ray_count { return; }
+    let ray = ray_of(i);
+    var walk = begin_walk(ray);
+    var count = 0u;
+    var sum = 0u;
+    while !walk.done {
+        let slot = next_triangle(&walk, ray.t_max);
+        if slot != NO_HIT && stops(intersect_slot(&walk, slot), ray.t_min, ray.t_max, 0u) {
+            count++;
+            sum += slot;
+        }
+    }
+    answers[i] = vec4u(count, sum, u32(traversal_overrun), 0u);
+}
+
+// The origin of ray i offset along its direction, taken for the normal.
+@compute @workgroup_size(64)
+fn offset(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < ray_count { answers[i] = vec4u(bitcast<vec3u>(offset_origin(ray_of(i).origin, ray_of(i).direction)), 0u); }
+}

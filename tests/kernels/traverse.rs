@@ -1,0 +1,465 @@
+//! Traversal: the rays of `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
+
+use glam::{DVec2, DVec3, Vec3, vec3};
+use penumbra::bvh::Bvh;
+use penumbra::gpu::{Features, Kernel, Resources, buffer::POISON, buffer::TableFormat, compose};
+
+use crate::kit::{device_features, gpu};
+
+const NO_HIT: u32 = u32::MAX;
+
+/// Length of the rays that have no end.
+const FAR: f32 = 1e30;
+
+type Triangle = [Vec3; 3];
+
+#[derive(Clone, Copy, Debug)]
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Answer {
+    t: f32,
+    u: f32,
+    v: f32,
+    slot: u32,
+}
+
+fn ray(origin: Vec3, direction: Vec3) -> Ray {
+    Ray { origin, direction, t_max: FAR }
+}
+
+/// A hierarchy on the device, and how kernels read it.
+struct Traced {
+    bvh: Bvh,
+    features: Features,
+}
+
+impl Traced {
+    fn new(triangles: &[Triangle]) -> Self {
+        Traced { bvh: Bvh::build(triangles).unwrap(), features: device_features(gpu()) }
+    }
+
+    fn run(&self, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
+        let gpu = gpu();
+        let composed =
+            compose::compose_source("traverse", include_str!("shaders/traverse.wgsl"), &self.features).unwrap();
+        let constants = [("ray_count", rays.len() as f64), ("slot_count", self.bvh.order.len() as f64)];
+        let kernel = Kernel::new(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
+        let texels: Vec<[f32; 4]> = rays
+            .iter()
+            .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
+            .collect();
+        let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
+        let answers = gpu.poisoned::<[u32; 4]>("test/answers", rays.len() + 1).unwrap();
+        let set = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
+        let run = |tables: &Resources| {
+            let bound = kernel.bind(gpu, entry, &[&set, tables]).unwrap();
+            let mut frame = gpu.frame("test");
+            frame.run(&bound, rays.len() as u32, &[0u32; 0]);
+            frame.submit().unwrap();
+        };
+        if self.features.has("texture_loads") {
+            let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
+            let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
+            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
+        } else {
+            let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();
+            let triangles = gpu.upload("test/triangles", &self.bvh.triangles).unwrap();
+            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
+        }
+        let mut words: Vec<[u32; 4]> = gpu.read(&answers, rays.len() + 1).unwrap();
+        assert_eq!(words.pop(), Some([POISON; 4]), "{entry} wrote past its last ray");
+        assert!(words.iter().all(|words| !words.contains(&POISON)), "{entry} left an answer out");
+        words
+    }
+
+    fn closest(&self, rays: &[Ray]) -> Vec<Answer> {
+        self.run("closest", rays).into_iter().map(answer).collect()
+    }
+
+    fn corners(&self, slot: u32) -> [DVec3; 3] {
+        let texels = &self.bvh.triangles[3 * slot as usize..][..3];
+        std::array::from_fn(|i| Vec3::from_slice(&texels[i][..3]).as_dvec3())
+    }
+}
+
+fn answer([t, u, v, slot]: [u32; 4]) -> Answer {
+    Answer { t: f32::from_bits(t), u: f32::from_bits(u), v: f32::from_bits(v), slot }
+}
+
+/// What double precision says of a ray and a triangle.
+struct Meeting {
+    t: f64,
+    /// How far inside the triangle's edges the ray passes, across the ray; negative outside.
+    inside: f64,
+    /// How far t may be off, given how far points may be.
+    t_slack: f64,
+    /// What the kernel may be off across the ray: each coordinate relative to the origin is rounded once, sheared
+    /// with two roundings, and an edge's distance has as many again; eight half-units in the last place cover them.
+    slack: f64,
+}
+
+fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
+    let d = ray.direction.as_dvec3();
+    let (x, y) = d.normalize().any_orthonormal_pair();
+    let relative = corners.map(|corner| corner - ray.origin.as_dvec3());
+    let flat = relative.map(|q| DVec2::new(q.dot(x), q.dot(y)));
+    let normal = (relative[1] - relative[0]).cross(relative[2] - relative[0]);
+    let turn = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]).signum();
+    let inside = (0..3)
+        .map(|i| {
+            let (a, b) = (flat[i], flat[(i + 1) % 3]);
+            turn * (b - a).perp_dot(-a) / (b - a).length()
+        })
+        .fold(f64::INFINITY, f64::min);
+    let reach = relative.iter().map(|q| q.length()).fold(0.0, f64::max);
+    let slack = reach * 8.0 * 2f64.powi(-24);
+    // Three roundings of a sum of three products, on top of the points' own errors.
+    let t_slack = 2.0 * slack * normal.length() / normal.dot(d).abs();
+    Meeting { t: normal.dot(relative[0]) / normal.dot(d), inside, t_slack, slack }
+}
+
+/// Compares the answers with the loop over all triangles: the one met lies where the kernel says and none is
+/// nearer, as far as roundings allow. Returns what is wrong, and how many answers nothing could be said of.
+fn compare(traced: &Traced, rays: &[Ray], answers: &[Answer]) -> (Vec<String>, usize) {
+    let all: Vec<_> = (0..traced.bvh.order.len() as u32).map(|slot| traced.corners(slot)).collect();
+    let mut wrong = Vec::new();
+    let mut unsure = 0;
+    for (i, (ray, answer)) in rays.iter().zip(answers).enumerate() {
+        if answer.slot != NO_HIT {
+            let met = meeting(ray, all[answer.slot as usize]);
+            let off = (f64::from(answer.t) - met.t).abs();
+            if !(met.inside >= -met.slack && off <= met.t_slack && answer.t <= ray.t_max) {
+                wrong.push(format!("ray {i}: {answer:?} lies {} outside, t is off by {off}", -met.inside));
+            }
+        }
+        let mut nearer_unsure = false;
+        for (slot, corners) in all.iter().enumerate() {
+            let met = meeting(ray, *corners);
+            let before = |slack: f64| met.t + slack < f64::from(answer.t.min(ray.t_max)) && met.t - slack > 0.0;
+            if met.inside > met.slack && before(2.0 * met.t_slack) {
+                wrong.push(format!("ray {i}: {answer:?}, but slot {slot} is met at {}", met.t));
+            }
+            nearer_unsure |= met.inside.abs() <= met.slack && before(0.0);
+        }
+        unsure += usize::from(nearer_unsure);
+    }
+    (wrong, unsure)
+}
+
+/// A generator of numbers in 0..1 (Knuth's MMIX constants; the upper bits are the good ones).
+struct Random(u64);
+
+impl Random {
+    fn number(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// In -1..1.
+    fn point(&mut self) -> Vec3 {
+        vec3(self.number(), self.number(), self.number()) * 2.0 - 1.0
+    }
+
+    fn direction(&mut self) -> Vec3 {
+        loop {
+            let p = self.point();
+            if (0.01..1.0).contains(&p.length_squared()) {
+                return p.normalize();
+            }
+        }
+    }
+}
+
+fn soup(count: usize, size: f32) -> Vec<Triangle> {
+    let mut random = Random(count as u64);
+    (0..count)
+        .map(|_| {
+            let centre = random.point();
+            std::array::from_fn(|_| centre + size * random.point())
+        })
+        .collect()
+}
+
+fn random_rays(count: usize) -> Vec<Ray> {
+    let mut random = Random(99);
+    (0..count).map(|_| ray(1.5 * random.point(), random.direction())).collect()
+}
+
+/// Twelve triangles around the box from -half to half.
+fn closed_box(half: f32) -> Vec<Triangle> {
+    let corner =
+        |i: usize| half * vec3((i & 1) as f32 * 2. - 1., (i >> 1 & 1) as f32 * 2. - 1., (i >> 2) as f32 * 2. - 1.);
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        .iter()
+        .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
+        .map(|triangle| triangle.map(corner))
+        .collect()
+}
+
+/// Random soups of 1 to 5,000 triangles: the nearest of them, or none, as a loop over all of them finds; the same
+/// through textures and through storage buffers; and the same bits as the kernel's own loop over all slots.
+#[test]
+fn closest_hits_are_those_of_all_triangles() {
+    let rays = random_rays(2000);
+    for (count, size) in [(1, 1.0), (2, 1.0), (3, 1.0), (5, 0.8), (64, 0.5), (5000, 0.1)] {
+        let mut traced = Traced::new(&soup(count, size));
+        let answers = traced.closest(&rays);
+        let (wrong, unsure) = compare(&traced, &rays, &answers);
+        assert!(wrong.is_empty(), "{count} triangles: {}", wrong.join("\n"));
+        assert!(unsure < 20, "{count} triangles: {unsure} of 2000 answers cannot be judged");
+        let hits = answers.iter().filter(|answer| answer.slot != NO_HIT).count();
+        assert!((20..1980).contains(&hits), "{count} triangles: {hits} hits prove nothing");
+        let exhaustive: Vec<_> = traced.run("exhaustive", &rays).into_iter().map(answer).collect();
+        assert_eq!(answers, exhaustive, "{count} triangles");
+        traced.features = traced.features.clone().with("texture_loads", !traced.features.has("texture_loads"));
+        assert_eq!(answers, traced.closest(&rays), "{count} triangles, the other kind of table");
+    }
+}
+
+/// A wrong triangle, a hit missed and a distance off by one in a thousand are found.
+#[test]
+fn planted_faults_are_found() {
+    let rays = random_rays(2000);
+    let traced = Traced::new(&soup(64, 0.5));
+    let answers = traced.closest(&rays);
+    let hit = answers.iter().position(|answer| answer.slot != NO_HIT).unwrap();
+    let faults: [fn(&mut Answer); 3] =
+        [|a| a.slot = (a.slot + 1) % 64, |a| *a = Answer { t: FAR, u: 0.0, v: 0.0, slot: NO_HIT }, |a| a.t *= 1.001];
+    for (number, fault) in faults.iter().enumerate() {
+        let mut answers = answers.clone();
+        fault(&mut answers[hit]);
+        assert!(!compare(&traced, &rays, &answers).0.is_empty(), "fault {number} goes unseen");
+    }
+}
+
+/// A hierarchy one of whose boxes is a step too small somewhere loses hits: the comparison sees it.
+#[test]
+fn a_shrunk_box_is_found() {
+    let rays = random_rays(2000);
+    let mut traced = Traced::new(&soup(5000, 0.1));
+    // Word 6 holds the upper x planes of the root's children.
+    traced.bvh.nodes[1][2] =
+        traced.bvh.nodes[1][2].to_le_bytes().map(|q| q - q / 8).iter().rev().fold(0, |w, &q| w << 8 | u32::from(q));
+    let answers = traced.closest(&rays);
+    assert!(!compare(&traced, &rays, &answers).0.is_empty());
+}
+
+/// Nothing is hit, and nothing waits, in a scene without triangles.
+#[test]
+fn an_empty_scene_stops_no_ray() {
+    let rays = random_rays(65);
+    let traced = Traced::new(&[]);
+    assert!(traced.closest(&rays).iter().all(|answer| answer.slot == NO_HIT && answer.t == FAR));
+    assert!(traced.run("occluded", &rays).iter().all(|answer| *answer == [0; 4]));
+    assert!(traced.run("line", &rays).iter().all(|answer| *answer == [0; 4]));
+}
+
+/// A ray is occluded where it meets a triangle before its end, whatever its length, and only there; a line meets as
+/// many triangles as there are along it.
+#[test]
+fn occlusion_and_lines_are_those_of_all_triangles() {
+    let traced = Traced::new(&soup(1000, 0.3));
+    let mut rays = random_rays(4000);
+    for (i, ray) in rays.iter_mut().enumerate() {
+        // Unit directions with an end, and whole ways to a point with the end at 1.
+        if i % 2 == 0 {
+            ray.t_max = 1.0;
+        } else {
+            *ray = Ray { direction: 0.3 * ray.direction, t_max: 1.0, ..*ray };
+        }
+    }
+    let occluded = traced.run("occluded", &rays);
+    let lines = traced.run("line", &rays);
+    let (mut judged, mut stopped) = (0, 0);
+    for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
+        let meetings: Vec<_> = (0..1000).map(|slot| meeting(ray, traced.corners(slot))).collect();
+        let certain = |m: &Meeting| {
+            m.inside.abs() > m.slack && m.t.abs() > m.t_slack && (m.t - f64::from(ray.t_max)).abs() > m.t_slack
+        };
+        if !meetings.iter().all(certain) {
+            continue;
+        }
+        let met =
+            meetings.iter().enumerate().filter(|(_, m)| m.inside > 0.0 && m.t > 0.0 && m.t <= f64::from(ray.t_max));
+        let (count, sum) = met.fold((0u32, 0u32), |(count, sum), (slot, _)| (count + 1, sum + slot as u32));
+        assert_eq!(*occluded, [u32::from(count > 0), 0, 0, 0], "{ray:?}");
+        assert_eq!(*line, [count, sum, 0, 0], "{ray:?}");
+        judged += 1;
+        stopped += u32::from(count > 0);
+    }
+    assert!(judged > 3600 && (400..judged - 400).contains(&stopped), "{judged} rays judged, {stopped} stopped");
+}
+
+/// No ray leaves closed boxes nested in each other from inside the innermost one, aimed at corners, at points of
+/// edges and of faces' diagonals as exactly as floats allow (FIELD.md, case 21).
+#[test]
+fn closed_boxes_are_watertight() {
+    let inner = closed_box(0.5);
+    let triangles: Vec<_> = [0.5, 0.50001, 0.7, 1.0].into_iter().flat_map(closed_box).collect();
+    let traced = Traced::new(&triangles);
+    let mut random = Random(5);
+    let mut rays = Vec::new();
+    for i in 0..20_000 {
+        let origin = if i % 4 == 0 { Vec3::ZERO } else { 0.49 * random.point() };
+        let [a, b, c] = inner[i % inner.len()];
+        let (from, to) = [(a, b), (b, c), (c, a)][i / 12 % 3];
+        let target = if i % 5 == 0 { from } else { from.lerp(to, random.number()) };
+        rays.push(ray(origin, (target - origin).normalize()));
+        rays.push(Ray { origin, direction: 4.0 * (target - origin), t_max: 1.0 });
+    }
+    let answers = traced.closest(&rays);
+    let escaped = answers.iter().filter(|answer| answer.slot == NO_HIT || traced.bvh.order[answer.slot as usize] >= 12);
+    assert_eq!(escaped.count(), 0);
+    assert!(traced.run("occluded", &rays).iter().all(|answer| answer[0] == 1));
+    let endless: Vec<_> = rays.iter().copied().step_by(2).collect();
+    let lines = traced.run("line", &endless);
+    // From inside, each of the four boxes is met once, or more where triangles touch.
+    assert!(lines.iter().all(|line| line[0] >= 4 && line[2] == 0));
+}
+
+/// Rays along the axes, their other components 0 and -0, meet a grid of triangles at its corners and edges, its rim
+/// included, and never where they run within its plane (FIELD.md, case 28).
+#[test]
+fn rays_along_axes_meet_grids_at_their_corners() {
+    let cells = 16i32;
+    let at = |i: i32| i as f32 / cells as f32 * 2.0 - 1.0;
+    for axis in 0..3 {
+        let point = |u: f32, v: f32, w: f32| {
+            let mut p = Vec3::ZERO;
+            p[axis] = w;
+            p[(axis + 1) % 3] = u;
+            p[(axis + 2) % 3] = v;
+            p
+        };
+        let mut triangles = Vec::new();
+        for (i, j) in (0..cells * cells).map(|k| (k % cells, k / cells)) {
+            let corner = |di: i32, dj: i32| point(at(i + di), at(j + dj), 0.25);
+            triangles.push([corner(0, 0), corner(1, 0), corner(1, 1)]);
+            triangles.push([corner(0, 0), corner(1, 1), corner(0, 1)]);
+        }
+        let traced = Traced::new(&triangles);
+        let (mut through, mut within) = (Vec::new(), Vec::new());
+        for (i, j) in (0..=2 * cells).flat_map(|i| (0..=2 * cells).map(move |j| (i, j))) {
+            // Every other ray aims at the middle of an edge.
+            let (u, v) = (i as f32 / cells as f32 - 1.0, j as f32 / cells as f32 - 1.0);
+            for (zero, side) in [(0.0, 1.0), (-0.0, 1.0), (0.0, -1.0), (-0.0, -1.0)] {
+                through.push(ray(point(u, v, -side), point(zero, zero, side)));
+                within.push(ray(point(-2.0 * side, v, 0.25), point(side, zero, zero)));
+            }
+        }
+        for (ray, answer) in through.iter().zip(traced.closest(&through)) {
+            let expected = if ray.direction[axis] > 0.0 { 1.25 } else { 0.75 };
+            assert!(answer.slot != NO_HIT && answer.t == expected, "{ray:?}: {answer:?}");
+        }
+        assert!(traced.closest(&within).iter().all(|answer| answer.slot == NO_HIT));
+    }
+}
+
+/// Of triangles that coincide the lowest slot is hit, whichever the traversal comes to first (FIELD.md, case 5).
+#[test]
+fn coplanar_duplicates_go_to_the_lowest_slot() {
+    let triangles: Vec<Triangle> = soup(40, 0.5).into_iter().flat_map(|triangle| [triangle; 9]).collect();
+    let traced = Traced::new(&triangles);
+    let rays = random_rays(2000);
+    let answers = traced.closest(&rays);
+    let mut hits = 0;
+    for answer in answers.iter().filter(|answer| answer.slot != NO_HIT) {
+        let twins = |slot: u32| traced.corners(slot) == traced.corners(answer.slot);
+        assert_eq!((0..360).find(|&slot| twins(slot)), Some(answer.slot));
+        hits += 1;
+    }
+    assert!(hits > 200, "{hits} hits prove nothing");
+}
+
+/// Slivers up to a million times as long as wide, side by side: a ray aimed between their ends meets one of them, with
+/// coordinates that are numbers (FIELD.md, case 3).
+#[test]
+fn slivers_leave_no_gaps() {
+    for width in [2f32.powi(-20), 2f32.powi(-10)] {
+        let count = 512;
+        let triangles: Vec<Triangle> = (0..count)
+            .flat_map(|i| {
+                let (x0, x1) = (i as f32 * width, (i + 1) as f32 * width);
+                let (a, b, c, d) = (vec3(x0, -0.5, 0.0), vec3(x1, -0.5, 0.0), vec3(x1, 0.5, 0.0), vec3(x0, 0.5, 0.0));
+                [[a, b, c], [a, c, d]]
+            })
+            .collect();
+        let traced = Traced::new(&triangles);
+        let mut random = Random(3);
+        let rays: Vec<_> = (0..5000)
+            .map(|_| {
+                // A sixteenth of the band clear of each rim: 32 slivers, far more than a target's rounding.
+                let across = (0.0625 + 0.875 * random.number()) * count as f32 * width;
+                let target = vec3(across, 0.9 * random.number() - 0.45, 0.0);
+                let origin = vec3(random.number(), random.number(), 0.5 + random.number());
+                ray(origin, (target - origin).normalize())
+            })
+            .collect();
+        for (ray, answer) in rays.iter().zip(traced.closest(&rays)) {
+            let t = f64::from(ray.origin.z) / -f64::from(ray.direction.z);
+            assert!(answer.slot != NO_HIT, "{ray:?} passes between slivers of width {width}");
+            assert!(answer.u >= 0.0 && answer.v >= 0.0 && answer.u + answer.v <= 1.000001, "{answer:?}");
+            // Coordinates relative to the ray are below 1, so the three edge functions are off by 2^-21 in all, and
+            // the barycentric coordinates by that over the determinant, 2 area = width: t moves so much of a
+            // sliver's length, which is 1. For the thinnest that only says that t lies between the corners.
+            let slack = 2f64.powi(-21) / f64::from(width);
+            assert!((f64::from(answer.t) - t).abs() < slack, "{ray:?}: {answer:?} instead of {t}");
+        }
+    }
+}
+
+/// 100,000 triangles with one centroid build a hierarchy that rays pass through like any other (FIELD.md, case 25).
+#[test]
+fn identical_centroids_are_traced() {
+    let mut random = Random(11);
+    let triangles: Vec<Triangle> = (0..100_000)
+        .map(|_| {
+            let (a, b) = (random.direction(), random.direction());
+            [a, b, -a - b].map(|corner| 0.3 * corner)
+        })
+        .collect();
+    let traced = Traced::new(&triangles);
+    let rays = random_rays(60);
+    let answers = traced.closest(&rays);
+    let (wrong, _) = compare(&traced, &rays, &answers);
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(answers.iter().any(|answer| answer.slot != NO_HIT));
+}
+
+/// A ray through more triangles than the device's loops have turns is answered rightly, or says that it was not.
+#[test]
+fn a_traversal_that_gives_up_says_so() {
+    let count = 100_000u32;
+    let sheet = [vec3(-1.0, -1.0, 0.0), vec3(1.0, -1.0, 0.0), vec3(0.0, 1.0, 0.0)];
+    let traced = Traced::new(&vec![sheet; count as usize]);
+    let rays = [ray(vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0)), ray(vec3(5.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0))];
+    let lines = traced.run("line", &rays);
+    assert!(lines[0][0] == count || lines[0][2] == 1, "{lines:?}");
+    assert_eq!(lines[1], [0; 4]);
+}
+
+/// An offset origin lies on the normal's side, at least as far as the error of a hit point, and close.
+#[test]
+fn offset_origins_clear_their_surface() {
+    let mut random = Random(23);
+    let rays: Vec<_> =
+        (0..4000).map(|i| ray(random.point() * [1.0, 1e-3, 1e-8, 0.0][i % 4], random.direction())).collect();
+    for (ray, words) in rays.iter().zip(traced_offsets(&rays)) {
+        let moved = words.as_dvec3() - ray.origin.as_dvec3();
+        let along = moved.dot(ray.direction.as_dvec3());
+        // A hit point computed from barycentric coordinates at unit scale is off by up to about 2^-22.
+        assert!(along > 2f64.powi(-21), "{ray:?} moved {along} along its normal");
+        // 256 units in the last place at unit scale, 2^-15, in each of three coordinates.
+        assert!(moved.length() < 2f64.powi(-15) * 3f64.sqrt(), "{ray:?} moved {moved}");
+    }
+}
+
+fn traced_offsets(rays: &[Ray]) -> Vec<Vec3> {
+    let words = Traced::new(&[]).run("offset", rays);
+    words.into_iter().map(|w| Vec3::new(f32::from_bits(w[0]), f32::from_bits(w[1]), f32::from_bits(w[2]))).collect()
+}

@@ -1,0 +1,318 @@
+//! Bad input: an error that names the file and the place, never a panic.
+
+use std::path::Path;
+
+use penumbra::scene::{ImportOptions, Scene};
+use penumbra::{Error, Result};
+use serde_json::json;
+
+use crate::builder::{File, U8, U16, U32, bytes_of, png, temporary};
+
+/// The place of the input error that `outcome` is, which names `path`.
+fn place(outcome: Result<Scene>, path: Option<&Path>) -> String {
+    let error = outcome.expect_err("is refused");
+    assert_eq!(error.exit_code(), 3, "{error}");
+    assert!(!error.to_string().contains('\n'), "{error}");
+    match error {
+        Error::Input { file, place, .. } => {
+            assert!(path.is_none_or(|path| path == file));
+            place
+        }
+        other => panic!("{other}"),
+    }
+}
+
+fn load(path: &Path) -> Result<Scene> {
+    Scene::load(path, &ImportOptions::default())
+}
+
+fn refused_at(file: &File) -> String {
+    place(file.load_with(&ImportOptions::default()), None)
+}
+
+fn refused_bytes(bytes: &[u8], extension: &str) -> String {
+    let path = temporary(extension);
+    std::fs::write(&path, bytes).unwrap();
+    place(load(&path), Some(&path))
+}
+
+#[test]
+fn files_that_are_none() {
+    let path = temporary("glb");
+    assert_eq!(place(load(&path), Some(&path)), "file");
+    std::fs::create_dir(&path).unwrap();
+    assert_eq!(place(load(&path), Some(&path)), "file");
+    assert_eq!(refused_bytes(b"", "glb"), "file");
+    assert_eq!(refused_bytes(b"", "gltf"), "file");
+    assert_eq!(refused_bytes(b"solid teapot", "gltf"), "file");
+    assert_eq!(refused_bytes(b"solid teapot", "glb"), "byte 0");
+    // Deeper than any parser should follow.
+    assert_eq!(refused_bytes("[".repeat(1 << 20).as_bytes(), "gltf"), "file");
+    #[cfg(unix)]
+    assert_eq!(place(load(Path::new("/dev/zero")), None), "file");
+}
+
+#[test]
+fn a_glb_cut_anywhere_is_refused() {
+    let glb = File::triangle().glb();
+    for length in 0..glb.len() {
+        refused_bytes(&glb[..length], "glb");
+        // With the header's length set to match.
+        if length >= 12 {
+            let mut cut = glb[..length].to_vec();
+            cut[8..12].copy_from_slice(&(length as u32).to_le_bytes());
+            let path = temporary("glb");
+            std::fs::write(&path, cut).unwrap();
+            place(load(&path), Some(&path));
+        }
+    }
+}
+
+#[test]
+fn any_byte_may_be_wrong_without_a_panic() {
+    // Whether it loads depends on the byte; every outcome but a panic or a hang is fine.
+    let glb = File::triangle().glb();
+    let path = temporary("glb");
+    for i in 0..glb.len() {
+        for flip in [0x01, 0x80, 0xff] {
+            let mut damaged = glb.clone();
+            damaged[i] ^= flip;
+            std::fs::write(&path, damaged).unwrap();
+            let outcome = load(&path);
+            assert!(outcome.is_ok() || matches!(outcome, Err(Error::Input { .. })));
+        }
+    }
+}
+
+#[test]
+fn structure() {
+    let refused = |edit: &dyn Fn(&mut File)| {
+        let mut file = File::triangle();
+        edit(&mut file);
+        refused_at(&file)
+    };
+    const POSITION: &str = "/meshes/0/primitives/0/attributes/POSITION";
+    const MANY: u64 = u64::MAX;
+    // Ranges, counts and strides, also where the arithmetic would overflow.
+    assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(4)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(0)), "/accessors/0/count");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(MANY)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["byteOffset"] = json!(MANY - 3)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["byteOffset"] = json!(2)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["componentType"] = json!(5124)), "/accessors/0/componentType");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["type"] = json!("VEC2")), POSITION);
+    assert_eq!(refused(&|f| f.json["bufferViews"][0]["byteLength"] = json!(MANY)), "/bufferViews/0");
+    assert_eq!(refused(&|f| f.json["bufferViews"][0]["byteOffset"] = json!(MANY)), "/bufferViews/0");
+    assert_eq!(refused(&|f| f.json["bufferViews"][0]["byteStride"] = json!(8)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["bufferViews"][0]["byteStride"] = json!(0)), "/bufferViews/0/byteStride");
+    let zero_filled = json!({ "componentType": 5126, "type": "VEC3", "count": 50_000_000_000u64 });
+    assert_eq!(refused(&|f| f.json["accessors"][0] = zero_filled.clone()), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(-1)), "/accessors/0/count");
+    // Each within its limit, all together without one.
+    let many = |f: &mut File| {
+        f.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 24 });
+        f.json["meshes"][0]["primitives"] = json!(vec![json!({ "attributes": { "POSITION": 0 }, "indices": 1 }); 100]);
+        f.add("accessors", json!({ "componentType": 5125, "type": "SCALAR", "count": 1 << 24 }));
+    };
+    assert_eq!(refused(&many), "/meshes/0/primitives/6");
+    // Indices.
+    for (component, bytes) in [(U8, &[0u8, 1, 3][..]), (U16, &[0, 0, 1, 0, 255, 255]), (U32, &[255; 12])] {
+        let edit = |f: &mut File| {
+            let indices = f.accessor(bytes, component, "SCALAR", 3);
+            f.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
+        };
+        assert_eq!(refused(&edit), "/meshes/0/primitives/0/indices");
+    }
+    assert_eq!(refused(&|f| f.json["meshes"][0]["primitives"][0]["indices"] = json!(0)), "/accessors/0");
+    assert_eq!(refused(&|f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(7)), "/meshes/0/primitives/0/mode");
+    // An attribute of another length.
+    let short = |f: &mut File| {
+        let normals = f.floats(&[[0f32, 0., 1.]; 2]);
+        f.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(normals);
+    };
+    assert_eq!(refused(&short), "/meshes/0/primitives/0/attributes/NORMAL");
+    // Sparse indices that do not increase, and one beyond the end.
+    for indices in [[1u8, 1], [1, 3]] {
+        let edit = |f: &mut File| {
+            let (at, values) = (f.view(&indices), f.view(&bytes_of(&[[0f32; 3]; 2])));
+            f.json["accessors"][0]["sparse"] = json!({
+                "count": 2, "values": { "bufferView": values }, "indices": { "bufferView": at, "componentType": U8 }
+            });
+        };
+        assert_eq!(refused(&edit), "/accessors/0/sparse/indices");
+    }
+    // A texture needs coordinates.
+    let no_uv = |f: &mut File| {
+        let view = f.view(&png(1, 1, &[[0; 4]]));
+        f.add("images", json!({ "bufferView": view }));
+        f.add("textures", json!({ "source": 0 }));
+        f.add("materials", json!({ "emissiveTexture": { "index": 0, "texCoord": 1 } }));
+        f.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    };
+    assert_eq!(refused(&no_uv), "/meshes/0/primitives/0/material");
+    // Extensions.
+    let required = json!(["KHR_draco_mesh_compression"]);
+    assert_eq!(refused(&|f| f.json["extensionsRequired"] = required.clone()), "/extensionsRequired/0");
+}
+
+#[test]
+fn an_unknown_extension_that_is_only_used_is_noted_once() {
+    let mut file = File::triangle();
+    file.json["extensionsUsed"] = json!(["ACME_bubbles", "KHR_texture_transform", "ACME_bubbles"]);
+    let notes = file.load().notes;
+    assert_eq!(notes.iter().filter(|n| n.contains("ACME_bubbles")).count(), 1, "{notes:?}");
+    assert!(!notes.iter().any(|n| n.contains("KHR_texture_transform")));
+}
+
+#[test]
+fn nodes() {
+    let refused = |nodes: serde_json::Value| {
+        let mut file = File::triangle();
+        file.json["nodes"] = nodes;
+        refused_at(&file)
+    };
+    assert_eq!(refused(json!([{ "children": [0] }])), "/nodes/0");
+    // The loop is named, not the node that hangs on it.
+    assert_eq!(refused(json!([{}, { "children": [2, 3] }, { "children": [1] }, {}])), "/nodes/1");
+    assert_eq!(refused(json!([{ "children": [2] }, { "children": [2] }, {}])), "/nodes/1/children/0");
+    assert_eq!(refused(json!([{ "children": [1, 1] }, {}])), "/nodes/0/children/1");
+    assert_eq!(refused(json!([{ "mesh": 1 }])), "/nodes/0/mesh");
+    assert_eq!(refused(json!([{ "rotation": [0, 0, 0, 0] }])), "/nodes/0/rotation");
+    assert_eq!(refused(json!([{ "scale": [1, 1] }])), "/nodes/0/scale");
+    // Products that leave f64.
+    let big = json!([1e200, 1e200, 1e200]);
+    assert_eq!(refused(json!([{ "scale": big, "children": [1] }, { "scale": big, "mesh": 0 }])), "/nodes/1");
+    // A chain deep enough to overflow a recursive walk's stack.
+    let mut file = File::triangle();
+    let depth = 100_000;
+    file.json["nodes"] =
+        (0..depth).map(|i| if i + 1 < depth { json!({ "children": [i + 1] }) } else { json!({ "mesh": 0 }) }).collect();
+    assert_eq!(file.load().triangles.len(), 1);
+    file.json["scenes"] = json!([{ "nodes": (0..depth).collect::<Vec<_>>() }]);
+    assert_eq!(file.load().triangles.len(), 1, "below another listed node, a node is shown once");
+}
+
+#[test]
+fn numbers_that_are_not_finite() {
+    for (attribute, bad) in [("POSITION", f32::NAN), ("POSITION", f32::INFINITY), ("NORMAL", f32::NEG_INFINITY)] {
+        let mut file = File::triangle();
+        let accessor = file.floats(&[[0f32, 0., 0.], [1., 0., 0.], [0., bad, 0.]]);
+        let mesh = json!({ "primitives": [
+            { "attributes": { "POSITION": 0 } },
+            { "attributes": { "POSITION": 0, attribute: accessor } },
+        ] });
+        file.json["meshes"][0] = mesh;
+        assert_eq!(refused_at(&file), format!("/meshes/0/primitives/1/attributes/{attribute}"));
+        // Leniently, the other primitive is left.
+        let scene = file.load_with(&ImportOptions { lenient: true, ..Default::default() }).unwrap();
+        assert_eq!(scene.triangles.len(), 1);
+        assert!(scene.notes.iter().any(|n| n.contains("not finite")), "{:?}", scene.notes);
+    }
+}
+
+#[test]
+fn images() {
+    let refused = |bytes: &[u8]| {
+        let mut file = File::triangle();
+        let view = file.view(bytes);
+        file.add("images", json!({ "bufferView": view }));
+        file.add("textures", json!({ "source": 0 }));
+        file.add("materials", json!({ "normalTexture": { "index": 0 } }));
+        refused_at(&file)
+    };
+    let good = png(2, 2, &[[1, 2, 3, 4]; 4]);
+    assert_eq!(refused(&good[..good.len() - 20]), "/images/0");
+    assert_eq!(refused(b"GIF89a not decoded here"), "/textures/0/source");
+    // A header that claims 384,000 x 384,000 texels: 590 GB. The header's checksum is set right.
+    let mut huge = good.clone();
+    huge[16..20].copy_from_slice(&384_000u32.to_be_bytes());
+    huge[20..24].copy_from_slice(&384_000u32.to_be_bytes());
+    let crc = huge[12..29].iter().fold(!0u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+    });
+    huge[29..33].copy_from_slice(&(!crc).to_be_bytes());
+    assert_eq!(refused(&huge), "/images/0");
+}
+
+#[test]
+fn uris_stay_within_the_folder_of_the_scene() {
+    let root = temporary("folder");
+    let folder = root.join("scene");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(root.join("secret.bin"), [0; 36]).unwrap();
+    std::fs::write(folder.join("inside.bin"), [0; 36]).unwrap();
+    let path = folder.join("scene.gltf");
+    let outcome = |uri: &str| {
+        let json = json!({ "asset": { "version": "2.0" }, "buffers": [{ "byteLength": 36, "uri": uri }] });
+        std::fs::write(&path, json.to_string()).unwrap();
+        load(&path)
+    };
+    assert!(outcome("inside.bin").is_ok());
+    assert!(outcome("x/../inside.bin").is_ok());
+    let absolute = root.join("secret.bin");
+    for uri in [
+        "../secret.bin",
+        "x/../../secret.bin",
+        "%2e%2e/secret.bin",
+        "..%2fsecret.bin",
+        absolute.to_str().unwrap(),
+        "file:///etc/passwd",
+        "http://example.org/a.bin",
+        "inside.bin%00",
+        "inside%2",
+        "%ff",
+        "",
+        ".",
+        "absent.bin",
+        "data:;base64,AAA?",
+        "data:;base64,A",
+        "data:AAAA",
+    ] {
+        assert_eq!(place(outcome(uri), Some(&path)), "/buffers/0/uri", "{uri}");
+    }
+    // Legal, but too short.
+    assert_eq!(place(outcome("data:;base64,AAAA"), Some(&path)), "/buffers/0");
+}
+
+#[test]
+fn values_out_of_range() {
+    let refused = |list: &str, value: serde_json::Value| {
+        let mut file = File::triangle();
+        file.add(list, value);
+        refused_at(&file)
+    };
+    let material = |value| refused("materials", value);
+    assert_eq!(
+        material(json!({ "pbrMetallicRoughness": { "metallicFactor": 1.5 } })),
+        "/materials/0/pbrMetallicRoughness/metallicFactor"
+    );
+    assert_eq!(material(json!({ "emissiveFactor": [0, -1, 0] })), "/materials/0/emissiveFactor");
+    assert_eq!(material(json!({ "emissiveFactor": [1e39, 0, 0] })), "/materials/0/emissiveFactor");
+    assert_eq!(material(json!({ "emissiveTexture": { "index": 0 } })), "/materials/0/emissiveTexture/index");
+    assert_eq!(material(json!({ "emissiveTexture": {} })), "/materials/0/emissiveTexture");
+    let strength = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": 1e30 } });
+    assert_eq!(
+        material(json!({ "emissiveFactor": [1e30, 0, 0], "extensions": strength })),
+        "/materials/0/extensions/KHR_materials_emissive_strength"
+    );
+    let camera = |value| refused("cameras", value);
+    assert_eq!(camera(json!({ "type": "fisheye" })), "/cameras/0");
+    assert_eq!(camera(json!({ "type": "perspective" })), "/cameras/0");
+    let lens =
+        |yfov: f64, znear: f64| json!({ "type": "perspective", "perspective": { "yfov": yfov, "znear": znear } });
+    assert_eq!(camera(lens(0.0, 1.0)), "/cameras/0/perspective/yfov");
+    assert_eq!(camera(lens(3.2, 1.0)), "/cameras/0/perspective");
+    assert_eq!(camera(lens(1.0, 0.0)), "/cameras/0/perspective/znear");
+    let light = |value: serde_json::Value| {
+        let mut file = File::triangle();
+        file.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [value] } });
+        refused_at(&file)
+    };
+    const LIGHT: &str = "/extensions/KHR_lights_punctual/lights/0";
+    assert_eq!(light(json!({ "type": "point", "intensity": -1 })), format!("{LIGHT}/intensity"));
+    assert_eq!(light(json!({ "type": "point", "range": 0 })), format!("{LIGHT}/range"));
+    assert_eq!(light(json!({ "type": "spot" })), LIGHT);
+    assert_eq!(light(json!({ "type": "spot", "spot": { "innerConeAngle": 0.8 } })), format!("{LIGHT}/spot"));
+    let wide = json!({ "outerConeAngle": 1.6 });
+    assert_eq!(light(json!({ "type": "spot", "spot": wide })), format!("{LIGHT}/spot/outerConeAngle"));
+}

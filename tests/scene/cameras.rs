@@ -1,0 +1,69 @@
+//! Cameras of the file, and the one that frames a scene.
+
+use glam::Vec3;
+use penumbra::scene::Projection;
+use serde_json::json;
+
+use crate::builder::File;
+
+/// A triangle whose bounding box is 4 x 2 around (2, 1, 0): radius sqrt(5), so the scale is 1/4.
+fn with_camera(camera: serde_json::Value, node: serde_json::Value) -> File {
+    let mut file = File::triangle();
+    let index = file.add("cameras", camera);
+    let node = file.add("nodes", node);
+    file.json["nodes"][node]["camera"] = json!(index);
+    file
+}
+
+#[test]
+fn perspective_without_far_plane() {
+    let file = with_camera(
+        json!({ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.25 }, "name": "eye" }),
+        json!({ "translation": [2, 1, 8] }),
+    );
+    let camera = &file.load().cameras[0];
+    assert_eq!(camera.name, "eye");
+    assert_eq!(camera.projection, Projection::Perspective { yfov: 0.5, aspect: None });
+    assert_eq!((camera.near, camera.far), (0.0625, f32::INFINITY));
+    assert_eq!(camera.position, Vec3::new(0.0, 0.0, 2.0));
+    assert_eq!(camera.axes, [Vec3::X, Vec3::Y, Vec3::Z]);
+}
+
+#[test]
+fn orthographic_and_node_scale() {
+    // A quarter turn about +y brings +z to +x and +x to -z. Lengths do not count: the camera looks along
+    // the node's -z, up is where its +y points.
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let file = with_camera(
+        json!({ "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 1, "znear": 0, "zfar": 100 } }),
+        json!({ "rotation": [0, half, 0, half], "scale": [3, -2, 7], "name": "side" }),
+    );
+    let camera = &file.load().cameras[0];
+    assert_eq!(camera.name, "side");
+    assert_eq!(camera.projection, Projection::Orthographic { xmag: 0.5, ymag: 0.25 });
+    assert_eq!((camera.near, camera.far), (0.0, 25.0));
+    for (axis, expected) in camera.axes.iter().zip([Vec3::Z, Vec3::NEG_Y, Vec3::X]) {
+        // Rounding of the quaternion, in f64, and of the axes to f32.
+        assert!((*axis - expected).length() < 1e-6, "{axis} for {expected}");
+    }
+}
+
+#[test]
+fn the_framing_camera_sees_every_corner() {
+    let mut file = File::new();
+    file.mesh(&[[-5., 0., 3.], [7., 100., 2.], [1., 2., -60.]], json!({}));
+    let scene = file.load();
+    assert!(scene.cameras.is_empty(), "loading adds no camera");
+    let camera = scene.frame_camera();
+    let Projection::Perspective { yfov, aspect: None } = camera.projection else { panic!("{camera:?}") };
+    let [right, up, backward] = camera.axes;
+    assert!(right.cross(up).dot(backward) > 0.999, "a right-handed frame");
+    assert!(backward.z > 0.0 && backward.y > 0.0, "from the front, from above");
+    for vertex in &scene.vertices {
+        let v = vertex.position - camera.position;
+        let depth = -v.dot(backward);
+        assert!(depth > camera.near);
+        let limit = depth * (yfov / 2.0).tan();
+        assert!(v.dot(up).abs() <= limit && v.dot(right).abs() <= limit, "{v} is outside the view");
+    }
+}

@@ -1,0 +1,178 @@
+//! Materials, textures and samplers.
+
+use glam::{Vec2, Vec3, Vec4};
+use penumbra::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
+use serde_json::{Value, json};
+
+use crate::builder::{File, U16, png};
+
+/// A triangle with that material and two sets of texture coordinates, and `images` images.
+fn with_material(material: Value, images: usize) -> File {
+    let mut file = File::new();
+    for i in 0..images {
+        let view = file.view(&png(1, 1, &[[i as u8, 0, 0, 255]]));
+        file.add("images", json!({ "bufferView": view, "mimeType": "image/png" }));
+        file.add("textures", json!({ "source": i }));
+    }
+    let uvs = [file.floats(&[[0f32, 0.], [1., 0.], [0., 1.]]), file.floats(&[[5f32, 6.]; 3])];
+    file.add("materials", material);
+    file.mesh(
+        &[[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]],
+        json!({ "material": 0, "attributes": { "TEXCOORD_0": uvs[0], "TEXCOORD_1": uvs[1] } }),
+    );
+    file
+}
+
+fn material(json: Value) -> Material {
+    with_material(json, 0).load().materials.swap_remove(0)
+}
+
+#[test]
+fn defaults_of_the_specification() {
+    let m = material(json!({}));
+    assert_eq!(m.base_colour, Vec4::ONE);
+    assert_eq!((m.metallic, m.roughness), (1.0, 1.0));
+    assert_eq!((m.ior, m.specular, m.specular_colour), (1.5, 1.0, Vec3::ONE));
+    assert_eq!(m.emissive, Vec3::ZERO);
+    assert_eq!((m.alpha, m.double_sided, m.unlit), (AlphaMode::Opaque, false, false));
+    assert_eq!(m.name, "material 0");
+    // A primitive without a material has one with these defaults too.
+    let scene = File::triangle().load();
+    let plain = &scene.materials[scene.triangles[0].material as usize];
+    assert_eq!(Material { name: m.name.clone(), ..plain.clone() }, m);
+}
+
+#[test]
+fn factors_and_extensions() {
+    let m = material(json!({
+        "name": "gold", "doubleSided": true, "alphaMode": "MASK", "alphaCutoff": 0.25, "emissiveFactor": [1, 0.5, 0],
+        "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.25, 0.125, 0.75], "metallicFactor": 0.5, "roughnessFactor": 0.25 },
+        "extensions": {
+            "KHR_materials_emissive_strength": { "emissiveStrength": 8 },
+            "KHR_materials_ior": { "ior": 1.25 },
+            "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [2, 1, 0.5] },
+        },
+    }));
+    assert_eq!(m.name, "gold");
+    assert_eq!(m.base_colour, Vec4::new(0.5, 0.25, 0.125, 0.75));
+    assert_eq!((m.metallic, m.roughness), (0.5, 0.25));
+    assert_eq!(m.emissive, Vec3::new(8.0, 4.0, 0.0));
+    assert_eq!((m.ior, m.specular, m.specular_colour), (1.25, 0.5, Vec3::new(2.0, 1.0, 0.5)));
+    assert_eq!((m.alpha, m.double_sided), (AlphaMode::Mask { cutoff: 0.25 }, true));
+    assert_eq!(material(json!({ "alphaMode": "BLEND" })).alpha, AlphaMode::Blend);
+    assert_eq!(material(json!({ "alphaMode": "MASK" })).alpha, AlphaMode::Mask { cutoff: 0.5 });
+}
+
+#[test]
+fn unlit_materials_emit_nothing() {
+    let scene =
+        with_material(json!({ "emissiveFactor": [1, 1, 1], "extensions": { "KHR_materials_unlit": {} } }), 0).load();
+    assert!(scene.materials[0].unlit && scene.lights.is_empty());
+    assert_eq!(scene.materials[0].emissive, Vec3::ZERO);
+}
+
+#[test]
+fn every_texture_has_its_colour_space_and_coordinates() {
+    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let scene = with_material(
+        json!({
+            "pbrMetallicRoughness": { "baseColorTexture": slot(0, 0), "metallicRoughnessTexture": slot(1, 1) },
+            "normalTexture": { "index": 2, "scale": 0.5 }, "occlusionTexture": slot(1, 1), "emissiveTexture": slot(3, 0),
+            "extensions": { "KHR_materials_specular": { "specularTexture": slot(0, 0), "specularColorTexture": slot(4, 1) } },
+        }),
+        5,
+    )
+    .load();
+    let m = &scene.materials[0];
+    // Image (its red texel is its number), set and colour space of a slot.
+    let read = |slot: Option<penumbra::scene::TextureSlot>| {
+        let slot = slot.unwrap();
+        let texture = scene.textures[slot.texture as usize];
+        (scene.images[texture.image as usize].texels[0][0], slot.uv_set, texture.space)
+    };
+    use ColourSpace::{Linear, Srgb};
+    assert_eq!(read(m.base_colour_texture), (0, 0, Srgb));
+    assert_eq!(read(m.metallic_roughness_texture), (1, 1, Linear));
+    assert_eq!(read(m.normal_texture), (2, 0, Linear));
+    assert_eq!(read(m.occlusion_texture), (1, 1, Linear));
+    assert_eq!(read(m.emissive_texture), (3, 0, Srgb));
+    assert_eq!(read(m.specular_texture), (0, 0, Linear));
+    assert_eq!(read(m.specular_colour_texture), (4, 1, Srgb));
+    assert_eq!(m.normal_scale, 0.5);
+    // Image 0 is seen as colour and as numbers; image 1 twice alike. Images are decoded once.
+    assert_eq!((scene.textures.len(), scene.images.len()), (6, 5));
+    assert_eq!(scene.vertices[0].uv, [Vec2::ZERO, Vec2::new(5.0, 6.0)]);
+}
+
+#[test]
+fn samplers_wrap_and_filter() {
+    let texture = |sampler: Option<Value>| {
+        let mut file = with_material(json!({ "normalTexture": { "index": 0 } }), 1);
+        if let Some(sampler) = sampler {
+            file.json["samplers"] = json!([sampler]);
+            file.json["textures"][0]["sampler"] = json!(0);
+        }
+        file.load().textures[0]
+    };
+    let t = texture(None);
+    assert_eq!((t.wrap, t.filter), ([Wrap::Repeat; 2], Filter::Linear));
+    let t = texture(Some(json!({ "wrapS": 33071, "wrapT": 33648, "magFilter": 9728, "minFilter": 9987 })));
+    assert_eq!((t.wrap, t.filter), ([Wrap::Clamp, Wrap::Mirror], Filter::Nearest));
+    let t = texture(Some(json!({ "magFilter": 9729 })));
+    assert_eq!((t.wrap, t.filter), ([Wrap::Repeat; 2], Filter::Linear));
+}
+
+#[test]
+fn texture_transform_scales_turns_and_moves() {
+    let slot = |transform: Value| {
+        let texture = json!({ "index": 0, "texCoord": 0, "extensions": { "KHR_texture_transform": transform } });
+        let scene = with_material(json!({ "normalTexture": texture }), 1).load();
+        scene.materials[0].normal_texture.unwrap()
+    };
+    let close = |a: Vec2, b: Vec2| assert!((a - b).length() < 1e-6, "{a} for {b}");
+    let s = slot(json!({ "offset": [0.5, 0.25], "scale": [2, 4], "texCoord": 1 }));
+    assert_eq!(s.uv_set, 1);
+    close(s.matrix * Vec2::new(1.0, 1.0) + s.offset, Vec2::new(2.5, 4.25));
+    // Counter-clockwise as seen, with v down: a quarter turn brings +u to -v and +v to +u. Scale comes first.
+    let s = slot(json!({ "rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4] }));
+    assert_eq!(s.uv_set, 0);
+    close(s.matrix * Vec2::X, Vec2::new(0.0, -2.0));
+    close(s.matrix * Vec2::Y, Vec2::new(4.0, 0.0));
+}
+
+#[test]
+fn vertex_colours_of_three_and_four_components() {
+    let colours = |file: &File| -> Vec<Vec4> { file.load().vertices.iter().map(|v| v.colour).collect() };
+    let mut file = File::triangle();
+    assert_eq!(colours(&file), [Vec4::ONE; 3]);
+    let rgb = file.floats(&[[0.5f32, 0.25, 0.125]; 3]);
+    file.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(rgb);
+    assert_eq!(colours(&file), [Vec4::new(0.5, 0.25, 0.125, 1.0); 3]);
+    let bytes: Vec<u8> = [65535u16, 0, 13107, 26214].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let rgba = file.accessor(&bytes.repeat(3), U16, "VEC4", 3);
+    file.json["accessors"][rgba]["normalized"] = json!(true);
+    file.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(rgba);
+    assert_eq!(colours(&file), [Vec4::new(1.0, 0.0, 0.2, 0.4); 3]);
+}
+
+#[test]
+fn images_from_files_and_data_uris() {
+    let path = crate::builder::temporary("gltf");
+    let folder = path.parent().unwrap().join("a folder");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("red.png"), png(1, 1, &[[255, 0, 0, 255]])).unwrap();
+    let mut file = with_material(json!({ "emissiveTexture": { "index": 0 }, "normalTexture": { "index": 1 } }), 2);
+    std::fs::write(folder.join("all.bin"), &file.bin).unwrap();
+    file.json["buffers"] = json!([{ "uri": "./a%20folder/all.bin", "byteLength": file.bin.len() }]);
+    // A 1 x 1 PNG with the texel (0, 0, 255), written by another program.
+    let blue = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNgYPgPAAEDAQAIicLsAAAAAElFTkSuQmCC";
+    file.json["images"] = json!([
+        { "uri": "x/../a%20folder/red.png" },
+        { "uri": format!("data:image/png;base64,{blue}"), "name": "blue" }
+    ]);
+    std::fs::write(&path, file.json.to_string()).unwrap();
+    let scene = Scene::load(&path, &Default::default()).unwrap();
+    let image = |name: &str| scene.images.iter().find(|i| i.name == name).unwrap().texels.clone();
+    assert_eq!(image("x/../a%20folder/red.png"), [[255, 0, 0, 255]]);
+    assert_eq!(image("blue"), [[0, 0, 255, 255]]);
+}
