@@ -127,6 +127,8 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_AUDITED", Counter::Audited as u32),
     ("COUNTER_AUDITS_WRONG", Counter::AuditsWrong as u32),
     ("COUNTER_AUDITS_WRONG_NEAR", Counter::AuditsWrongNear as u32),
+    ("COUNTER_NEAR", Counter::Near as u32),
+    ("COUNTER_NEAR_AUDITED", Counter::NearAudited as u32),
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),

@@ -103,7 +103,8 @@ fn millions_of_photons_are_sorted() {
     let gpu = gpu();
     let count = 65_535 * 64 + 77;
     let photons = scattered(count, 2, &mut Random(2));
-    let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, count as u32 / 2, 2, 50);
+    // Coarse cells, too full to be judged: this is about sorting.
+    let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 600, 2, 50);
     let (sorted, starts) = dump(gpu, &build(gpu, &photons, 2, shape));
     assert!(sorts(&photons, &shape, &sorted, &starts));
 }

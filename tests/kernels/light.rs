@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
 use penumbra::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 use penumbra::tables::LightTables;
+use penumbra::tables::lights::is_closed;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::{Random, chi_square, z_test};

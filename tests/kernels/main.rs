@@ -7,6 +7,7 @@ mod house;
 mod kit;
 mod light;
 mod path;
+mod photons;
 mod rooms;
 mod sampling;
 mod statistics;

@@ -2,7 +2,7 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::classify::Point;
+use penumbra::passes::Point;
 use penumbra::passes::grid::Photon;
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
@@ -127,6 +127,14 @@ impl Room {
 
     pub fn area(&self) -> f32 {
         self.rectangles.iter().map(Rectangle::area).sum()
+    }
+
+    /// Whether the whole light is behind the point's surface, or emits away from it.
+    pub fn is_dark(&self, point: &Point) -> bool {
+        let x = Vec3::from(point.position);
+        let n = point_normal(point.normal).as_vec3();
+        let corner = |i: u32| Vec3::new([-1.0, 1.0][i as usize & 1], 0.0, [-1.0, 1.0][i as usize >> 1]) * self.light;
+        x.y >= 0.495 || (0..4).all(|i| n.dot(corner(i) + Vec3::Y * 0.495 - x) <= 0.0)
     }
 
     /// The photons of `rays` rays from the light: first hits, and all hits behind them that face the ray.

@@ -1,0 +1,326 @@
+//! Pass `photons` against a loop over all triangles along the same rays.
+
+use glam::{DVec3, Vec3};
+use penumbra::bvh::Bvh;
+use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
+use penumbra::passes::grid::Photon;
+use penumbra::passes::photons::Photons;
+use penumbra::scene::{
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+};
+use penumbra::tables::{LightTables, SceneTables};
+
+use crate::kit::{device_features, gpu};
+use crate::rooms::{Rectangle, Room, photon_normal};
+
+const PLAIN: u32 = 0;
+const DOUBLE_SIDED: u32 = 1;
+const EMISSIVE: u32 = 2;
+
+fn material(double_sided: bool, emissive: Vec3) -> Material {
+    Material {
+        name: String::new(),
+        base_colour: glam::Vec4::ONE,
+        metallic: 0.0,
+        roughness: 1.0,
+        emissive,
+        ior: 1.5,
+        specular: 1.0,
+        specular_colour: Vec3::ONE,
+        normal_scale: 1.0,
+        alpha: penumbra::scene::AlphaMode::Opaque,
+        double_sided,
+        unlit: false,
+        base_colour_texture: None,
+        metallic_roughness_texture: None,
+        normal_texture: None,
+        occlusion_texture: None,
+        emissive_texture: None,
+        specular_texture: None,
+        specular_colour_texture: None,
+    }
+}
+
+/// A scene of rectangles in the order of its hierarchy; those of the emissive material are light 0, `more` follow.
+fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) {
+    let mut corners = Vec::new();
+    let mut materials = Vec::new();
+    for (Rectangle(p, a, b), material) in rectangles {
+        corners.extend([[*p, *p + *a, *p + *a + *b], [*p, *p + *a + *b, *p + *b]]);
+        materials.extend([*material; 2]);
+    }
+    let bvh = Bvh::build(&corners).unwrap();
+    let mut scene = Scene {
+        materials: vec![material(false, Vec3::ZERO), material(true, Vec3::ZERO), material(false, Vec3::ONE)],
+        ..Scene::default()
+    };
+    let mut emitters = Vec::new();
+    for (slot, at) in bvh.order.iter().enumerate() {
+        let first = scene.vertices.len() as u32;
+        let vertex = |position: &Vec3| Vertex { position: *position, ..Vertex::default() };
+        scene.vertices.extend(corners[*at as usize].iter().map(vertex));
+        let material = materials[*at as usize];
+        let light = if material == EMISSIVE { 0 } else { NO_LIGHT };
+        scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
+        if material == EMISSIVE {
+            emitters.push(EmitterTriangle { triangle: slot as u32, radiance: Vec3::ONE });
+        }
+    }
+    let mesh = (!emitters.is_empty()).then_some(LightKind::Mesh { material: EMISSIVE, emitters });
+    scene.lights = mesh.into_iter().chain(more).map(|kind| Light { name: String::new(), kind }).collect();
+    (scene, bvh)
+}
+
+fn tables(gpu: &Gpu, scene: &Scene, bvh: Bvh, features: &Features) -> SceneTables {
+    let camera = Camera {
+        name: String::new(),
+        position: Vec3::Z,
+        axes: Vec3::AXES,
+        projection: Projection::Perspective { yfov: 1.0, aspect: None },
+        near: 0.0,
+        far: f32::INFINITY,
+    };
+    SceneTables::new(gpu, scene, bvh, &camera, [1, 1], features).unwrap()
+}
+
+struct Traced {
+    photons: Vec<Photon>,
+    emitted: Vec<u32>,
+    stored: Vec<[u32; 2]>,
+    /// Origin and direction, light by light, in the order of their numbers.
+    rays: Vec<Vec<[Vec3; 2]>>,
+}
+
+const EMIT: &str = "
+import package::lib::light::light_emit;
+import package::lib::ray::offset_origin;
+import package::lib::rng::hash3;
+import package::lib::sampling::sobol4;
+import package::lib::constants::DIMENSION_PHOTON;
+@group(0) @binding(0) var<storage, read_write> rays: array<vec4f>;
+@group(0) @binding(1) var<storage, read> request: array<u32, 3>;
+@compute @workgroup_size(64)
+fn emit(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= request[2] { return; }
+    let emitted = light_emit(request[0], sobol4(id.x, hash3(request[1], DIMENSION_PHOTON, request[0])));
+    rays[2u * id.x] = vec4f(offset_origin(emitted.origin, emitted.normal), 0.0);
+    rays[2u * id.x + 1u] = vec4f(emitted.direction, 0.0);
+}";
+
+fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
+    let gpu = gpu();
+    let features = LightTables::features(scene, device_features(gpu));
+    let tables = tables(gpu, scene, bvh, &features);
+    let pass = Photons::new(gpu, &features, &tables.constants(), kept).unwrap();
+    let lights = scene.lights.len() as u32;
+    let traced = pass.trace(gpu, &tables, lights, per_light, 9, 5).unwrap();
+    let composed = compose::compose_source("emit", EMIT, &features).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &composed.overrides(&tables.constants()), &[]).unwrap();
+    let rays = (0..lights).map(|light| {
+        let rays = gpu.poisoned::<[f32; 4]>("test/rays", 2 * per_light as usize).unwrap();
+        let request = gpu.upload("test/request", &[light, 9, per_light]).unwrap();
+        let own = Resources::new().with("rays", &rays).with("request", &request);
+        let bound = kernel.bind(gpu, "emit", &[&own, &tables]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, per_light, &[0u32; 0]);
+        frame.submit().unwrap();
+        let rays: Vec<[f32; 4]> = gpu.read(&rays, 2 * per_light as usize).unwrap();
+        let vector = |v: [f32; 4]| Vec3::new(v[0], v[1], v[2]);
+        rays.chunks_exact(2).map(|r| [vector(r[0]), vector(r[1])]).collect()
+    });
+    let rays = rays.collect();
+    Traced {
+        photons: gpu.read(&traced.photons, traced.count as usize).unwrap(),
+        emitted: traced.emitted,
+        stored: traced.stored,
+        rays,
+    }
+}
+
+/// What a ray should leave: place, normal, shadow photon; nothing where a hit is within 1e-5 of an edge, where rounding
+/// decides.
+fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>> {
+    let (origin, direction) = (ray[0].as_dvec3(), ray[1].as_dvec3());
+    let mut hits: Vec<(f64, bool, DVec3)> = Vec::new();
+    for triangle in &scene.triangles {
+        let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize].position.as_dvec3());
+        let (e1, e2) = (b - a, c - a);
+        let n = e1.cross(e2);
+        let determinant = -direction.dot(n);
+        if determinant == 0.0 {
+            continue;
+        }
+        let t = (origin - a).dot(n) / determinant;
+        let p = origin + direction * t - a;
+        let v = n.dot(e1.cross(p)) / n.length_squared();
+        let u = n.dot(p.cross(e2)) / n.length_squared();
+        let inside = u.min(v).min(1.0 - u - v);
+        // The diagonal of a rectangle is no edge: both sides of it are the same surface.
+        let diagonal = (u.min(v) < 1e-5) as u32 + ((1.0 - u - v) < 1e-5) as u32 > 0;
+        if inside.abs() < 1e-5 && diagonal {
+            return None;
+        }
+        if inside > 0.0 && t > 1e-7 {
+            let double_sided = scene.materials[triangle.material as usize].double_sided;
+            let faces = determinant > 0.0;
+            hits.push((t, faces || double_sided, n.normalize() * if faces { 1.0 } else { -1.0 }));
+        }
+    }
+    hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // One of coplanar twins, the side that stores before the other.
+    hits.dedup_by(|twin, kept| {
+        let same = twin.0 - kept.0 < 1e-6;
+        if same && !kept.1 {
+            *kept = *twin;
+        }
+        same
+    });
+    let photon = |(rank, hit): (usize, &(f64, bool, DVec3))| (origin + direction * hit.0, hit.2, rank > 0);
+    Some(hits.iter().enumerate().filter(|(_, hit)| hit.1).map(photon).collect())
+}
+
+/// Photons of `traced` without their like among those expected, expected ones without their like, and rays in doubt.
+fn compare(scene: &Scene, traced: &Traced) -> (usize, usize, usize) {
+    let mut left: Vec<Photon> = traced.photons.clone();
+    left.sort_by(|a, b| a.position[0].total_cmp(&b.position[0]));
+    let mut taken = vec![false; left.len()];
+    let (mut missing, mut doubtful) = (0, 0);
+    for (light, rays) in traced.rays.iter().enumerate() {
+        for ray in rays {
+            let Some(photons) = expected(scene, ray) else {
+                doubtful += 1;
+                continue;
+            };
+            for (place, normal, shadow) in photons {
+                let near = |x: f32| f64::from(x) > place.x - 1e-5;
+                let first = left.partition_point(|p| !near(p.position[0]));
+                let found =
+                    (first..left.len()).take_while(|i| f64::from(left[*i].position[0]) < place.x + 1e-5).find(|i| {
+                        let p = &left[*i];
+                        !taken[*i]
+                            && Vec3::from(p.position).as_dvec3().distance(place) < 1e-5
+                            && (p.word >> 31 != 0) == shadow
+                            && (p.word >> 14) & 0x7ff == light as u32
+                            // The code's step is 0.02 rad.
+                            && photon_normal(p.word).dot(normal) > 0.02f64.cos()
+                    });
+                match found {
+                    Some(i) => taken[i] = true,
+                    None => missing += 1,
+                }
+            }
+        }
+    }
+    (taken.iter().filter(|t| !**t).count(), missing, doubtful)
+}
+
+fn room_scene(more: Vec<LightKind>) -> (Scene, Bvh) {
+    let v = Vec3::new;
+    let mut rectangles: Vec<_> = Room::new(0.2).rectangles.into_iter().map(|r| (r, PLAIN)).collect();
+    rectangles.push((Rectangle(v(-0.2, 0.495, -0.2), v(0.4, 0.0, 0.0), v(0.0, 0.0, 0.4)), EMISSIVE));
+    // A double-sided shelf, and a sheet of two coplanar rectangles back to back.
+    rectangles.push((Rectangle(v(-0.45, 0.1, -0.3), v(0.0, 0.0, 0.3), v(0.3, 0.1, 0.0)), DOUBLE_SIDED));
+    rectangles.push((Rectangle(v(-0.3, -0.2, 0.0), v(0.0, 0.0, 0.3), v(0.3, 0.0, 0.0)), PLAIN));
+    rectangles.push((Rectangle(v(-0.3, -0.2, 0.0), v(0.3, 0.0, 0.0), v(0.0, 0.0, 0.3)), PLAIN));
+    scene(&rectangles, more)
+}
+
+/// A room with a double-sided shelf and coplanar twins, three kinds of lights: every photon is where a loop over all
+/// triangles has one, and no other is; the counts say so. A photon that is lost, moved, or of another light is seen.
+#[test]
+fn photons_are_those_of_a_loop_over_all_triangles() {
+    let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
+    let sun = LightKind::Directional { direction: Vec3::new(0.3, -0.9, -0.2).normalize(), irradiance: Vec3::ONE };
+    let (scene, bvh) = room_scene(vec![point, sun]);
+    let mut traced = trace(&scene, bvh, 3001, 10);
+    let (extra, missing, doubtful) = compare(&scene, &traced);
+    assert_eq!(missing, 0);
+    // Rays in doubt left photons too, none of them more than it meets rectangles.
+    assert!(doubtful < 30 && extra <= doubtful * 8, "{doubtful} in doubt, {extra} more");
+    assert_eq!(traced.emitted, [3001; 3]);
+    for (light, stored) in traced.stored.iter().enumerate() {
+        let of = |shadow: u32| {
+            let matches = |p: &&Photon| (p.word >> 14) & 0x7ff == light as u32 && p.word >> 31 == shadow;
+            traced.photons.iter().filter(matches).count() as u32
+        };
+        assert_eq!(*stored, [of(0), of(1)]);
+        assert!(stored[0] > 500 && stored[1] > 100, "{stored:?}");
+    }
+    let dropped = traced.photons.pop().unwrap();
+    assert_eq!(compare(&scene, &traced).1, 1);
+    for fault in [1 << 31, 1 << 14, 40] {
+        traced.photons.push(Photon { word: dropped.word ^ fault, ..dropped });
+        assert_eq!(compare(&scene, &traced).1, 1, "fault {fault:x}");
+        traced.photons.pop();
+    }
+}
+
+/// One triangle pair and its light: each ray leaves one photon or none, and no shadow photon (case 14).
+#[test]
+fn one_rectangle_takes_no_shadow_photons() {
+    let v = Vec3::new;
+    let light = LightKind::Point { position: v(0.0, 0.5, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
+    let floor = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    let (scene, bvh) = scene(&[(floor, PLAIN)], vec![light]);
+    let traced = trace(&scene, bvh, 5000, 10);
+    assert_eq!(traced.stored[0][1], 0);
+    assert_eq!(traced.stored[0][0] as usize, traced.photons.len());
+    // A square seen from half its edge above the middle is a sixth of all directions.
+    assert!((traced.photons.len() as f64 - 5000.0 / 6.0).abs() < 5000.0 * 0.01, "{}", traced.photons.len());
+}
+
+/// A wall 1e-5 thick has illumination photons on the lit side only and shadow photons on none of its own: its other
+/// side faces away from the light (case 22).
+#[test]
+fn thin_walls_are_lit_on_one_side() {
+    let v = Vec3::new;
+    let light = LightKind::Point { position: v(0.0, 0.5, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
+    let up = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    let down = Rectangle(v(-0.5, -1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
+    let (scene, bvh) = scene(&[(up, PLAIN), (down, PLAIN)], vec![light]);
+    let traced = trace(&scene, bvh, 5000, 10);
+    assert!(traced.photons.len() > 500);
+    for photon in &traced.photons {
+        assert!(photon.word >> 31 == 0 && photon.position[1] == 0.0 && photon_normal(photon.word).y == 1.0);
+    }
+}
+
+/// Ten thousand layers: ten shadow photons a ray, each standing for a tenth of the hits, spread over the layers
+/// (case 29).
+#[test]
+fn layers_beyond_the_cap_are_weighted() {
+    let v = Vec3::new;
+    let light = LightKind::Directional { direction: -Vec3::Y, irradiance: Vec3::ONE };
+    let layer = |i: u32| (Rectangle(v(-0.5, -1e-4 * i as f32, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0)), PLAIN);
+    let (scene, bvh) = scene(&(0..10_000).map(layer).collect::<Vec<_>>(), vec![light]);
+    let traced = trace(&scene, bvh, 200, 10);
+    let [lit, shadow] = traced.stored[0];
+    assert!(lit > 50 && shadow == 10 * lit, "{lit} lit, {shadow} shadow photons");
+    let shadows: Vec<_> = traced.photons.iter().filter(|p| p.word >> 31 != 0).collect();
+    for photon in &shadows {
+        let weight = 2f64.powf(f64::from((photon.word >> 25) & 63) / 4.0);
+        // Quarter powers of two are within 9.1 %.
+        assert!((weight / 999.9).ln().abs() < 0.091, "{weight}");
+    }
+    // The mean depth of n uniform choices among layers of depth 0 to 1 is within 5 standard errors of 1/2.
+    let mean = shadows.iter().map(|p| -f64::from(p.position[1])).sum::<f64>() / shadows.len() as f64;
+    assert!((mean - 0.5).abs() < 5.0 / (12.0 * shadows.len() as f64).sqrt(), "{mean}");
+}
+
+/// More rays than a batch, more photons than the first buffer holds: none is lost, and the set is that of another run.
+#[test]
+fn batches_lose_nothing() {
+    let v = Vec3::new;
+    let light = LightKind::Directional { direction: -Vec3::Y, irradiance: Vec3::ONE };
+    let layer = |i: u32| (Rectangle(v(-0.5, -0.1 * i as f32, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0)), PLAIN);
+    let (scene, bvh) = scene(&(0..8).map(layer).collect::<Vec<_>>(), vec![light]);
+    let mut sets = [bvh.clone(), bvh].map(|bvh| {
+        let traced = trace(&scene, bvh, 150_001, 64);
+        let [lit, shadow] = traced.stored[0];
+        assert!(shadow == 7 * lit && lit > 50_000, "{lit} lit, {shadow} shadow photons");
+        assert_eq!((lit + shadow) as usize, traced.photons.len());
+        traced.photons.iter().map(|p| (p.position.map(f32::to_bits), p.word)).collect::<Vec<_>>()
+    });
+    sets.iter_mut().for_each(|set| set.sort_unstable());
+    assert!(sets[0] == sets[1]);
+}
