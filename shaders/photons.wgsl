@@ -7,7 +7,7 @@ import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
-import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, triangle_corners, triangle_word};
+import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
 import package::lib::photon::{Photon, photon_word};
 import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
@@ -150,7 +150,7 @@ fn photons(
         stored = kept.count + u32(nearest_stores);
         if stored > 0u { rank = atomicAdd(&group_length, stored); }
         // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together.
-        if traversal_overrun || walk.turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
+        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
     }
     workgroupBarrier();
     if lane == 0u {
