@@ -2,6 +2,7 @@
 
 mod bsdf;
 mod classify;
+mod film;
 mod grid;
 mod house;
 mod kit;
