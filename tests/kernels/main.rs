@@ -2,6 +2,7 @@
 
 mod bsdf;
 mod classify;
+mod film;
 mod grid;
 mod house;
 mod kit;
@@ -10,5 +11,7 @@ mod path;
 mod photons;
 mod rooms;
 mod sampling;
+mod shadow;
+mod stage;
 mod statistics;
 mod traverse;

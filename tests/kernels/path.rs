@@ -21,7 +21,7 @@ use crate::light::{Corners, cube, form_factor, material, sphere, square};
 use crate::statistics::{mean_and_error, z_test};
 
 /// A surface that reflects the share `albedo` and emits `emission`.
-fn surface(albedo: f32, emission: f32) -> Material {
+pub fn surface(albedo: f32, emission: f32) -> Material {
     Material {
         base_colour: Vec3::splat(albedo).extend(1.0),
         emissive: Vec3::splat(emission),
@@ -32,7 +32,7 @@ fn surface(albedo: f32, emission: f32) -> Material {
 }
 
 /// A scene of meshes of one material each, emissive ones being lights, and punctual lights.
-fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
+pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
     let mut scene = Scene::default();
     for (triangles, material) in meshes {
         let light = if material.emissive == Vec3::ZERO { NO_LIGHT } else { scene.lights.len() as u32 };
@@ -60,7 +60,7 @@ fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene
     scene
 }
 
-fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
+pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
     let backward = -towards.normalize();
     let up = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
     let right = up.cross(backward).normalize();
@@ -137,7 +137,7 @@ fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u
     rendered
 }
 
-fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
+pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
     triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
 }
 
