@@ -38,7 +38,7 @@ var<workgroup> group_base: u32;
 // Coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins whose diagonals differ,
 // and walls of 1e-5 are still two surfaces, also for rays that come from four times the scene's radius.
 fn coincide(a: f32, b: f32) -> bool {
-    return abs(a - b) <= 0x1p-19 * max(a, 0.25);
+    return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
 
 // Normal on the side that the ray comes from, and whether the surface stores a photon there.

@@ -2,8 +2,8 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::Point;
 use penumbra::passes::grid::Photon;
+use penumbra::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);
@@ -129,14 +129,6 @@ impl Room {
         self.rectangles.iter().map(Rectangle::area).sum()
     }
 
-    /// Whether the whole light is behind the point's surface, or emits away from it.
-    pub fn is_dark(&self, point: &Point) -> bool {
-        let x = Vec3::from(point.position);
-        let n = point_normal(point.normal).as_vec3();
-        let corner = |i: u32| Vec3::new([-1.0, 1.0][i as usize & 1], 0.0, [-1.0, 1.0][i as usize >> 1]) * self.light;
-        x.y >= 0.495 || (0..4).all(|i| n.dot(corner(i) + Vec3::Y * 0.495 - x) <= 0.0)
-    }
-
     /// The photons of `rays` rays from the light: first hits, and all hits behind them that face the ray.
     pub fn photons(&self, rays: u32, light: u32, random: &mut Random) -> Vec<Photon> {
         let mut photons = Vec::new();
@@ -176,7 +168,7 @@ impl Room {
                     .min_by(|a, b| a.0.total_cmp(&b.0));
                 points.push(match hit {
                     Some((t, r)) => point(eye + direction * t, r.normal()),
-                    None => Point { position: [0.0; 3], normal: u32::MAX },
+                    None => Point { position: [0.0; 3], normal: INVALID_POINT },
                 });
             }
         }
