@@ -11,6 +11,7 @@ mod path;
 mod photons;
 mod rooms;
 mod sampling;
+mod shade;
 mod shadow;
 mod stage;
 mod statistics;
