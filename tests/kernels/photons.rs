@@ -228,13 +228,24 @@ fn batches_continue_each_other() {
     compare(&stage, (1 << 17) + 65);
 }
 
-/// Without rays there are no photons, and no error.
+/// Without rays there are no photons, nor where no ray meets anything; and no error.
 #[test]
-fn no_rays_leave_nothing() {
-    let stage = stage(panels());
-    let (traced, photons) = trace(&stage, 5, 0, 10, SEED);
-    assert_eq!((traced.count, photons.len()), (0, 0));
-    assert_eq!(traced.stored, [[0, 0]; 5]);
+fn nothing_leaves_nothing() {
+    let away = LightKind::Spot {
+        position: Vec3::ZERO,
+        direction: Vec3::Y,
+        intensity: Vec3::ONE,
+        cos_inner: 0.9,
+        cos_outer: 0.5,
+        range: f32::INFINITY,
+    };
+    let floor = square(DVec3::NEG_Y * 0.5, DVec3::Z * 0.5, DVec3::X * 0.5);
+    let missed = scene(&[(floor, surface(0.5, 0.0))], vec![away]);
+    for (scene, lights, rays) in [(panels(), 5, 0), (missed, 1, 65)] {
+        let (traced, photons) = trace(&stage(scene), lights, rays, 10, SEED);
+        assert_eq!((traced.count, photons.len()), (0, 0));
+        assert_eq!(traced.stored, vec![[0, 0]; lights as usize]);
+    }
 }
 
 /// Of 9,999 shadow photons of a ray exactly the cap is kept, from all depths alike, and their weight makes up for the
