@@ -5,9 +5,9 @@ import package::lib::math::oct_decode16;
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
-import package::lib::point::{Point, INVALID_POINT};
+import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::constants::{COUNTER_DARK, COUNTER_AUDITED};
+import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED, COUNTER_NEAR, COUNTER_NEAR_AUDITED};
 
 // n_i and n_s of boundary points are the exact counts, not those about the middle of a cell.
 override exact_counts: bool;
@@ -40,20 +40,21 @@ var<immediate> classify_pass: ClassifyParameters;
 @group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
 @group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
 
+const FAR = 1e30;
 const QUERY_QUEUE = 0u;
 const BOUNDARY_QUEUE = 1u;
 const AUDIT_QUEUE = 2u;
-// After the five classes: decided points near boundaries, and those of them that are audited.
-const NEAR = 5u;
-const NEAR_AUDITED = 6u;
-const COUNTED = 7u;
+const CLASSES = 5u;
 const CLASSIFY_GROUP = 64u;
 const MAX_GROUPS_X = 65535u;
 
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
-var<workgroup> group_counts: array<atomic<u32>, 8>;
-var<workgroup> audit_length: atomic<u32>;
+var<workgroup> group_classes: atomic<u32>;
+var<workgroup> group_unknown: atomic<u32>;
+var<workgroup> group_audits: atomic<u32>;
+// Decided points near boundaries; above 16 bits, those of them that are audited.
+var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
 
 // Classes by the verdicts on whole cells; the slots that have none are queued for `query`.
@@ -159,9 +160,9 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
                 let v = bitcast<vec3f>(photon.xyz) - position;
                 let along = dot(v, normal);
                 let compatible = dot(photon_normal(photon.w), normal) >= COS_COMPATIBLE;
-                let d = select(1e30, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
                 let shadow = photon_is_shadow(photon.w);
-                let d_lit = select(d, 1e30, shadow);
+                let d_lit = select(d, FAR, shadow);
                 result.all_a += vec4u(vec4f(d) <= marks_a);
                 result.all_b += vec4u(vec4f(d) <= marks_b);
                 result.lit_a += vec4u(vec4f(d_lit) <= marks_a);
@@ -189,6 +190,60 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     classes[slot] = near_word(class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal)));
 }
 
+// What a search finds within a distance.
+struct Found {
+    // Photons, and illumination photons of them.
+    all: u32,
+    lit: u32,
+    // Sixteenths of hits that the shadow photons stand for beyond one each.
+    excess: u32,
+    // Squared distances of the nearest of each kind.
+    nearest_lit: f32,
+    nearest_shadow: f32,
+    complete: bool,
+}
+
+fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
+    let grid = classify_pass.grid;
+    var result = Found(0u, 0u, 0u, FAR, FAR, false);
+    let units = (position - grid.origin) * grid.inverse_cell;
+    // A margin for the rounding of cells' borders.
+    let reach = sqrt(limit) * grid.inverse_cell * 1.0001 + 1e-3;
+    let row_low = max(vec2i(floor(units.yz - reach)), vec2i(0));
+    let row_high = min(vec2i(floor(units.yz + reach)), vec2i(grid.size.yz) - 1);
+    var seen = 0xffffffffu;
+    var compatible = false;
+    for (var z = row_low.y; z <= row_high.y; z++) {
+        for (var y = row_low.x; y <= row_high.x; y++) {
+            let row = row_photons(grid, light, vec2i(y, z), units, units, reach, normal, 0.0);
+            let looks = row.y - row.x + 1u;
+            if looks > looks_left { return result; }
+            looks_left -= looks;
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                // Neighbours in the order are of one surface, most of them.
+                if (photon.w & 0x3fffu) != seen {
+                    seen = photon.w & 0x3fffu;
+                    compatible = dot(photon_normal(seen), normal) >= COS_COMPATIBLE;
+                }
+                let v = bitcast<vec3f>(photon.xyz) - position;
+                let along = dot(v, normal);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let shadow = photon_is_shadow(photon.w);
+                result.all += u32(d <= limit);
+                result.lit += u32(d <= limit && !shadow);
+                result.nearest_lit = min(result.nearest_lit, select(d, FAR, shadow));
+                result.nearest_shadow = min(result.nearest_shadow, select(FAR, d, shadow));
+                if (photon.w & PHOTON_WEIGHT) != 0u && d <= limit {
+                    result.excess += photon_weight_sixteenths(photon.w) - 16u;
+                }
+            }
+        }
+    }
+    result.complete = true;
+    return result;
+}
+
 fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
     looks_left = LOOK_LIMIT;
     let grid = classify_pass.grid;
@@ -204,18 +259,43 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
         reach = grid.cell * clamp(1.3 * sqrt(f32(nearest) / (3.14 * f32(max(here, 1u)))), 0.1, 3.0);
     }
     reach = min(reach, farthest);
+    var limit = reach * reach;
+    var visibility = 0.0;
+    var deciding = false;
+    loop {
+        let found = search(light, position, normal, limit);
+        if !found.complete { return unknown; }
+        if deciding {
+            // Both kinds are among the nearest k where the nearest of the farther kind is.
+            if found.all <= nearest { break; }
+            if found.nearest_lit < found.nearest_shadow { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+            return class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
+        }
+        if found.all < nearest {
+            if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
+            let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
+            reach = min(reach * clamp(more, 1.25, 2.0), farthest);
+            limit = reach * reach;
+            continue;
+        }
+        if found.nearest_shadow > limit { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+        if found.nearest_lit > limit { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+        visibility = f32(found.lit) / (f32(found.all) + f32(found.excess) / 16.0);
+        limit = max(found.nearest_lit, found.nearest_shadow);
+        deciding = true;
+    }
+    if exact_counts { return class_by_counts(light, position, normal, reach); }
+    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
+    return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
+}
+
+// The exact n_i and n_s of a point whose nearest k are within the reach.
+fn class_by_counts(light: u32, position: vec3f, normal: vec3f, reach: f32) -> u32 {
+    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
     var floor_ = 0.0;
     var span = reach * reach;
     var found = tally(light, position, normal, reach, floor_, span);
-    loop {
-        if !found.complete { return unknown; }
-        if found.all_b.w >= nearest { break; }
-        if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit_b.w, found.all_b.w - found.lit_b.w, 0.5); }
-        let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all_b.w, 1u)));
-        reach = min(reach * clamp(more, 1.25, 2.0), farthest);
-        span = reach * reach;
-        found = tally(light, position, normal, reach, floor_, span);
-    }
+    if !found.complete { return unknown; }
 
     // The k-th is between two marks; look closer until they have none but it between them.
     var all_below = 0u;
@@ -232,18 +312,15 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
             all_below = select(found.all_b[last & 3u], found.all_a[last & 3u], last < 4u);
             lit_below = select(found.lit_b[last & 3u], found.lit_a[last & 3u], last < 4u);
         }
-        let surely_both = lit_below > 0u && lit_below < all_below;
         let rest = nearest - all_below;
         let narrower = span * 0.125;
         let next_floor = floor_ + narrower * f32(mark);
         // Distances that no float lies between are ties: illumination photons first, whatever their order.
         let tied = pass_ > 12u || next_floor + narrower * 0.125 <= next_floor;
-        if within == nearest || tied || (surely_both && !exact_counts) {
+        if within == nearest || tied {
             var n_i = lit;
             if within > nearest {
-                let between = lit - lit_below;
-                let share = u32(round(f32(between) * f32(rest) / f32(within - all_below)));
-                n_i = lit_below + select(share, min(between, rest), tied);
+                n_i = lit_below + min(lit - lit_below, rest);
             }
             let n_s = nearest - n_i;
             if n_s == 0u { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
@@ -317,53 +394,63 @@ fn same_surface(a: Point, b: Point) -> bool {
 @compute @workgroup_size(64)
 fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    if lane < 8u { atomicStore(&group_counts[lane], 0u); }
     if lane == 0u {
-        atomicStore(&group_length, 0u);
-        atomicStore(&audit_length, 0u);
+        atomicStore(&group_classes, 0u);
+        atomicStore(&group_unknown, 0u);
+        atomicStore(&group_audits, 0u);
+        atomicStore(&group_near, 0u);
     }
     workgroupBarrier();
     var rank = 0u;
-    var traced = false;
+    var class_ = CLASS_DARK;
     var audited = false;
     if slot < classify_pass.slot_count {
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
         if points[pixel].normal != INVALID_POINT {
             let word = dilated_classes[slot];
-            let class_ = class_of(word);
-            atomicAdd(&group_counts[class_], 1u);
-            traced = class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN;
+            class_ = class_of(word);
+            if class_ == CLASS_UNKNOWN {
+                rank = atomicAdd(&group_unknown, 1u);
+            } else {
+                // A byte for each of the other classes: one atomic counts them all, and ranks the boundary points.
+                rank = atomicAdd(&group_classes, 1u << (8u * class_)) >> 24u;
+            }
             if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
                 let light = classify_pass.first_light + local_light;
                 let sample_index = tile_sample(classify_pass.tile, pixel);
                 let chance = audit_chance(word, classify_pass.audit_probability);
                 audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, chance);
-                if is_near(word) {
-                    atomicAdd(&group_counts[NEAR], 1u);
-                    if audited { atomicAdd(&group_counts[NEAR_AUDITED], 1u); }
-                }
+                if is_near(word) { atomicAdd(&group_near, 1u + (u32(audited) << 16u)); }
             }
-            if traced { rank = atomicAdd(&group_length, 1u); }
-            if audited { rank = atomicAdd(&audit_length, 1u); }
+            if audited { rank = atomicAdd(&group_audits, 1u); }
         }
     }
     workgroupBarrier();
+    let classes_here = atomicLoad(&group_classes);
+    let unknown_here = atomicLoad(&group_unknown);
+    let boundaries = classes_here >> 24u;
     if lane == 0u {
-        let length = atomicLoad(&group_length);
+        let length = boundaries + unknown_here;
         if length > 0u { group_base = atomicAdd(&queue_lengths[BOUNDARY_QUEUE], length); }
-        let audits = atomicLoad(&audit_length);
+        let audits = atomicLoad(&group_audits);
         if audits > 0u {
             audit_base = atomicAdd(&queue_lengths[AUDIT_QUEUE], audits);
             atomicAdd(&counters[COUNTER_AUDITED], audits);
         }
+        let near = atomicLoad(&group_near);
+        if near > 0u {
+            atomicAdd(&counters[COUNTER_NEAR], near & 0xffffu);
+            atomicAdd(&counters[COUNTER_NEAR_AUDITED], near >> 16u);
+        }
     }
-    if lane < COUNTED {
-        let counted = atomicLoad(&group_counts[lane]);
+    if lane < CLASSES {
+        let counted = select(unknown_here, (classes_here >> (8u * lane)) & 255u, lane < CLASS_UNKNOWN);
         if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }
     workgroupBarrier();
-    if traced { boundary_queue[group_base + rank] = slot; }
+    if class_ == CLASS_BOUNDARY { boundary_queue[group_base + rank] = slot; }
+    if class_ == CLASS_UNKNOWN { boundary_queue[group_base + boundaries + rank] = slot; }
     if audited { audit_queue[audit_base + rank] = slot; }
 }
 

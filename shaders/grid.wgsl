@@ -117,11 +117,14 @@ fn arrange() {
     judge_arguments[2] = 1u;
 }
 
-// Photons that a cell may hold to be judged, and that one verdict may look at: both keep an invocation well
-// below the 65,535 iterations that lavapipe grants. Past them queries do without a verdict.
+// Photons that a cell may hold to be judged: with the next limit well below the 65,535 iterations that lavapipe
+// grants an invocation. Past either, queries do without a verdict.
 const OWN_LIMIT = 2048u;
-const BLOCK_LIMIT = 12000u;
+// Photons and rows of cells that one verdict may look at, as a multiple of k. On an even surface five times k are
+// enough; where many are not of the surface (foliage), a verdict costs more than it saves.
+const LOOKS_PER_NEAREST = 24u;
 const NO_CODE = 0xffffffffu;
+const FAR = 1e30;
 const COS_CLUSTER = 0.8660254;
 
 @compute @workgroup_size(64)
@@ -212,34 +215,41 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
     // A guess at the reach from the photons here; wider until it holds enough of them.
     let density = 0.5 * (f32(end - begin) + grid_pass.occupancy);
     var reach = clamp(1.3 * sqrt(f32(nearest) / (3.14 * density)) + 0.7, 1.0, REACH_MAX);
+    // Eighths of the squared reach, about equal shares of a surface; counted only where both kinds are in reach.
+    var marks_a = vec4f(0.0);
+    var marks_b = vec4f(0.0);
+    var counting = false;
     var looked_at = 0u;
     loop {
         let limit = reach * reach * cell * cell;
-        // Eighths of the squared reach, about equal shares of a surface.
-        let marks_a = limit * vec4f(0.125, 0.25, 0.375, 0.5);
-        let marks_b = limit * vec4f(0.625, 0.75, 0.875, 1.0);
+        var sure = 0u;
+        var sure_lit_count = 0u;
         var sure_a = vec4u(0u);
         var sure_b = vec4u(0u);
-        var lit_a = vec4u(0u);
-        var lit_b = vec4u(0u);
         var maybe_a = vec4u(0u);
         var maybe_b = vec4u(0u);
         // Squared distances: of the nearest photon that may count, and of the nearest that surely does, at most.
-        var maybe_lit = 1e30;
-        var maybe_shadow = 1e30;
-        var sure_lit = 1e30;
-        var sure_shadow = 1e30;
+        var maybe_lit = FAR;
+        var maybe_shadow = FAR;
+        var sure_lit = FAR;
+        var sure_shadow = FAR;
+        var seen = NO_CODE;
+        var cosine = 0.0;
         let row_low = max(vec2i(floor(units_low.yz - reach - 1e-3)), vec2i(0));
         let row_high = min(vec2i(floor(units_high.yz + reach + 1e-3)), vec2i(grid_pass.grid.size.yz) - 1);
         for (var z = row_low.y; z <= row_high.y; z++) {
             for (var y = row_low.x; y <= row_high.x; y++) {
                 let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);
-                looked_at += row.y - row.x;
-                if looked_at > BLOCK_LIMIT { return vec2u(0u); }
+                looked_at += row.y - row.x + 1u;
+                if looked_at > LOOKS_PER_NEAREST * nearest { return vec2u(0u); }
                 for (var p = row.x; p < row.y; p++) {
                     let photon = load_photon(p);
+                    // Neighbours in the order are of one surface, most of them.
+                    if (photon.w & 0x3fffu) != seen {
+                        seen = photon.w & 0x3fffu;
+                        cosine = dot(normal, oct_decode7(seen));
+                    }
                     let from_centre = bitcast<vec3f>(photon.xyz) - centre;
-                    let cosine = dot(normal, photon_normal(photon.w));
                     let least = max(max(from_centre - box_high, box_low - from_centre), vec3f(0.0));
                     let most = max(from_centre - box_low, box_high - from_centre);
                     let most_squared = dot(most, most);
@@ -248,48 +258,58 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
                     let along_least = max(along - slack, 0.0);
                     let along_most = along + slack;
                     // A hair of margin for the rounding of the query's own distance.
-                    let lower = select(1e30, 0.9997 * (dot(least, least) + NORMAL_STRETCH * along_least * along_least), cosine >= cos_maybe);
-                    let upper = select(1e30, 1.0003 * (most_squared + NORMAL_STRETCH * along_most * along_most), cosine >= cos_sure);
+                    let lower = select(FAR, 0.9997 * (dot(least, least) + NORMAL_STRETCH * along_least * along_least), cosine >= cos_maybe);
+                    let upper = select(FAR, 1.0003 * (most_squared + NORMAL_STRETCH * along_most * along_most), cosine >= cos_sure);
                     let shadow = photon_is_shadow(photon.w);
-                    let upper_lit = select(upper, 1e30, shadow);
-                    sure_a += vec4u(vec4f(upper) <= marks_a);
-                    sure_b += vec4u(vec4f(upper) <= marks_b);
-                    lit_a += vec4u(vec4f(upper_lit) <= marks_a);
-                    lit_b += vec4u(vec4f(upper_lit) <= marks_b);
-                    maybe_a += vec4u(vec4f(lower) <= marks_a);
-                    maybe_b += vec4u(vec4f(lower) <= marks_b);
-                    maybe_lit = min(maybe_lit, select(lower, 1e30, shadow));
-                    maybe_shadow = min(maybe_shadow, select(1e30, lower, shadow));
-                    sure_lit = min(sure_lit, upper_lit);
-                    sure_shadow = min(sure_shadow, select(1e30, upper, shadow));
+                    let counts = upper <= limit;
+                    sure += u32(counts);
+                    sure_lit_count += u32(counts && !shadow);
+                    maybe_lit = min(maybe_lit, select(lower, FAR, shadow));
+                    maybe_shadow = min(maybe_shadow, select(FAR, lower, shadow));
+                    if counting {
+                        sure_a += vec4u(vec4f(upper) <= marks_a);
+                        sure_b += vec4u(vec4f(upper) <= marks_b);
+                        maybe_a += vec4u(vec4f(lower) <= marks_a);
+                        maybe_b += vec4u(vec4f(lower) <= marks_b);
+                        sure_lit = min(sure_lit, select(upper, FAR, shadow));
+                        sure_shadow = min(sure_shadow, select(FAR, upper, shadow));
+                    }
                 }
             }
         }
-        if sure_b.w >= nearest {
+        if sure < nearest {
+            if reach >= REACH_MAX { return vec2u(0u); }
+            reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(sure, 1u))) * 1.1, 1.25, 2.0), REACH_MAX);
+            continue;
+        }
+        verdict.visibility = f32(sure_lit_count) / f32(sure);
+        var bound = limit;
+        if counting {
             // The first mark with enough photons below it.
             let below = vec4u(sure_a < vec4u(nearest)) + vec4u(sure_b < vec4u(nearest));
-            let mark = below.x + below.y + below.z + below.w;
-            let bound = limit * 0.125 * f32(mark + 1u);
-            let counted = select(sure_b[mark & 3u], sure_a[mark & 3u], mark < 4u);
-            let lit = select(lit_b[mark & 3u], lit_a[mark & 3u], mark < 4u);
-            verdict.reach = 1.0001 * sqrt(bound);
-            verdict.visibility = f32(lit) / f32(counted);
+            bound = limit * 0.125 * f32(below.x + below.y + below.z + below.w + 1u);
+        }
+        verdict.reach = 1.0001 * sqrt(bound);
+        if maybe_shadow > bound {
+            verdict.class_ = CLASS_LIT;
+        } else if maybe_lit > bound {
+            verdict.class_ = CLASS_SHADOWED;
+        } else if !counting {
+            counting = true;
+            marks_a = limit * vec4f(0.125, 0.25, 0.375, 0.5);
+            marks_b = limit * vec4f(0.625, 0.75, 0.875, 1.0);
+            continue;
+        } else {
             let both = max(sure_lit, sure_shadow);
-            if maybe_shadow > bound {
-                verdict.class_ = CLASS_LIT;
-            } else if maybe_lit > bound {
-                verdict.class_ = CLASS_SHADOWED;
-            } else if both <= limit {
+            if both <= limit {
                 // Both kinds are among the nearest k if no more than k can be as near as the farther of the two.
                 let closer = vec4u(marks_a < vec4f(both)) + vec4u(marks_b < vec4f(both));
-                let both_mark = closer.x + closer.y + closer.z + closer.w;
-                let rivals = select(maybe_b[both_mark & 3u], maybe_a[both_mark & 3u], both_mark < 4u);
+                let mark = closer.x + closer.y + closer.z + closer.w;
+                let rivals = select(maybe_b[mark & 3u], maybe_a[mark & 3u], mark < 4u);
                 if rivals <= nearest { verdict.class_ = CLASS_BOUNDARY; }
             }
-            return encode_verdict(verdict, code, grid_pass.grid.inverse_cell);
         }
-        if reach >= REACH_MAX { return vec2u(0u); }
-        reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(sure_b.w, 1u))) * 1.1, 1.25, 2.0), REACH_MAX);
+        return encode_verdict(verdict, code, grid_pass.grid.inverse_cell);
     }
     return vec2u(0u);
 }

@@ -8,15 +8,15 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bsdf::{Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 import package::lib::camera::view_direction;
-import package::lib::light::{LightSample, choose_light, light_count, light_sample};
+import package::lib::light::{BEYOND_SCENE, choose_light, light_count, light_sample, shadow_ray};
 @if(mesh_lights) import package::lib::light::{emitter_of, light_probability};
 import package::lib::math::oct_decode16;
-import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
+import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::sobol2;
 import package::lib::surface::surface_at;
-import package::lib::constants::{DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_OVERRUN};
+import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_OVERRUN};
 
 struct PathParameters {
     tile: Tile,
@@ -44,9 +44,6 @@ const MAX_SURVIVAL = 0.95;
 // Loop turns that a vertex may take beside its traversals: binary searches for a light and an emitter triangle.
 const VERTEX_TURNS = 80u;
 
-// Further than any occluder can be: the scene has unit size.
-const BEYOND_SCENE = 4.0;
-
 // The weight of a way of sampling of density p against another of density q (Veach's power heuristic).
 fn mis_weight(p: f32, q: f32) -> f32 {
     let r = q / p;
@@ -72,16 +69,8 @@ fn light_at(vertex: Vertex, choice_u: f32) -> vec3f {
     if all(reflected <= vec3f(0.0)) { return vec3f(0.0); }
     if !chosen.delta { reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, chosen.direction)); }
     atomicAdd(&shadow_rays, 1u);
-    if trace_occluded(shadow_ray(vertex, chosen), hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
+    if trace_occluded(shadow_ray(vertex.position, vertex.surface.geometric_normal, chosen), hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
     return reflected;
-}
-
-// The whole way to the light, which ends on the near side of the emitter.
-fn shadow_ray(vertex: Vertex, chosen: LightSample) -> Ray {
-    let origin = offset_origin(vertex.position, vertex.surface.geometric_normal);
-    let reach = min(chosen.distance, BEYOND_SCENE);
-    let end = offset_origin(vertex.position + reach * chosen.direction, chosen.normal);
-    return Ray(origin, 0.0, end - origin, 1.0);
 }
 
 @compute @workgroup_size(64)
@@ -165,7 +154,7 @@ fn radiance_along(i: u32) -> PathRadiance {
                 going_on = !found.unlit;
                 @if(mesh_lights) {
                     if going_on && any(found.emission > vec3f(0.0)) {
-                        let emitter = emitter_of(hit.triangle);
+                        let emitter = emitter_of(hit.triangle, vertex.position);
                         let offset = found.position - vertex.position;
                         let cosine = abs(dot(found.surface.geometric_normal, chosen.direction));
                         var weight = 1.0;

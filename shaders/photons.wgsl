@@ -1,138 +1,182 @@
-// photons: rays from a light straight through the scene (the paper's figure 1). The first hit of a ray leaves an
-// illumination photon, every later one a shadow photon; of many shadow photons some are chosen at random and stand
-// for all.
-// In: the scene. Out: photons appended to `traced_photons`; in `photon_counts` how many, how many of them illumination
-// photons, and rays that met the loop budget.
+// photons: rays from the lights, straight through everything they meet. The first surface takes an illumination
+// photon, every later one a shadow photon. Out: photons, in any order, appended to `traced_photons`.
 
 import package::lib::dispatch::group_index;
-import package::lib::bvh::{Walk, begin_walk, next_triangle, intersect_slot, stops, triangle_word, triangle_corners, traversal_overrun};
-import package::lib::ray::{Ray, Hit, NO_HIT, MISSED, offset_origin};
-import package::lib::light::light_emit;
-import package::lib::sampling::sobol4;
 import package::lib::math::oct_encode7;
-import package::lib::photon::{Photon, photon_word};
 import package::lib::rng::{hash2, hash3};
-import package::lib::constants::{TRIANGLE_DOUBLE_SIDED, DIMENSION_PHOTON, DIMENSION_PHOTON_ALPHA, MAX_SHADOW_PHOTONS};
+import package::lib::sampling::sobol4;
+import package::lib::light::light_emit;
+import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
+import package::lib::photon::{Photon, photon_word};
+import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
-// Most shadow photons of a ray: at most MAX_SHADOW_PHOTONS.
+// Most shadow photons that are kept of one ray, 1 to MAX_SHADOW_PHOTONS.
 override shadow_photons_per_ray: u32;
 
 struct PhotonParameters {
-    light: u32,
-    // Rays of the light: the first of this batch, and how many.
+    // Rays are numbered light by light of the map, round by round: any first so many are spread evenly.
     first_ray: u32,
     ray_count: u32,
+    // Lights of the map.
+    light_count: u32,
     seed: u32,
 }
 
-@group(0) @binding(0) var<storage, read_write> traced_photons: array<Photon>;
-@group(0) @binding(1) var<storage, read_write> photon_counts: array<atomic<u32>, 4>;
-
 var<immediate> photon_pass: PhotonParameters;
 
-var<workgroup> group_photons: atomic<u32>;
-var<workgroup> group_illumination: atomic<u32>;
-var<workgroup> group_start: u32;
+@group(0) @binding(0) var<storage, read_write> traced_photons: array<Photon>;
+// Photons appended, traversals that gave up; then by light illumination and shadow photons.
+@group(0) @binding(1) var<storage, read_write> traced_counts: array<atomic<u32>>;
 
-// Hits this near to each other are of surfaces that coincide: a few roundings of t. The twin of the first hit is lit
-// as that is; it leaves no shadow photon.
-const SAME_HIT = 1e-6;
+const COUNT_HEADER = 2u;
+const FAR = 1e30;
 
-var<private> kept_hits: array<Hit, MAX_SHADOW_PHOTONS>;
+var<workgroup> group_length: atomic<u32>;
+var<workgroup> group_base: u32;
 
-// The photon that a hit leaves.
-fn photon_at(hit: Hit, direction: vec3f, weight: f32, shadow: bool) -> Photon {
-    let corners = triangle_corners(hit.triangle);
-    let e1 = corners[1] - corners[0];
-    let e2 = corners[2] - corners[0];
-    var normal = normalize(cross(e1, e2));
-    if dot(normal, direction) > 0.0 { normal = -normal; }
-    let word = photon_word(oct_encode7(normal), photon_pass.light, weight, shadow);
-    return Photon(corners[0] + hit.u * e1 + hit.v * e2, word);
+// Coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins whose diagonals differ,
+// and walls of 1e-5 are still two surfaces, also for rays that come from four times the scene's radius.
+fn coincide(a: f32, b: f32) -> bool {
+    return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
 
-// Whether a hit leaves a photon: none on the back of a single-sided surface, which occludes all the same.
-fn stores(hit: Hit, direction: vec3f) -> bool {
-    if (triangle_word(hit.triangle) & TRIANGLE_DOUBLE_SIDED) != 0u { return true; }
-    let corners = triangle_corners(hit.triangle);
-    return dot(cross(corners[1] - corners[0], corners[2] - corners[0]), direction) < 0.0;
+// Normal on the side that the ray comes from, and whether the surface stores a photon there.
+struct Arrival {
+    normal: vec3f,
+    stores: bool,
+}
+
+fn arrival(slot: u32, direction: vec3f) -> Arrival {
+    let corners = triangle_corners(slot);
+    let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
+    let faces = dot(normal, direction) < 0.0;
+    let double_sided = (triangle_word(slot) & TRIANGLE_DOUBLE_SIDED) != 0u;
+    return Arrival(select(-normal, normal, faces), faces || double_sided);
+}
+
+// Shadow photons of a ray. Of more than fit, those whose slots have the smallest hashes: a choice by chance that does
+// not depend on the order in which the hits are met.
+struct Kept {
+    count: u32,
+    // Hits that would store, kept or not.
+    hits: u32,
+    seed: u32,
+    // The largest hash of those kept.
+    largest: u32,
+    // Turns of the loop over them.
+    looks: u32,
+    slots: array<u32, MAX_SHADOW_PHOTONS>,
+    distances: array<f32, MAX_SHADOW_PHOTONS>,
+}
+
+fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, direction: vec3f) {
+    if !arrival(slot, direction).stores { return; }
+    let full = (*kept).count == shadow_photons_per_ray;
+    let priority = hash2(slot, (*kept).seed);
+    // Of many hits most end here, without a loop: loops share the budget of the traversal.
+    if full && priority >= (*kept).largest {
+        (*kept).hits++;
+        return;
+    }
+    var largest = 0u;
+    var second = 0u;
+    var largest_at = 0u;
+    for (var i = 0u; i < (*kept).count; i++) {
+        (*kept).looks++;
+        if coincide((*kept).distances[i], t) { return; }
+        let other = hash2((*kept).slots[i], (*kept).seed);
+        second = max(second, min(largest, other));
+        if other >= largest {
+            largest = other;
+            largest_at = i;
+        }
+    }
+    (*kept).hits++;
+    let at = select((*kept).count, largest_at, full);
+    (*kept).count = min((*kept).count + 1u, shadow_photons_per_ray);
+    (*kept).slots[at] = slot;
+    (*kept).distances[at] = t;
+    (*kept).largest = max(priority, select(largest, second, full));
 }
 
 @compute @workgroup_size(64)
-fn photons_of_light(
+fn photons(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let item = group_index(group, groups) * 64u + lane;
-    if lane == 0u {
-        atomicStore(&group_photons, 0u);
-        atomicStore(&group_illumination, 0u);
-    }
+    if lane == 0u { atomicStore(&group_length, 0u); }
     workgroupBarrier();
-    // Candidates for shadow photons so far, those of them that are kept, and the nearest hit of all.
-    var candidates = 0u;
-    var kept = 0u;
-    var first = Hit(MISSED, 0.0, 0.0, NO_HIT);
-    var direction = vec3f(0.0);
-    if item < photon_pass.ray_count {
-        let ray_index = photon_pass.first_ray + item;
-        let light_seed = hash3(photon_pass.seed, DIMENSION_PHOTON, photon_pass.light);
-        let emitted = light_emit(photon_pass.light, sobol4(ray_index, light_seed));
+    let i = group_index(group, groups) * 64u + lane;
+    var kept: Kept;
+    var nearest = Hit(FAR, 0.0, 0.0, NO_HIT);
+    var nearest_stores = false;
+    var direction = vec3f(0.0, 0.0, 1.0);
+    var walk: Walk;
+    var light = 0u;
+    var stored = 0u;
+    var rank = 0u;
+    if i < photon_pass.ray_count {
+        let number = photon_pass.first_ray + i;
+        light = number % photon_pass.light_count;
+        let index = number / photon_pass.light_count;
+        let seed = hash3(photon_pass.seed, DIMENSION_PHOTON, light);
+        let emitted = light_emit(light, sobol4(index, seed));
         direction = emitted.direction;
-        let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, MISSED * 0.5);
-        let ray_seed = hash3(light_seed, DIMENSION_PHOTON_ALPHA, ray_index);
-        var choice = ray_seed;
-        var walk = begin_walk(ray);
+        kept.seed = hash2(seed, index);
+        let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, FAR);
+        walk = begin_walk(ray);
         while !walk.done {
-            let slot = next_triangle(&walk, ray.t_max);
+            let slot = next_triangle(&walk, FAR);
             if slot == NO_HIT { continue; }
             let hit = intersect_slot(&walk, slot);
-            if !stops(hit, ray.t_min, ray.t_max, ray_seed) { continue; }
-            var later = hit;
-            if hit.t < first.t || (hit.t == first.t && slot < first.triangle) {
-                later = first;
-                first = hit;
+            if !stops(hit, 0.0, FAR, kept.seed) { continue; }
+            if nearest.triangle != NO_HIT && coincide(hit.t, nearest.t) {
+                // A coplanar twin is the same surface; the side that stores is the one to be seen.
+                let stores = arrival(slot, direction).stores;
+                if select(stores, slot < nearest.triangle, stores == nearest_stores) {
+                    nearest = hit;
+                    nearest_stores = stores;
+                }
+            } else if hit.t < nearest.t {
+                if nearest.triangle != NO_HIT { keep(&kept, nearest.t, nearest.triangle, direction); }
+                nearest = hit;
+                nearest_stores = arrival(slot, direction).stores;
+            } else {
+                keep(&kept, hit.t, slot, direction);
             }
-            if later.triangle == NO_HIT || later.t - first.t <= SAME_HIT * first.t || !stores(later, direction) { continue; }
-            // A reservoir: each candidate is among the kept with the same probability.
-            var place = candidates;
-            candidates++;
-            if place >= shadow_photons_per_ray {
-                choice = hash2(choice, candidates);
-                place = choice % candidates;
-            }
-            if place < shadow_photons_per_ray { kept_hits[place] = later; }
         }
-        kept = min(candidates, shadow_photons_per_ray);
+        stored = kept.count + u32(nearest_stores);
+        if stored > 0u { rank = atomicAdd(&group_length, stored); }
+        // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together.
+        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
     }
-    let weight = f32(candidates) / f32(max(kept, 1u));
-    let illumination = first.triangle != NO_HIT && stores(first, direction);
-    // A twin may have been taken for a later hit before the first one was found.
-    var shadows = 0u;
-    for (var k = 0u; k < kept; k++) {
-        shadows += u32(kept_hits[k].t - first.t > SAME_HIT * first.t);
-    }
-    let own = shadows + u32(illumination);
-    var place = 0u;
-    if own > 0u { place = atomicAdd(&group_photons, own); }
-    if illumination { atomicAdd(&group_illumination, 1u); }
     workgroupBarrier();
     if lane == 0u {
-        group_start = atomicAdd(&photon_counts[0], atomicLoad(&group_photons));
-        atomicAdd(&photon_counts[1], atomicLoad(&group_illumination));
+        let length = atomicLoad(&group_length);
+        if length > 0u { group_base = atomicAdd(&traced_counts[0], length); }
     }
     workgroupBarrier();
-    if traversal_overrun { atomicAdd(&photon_counts[2], 1u); }
-    place += group_start;
-    if illumination {
-        traced_photons[place] = photon_at(first, direction, 1.0, false);
-        place++;
+    if stored == 0u { return; }
+    var at = group_base + rank;
+    if nearest_stores {
+        append(at, &walk, nearest.triangle, direction, light, 1.0, false);
+        at++;
+        atomicAdd(&traced_counts[COUNT_HEADER + 2u * light], 1u);
     }
-    for (var k = 0u; k < kept; k++) {
-        if kept_hits[k].t - first.t > SAME_HIT * first.t {
-            traced_photons[place] = photon_at(kept_hits[k], direction, weight, true);
-            place++;
-        }
+    if kept.count > 0u {
+        let weight = f32(kept.hits) / f32(kept.count);
+        for (var k = 0u; k < kept.count; k++) { append(at + k, &walk, kept.slots[k], direction, light, weight, true); }
+        atomicAdd(&traced_counts[COUNT_HEADER + 2u * light + 1u], kept.count);
     }
+}
+
+fn append(at: u32, walk: ptr<function, Walk>, slot: u32, direction: vec3f, light: u32, weight: f32, shadow: bool) {
+    // The point of the triangle itself: the far end of a long ray would be off its plane.
+    let hit = intersect_slot(walk, slot);
+    let corners = triangle_corners(slot);
+    let position = corners[0] + hit.u * (corners[1] - corners[0]) + hit.v * (corners[2] - corners[0]);
+    let normal = oct_encode7(arrival(slot, direction).normal);
+    traced_photons[at] = Photon(position, photon_word(normal, light, weight, shadow));
 }

@@ -12,7 +12,8 @@ import package::lib::light::{LightSample, light_dark, light_has_closed_form, lig
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
-import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
+import package::lib::constants::INVALID_POINT;
+import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
 @if(glossy) import package::lib::camera::view_direction;
@@ -99,7 +100,9 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         radiance = granted * bsdf_diffuse(place.surface)
             * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
     }
+    // Light points that are seen, and those that face the surface.
     var seen = 0u;
+    var facing = 0u;
     @if(glossy) let sampled = traced || granted > 0.0;
     @if(!glossy) let sampled = traced || (granted > 0.0 && !closed);
     if sampled {
@@ -112,6 +115,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
             if traced {
                 let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
                 seen += bit;
+                facing += u32(chosen.pdf > 0.0);
                 v = f32(bit);
             }
             sum += select(v, v - granted, closed) * f.diffuse;
@@ -119,7 +123,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         }
         radiance += sum / f32(count);
     }
-    var estimate = select(granted, f32(seen) / f32(parameters.light_samples), traced);
+    var estimate = select(granted, f32(seen) / f32(max(facing, 1u)), traced);
     @if(audit) {
         let chance = audit_chance(word, parameters.audit_probability);
         if decided && is_audited(place.seed, place.sample_index, light, chance) {

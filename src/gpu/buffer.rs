@@ -165,9 +165,14 @@ impl Gpu {
         }))
     }
 
+    /// Bytes of the largest buffer that kernels can bind.
+    pub fn max_buffer_bytes(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
     fn checked_bytes(&self, label: &str, bytes: u64) -> Result<u64> {
         let bytes = bytes.next_multiple_of(4).max(LEAST_BYTES);
-        let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        let limit = self.max_buffer_bytes();
         if bytes > limit {
             return Err(Error::Buffer {
                 buffer: label.to_owned(),

@@ -45,12 +45,7 @@ impl Classified {
             3 => Class::Boundary,
             _ => Class::Unknown,
         };
-        Classified {
-            class,
-            n_i: (word >> 3) & 511,
-            n_s: (word >> 12) & 511,
-            visibility: (word >> 21) as f32 / 2047.0,
-        }
+        Classified { class, n_i: (word >> 3) & 511, n_s: (word >> 12) & 511, visibility: (word >> 21) as f32 / 2047.0 }
     }
 }
 
@@ -225,7 +220,14 @@ impl Classify {
 impl BoundClassify {
     /// Records the classification of a tile's points for a chunk of lights, dilation, and the queues with their
     /// indirect arguments for workgroups of `queue_group` invocations.
-    pub fn record(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk, queue_group: u32) {
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        buffers: &ClassifyBuffers,
+        tile: &Tile,
+        chunk: &Chunk,
+        queue_group: u32,
+    ) {
         let slots = tile.point_count * chunk.lights;
         let parameters = |queue: Queue, queue_group| ClassifyParameters {
             grid: self.shape,

@@ -226,7 +226,8 @@ impl Grid {
         frame.run_indirect(&judge, &judge_arguments, 0, &parameters);
         let records_texture = texture(gpu, &mut frame, &judged_cells)?;
         frame.submit()?;
-        let table = |view: Option<wgpu::TextureView>, buffer: Buffer| view.map_or(Table::Buffer(buffer), Table::Texture);
+        let table =
+            |view: Option<wgpu::TextureView>, buffer: Buffer| view.map_or(Table::Buffer(buffer), Table::Texture);
         Ok(PhotonGrid {
             shape,
             lights,

@@ -1,105 +1,144 @@
-//! photons: rays from every light straight through the scene, and the photons they leave.
+//! photons: rays from the lights through everything they meet; what they leave is the visibility map's photons.
 
-use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel, Resources};
-use crate::{Error, Result, shared_struct};
+use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
+use crate::settings::Settings;
+use crate::{Error, Result, bindings, shared_struct};
 
-use super::grid::Photon;
+use super::grid::{MAX_LIGHTS, Photon};
 use super::kernel;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/photons.wgsl`.
     pub struct PhotonParameters {
-        /// The light.
-        pub light: u32,
-        /// First ray of the batch, of the light's rays.
-        pub first_ray: u32,
-        /// Rays of the batch.
-        pub ray_count: u32,
-        /// Seed of the render.
-        pub seed: u32,
+        first_ray: u32,
+        ray_count: u32,
+        light_count: u32,
+        seed: u32,
     }
 }
 
-/// Rays of one dispatch: bounds its time and the memory of the worst case, a map full of layers.
-const BATCH_RAYS: u32 = 1 << 17;
+bindings! {
+    /// What the kernel writes.
+    struct PhotonBindings { traced_photons, traced_counts }
+}
+
+/// Rays of a dispatch: some tens of milliseconds on a software device, and no danger to a desktop's watchdog.
+const BATCH_RAYS: u32 = 1 << 16;
+
+/// The counts' words before those of the lights, as the kernel has them.
+const COUNT_HEADER: usize = 2;
 
 /// The pass; see `shaders/photons.wgsl`.
 pub struct Photons {
     kernel: Kernel,
-    photons_per_ray: u32,
+    shadow_photons_per_ray: u32,
 }
 
-/// Photons as they were traced, in no order.
+/// Photons on the device, in any order; their set depends on nothing but the scene, the settings and the seed.
 pub struct Traced {
-    /// [`Photon`]s, with room for `spare` more behind them.
+    /// [`Photon`]s, with room for as many more as were asked to be spared.
     pub photons: Buffer,
     /// How many.
     pub count: u32,
-    /// By light: illumination and shadow photons.
+    /// Rays of each light: fewer than asked for where more photons do not fit into one binding of the device.
+    pub emitted: Vec<u32>,
+    /// Illumination and shadow photons stored, of each light.
     pub stored: Vec<[u32; 2]>,
 }
 
 impl Photons {
-    /// Compiles the kernel.
+    /// Compiles the kernel. At most `shadow_photons_per_ray` shadow photons are kept of one ray.
     ///
     /// # Errors
-    /// As [`Kernel::new`].
-    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], shadow_photons_per_ray: u32) -> Result<Photons> {
+    /// As [`Kernel::new`]; [`Error::Usage`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
+    pub fn new(
+        gpu: &Gpu,
+        features: &Features,
+        constants: &[(&str, f64)],
+        shadow_photons_per_ray: u32,
+    ) -> Result<Photons> {
+        let most = Settings::MAX_SHADOW_PHOTONS;
+        if !(1..=most).contains(&shadow_photons_per_ray) {
+            let given = format!("--shadow-photons-per-ray {shadow_photons_per_ray}");
+            return Err(Error::Usage(format!("{given}: it must be between 1 and {most}")));
+        }
         let mut constants = constants.to_vec();
         constants.push(("shadow_photons_per_ray", f64::from(shadow_photons_per_ray)));
-        let kernel = kernel(gpu, "photons", features, &constants, &["traced_photons", "photon_counts"])?;
-        Ok(Photons { kernel, photons_per_ray: shadow_photons_per_ray + 1 })
+        let kernel = kernel(gpu, "photons", features, &constants, PhotonBindings::NAMES)?;
+        Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces `rays` rays of each of `lights` lights. The set of photons depends on `seed` alone, their order does
-    /// not matter and differs from run to run. `spare` photons more than were traced fit in the buffer.
+    /// Traces `rays` rays of each of `lights` lights, batch by batch; the buffer grows as they need, up to what the
+    /// device can bind. Photons that no longer fit there end the tracing: all lights are then short by the same.
+    /// `spare` photons more than were traced fit in the buffer.
     ///
     /// # Errors
-    /// [`Error::Buffer`] where the device cannot hold the photons, [`Error::Computation`] where a ray met the loop
-    /// budget, and those of [`Gpu::check`].
-    pub fn trace(&self, gpu: &Gpu, scene: &dyn Bindings, lights: u32, rays: u32, seed: u32, spare: u32) -> Result<Traced> {
-        let batch = BATCH_RAYS.min(rays.max(1));
-        let room = gpu.buffer::<Photon>("penumbra/photons/traced_photons", (batch * self.photons_per_ray) as usize)?;
-        let counts = gpu.buffer::<u32>("penumbra/photons/photon_counts", 4)?;
-        let own = Resources::new().with("traced_photons", &room).with("photon_counts", &counts);
-        let kernel = self.kernel.bind(gpu, "photons_of_light", &[&own, scene])?;
-        let mut batches = Vec::new();
-        let mut stored = vec![[0u32; 2]; lights as usize];
-        let mut total = 0u64;
-        for light in 0..lights {
-            for first_ray in (0..rays).step_by(batch as usize) {
-                let ray_count = batch.min(rays - first_ray);
-                let mut frame = gpu.frame("photons");
-                frame.clear(&counts);
-                frame.run(&kernel, ray_count, &PhotonParameters { light, first_ray, ray_count, seed });
-                frame.submit()?;
-                let [count, illumination, overrun, _]: [u32; 4] = gpu.read::<[u32; 4]>(&counts, 1)?[0];
-                if overrun > 0 {
-                    return Err(Error::Computation {
-                        kernel: "photons".to_owned(),
-                        problem: format!("{overrun} photon rays met more geometry than the device's loop budget allows"),
-                    });
-                }
-                stored[light as usize][0] += illumination;
-                stored[light as usize][1] += count - illumination;
-                total += u64::from(count);
-                // Batches wait in buffers of their own until it is known how many photons there are in all.
-                let kept = gpu.buffer::<Photon>("penumbra/photons/batch", count as usize)?;
-                let mut frame = gpu.frame("photons");
-                frame.copy(&room, &kept, 0, u64::from(count) * size_of::<Photon>() as u64);
-                frame.submit()?;
-                batches.push((kept, count));
+    /// [`Error::Usage`] for lights or rays out of range, [`Error::Computation`] where a traversal gave up, else as
+    /// [`Gpu::check`] and [`Kernel::bind`].
+    pub fn trace(
+        &self,
+        gpu: &Gpu,
+        scene: &dyn Bindings,
+        lights: u32,
+        rays: u32,
+        seed: u32,
+        spare: u32,
+    ) -> Result<Traced> {
+        if !(1..=MAX_LIGHTS).contains(&lights) {
+            return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
+        }
+        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights))
+            .map_err(|_| Error::Usage(format!("--photons {rays}: 2^32 or more of all lights together")))?;
+        let batch_rays = BATCH_RAYS.min(all_rays.max(1));
+        let batch_photons = (batch_rays * (1 + self.shadow_photons_per_ray)) as usize;
+        let batch = gpu.buffer::<Photon>("penumbra/photons/batch", batch_photons)?;
+        let words = COUNT_HEADER + 2 * lights as usize;
+        let counts = gpu.buffer::<u32>("penumbra/photons/counts", words)?;
+        let own = PhotonBindings { traced_photons: &batch, traced_counts: &counts };
+        let bound = self.kernel.bind(gpu, "photons", &[&own, scene])?;
+
+        let spare = spare as usize;
+        let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
+        let mut room = (2 * all_rays as usize + spare).min(limit);
+        let mut photons = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
+        let (mut count, mut done) = (0, 0);
+        let mut stored = vec![[0; 2]; lights as usize];
+        while done < all_rays {
+            let ray_count = batch_rays.min(all_rays - done);
+            let mut frame = gpu.frame("photons");
+            frame.clear(&counts);
+            frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
+            frame.submit()?;
+            let counted: Vec<u32> = gpu.read(&counts, words)?;
+            let (more, overruns) = (counted[0] as usize, counted[1]);
+            if overruns > 0 {
+                let problem = format!("{overruns} photon rays met more triangles than the device's loop budget allows");
+                return Err(Error::Computation { kernel: "photons".to_owned(), problem });
+            }
+            if count + more + spare > limit {
+                break;
+            }
+            let mut frame = gpu.frame("photons");
+            if count + more + spare > room {
+                room = (2 * room).max(count + more + spare).min(limit);
+                let larger = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
+                frame.copy(&photons, &larger, 0, bytes(count));
+                photons = larger;
+            }
+            frame.copy(&batch, &photons, bytes(count), bytes(more));
+            frame.submit()?;
+            count += more;
+            done += ray_count;
+            for (sum, new) in stored.iter_mut().zip(counted[COUNT_HEADER..].chunks_exact(2)) {
+                *sum = [sum[0] + new[0], sum[1] + new[1]];
             }
         }
-        let photons = gpu.buffer::<Photon>("penumbra/photons/photons", total as usize + spare as usize)?;
-        let mut frame = gpu.frame("photons");
-        let mut at = 0;
-        for (kept, count) in &batches {
-            let bytes = u64::from(*count) * size_of::<Photon>() as u64;
-            frame.copy(kept, &photons, at, bytes);
-            at += bytes;
-        }
-        frame.submit()?;
-        Ok(Traced { photons, count: total as u32, stored })
+        // Rays are numbered round by round of the lights.
+        let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
+        Ok(Traced { photons, count: count as u32, emitted, stored })
     }
+}
+
+fn bytes(photons: usize) -> u64 {
+    (photons * size_of::<Photon>()) as u64
 }

@@ -24,7 +24,7 @@ pub(crate) const COVERAGE: u32 = 16;
 /// Records before the first light's, of a light, and of an emitter triangle.
 pub(crate) const HEADER: u32 = 1;
 pub(crate) const RECORDS: u32 = 6;
-pub(crate) const EMITTER_RECORDS: u32 = 3;
+pub(crate) const EMITTER_RECORDS: u32 = 4;
 
 /// Most contour edges of a light that has a closed form: beyond them the formula costs more than the shadow ray
 /// that a sample would need anyway.
@@ -189,6 +189,11 @@ impl Build {
         let area = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3()).length() / 2.0;
         let power = |e: &EmitterTriangle| area(corners(e)) * e.radiance.as_dvec3().element_sum() / 3.0;
         let total: f64 = emitters.iter().map(power).sum();
+        // Both sides of a double-sided triangle shine: none faces away.
+        let partners = match material.double_sided {
+            true => (0..emitters.len() as u32).collect(),
+            false => partners(&emitters.iter().map(corners).collect::<Vec<_>>()),
+        };
         let mut cumulative = 0.0;
         let mut below = 0f32;
         for (i, emitter) in emitters.iter().enumerate() {
@@ -203,6 +208,7 @@ impl Build {
                 [a.x.to_bits(), a.y.to_bits(), a.z.to_bits(), emitter.triangle],
                 bits(b, end),
                 bits(c, density as f32),
+                [first + partners[i], 0, 0, 0],
             ]);
         }
         let two_sided = material.double_sided;
@@ -241,6 +247,42 @@ impl Build {
             radius,
         }
     }
+}
+
+/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any place:
+/// its area vectors sum to nothing.
+pub fn is_closed(scene: &Scene, light: &Light) -> bool {
+    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
+    let mut sum = Vec3::ZERO;
+    let mut area = 0.0;
+    for emitter in emitters {
+        let [a, b, c] = scene.triangle_positions(emitter.triangle as usize);
+        let across = (b - a).cross(c - a);
+        sum += across;
+        area += across.length();
+    }
+    // A hundredth: a mesh with a small hole for a socket counts as closed.
+    !scene.materials[*material as usize].double_sided && sum.length() < 0.01 * area
+}
+
+/// For each triangle one that faces about the other way and is its partner in turn, or itself where none is left.
+fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
+    /// Steps of a normal's coordinates that make a bucket: about 15 degrees.
+    const STEPS: f32 = 4.0;
+    let bucket = |n: Vec3| (n * STEPS).round().as_ivec3().to_array();
+    let normals: Vec<Vec3> = triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
+    let mut waiting: std::collections::HashMap<[i32; 3], Vec<u32>> = std::collections::HashMap::new();
+    let mut partners: Vec<u32> = (0..triangles.len() as u32).collect();
+    for (i, normal) in normals.iter().enumerate() {
+        match waiting.get_mut(&bucket(-*normal)).and_then(Vec::pop) {
+            Some(other) => {
+                partners[i] = other;
+                partners[other as usize] = i as u32;
+            }
+            None => waiting.entry(bucket(*normal)).or_default().push(i as u32),
+        }
+    }
+    partners
 }
 
 /// A sphere around the points: about the middle of their box, of radius 0 where there is none.

@@ -47,9 +47,7 @@ impl Kernels {
                     || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings)),
                 )
             },
-            || {
-                rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants))
-            },
+            || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
         Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map: map.transpose()? })
     }
@@ -203,13 +201,7 @@ impl Direct {
 }
 
 impl Passes {
-    fn bind(
-        &self,
-        shared: &Shared<'_>,
-        buffers: &Buffers,
-        map: Option<&VisibilityMap>,
-        dilate: u32,
-    ) -> Result<Bound> {
+    fn bind(&self, shared: &Shared<'_>, buffers: &Buffers, map: Option<&VisibilityMap>, dilate: u32) -> Result<Bound> {
         let Shared { gpu, tables, tile, .. } = *shared;
         let classes = buffers.classify.final_classes(dilate);
         let shadow = ShadowBuffers {

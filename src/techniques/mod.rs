@@ -7,6 +7,8 @@ mod visibility_map;
 
 use std::time::Instant;
 
+#[expect(unused_imports, reason = "named in the documentation")]
+use crate::Error;
 use crate::bvh::Bvh;
 use crate::gpu::{Features, Gpu};
 use crate::needs::Needs;
@@ -18,8 +20,6 @@ use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{Counter, Statistics};
 use crate::tables::SceneTables;
-#[expect(unused_imports, reason = "named in the documentation")]
-use crate::Error;
 use crate::{Image, Result};
 
 use direct::Direct;

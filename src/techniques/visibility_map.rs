@@ -61,10 +61,11 @@ impl VisibilityMap {
         let lights = scene.lights.len() as u32;
         let rays = settings.photons.min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
-        totals.photon_rays = u64::from(rays) * u64::from(lights);
-        let by_light = scene.lights.iter().zip(&traced.stored).map(|(light, [illumination, shadow])| LightPhotons {
+        totals.photon_rays = traced.emitted.iter().map(|n| u64::from(*n)).sum();
+        let counts = traced.emitted.iter().zip(&traced.stored);
+        let by_light = scene.lights.iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
             light: light.name.clone(),
-            emitted: u64::from(rays),
+            emitted: u64::from(*emitted),
             illumination: u64::from(*illumination),
             shadow: u64::from(*shadow),
             healed: 0,

@@ -103,7 +103,8 @@ fn millions_of_photons_are_sorted() {
     let gpu = gpu();
     let count = 65_535 * 64 + 77;
     let photons = scattered(count, 2, &mut Random(2));
-    let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, count as u32 / 2, 2, 50);
+    // Coarse cells, too full to be judged: this is about sorting.
+    let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 600, 2, 50);
     let (sorted, starts) = dump(gpu, &build(gpu, &photons, 2, shape));
     assert!(sorts(&photons, &shape, &sorted, &starts));
 }
@@ -123,7 +124,9 @@ fn crowded_cells_keep_every_photon() {
         .map(|_| photon(Vec3::new(random.unit(), random.unit(), random.unit()) * 1e-4, Vec3::Y, 0, random.unit() < 0.5))
         .collect();
     let clusters: Vec<Photon> = (0..30_000)
-        .map(|i| photon(random.direction() * 0.4 * (i % 3) as f32 * random.unit().powi(8), random.direction(), 0, false))
+        .map(|i| {
+            photon(random.direction() * 0.4 * (i % 3) as f32 * random.unit().powi(8), random.direction(), 0, false)
+        })
         .collect();
     for photons in [corners, one_cell, clusters] {
         let (sorted, starts) = dump(gpu, &build(gpu, &photons, 1, shape));

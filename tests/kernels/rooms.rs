@@ -2,8 +2,8 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::classify::Point;
 use penumbra::passes::grid::Photon;
+use penumbra::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);
@@ -168,7 +168,7 @@ impl Room {
                     .min_by(|a, b| a.0.total_cmp(&b.0));
                 points.push(match hit {
                     Some((t, r)) => point(eye + direction * t, r.normal()),
-                    None => Point { position: [0.0; 3], normal: u32::MAX },
+                    None => Point { position: [0.0; 3], normal: INVALID_POINT },
                 });
             }
         }

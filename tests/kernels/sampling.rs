@@ -138,7 +138,7 @@ fn warps_follow_their_densities() {
         chi_square(&cells(0.0), &[f64::from(N) / 256.0; 256], 5).unwrap_or_else(|e| panic!("warp {warp}: {e}"));
         chi_square(&cells(0.1), &[f64::from(N) / 256.0; 256], 5).expect_err("a density that is off by a tenth");
         let length = |p: &[f32; 4]| p[..3].iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
-        if warp == 0.0 || warp >= 2.0 && warp < 4.0 {
+        if warp == 0.0 || (2.0..4.0).contains(&warp) {
             // A few roundings of f32.
             assert!(points.iter().all(|p| (length(p) - 1.0).abs() < 1e-6), "warp {warp}: unit length");
         }

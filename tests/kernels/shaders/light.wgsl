@@ -82,5 +82,5 @@ fn densities(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
     if i >= count { return; }
     let hit = places[2u * i];
     let direction = vec3f(sqrt(1.0 - hit.z * hit.z), 0.0, hit.z);
-    results[i] = vec4f(light_pdf(u32(hit.x), vec3f(0.0, 0.0, 1.0), direction, hit.y));
+    results[i] = vec4f(light_pdf(u32(hit.x), places[2u * i + 1u].xyz, vec3f(0.0, 0.0, 1.0), direction, hit.y));
 }
