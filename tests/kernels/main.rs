@@ -9,6 +9,7 @@ mod kit;
 mod light;
 mod path;
 mod photons;
+mod primary;
 mod rooms;
 mod sampling;
 mod shade;
