@@ -129,6 +129,15 @@ impl Room {
         self.rectangles.iter().map(Rectangle::area).sum()
     }
 
+    /// Whether the whole light is behind the point's surface, or emits away from it.
+    #[allow(dead_code, reason = "the benchmark asks, the tests do not")]
+    pub fn is_dark(&self, point: &Point) -> bool {
+        let x = Vec3::from(point.position);
+        let n = point_normal(point.normal).as_vec3();
+        let corner = |i: u32| Vec3::new([-1.0, 1.0][i as usize & 1], 0.0, [-1.0, 1.0][i as usize >> 1]) * self.light;
+        x.y >= 0.495 || (0..4).all(|i| n.dot(corner(i) + Vec3::Y * 0.495 - x) <= 0.0)
+    }
+
     /// The photons of `rays` rays from the light: first hits, and all hits behind them that face the ray.
     pub fn photons(&self, rays: u32, light: u32, random: &mut Random) -> Vec<Photon> {
         let mut photons = Vec::new();
