@@ -114,8 +114,9 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
             var v = granted;
             if traced {
                 let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
-                seen += bit;
-                facing += u32(chosen.pdf > 0.0);
+                let faces = u32(chosen.pdf > 0.0);
+                seen += bit * faces;
+                facing += faces;
                 v = f32(bit);
             }
             sum += select(v, v - granted, closed) * f.diffuse;

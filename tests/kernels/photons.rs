@@ -247,7 +247,8 @@ fn photons_are_those_of_a_loop_over_all_triangles() {
             traced.photons.iter().filter(matches).count() as u32
         };
         assert_eq!(*stored, [of(0), of(1)]);
-        assert!(stored[0] > 500 && stored[1] > 100, "{stored:?}");
+        // Most rays of the sun meet the outside of the ceiling first, which stores nothing.
+        assert!(stored[0] > 200 && stored[1] > 100, "{stored:?}");
     }
     let dropped = traced.photons.pop().unwrap();
     assert_eq!(compare(&scene, &traced).1, 1);
