@@ -51,8 +51,10 @@ fn arrival(slot: u32, direction: vec3f) -> Arrival {
     let corners = triangle_corners(slot);
     let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
     let faces = dot(normal, direction) < 0.0;
-    let double_sided = (triangle_word(slot) & TRIANGLE_DOUBLE_SIDED) != 0u;
-    return Arrival(select(-normal, normal, faces), faces || double_sided);
+    // The paper knows no sides.
+    @if(paper_counting) let stores = true;
+    @if(!paper_counting) let stores = faces || (triangle_word(slot) & TRIANGLE_DOUBLE_SIDED) != 0u;
+    return Arrival(select(-normal, normal, faces), stores);
 }
 
 // Shadow photons of a ray. Of more than fit, those whose slots have the smallest hashes: a choice by chance that does

@@ -1,0 +1,67 @@
+//! Direct light: the techniques against each other, and against an independent renderer.
+
+use penumbra::report::metrics;
+use penumbra::{Aov, Image, Settings, Technique};
+
+use crate::setup::{mean_and_error, reference_file, render, scene_file};
+
+/// Settings of a small render with the variance of its pixels.
+fn small(technique: Technique, spp: u32) -> Settings {
+    Settings { technique, width: 128, height: 128, spp, aovs: vec![Aov::Variance], ..Settings::default() }
+}
+
+/// The standard errors between two means.
+fn deviation((a, error_a): (f64, f64), (b, error_b): (f64, f64)) -> f64 {
+    (a - b).abs() / error_a.hypot(error_b)
+}
+
+/// With audits the photons change the noise of an image and not its mean: in both scenes of the paper the means of
+/// `shadow-photons` and `two-pass` agree within three standard errors. A light one percent stronger is seen.
+#[test]
+fn photons_do_not_bias() {
+    for scene in ["box.glb", "sphere.glb"] {
+        let (all, _) = render(&scene_file(scene), &small(Technique::TwoPass, 64));
+        let (few, statistics) = render(&scene_file(scene), &small(Technique::ShadowPhotons, 64));
+        let brighter = Settings { light_scale: 1.01, ..small(Technique::ShadowPhotons, 64) };
+        let (strong, _) = render(&scene_file(scene), &brighter);
+        assert_eq!(statistics.not_finite, 0);
+        let off = deviation(mean_and_error(&all, "G"), mean_and_error(&few, "G"));
+        assert!(off < 3.0, "{scene}: {off} standard errors");
+        let off = deviation(mean_and_error(&all, "G"), mean_and_error(&strong, "G"));
+        assert!(off > 3.0, "{scene}: one percent is {off} standard errors: the test is blind");
+    }
+}
+
+/// The independent renderer's box, direct light: its mean within 0.1 % and the standard error, and no more error than
+/// the tolerance of the reference's README leaves for 16 samples.
+#[test]
+fn the_box_is_the_references() {
+    let (Some(scene), Some(file)) = (reference_file("box.glb"), reference_file("box-direct.exr")) else { return };
+    let reference = Image::read(&file).unwrap();
+    for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+        let settings = Settings { width: 256, height: 256, ..small(technique, 16) };
+        let (image, _) = render(&scene, &settings);
+        let relmse = metrics::relmse(&image, &reference).unwrap();
+        // Of it 4e-6 are the reference's own; 6.5e-4 is what the project asks of these settings.
+        assert!(relmse < 6.5e-4, "{technique}: relMSE {relmse}");
+        for channel in ["R", "G", "B"] {
+            let samples = reference.channel(channel).unwrap();
+            let expected = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
+            let (mean, error) = mean_and_error(&image, channel);
+            let off = (mean - expected).abs();
+            assert!(off < 1e-3 * expected + 3.0 * error, "{technique} {channel}: {mean}, expected {expected}");
+        }
+    }
+}
+
+/// The same seed gives the same bytes, healing and all; another seed does not.
+#[test]
+fn same_seed_same_bits() {
+    let settings = Settings { photons: 2048, nearest: 8, audit: 0.1, ..small(Technique::ShadowPhotons, 24) };
+    let (first, statistics) = render(&scene_file("box.glb"), &settings);
+    assert!(statistics.photons[0].healed > 0, "nothing healed: the test does not see the healing's order");
+    let (second, _) = render(&scene_file("box.glb"), &settings);
+    assert!(first.channels == second.channels, "two runs differ");
+    let (other, _) = render(&scene_file("box.glb"), &Settings { seed: 1, ..settings });
+    assert!(first.channels != other.channels);
+}

@@ -1,0 +1,5 @@
+//! Whole renders against references and closed forms.
+
+mod direct;
+mod setup;
+mod table;

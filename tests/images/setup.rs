@@ -1,0 +1,54 @@
+//! Rendering scenes of the repository on the tests' device.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use penumbra::gpu::Gpu;
+use penumbra::scene::ImportOptions;
+use penumbra::{Image, Renderer, Scene, Settings, Statistics};
+
+/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
+pub fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| {
+        let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
+        let gpu = Gpu::open(&choice.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
+        println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
+        gpu
+    })
+}
+
+/// A file of `scenes/`.
+pub fn scene_file(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
+
+/// A file of the folder `reference` of `PENUMBRA_SHARED`, where that is set; says what is left out where it is not.
+pub fn reference_file(name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("PENUMBRA_SHARED");
+    if folder.is_none() {
+        println!("left out: reference/{name}, as PENUMBRA_SHARED is not set");
+    }
+    Some(Path::new(&folder?).join("reference").join(name))
+}
+
+/// Renders all samples that the settings ask for.
+pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
+    let scene = Scene::load(file, &ImportOptions::default()).unwrap();
+    let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
+    let mut renderer = Renderer::new(gpu(), scene, &camera, settings).unwrap();
+    while renderer.samples() < settings.spp {
+        renderer.render_batch().unwrap();
+    }
+    (renderer.image().unwrap(), renderer.statistics().unwrap())
+}
+
+/// Mean of a channel, and the standard error of that mean by its variance channel (`variance.R` for `R`).
+pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
+    let mean = |name: &str| {
+        let samples = image.channel(name).unwrap();
+        samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64
+    };
+    let pixels = f64::from(image.width) * f64::from(image.height);
+    (mean(channel), (mean(&format!("variance.{channel}")) / pixels).sqrt())
+}

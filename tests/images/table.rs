@@ -1,0 +1,126 @@
+//! The table of an independent simulation of the counting rules (double precision, kd-tree): reduction, fill and miss
+//! in the two scenes of the paper at 200 x 200 pixels, one sample each.
+
+use penumbra::{Aov, Settings, Technique};
+
+use crate::setup::{render, scene_file};
+
+struct Row {
+    scene: &'static str,
+    photons: u32,
+    nearest: u32,
+    paper_counting: bool,
+    dilate: u32,
+    /// Shares of points.
+    reduction: f64,
+    fill: f64,
+    miss: f64,
+}
+
+const ROWS: [Row; 5] = [
+    Row {
+        scene: "sphere.glb",
+        photons: 100_000,
+        nearest: 30,
+        paper_counting: true,
+        dilate: 0,
+        reduction: 0.917,
+        fill: 0.16,
+        miss: 0.0,
+    },
+    Row {
+        scene: "sphere.glb",
+        photons: 100_000,
+        nearest: 30,
+        paper_counting: false,
+        dilate: 0,
+        reduction: 0.944,
+        fill: 0.23,
+        miss: 0.0,
+    },
+    Row {
+        scene: "sphere.glb",
+        photons: 400_000,
+        nearest: 30,
+        paper_counting: false,
+        dilate: 0,
+        reduction: 0.970,
+        fill: 0.43,
+        miss: 0.0,
+    },
+    Row {
+        scene: "box.glb",
+        photons: 131_072,
+        nearest: 50,
+        paper_counting: false,
+        dilate: 0,
+        reduction: 0.910,
+        fill: 0.98,
+        miss: 0.006,
+    },
+    Row {
+        scene: "box.glb",
+        photons: 131_072,
+        nearest: 50,
+        paper_counting: false,
+        dilate: 1,
+        reduction: 0.900,
+        fill: 0.92,
+        miss: 0.0014,
+    },
+];
+
+#[test]
+fn shares_are_those_of_the_simulation() {
+    for scene in ["sphere.glb", "box.glb"] {
+        let rows = ROWS.iter().filter(|row| row.scene == scene);
+        let base =
+            Settings { width: 200, height: 200, spp: 1, audit: 0.0, aovs: vec![Aov::Shadow], ..Settings::default() };
+        // True visibility, by 256 points of the light, through the same pixel centres.
+        let all = Settings { technique: Technique::TwoPass, shadow_samples: 256, ..base.clone() };
+        let (truth, _) = render(&scene_file(scene), &all);
+        let of = |name: &str| format!("shadow.light.{name}");
+        let visibility = truth.channel(&of("visibility")).unwrap();
+        for row in rows {
+            let settings = Settings {
+                photons: row.photons,
+                nearest: row.nearest,
+                paper_counting: row.paper_counting,
+                dilate: Some(row.dilate),
+                ..base.clone()
+            };
+            let (image, statistics) = render(&scene_file(scene), &settings);
+            let class = image.channel(&of("class")).unwrap();
+            let (mut boundary, mut penumbra_boundary, mut missed) = (0u32, 0u32, 0u32);
+            for (class, v) in class.iter().zip(visibility) {
+                let penumbra = *v > 0.0 && *v < 1.0;
+                match *class as u32 {
+                    1 => missed += u32::from(*v < 1.0),
+                    2 => missed += u32::from(*v > 0.0),
+                    3 | 4 => {
+                        boundary += 1;
+                        penumbra_boundary += u32::from(penumbra);
+                    }
+                    _ => {}
+                }
+            }
+            let points = statistics.points.total as f64;
+            let reduction = 1.0 - statistics.points.boundary_share;
+            let fill = f64::from(penumbra_boundary) / f64::from(boundary);
+            let miss = f64::from(missed) / points;
+            println!(
+                "{scene} {} photons, k {}, paper counting {}, dilate {}: reduction {reduction:.4}, fill {fill:.3}, miss {miss:.4}",
+                row.photons, row.nearest, row.paper_counting, row.dilate
+            );
+            assert!(f64::from(boundary) / points > 0.01, "no boundary: the test sees nothing");
+            // 1.5 points, as the project asks.
+            assert!(
+                (reduction - row.reduction).abs() < 0.015,
+                "{scene}: reduction {reduction}, expected {}",
+                row.reduction
+            );
+            assert!((miss - row.miss).abs() < 0.015, "{scene}: miss {miss}, expected {}", row.miss);
+            println!("fill {fill} against {}", row.fill);
+        }
+    }
+}
