@@ -76,7 +76,8 @@ fn main() {
         let mut buffers = TileBuffers::new(gpu, &features, 1_000_000, false).unwrap();
         buffers.points = gpu.upload("bench/points", &points).unwrap();
         let slots = ClassifyBuffers::new(gpu, 1_000_000).unwrap();
-        let tile = Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };
+        let tile =
+            Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
         for exact_counts in [true, false] {
             let classify = Classify::new(gpu, &features, k, exact_counts).unwrap();
