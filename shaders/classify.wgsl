@@ -2,12 +2,12 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_decode16;
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, is_audited};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
-import package::lib::point::{Point, INVALID_POINT};
+import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::constants::{COUNTER_DARK, COUNTER_AUDITED};
+import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED, COUNTER_NEAR, COUNTER_NEAR_AUDITED};
 
 // n_i and n_s of boundary points are the exact counts, not those about the middle of a cell.
 override exact_counts: bool;
@@ -53,6 +53,8 @@ var<workgroup> group_base: u32;
 var<workgroup> group_classes: atomic<u32>;
 var<workgroup> group_unknown: atomic<u32>;
 var<workgroup> group_audits: atomic<u32>;
+// Decided points near boundaries; above 16 bits, those of them that are audited.
+var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
 
 // Classes by the verdicts on whole cells; the slots that have none are queued for `query`.
@@ -186,7 +188,7 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let slot = query_queue[i];
     let local_light = slot / classify_pass.tile.point_count;
     let point = points[slot - local_light * classify_pass.tile.point_count];
-    classes[slot] = class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal));
+    classes[slot] = near_word(class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal)));
 }
 
 // What a search finds within a distance.
@@ -409,6 +411,7 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         atomicStore(&group_classes, 0u);
         atomicStore(&group_unknown, 0u);
         atomicStore(&group_audits, 0u);
+        atomicStore(&group_near, 0u);
     }
     workgroupBarrier();
     var rank = 0u;
@@ -418,7 +421,8 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
         if points[pixel].normal != INVALID_POINT {
-            class_ = class_of(dilated_classes[slot]);
+            let word = dilated_classes[slot];
+            class_ = class_of(word);
             if class_ == CLASS_UNKNOWN {
                 rank = atomicAdd(&group_unknown, 1u);
             } else {
@@ -428,7 +432,9 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
             if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
                 let light = classify_pass.first_light + local_light;
                 let sample_index = tile_sample(classify_pass.tile, pixel);
-                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, classify_pass.audit_probability);
+                let chance = audit_chance(word, classify_pass.audit_probability);
+                audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, chance);
+                if is_near(word) { atomicAdd(&group_near, 1u + (u32(audited) << 16u)); }
             }
             if audited { rank = atomicAdd(&group_audits, 1u); }
         }
@@ -444,6 +450,11 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         if audits > 0u {
             audit_base = atomicAdd(&queue_lengths[AUDIT_QUEUE], audits);
             atomicAdd(&counters[COUNTER_AUDITED], audits);
+        }
+        let near = atomicLoad(&group_near);
+        if near > 0u {
+            atomicAdd(&counters[COUNTER_NEAR], near & 0xffffu);
+            atomicAdd(&counters[COUNTER_NEAR_AUDITED], near >> 16u);
         }
     }
     if lane < CLASSES {

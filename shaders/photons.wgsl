@@ -7,7 +7,7 @@ import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
-import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, triangle_corners, triangle_word};
+import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
 import package::lib::photon::{Photon, photon_word};
 import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
@@ -38,7 +38,7 @@ var<workgroup> group_base: u32;
 // Coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins whose diagonals differ,
 // and walls of 1e-5 are still two surfaces, also for rays that come from four times the scene's radius.
 fn coincide(a: f32, b: f32) -> bool {
-    return abs(a - b) <= 0x1p-19 * max(a, 0.25);
+    return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
 
 // Normal on the side that the ray comes from, and whether the surface stores a photon there.
@@ -150,7 +150,7 @@ fn photons(
         stored = kept.count + u32(nearest_stores);
         if stored > 0u { rank = atomicAdd(&group_length, stored); }
         // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together.
-        if traversal_overrun || walk.turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
+        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
     }
     workgroupBarrier();
     if lane == 0u {

@@ -11,8 +11,8 @@ import package::lib::surface::surface_at;
 import package::lib::math::oct_encode16;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
-import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, pack_surface};
-import package::lib::constants::{DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_OVERRUN};
+import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
+import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;

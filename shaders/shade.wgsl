@@ -12,9 +12,10 @@ import package::lib::light::{LightSample, light_dark, light_has_closed_form, lig
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
-import package::lib::point::{Point, INVALID_POINT, SURFACE_VECTORS, PackedSurface, unpack_surface};
+import package::lib::constants::INVALID_POINT;
+import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
-@if(audit) import package::lib::photon::is_audited;
+@if(audit) import package::lib::photon::{audit_chance, is_audited};
 @if(glossy) import package::lib::camera::view_direction;
 @if(reflection) import package::lib::bsdf::bsdf_pdf;
 @if(reflection) import package::lib::reflection::reflects_lights;
@@ -26,8 +27,7 @@ struct ShadeParameters {
     light_samples: u32,
     visibility_words: u32,
     audit_probability: f32,
-    // Factor on every light (--light-scale).
-    light_scale: f32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -100,7 +100,9 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         radiance = granted * bsdf_diffuse(place.surface)
             * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
     }
+    // Light points that are seen, and those that face the surface.
     var seen = 0u;
+    var facing = 0u;
     @if(glossy) let sampled = traced || granted > 0.0;
     @if(!glossy) let sampled = traced || (granted > 0.0 && !closed);
     if sampled {
@@ -112,7 +114,9 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
             var v = granted;
             if traced {
                 let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
-                seen += bit;
+                let faces = u32(chosen.pdf > 0.0);
+                seen += bit * faces;
+                facing += faces;
                 v = f32(bit);
             }
             sum += select(v, v - granted, closed) * f.diffuse;
@@ -120,17 +124,18 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         }
         radiance += sum / f32(count);
     }
-    var estimate = select(granted, f32(seen) / f32(parameters.light_samples), traced);
+    var estimate = select(granted, f32(seen) / f32(max(facing, 1u)), traced);
     @if(audit) {
-        if decided && is_audited(place.seed, place.sample_index, light, parameters.audit_probability) {
+        let chance = audit_chance(word, parameters.audit_probability);
+        if decided && is_audited(place.seed, place.sample_index, light, chance) {
             let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
             if error != 0.0 {
                 let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
                 let f = contribution(place, chosen, light);
                 var all = f.diffuse;
                 @if(glossy) { all += f.residual; }
-                radiance += (error / parameters.audit_probability) * all;
-                estimate += error / parameters.audit_probability;
+                radiance += (error / chance) * all;
+                estimate += error / chance;
             }
         }
     }
@@ -180,5 +185,5 @@ fn shade(
         }
     }
     let so_far = radiance_direct[i];
-    radiance_direct[i] = vec4f(so_far.xyz + parameters.light_scale * sum, so_far.w);
+    radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
 }

@@ -5,15 +5,14 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
-import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{oct_decode16, oct_encode7};
-import package::lib::light::LightSample;
+import package::lib::light::shadow_ray;
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::point::Point;
 import package::lib::rng::{hash2, hash3};
-@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, photon_word};
+@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, is_near, photon_word};
 import package::lib::constants::{
-    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG,
+    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR,
     COUNTER_OVERRUN, COUNTER_PENUMBRA_SEEN
 };
 
@@ -45,14 +44,7 @@ var<immediate> parameters: ShadowParameters;
 
 var<workgroup> rays_traced: atomic<u32>;
 var<workgroup> mixed_points: atomic<u32>;
-
-// Whether the light point is seen from the surface point: a shadow ray, ended just short of the light's surface.
-fn light_point_visible(position: vec3f, normal: vec3f, chosen: LightSample, seed: u32) -> bool {
-    let origin = offset_origin(position, normal);
-    // A light point is on a surface that the ray must not meet: 1e-4 short of it is some hundred times the rounding of
-    // t at the far end, and no occluder is that near to a light without touching it.
-    return !trace_occluded(Ray(origin, 0.0, chosen.direction, chosen.distance * (1.0 - 1e-4)), seed);
-}
+@if(audit) var<workgroup> wrong_near: atomic<u32>;
 
 @compute @workgroup_size(64)
 fn shadow(
@@ -84,7 +76,7 @@ fn shadow(
                 if chosen.pdf <= 0.0 || dot(chosen.direction, normal) <= 0.0 { continue; }
                 traced++;
                 let ray_seed = hash3(seed, DIMENSION_SHADOW_ALPHA + light, sample_index * parameters.light_samples + j);
-                if light_point_visible(position, normal, chosen, ray_seed) { bits |= 1u << (j - first); }
+                if !trace_occluded(shadow_ray(position, normal, chosen), ray_seed) { bits |= 1u << (j - first); }
             }
             visibility[slot * parameters.visibility_words + word] = bits;
             seen += countOneBits(bits);
@@ -110,6 +102,7 @@ fn audit(
     if lane == 0u {
         atomicStore(&rays_traced, 0u);
         atomicStore(&mixed_points, 0u);
+        atomicStore(&wrong_near, 0u);
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
@@ -123,14 +116,16 @@ fn audit(
         let seed = pixel_seed(parameters.tile, i);
         let sample_index = tile_sample(parameters.tile, i);
         let chosen = audit_light_sample(light, position, seed, sample_index);
-        var seen = false;
+        // Where the light point faces away nothing is asked, and the class stands.
+        let lit = class_of(classes[slot]) == CLASS_LIT;
+        var seen = lit;
         if chosen.pdf > 0.0 && dot(chosen.direction, normal) > 0.0 {
             atomicAdd(&rays_traced, 1u);
             let ray_seed = hash3(seed, DIMENSION_SHADOW_ALPHA + light, ~sample_index);
-            seen = light_point_visible(position, normal, chosen, ray_seed);
-            let lit = class_of(classes[slot]) == CLASS_LIT;
+            seen = !trace_occluded(shadow_ray(position, normal, chosen), ray_seed);
             if seen != lit {
                 atomicAdd(&mixed_points, 1u);
+                if is_near(classes[slot]) { atomicAdd(&wrong_near, 1u); }
                 let at = atomicAdd(&heal_count, 1u);
                 if at < parameters.heal_capacity {
                     heal_photons[at] = Photon(position, photon_word(oct_encode7(normal), light, 1.0, !seen));
@@ -144,5 +139,6 @@ fn audit(
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&mixed_points));
+        atomicAdd(&counters[COUNTER_AUDITS_WRONG_NEAR], atomicLoad(&wrong_near));
     }
 }

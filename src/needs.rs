@@ -6,6 +6,7 @@ use serde::Serialize;
 use crate::gpu::Features;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::{Aov, Settings, Technique};
+use crate::tables::lights;
 
 /// What was decided for a scene and its settings.
 #[derive(Clone, Debug, Serialize)]
@@ -37,7 +38,7 @@ impl Needs {
         let facts = Facts::new(scene);
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = scene.triangles.len() as u64;
-        let per_triangle = |bytes: u64| format!("{} a triangle", bytes_text(bytes * triangles));
+        let per_triangle = |bytes: u64| format!("{bytes} B a triangle, {} in all", bytes_text(bytes * triangles));
 
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));
@@ -72,17 +73,17 @@ impl Needs {
         let (on, why) = vertices(m.smooth_normals);
         needs.decide("smooth_normals", on, why, "every triangle is flat", "normal interpolation in every surface");
 
-        let lights = |n: usize| (n > 0, count(n, "light"));
+        let some_lights = |n: usize| (n > 0, count(n, "light"));
         for (feature, number) in [
             ("mesh_lights", m.mesh_lights),
             ("point_lights", m.point_lights),
             ("spot_lights", m.spot_lights),
             ("directional_lights", m.directional_lights),
         ] {
-            let (on, why) = lights(number);
+            let (on, why) = some_lights(number);
             needs.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
         }
-        let (on, why) = lights(m.textured_lights);
+        let (on, why) = some_lights(m.textured_lights);
         needs.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
 
         needs.decide(
@@ -92,6 +93,8 @@ impl Needs {
             "there is no light",
             "a test at every point and light",
         );
+        let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
+        needs.decide("emitter_pairs", on, why, "no light is a closed mesh", "two records at every light point");
         let map = settings.technique.uses_visibility_map();
         let photons = u64::from(settings.photons) * scene.lights.len() as u64;
         let unneeded = if !map {

@@ -117,29 +117,55 @@ pub struct Audits {
     pub wrong: u64,
     /// Estimated miss bias: the mean of |V - c| over all points.
     pub miss_bias: f64,
-    /// Its 95 % interval (Wilson's score interval, scaled by the decided share).
+    /// Its 95 % interval: Wilson's score intervals of points near boundaries and of the others, combined.
     pub miss_bias_interval: [f64; 2],
 }
 
-impl Audits {
-    /// The estimate from `wrong` of `audited` decided points, which are the share `decided` of all points.
-    pub fn new(audited: u64, wrong: u64, decided: f64) -> Self {
+/// Decided points of one kind: what share of all points they are, how many were audited, how many of these wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stratum {
+    /// Share of all points, 0 to 1.
+    pub share: f64,
+    /// Audited points.
+    pub audited: u64,
+    /// Those whose shadow ray contradicted the class.
+    pub wrong: u64,
+}
+
+impl Stratum {
+    /// Wilson's score interval of the share of wrong ones at 95 %: its centre and its half width.
+    fn wilson(&self) -> (f64, f64) {
         // 97.5 % quantile of the normal distribution.
         const Z: f64 = 1.959_964;
-        if audited == 0 {
-            return Audits { miss_bias_interval: [0.0, decided], ..Audits::default() };
+        if self.audited == 0 {
+            return (0.5, 0.5);
         }
-        let n = audited as f64;
-        let p = wrong as f64 / n;
-        let centre = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let low = if wrong == 0 { 0.0 } else { (centre - half).max(0.0) };
-        Audits {
-            audited,
-            wrong,
-            miss_bias: p * decided,
-            miss_bias_interval: [low * decided, (centre + half).min(1.0) * decided],
+        let n = self.audited as f64;
+        let p = self.wrong as f64 / n;
+        let scale = 1.0 + Z * Z / n;
+        ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
+    }
+}
+
+impl Audits {
+    /// The estimate from points that were audited with different probabilities. The intervals of the strata, which are
+    /// independent, are combined by the root of the sum of their squares.
+    pub fn new(strata: &[Stratum]) -> Self {
+        let mut audits = Audits::default();
+        let (mut centre, mut half) = (0.0, 0.0);
+        for stratum in strata.iter().filter(|s| s.share > 0.0) {
+            audits.audited += stratum.audited;
+            audits.wrong += stratum.wrong;
+            audits.miss_bias += stratum.share * stratum.wrong as f64 / stratum.audited.max(1) as f64;
+            let (c, h) = stratum.wilson();
+            centre += stratum.share * c;
+            half += (stratum.share * h).powi(2);
         }
+        let half = half.sqrt();
+        // Where none was wrong the interval reaches down to 0 but for rounding.
+        let low = if audits.wrong == 0 { 0.0 } else { (centre - half).max(0.0) };
+        audits.miss_bias_interval = [low, (centre + half).min(1.0)];
+        audits
     }
 }
 
@@ -218,6 +244,12 @@ pub enum Counter {
     Boundary,
     /// [`Points::unknown`].
     Unknown,
+    /// Decided points near boundaries: with photons of both kinds in reach of their cell.
+    Near,
+    /// Those of them that are audited.
+    NearAudited,
+    /// Those of them whose shadow ray contradicted the class.
+    AuditsWrongNear,
 }
 
 impl Counter {

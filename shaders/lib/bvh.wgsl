@@ -27,6 +27,9 @@ const STACK_SIZE = 84;
 // in silence after 65,535 turns in all.
 const MAX_TURNS: u32 = 60000u;
 
+// Turns of this invocation so far, over all its traversals. A kernel of other loops may add theirs.
+var<private> traversal_turns: u32;
+
 // Whether a traversal of this invocation gave up. Its results are then wrong, and the kernel must count an error.
 var<private> traversal_overrun: bool;
 
@@ -61,7 +64,6 @@ struct Walk {
     t_min: f32,
     place: u32,
     height: u32,
-    turns: u32,
     done: bool,
     stack: array<u32, STACK_SIZE>,
 }
@@ -87,7 +89,6 @@ fn begin_walk(ray: Ray) -> Walk {
     walk.t_min = ray.t_min;
     walk.place = 0u;
     walk.height = 0u;
-    walk.turns = 0u;
     walk.done = false;
     return walk;
 }
@@ -95,7 +96,7 @@ fn begin_walk(ray: Ray) -> Walk {
 // Takes a turn: the slot of a triangle to be tested, or NO_HIT where this turn met none.
 fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
     if (*walk).place == NO_PLACE {
-        if (*walk).height == 0u || (*walk).turns >= MAX_TURNS {
+        if (*walk).height == 0u || traversal_turns >= MAX_TURNS {
             traversal_overrun |= (*walk).height != 0u;
             (*walk).done = true;
             return NO_HIT;
@@ -103,7 +104,7 @@ fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
         (*walk).height--;
         (*walk).place = (*walk).stack[(*walk).height];
     }
-    (*walk).turns++;
+    traversal_turns++;
     if (*walk).place < ONE_TRIANGLE {
         let children = open_node(walk, (*walk).place, t_max);
         let keys = sorted(children.keys);

@@ -1,12 +1,14 @@
 // Lights: sampling, closed-form irradiance, darkness and emission. Tables are made by src/tables/lights.rs.
 
+import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
-    LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
+    LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
 @if(emissive_textures) import package::lib::surface::emission_at;
+@if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
 @if(texture_loads) @group(1) @binding(7) var light_records: texture_2d<u32>;
 @if(!texture_loads) @group(1) @binding(7) var<storage, read> light_records: array<vec4u>;
@@ -53,6 +55,35 @@ fn light_record_f32(light: u32, record: u32) -> vec4f {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+// ---- Choice
+
+struct LightChoice {
+    light: u32,
+    // Of choosing it.
+    probability: f32,
+    // What is left of the random number, uniform again.
+    u: f32,
+}
+
+// How likely `choose_light` is to choose the light.
+fn light_probability(light: u32) -> f32 {
+    return light_record_f32(light, 5u).y;
+}
+
+// A light, by power; there must be one.
+fn choose_light(u: f32) -> LightChoice {
+    // The first light whose cumulative probability exceeds u.
+    var first = 0u;
+    var last = light_count() - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        if light_record_f32(middle, 5u).x > u { last = middle; } else { first = middle + 1u; }
+    }
+    let found = light_record_f32(first, 5u);
+    let left = 1.0 - (found.x - u) / found.y;
+    return LightChoice(first, found.y, clamp(left, 0.0, 1.0 - 1.0 / 16777216.0));
 }
 
 // ---- Punctual lights
@@ -192,8 +223,42 @@ struct MeshPoint {
     triangle: u32,
 }
 
+// An emitter triangle.
 @if(mesh_lights)
-fn mesh_point(light: u32, header: vec4u, u: vec2f) -> MeshPoint {
+struct EmitterTriangle {
+    a: vec3f,
+    e1: vec3f,
+    e2: vec3f,
+    // e1 x e2: along the normal, twice the area long.
+    across: vec3f,
+    // By area.
+    density: f32,
+    // Cumulative probability, this triangle's included.
+    cumulative: f32,
+    slot: u32,
+}
+
+@if(mesh_lights)
+fn load_emitter(emitter: u32) -> EmitterTriangle {
+    let r0 = load_emitter_record(emitter * EMITTER_RECORDS);
+    let r1 = load_emitter_record(emitter * EMITTER_RECORDS + 1u);
+    let r2 = load_emitter_record(emitter * EMITTER_RECORDS + 2u);
+    let a = bitcast<vec3f>(r0.xyz);
+    let e1 = bitcast<vec3f>(r1.xyz) - a;
+    let e2 = bitcast<vec3f>(r2.xyz) - a;
+    return EmitterTriangle(a, e1, e2, cross(e1, e2), bitcast<f32>(r2.w), bitcast<f32>(r1.w), r0.w);
+}
+
+// A choice of an emitter triangle by power, and what is left of the random numbers for a point of it.
+@if(mesh_lights)
+struct EmitterChoice {
+    emitter: u32,
+    triangle: EmitterTriangle,
+    u: vec2f,
+}
+
+@if(mesh_lights)
+fn choose_emitter(header: vec4u, u: vec2f) -> EmitterChoice {
     // The first emitter triangle whose cumulative probability exceeds u.x.
     var first = header.y;
     var last = header.y + header.z - 1u;
@@ -201,28 +266,62 @@ fn mesh_point(light: u32, header: vec4u, u: vec2f) -> MeshPoint {
         let middle = (first + last) / 2u;
         if bitcast<f32>(load_emitter_record(middle * EMITTER_RECORDS + 1u).w) > u.x { last = middle; } else { first = middle + 1u; }
     }
-    let r0 = load_emitter_record(first * EMITTER_RECORDS);
-    let r1 = load_emitter_record(first * EMITTER_RECORDS + 1u);
-    let r2 = load_emitter_record(first * EMITTER_RECORDS + 2u);
-    let a = bitcast<vec3f>(r0.xyz);
-    let e1 = bitcast<vec3f>(r1.xyz) - a;
-    let e2 = bitcast<vec3f>(r2.xyz) - a;
-    let across = cross(e1, e2);
-    let twice_area = length(across);
-    let density = bitcast<f32>(r2.w);
+    let triangle = load_emitter(first);
     // What is left of u.x within the triangle's share of the probability.
-    let share = 0.5 * density * twice_area;
-    let left = clamp(1.0 - (bitcast<f32>(r1.w) - u.x) / share, 0.0, 1.0 - 1.0 / 16777216.0);
-    let uv = sample_triangle(vec2f(left, u.y));
+    let share = 0.5 * triangle.density * length(triangle.across);
+    let left = clamp(1.0 - (triangle.cumulative - u.x) / share, 0.0, 1.0 - 1.0 / 16777216.0);
+    return EmitterChoice(first, triangle, vec2f(left, u.y));
+}
+
+// The point of an emitter triangle, chosen with that density by area.
+@if(mesh_lights)
+fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, density: f32, u: vec2f) -> MeshPoint {
+    let uv = sample_triangle(u);
     var radiance: vec3f;
-    @if(emissive_textures) { radiance = emission_at(r0.w, uv.x, uv.y); }
+    @if(emissive_textures) { radiance = emission_at(triangle.slot, uv.x, uv.y); }
     @else { radiance = light_record_f32(light, 2u).xyz; }
-    return MeshPoint(a + uv.x * e1 + uv.y * e2, across / twice_area, radiance, density, r0.w);
+    @if(alpha_test) {
+        // Through what is not there, the light does not shine.
+        if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(triangle.slot, uv.x, uv.y); }
+    }
+    let position = triangle.a + uv.x * triangle.e1 + uv.y * triangle.e2;
+    return MeshPoint(position, normalize(triangle.across), radiance, density, triangle.slot);
+}
+
+@if(emitter_pairs)
+fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
+    return dot(triangle.across, position - triangle.a) > 0.0;
+}
+
+// The density by area of an emitter triangle that faces the position. Of a closed mesh half of the triangles face
+// away: each is paired with one that faces about the other way, which is taken in its place. So a triangle that
+// faces the position is chosen for itself, and for its partner where that faces away.
+@if(mesh_lights)
+fn paired_density(emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
+    var density = triangle.density;
+    @if(emitter_pairs) {
+        let partner = load_emitter_record(emitter * EMITTER_RECORDS + 3u).x;
+        if partner != emitter {
+            let other = load_emitter(partner);
+            if !emitter_faces(other, position) {
+                density += other.density * length(other.across) / length(triangle.across);
+            }
+        }
+    }
+    return density;
 }
 
 @if(mesh_lights)
 fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
-    let point = mesh_point(light, header, u);
+    var chosen = choose_emitter(header, u);
+    @if(emitter_pairs) {
+        if !emitter_faces(chosen.triangle, position) {
+            chosen.emitter = load_emitter_record(chosen.emitter * EMITTER_RECORDS + 3u).x;
+            chosen.triangle = load_emitter(chosen.emitter);
+        }
+    }
+    let density = paired_density(chosen.emitter, chosen.triangle, position);
+    let point = mesh_point(light, header, chosen.triangle, density, chosen.u);
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
     let towards = -dot(point.normal, offset);
@@ -243,8 +342,10 @@ struct Emitter {
     density: f32,
 }
 
+// The light that a BVH slot is a part of, and the density by area with which `light_sample` chooses its points for a
+// position that it faces; a density of 0 where it is none.
 @if(mesh_lights)
-fn emitter_of(triangle: u32) -> Emitter {
+fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     let header = load_light_record(0u);
     // The list of emitters by slot lies behind their records.
     let base = header.y * EMITTER_RECORDS;
@@ -257,17 +358,30 @@ fn emitter_of(triangle: u32) -> Emitter {
     if first < base + header.y {
         let found = load_emitter_record(first);
         if found.x == triangle {
-            return Emitter(found.y, bitcast<f32>(load_emitter_record(found.z * EMITTER_RECORDS + 2u).w));
+            return Emitter(found.y, paired_density(found.z, load_emitter(found.z), position));
         }
     }
     return Emitter(0u, 0.0);
 }
 
 // The solid angle density with which `light_sample` of the triangle's own light chooses a point of it at distance
-// `t` along the unit `direction`, `normal` being the triangle's; for the MIS weight of a ray that hit it.
+// `t` along the unit `direction` from the position, `normal` being the triangle's; for the MIS weight of a ray that hit it.
 @if(mesh_lights)
-fn light_pdf(triangle: u32, normal: vec3f, direction: vec3f, t: f32) -> f32 {
-    return min(emitter_of(triangle).density * t * t / abs(dot(normal, direction)), 1e30);
+fn light_pdf(triangle: u32, position: vec3f, normal: vec3f, direction: vec3f, t: f32) -> f32 {
+    return min(emitter_of(triangle, position).density * t * t / abs(dot(normal, direction)), 1e30);
+}
+
+// Further than any occluder can be: the scene has unit size.
+const BEYOND_SCENE = 4.0;
+
+// The whole way from a surface to a light point, clear of both surfaces, with t from 0 to 1. It leads to the point
+// itself and not along the sample's direction: from an origin that was moved, that would miss the point by as much, and
+// enter a curved light before its end.
+fn shadow_ray(position: vec3f, normal: vec3f, chosen: LightSample) -> Ray {
+    let origin = offset_origin(position, normal);
+    let reach = min(chosen.distance, BEYOND_SCENE);
+    let end = offset_origin(position + reach * chosen.direction, chosen.normal);
+    return Ray(origin, 0.0, end - origin, 1.0);
 }
 
 // ---- Closed form
@@ -387,7 +501,8 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
         }
     }
     @if(mesh_lights) {
-        let point = mesh_point(light, header, u.xy);
+        let chosen = choose_emitter(header, u.xy);
+        let point = mesh_point(light, header, chosen.triangle, chosen.triangle.density, chosen.u);
         var normal = point.normal;
         var v = u.zw;
         if (header.x & LIGHT_TWO_SIDED) != 0u {

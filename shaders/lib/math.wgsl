@@ -36,7 +36,7 @@ fn oct_unwrap(p: vec2f) -> vec3f {
     return normalize(vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z));
 }
 
-// A unit vector in 32 bits: within 5e-5 radians.
+// A unit vector in 32 bits: within 7e-5 radians, by the same reckoning as below.
 fn oct_encode16(n: vec3f) -> u32 {
     return pack2x16snorm(oct_wrap(n));
 }
@@ -45,7 +45,8 @@ fn oct_decode16(bits: u32) -> vec3f {
     return oct_unwrap(unpack2x16snorm(bits));
 }
 
-// A unit vector in 14 bits: within 0.02 radians. 127 levels a coordinate, so that the axes are exact.
+// A unit vector in 14 bits: within 0.034 radians: half a step of 1/63 each way,
+// stretched threefold where the coordinates are alike. 127 levels a coordinate, so that the axes are exact.
 fn oct_encode7(n: vec3f) -> u32 {
     let q = vec2u(round(oct_wrap(n) * 63.0 + 63.0));
     return q.x | (q.y << 7u);

@@ -64,7 +64,30 @@ fn class_visibility(word: u32) -> f32 {
     return f32(word >> 21u) / 2047.0;
 }
 
+// The word of a decided point in a cell that has photons of both kinds in reach. The visibility of a decided point says
+// nothing that its class does not: one step off it marks these.
+fn near_word(word: u32) -> u32 {
+    let class_ = class_of(word);
+    if class_ == CLASS_LIT { return word - (1u << 21u); }
+    if class_ == CLASS_SHADOWED { return word + (1u << 21u); }
+    return word;
+}
+
+fn is_near(word: u32) -> bool {
+    let visibility = word >> 21u;
+    return visibility != 0u && visibility != 2047u;
+}
+
+// Near boundaries a class is wrong far more often: audited as much more, its mistakes make no fireflies. 16 brings the
+// default of 1/64 to 1/4, a weight of 4 where a visibility was wrong.
+const NEAR_AUDITS = 16.0;
+
+// Probability that a decided point is audited.
+fn audit_chance(word: u32, probability: f32) -> f32 {
+    return select(probability, min(NEAR_AUDITS * probability, 1.0), is_near(word));
+}
+
 // Whether a decided point traces a shadow ray all the same.
-fn is_audited(seed: u32, sample_index: u32, light: u32, probability: f32) -> bool {
-    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < probability;
+fn is_audited(seed: u32, sample_index: u32, light: u32, chance: f32) -> bool {
+    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < chance;
 }

@@ -9,9 +9,6 @@ struct Point {
     normal: u32,
 }
 
-// A point where nothing is to be lit: the ray left the scene, or met an unlit surface. No normal has this code:
-// it would be a vector of length zero.
-const INVALID_POINT: u32 = 0xffffffffu;
 
 // Vectors that a surface takes in the array `surfaces`.
 @if(glossy) const SURFACE_VECTORS: u32 = 3u;

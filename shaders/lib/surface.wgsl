@@ -199,10 +199,10 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     var emission = m1.xyz;
     var metallic = m1.w;
     @if(vertex_colours) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
+    @if(textures) let more = load_material_record(material + 5u);
+    @if(textures) var uv: Uv;
     @if(textures) {
-        let more = load_material_record(material + 5u);
         let any_texture = (words.y | words.z | words.w | more.x | more.y | more.z) != 0u;
-        var uv: Uv;
         if any_texture { uv = uv_at(hit.triangle, hit.u, hit.v); }
         if words.y != 0u { base *= texture_at(words.y, uv).xyz; }
         if more.x != 0u { emission *= texture_at(more.x, uv).xyz; }

@@ -9,8 +9,8 @@ impl Image {
     /// Adds `worldToCamera` and `worldToNDC` (pbrt's conventions, lengths of the file's world space).
     ///
     /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the
-    /// image and (1, 1) at the upper right one; its z runs from 1/2 at the near plane to 1 at the far one. A
-    /// perspective camera is as wide as the image's shape makes it.
+    /// image and (1, 1) at the upper right one; its z runs from 1/2 at the near plane to 1 at the far one. The
+    /// view is as wide as the image's shape makes it.
     pub fn add_camera(&mut self, camera: &Camera, normalisation: &Normalisation) {
         let [right, up, backward] = camera.axes.map(|axis| axis.as_dvec3());
         let rotation =
@@ -28,8 +28,9 @@ impl Image {
                 let z = if far.is_finite() { far * depth } else { 1.0 };
                 DMat4::from_cols(DVec4::X * x, DVec4::Y * y, DVec4::new(0.0, 0.0, z, 1.0), DVec4::Z * (-near * z))
             }
-            Projection::Orthographic { xmag, ymag } => {
-                let scale = DVec3::new(1.0 / length(xmag), 1.0 / length(ymag), depth);
+            Projection::Orthographic { ymag, .. } => {
+                let y = 1.0 / length(ymag);
+                let scale = DVec3::new(y * f64::from(self.height) / f64::from(self.width), y, depth);
                 DMat4::from_scale(scale) * DMat4::from_translation(DVec3::Z * -near)
             }
         };

@@ -89,8 +89,8 @@ impl Image {
     /// int, float and 4 x 4 attributes. The image is the data window.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts or subsampled, or where its header
-    /// claims more than a file of its length can hold.
+    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts, subsampled or compressed by DWA, or
+    /// where its header claims more than a file of its length can hold.
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let input = |place: &str, problem: String| Error::input(path, place, problem);
@@ -205,6 +205,10 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
                 }
                 channels += 1;
             },
+            // The crate's decoder of DWA allocates what a damaged block claims.
+            "compression" if matches!(value.take(1), Some([8 | 9])) => {
+                return Err((place, "DWAA and DWAB are not supported, save it with ZIP".into()));
+            }
             _ => {}
         }
     }

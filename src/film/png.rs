@@ -9,8 +9,8 @@ use super::{Image, View, read_file, write_atomically};
 use crate::{Error, Result};
 
 impl Image {
-    /// Writes the colour as 8-bit PNG, tone-mapped by `view` after scaling by 2^`exposure_ev`. Alpha is kept where the
-    /// image has `A`: coded linearly and, as PNG has it, no longer multiplied into the colour.
+    /// Writes the colour as 8-bit PNG, tone-mapped by `view` after scaling by 2^`exposure_ev`, over black: a picture to
+    /// look at, as Blender and pbrt write it. EXR keeps the alpha.
     ///
     /// # Errors
     /// [`Error::Output`] where `R`, `G` or `B` is missing or the file cannot be written; the old file then stays.
@@ -22,7 +22,7 @@ impl Image {
         write_atomically(path, |file| {
             let mut encoder = png::Encoder::new(file, self.width, self.height);
             encoder.set_depth(png::BitDepth::Eight);
-            encoder.set_color(if self.channel("A").is_some() { png::ColorType::Rgba } else { png::ColorType::Rgb });
+            encoder.set_color(png::ColorType::Rgb);
             if view != View::Raw {
                 encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
             }
@@ -32,24 +32,17 @@ impl Image {
         })
     }
 
-    /// Pixels of 8-bit RGB, or RGBA where there is an `A`, row by row from the top; the name of a missing channel as
-    /// the error.
+    /// Pixels of 8-bit RGB, row by row from the top; the name of a missing channel as the error.
     pub(crate) fn display(&self, view: View, exposure_ev: f32) -> std::result::Result<Vec<u8>, &'static str> {
         let [r, g, b] = self.rgb()?;
-        let alpha = self.channel("A");
         let gain = exposure_ev.exp2();
-        let code = |x: f32| (x * 255.0).round() as u8;
-        let pixel = |i: usize, out: &mut [u8]| {
-            let opacity = alpha.map_or(1.0, |a| a[i].clamp(0.0, 1.0));
-            let gain = if opacity > 0.0 { gain / opacity } else { 0.0 };
+        let mut bytes = vec![0; self.pixels() * 3];
+        bytes.par_chunks_exact_mut(3).enumerate().for_each(|(i, out)| {
             let colour = view.apply([r[i] * gain, g[i] * gain, b[i] * gain]);
-            for (out, x) in out.iter_mut().zip(colour.into_iter().chain([opacity])) {
-                *out = code(x);
+            for (out, x) in out.iter_mut().zip(colour) {
+                *out = (x * 255.0).round() as u8;
             }
-        };
-        let size = if alpha.is_some() { 4 } else { 3 };
-        let mut bytes = vec![0; self.pixels() * size];
-        bytes.par_chunks_exact_mut(size).enumerate().for_each(|(i, out)| pixel(i, out));
+        });
         Ok(bytes)
     }
 }

@@ -27,8 +27,8 @@ impl View {
     /// The display's values, each in 0 to 1 and coded as the view says, of scene-linear Rec.709 `colour`.
     /// Negative and NaN components count as 0.
     pub fn apply(self, colour: [f32; 3]) -> [f32; 3] {
-        // f32::max gives 0 for NaN; infinities would make NaN of a difference or a quotient.
-        let colour = colour.map(|x| x.max(0.0).min(f32::MAX));
+        // Infinities would make NaN of a difference or a quotient.
+        let colour = colour.map(|x| if x > 0.0 { x.min(f32::MAX) } else { 0.0 });
         match self {
             View::Neutral => neutral(colour).map(srgb_from_linear),
             View::Agx => agx(colour).map(srgb_from_linear),

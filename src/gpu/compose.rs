@@ -18,6 +18,7 @@ shaders!(
     "film",
     "grid",
     "photons",
+    "path",
     "primary",
     "shade",
     "shadow",
@@ -66,6 +67,8 @@ pub const FEATURES: &[&str] = &[
     "point_lights",
     "spot_lights",
     "directional_lights",
+    // Scene: some mesh light is closed, so that half of it faces away.
+    "emitter_pairs",
     // Scene: some mesh light has an emissive texture.
     "emissive_textures",
     // Method: points that face away from a light are told apart.
@@ -92,6 +95,7 @@ pub const FEATURES: &[&str] = &[
 /// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
 /// of this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
+    ("INVALID_POINT", crate::passes::INVALID_POINT),
     ("SURFACE_FLAT", crate::tables::surfaces::FLAT),
     ("MATERIAL_RECORDS", crate::tables::surfaces::MATERIAL_RECORDS),
     ("MATERIAL_DOUBLE_SIDED", crate::tables::surfaces::DOUBLE_SIDED),
@@ -116,11 +120,15 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_PHOTON_ALPHA", 0x8000_0000),
     ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
     ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
+    ("DIMENSION_PATH", 0x9000_0000),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
     ("COUNTER_AUDITED", Counter::Audited as u32),
     ("COUNTER_AUDITS_WRONG", Counter::AuditsWrong as u32),
+    ("COUNTER_AUDITS_WRONG_NEAR", Counter::AuditsWrongNear as u32),
+    ("COUNTER_NEAR", Counter::Near as u32),
+    ("COUNTER_NEAR_AUDITED", Counter::NearAudited as u32),
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),
@@ -136,6 +144,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
     ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
     ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
+    ("LIGHT_COVERAGE", crate::tables::lights::COVERAGE),
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
@@ -206,6 +215,21 @@ pub fn compose(kernel: &str, features: &Features) -> Result<Composed> {
     compose_source(kernel, source, features)
 }
 
+/// A diagnostic on one line, without the terminal's colours.
+fn one_line(text: &str) -> String {
+    let mut plain = String::new();
+    let mut in_escape = false;
+    for c in text.chars() {
+        match c {
+            '\u{1b}' => in_escape = true,
+            'm' if in_escape => in_escape = false,
+            _ if in_escape => {}
+            _ => plain.push(c),
+        }
+    }
+    plain.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// Composes a kernel from its source; it imports the shipped modules as `package::lib::<module>`.
 ///
 /// # Errors
@@ -213,7 +237,7 @@ pub fn compose(kernel: &str, features: &Features) -> Result<Composed> {
 pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result<Composed> {
     let mut resolver = wesl::VirtualResolver::new();
     let path = |path: &str| format!("package::{}", path.replace('/', "::")).parse::<wesl::ModulePath>();
-    let broken = |e: &dyn std::fmt::Display| Error::kernel(kernel, e);
+    let broken = |e: &dyn std::fmt::Display| Error::kernel(kernel, one_line(&e.to_string()));
     for (name, text) in SHADERS.iter().filter(|(name, _)| name.starts_with("lib/")) {
         resolver.add_module(path(name).map_err(|e| broken(&e))?, Cow::Borrowed(text));
     }

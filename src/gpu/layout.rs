@@ -49,6 +49,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::grid::GridShape::SHARED,
     &passes::grid::Photon::SHARED,
     &passes::photons::PhotonParameters::SHARED,
+    &passes::path::PathParameters::SHARED,
     &passes::shade::ShadeParameters::SHARED,
     &passes::shadow::ShadowParameters::SHARED,
     &tables::CameraUniform::SHARED,

@@ -120,7 +120,6 @@ const SCAN_SERIAL: u32 = 64;
 /// The pass.
 pub struct Grid {
     kernel: Kernel,
-    nearest: u32,
 }
 
 /// Photons sorted by light and cell, with the verdicts on their cells.
@@ -160,7 +159,7 @@ impl Grid {
         }
         let composed = compose::compose("grid", features)?;
         let kernel = Kernel::new(gpu, &composed, &[("nearest", f64::from(nearest))], GridBindings::NAMES)?;
-        Ok(Grid { kernel, nearest })
+        Ok(Grid { kernel })
     }
 
     /// Sorts the first `count` of `photons`, whose lights are below `lights`, and judges the cells.

@@ -3,6 +3,7 @@
 pub mod classify;
 pub mod film;
 pub mod grid;
+pub mod path;
 pub mod photons;
 pub mod primary;
 pub mod shade;
@@ -43,8 +44,9 @@ shared_struct! {
     }
 }
 
-/// [`Point::normal`] where nothing is to be lit.
-pub const INVALID_POINT: u32 = u32::MAX;
+/// [`Point::normal`] where nothing is to be lit: the ray left the scene, or met an unlit surface. No normal has this
+/// code, as -32768 is no signed 16-bit fraction.
+pub const INVALID_POINT: u32 = 0x8000_8000;
 
 /// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for.
 pub(crate) fn kernel(

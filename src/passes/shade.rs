@@ -20,8 +20,8 @@ shared_struct! {
         pub visibility_words: u32,
         /// Probability that a decided point is audited.
         pub audit_probability: f32,
-        /// Factor on every light.
-        pub light_scale: f32,
+        /// To a multiple of eight bytes.
+        pub padding: u32,
     }
 }
 

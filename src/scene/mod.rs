@@ -45,6 +45,18 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Multiplies the power of every light by `factor`, at least 0. Light seen directly changes with it.
+    pub fn scale_lights(&mut self, factor: f32) {
+        self.materials.iter_mut().for_each(|material| material.emissive *= factor);
+        for light in &mut self.lights {
+            match &mut light.kind {
+                LightKind::Mesh { emitters, .. } => emitters.iter_mut().for_each(|emitter| emitter.radiance *= factor),
+                LightKind::Point { intensity, .. } | LightKind::Spot { intensity, .. } => *intensity *= factor,
+                LightKind::Directional { irradiance, .. } => *irradiance *= factor,
+            }
+        }
+    }
+
     /// Puts the triangles in another order: the new i-th is the old `order[i]`. The lights follow.
     pub fn reorder_triangles(&mut self, order: &[u32]) {
         let mut place = vec![0u32; order.len()];

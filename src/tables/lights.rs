@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use crate::Result;
 use crate::gpu::buffer::TableFormat;
-use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
-use crate::scene::{EmitterTriangle, Light, LightKind, Scene};
+use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
+use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
 use super::sobol;
 
@@ -19,10 +19,12 @@ pub(crate) const DIRECTIONAL: u32 = 3;
 pub(crate) const KIND_MASK: u32 = 3;
 pub(crate) const TWO_SIDED: u32 = 4;
 pub(crate) const CLOSED_FORM: u32 = 8;
+/// Some of the surface may be missing: its material is an alpha mask or blends.
+pub(crate) const COVERAGE: u32 = 16;
 /// Records before the first light's, of a light, and of an emitter triangle.
 pub(crate) const HEADER: u32 = 1;
-pub(crate) const RECORDS: u32 = 5;
-pub(crate) const EMITTER_RECORDS: u32 = 3;
+pub(crate) const RECORDS: u32 = 6;
+pub(crate) const EMITTER_RECORDS: u32 = 4;
 
 /// Most contour edges of a light that has a closed form: beyond them the formula costs more than the shadow ray
 /// that a sample would need anyway.
@@ -76,6 +78,7 @@ impl LightTables {
             build.push(scene, index as u32, light);
         }
         build.slots.sort_unstable();
+        build.choose();
         let mut records = vec![[scene.lights.len() as u32, build.emitters.len() as u32 / EMITTER_RECORDS, 0, 0]];
         records.extend(build.records);
         build.emitters.extend(build.slots);
@@ -86,21 +89,6 @@ impl LightTables {
             vertices: gpu.table("penumbra/scene/light_vertices", &build.vertices, TableFormat::Float)?,
             sobol: sobol::upload(gpu)?,
         })
-    }
-
-    /// `features` with those that the lights of the scene need.
-    pub fn features(scene: &Scene, features: Features) -> Features {
-        let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
-        let textured = scene.lights.iter().any(|light| match light.kind {
-            LightKind::Mesh { material, .. } => scene.materials[material as usize].emissive_texture.is_some(),
-            _ => false,
-        });
-        features
-            .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
-            .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
-            .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
-            .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
-            .with("emissive_textures", textured)
     }
 }
 
@@ -131,6 +119,22 @@ fn bits(v: Vec3, w: f32) -> [u32; 4] {
 }
 
 impl Build {
+    /// Writes how likely each light is to be chosen: half by power, half alike, so that a weak light near by is not
+    /// left to rare samples of great weight.
+    fn choose(&mut self) {
+        let count = self.lights.len() as f64;
+        let total: f64 = self.lights.iter().map(|light| light.power).sum();
+        let mut cumulative = 0.0;
+        let mut below = 0f32;
+        for (i, light) in self.lights.iter().enumerate() {
+            cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };
+            // As for emitter triangles, the probabilities are those of the rounded numbers.
+            let end = if i + 1 == self.lights.len() { 1.0 } else { cumulative as f32 };
+            self.records[(i + 1) * RECORDS as usize - 1] = [end.to_bits(), (end - below).to_bits(), 0, 0];
+            below = end;
+        }
+    }
+
     fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
         let punctual = |power, centre, radius| LightInfo {
             power,
@@ -150,14 +154,14 @@ impl Build {
             LightKind::Mesh { material, emitters } => self.push_mesh(scene, index, *material, emitters),
             LightKind::Point { position, intensity, range } => {
                 let kind = [POINT | CLOSED_FORM, 0, 0, 0];
-                self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none]);
+                self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none, none]);
                 punctual(mean(*intensity) * 4.0 * std::f64::consts::PI, *position, 0.0)
             }
             LightKind::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
                 let kind = [SPOT | CLOSED_FORM, 0, 0, 0];
                 let cone = [cos_inner.to_bits(), 0, 0, 0];
                 let place = bits(*position, finite(*range));
-                self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone]);
+                self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone, none]);
                 // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
                 let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
                 let steradians = 2.0 * std::f64::consts::PI * ((1.0 - inner) + (inner - outer) / 3.0);
@@ -167,7 +171,7 @@ impl Build {
                 let kind = [DIRECTIONAL | CLOSED_FORM, 0, 0, 0];
                 let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
                 let disc = bits(centre, radius);
-                self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc]);
+                self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc, none]);
                 let area = std::f64::consts::PI * f64::from(radius).powi(2);
                 punctual(mean(*irradiance) * area, centre, radius)
             }
@@ -185,6 +189,11 @@ impl Build {
         let area = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3()).length() / 2.0;
         let power = |e: &EmitterTriangle| area(corners(e)) * e.radiance.as_dvec3().element_sum() / 3.0;
         let total: f64 = emitters.iter().map(power).sum();
+        // Both sides of a double-sided triangle shine: none faces away.
+        let partners = match material.double_sided {
+            true => (0..emitters.len() as u32).collect(),
+            false => partners(&emitters.iter().map(corners).collect::<Vec<_>>()),
+        };
         let mut cumulative = 0.0;
         let mut below = 0f32;
         for (i, emitter) in emitters.iter().enumerate() {
@@ -199,10 +208,12 @@ impl Build {
                 [a.x.to_bits(), a.y.to_bits(), a.z.to_bits(), emitter.triangle],
                 bits(b, end),
                 bits(c, density as f32),
+                [first + partners[i], 0, 0, 0],
             ]);
         }
         let two_sided = material.double_sided;
-        let uniform = material.emissive_texture.is_none();
+        let whole = material.alpha == AlphaMode::Opaque;
+        let uniform = material.emissive_texture.is_none() && whole;
         let triangles: Vec<[Vec3; 3]> = emitters.iter().map(corners).collect();
         let contours = if uniform { contours(&triangles, f64::from(radius)) } else { None };
         let start = self.vertices.len() as u32;
@@ -212,14 +223,16 @@ impl Build {
             let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
             self.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
         }
+        let none = [0; 4];
         let flag = |flag, on| if on { flag } else { 0 };
-        let kind = MESH | flag(TWO_SIDED, two_sided) | flag(CLOSED_FORM, contours.is_some());
+        let kind = MESH | flag(TWO_SIDED, two_sided) | flag(CLOSED_FORM, contours.is_some()) | flag(COVERAGE, !whole);
         self.records.extend([
             [kind, first, emitters.len() as u32, start],
             bits(centre, radius),
             bits(material.emissive, 0.0),
             [self.vertices.len() as u32 - start, 0, 0, 0],
-            [0; 4],
+            none,
+            none,
         ]);
         let sides = if two_sided { 2.0 } else { 1.0 };
         let normals = contours.iter().flatten().map(|contour| contour.normal);
@@ -234,6 +247,42 @@ impl Build {
             radius,
         }
     }
+}
+
+/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any place:
+/// its area vectors sum to nothing.
+pub fn is_closed(scene: &Scene, light: &Light) -> bool {
+    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
+    let mut sum = Vec3::ZERO;
+    let mut area = 0.0;
+    for emitter in emitters {
+        let [a, b, c] = scene.triangle_positions(emitter.triangle as usize);
+        let across = (b - a).cross(c - a);
+        sum += across;
+        area += across.length();
+    }
+    // A hundredth: a mesh with a small hole for a socket counts as closed.
+    !scene.materials[*material as usize].double_sided && sum.length() < 0.01 * area
+}
+
+/// For each triangle one that faces about the other way and is its partner in turn, or itself where none is left.
+fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
+    /// Steps of a normal's coordinates that make a bucket: about 15 degrees.
+    const STEPS: f32 = 4.0;
+    let bucket = |n: Vec3| (n * STEPS).round().as_ivec3().to_array();
+    let normals: Vec<Vec3> = triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
+    let mut waiting: std::collections::HashMap<[i32; 3], Vec<u32>> = std::collections::HashMap::new();
+    let mut partners: Vec<u32> = (0..triangles.len() as u32).collect();
+    for (i, normal) in normals.iter().enumerate() {
+        match waiting.get_mut(&bucket(-*normal)).and_then(Vec::pop) {
+            Some(other) => {
+                partners[i] = other;
+                partners[other as usize] = i as u32;
+            }
+            None => waiting.entry(bucket(*normal)).or_default().push(i as u32),
+        }
+    }
+    partners
 }
 
 /// A sphere around the points: about the middle of their box, of radius 0 where there is none.

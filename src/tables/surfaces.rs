@@ -12,9 +12,9 @@ use super::textures::MaterialSlots;
 
 /// The tables behind `surface_records` and `material_records`.
 pub struct SurfaceTables {
-    /// [`Layout::stride`] records a triangle.
+    /// As many records a triangle as the scene needs.
     pub surfaces: Table,
-    /// [`MATERIAL_RECORDS`] records a material.
+    /// A fixed number of records a material.
     pub materials: Table,
     layout: Layout,
 }

@@ -100,18 +100,24 @@ impl ShadowFilm {
     }
 }
 
+/// What the passes share with the rest of the render.
+pub(super) struct Shared<'a> {
+    pub gpu: &'a Gpu,
+    pub scene: &'a Scene,
+    pub tables: &'a SceneTables,
+    pub tile: &'a TileBuffers,
+}
+
 impl Direct {
-    #[allow(clippy::too_many_arguments)]
+    /// Makes the map and the buffers for tiles of `points` points.
     pub fn new(
-        gpu: &Gpu,
+        shared: &Shared<'_>,
         kernels: Kernels,
-        scene: &Scene,
-        tables: &SceneTables,
-        tile: &TileBuffers,
         points: u32,
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<Direct> {
+        let Shared { gpu, scene, tables, .. } = *shared;
         let Kernels { classify, shadow, shade, map } = kernels;
         let lights = scene.lights.len() as u32;
         let words = settings.shadow_samples.div_ceil(32);
@@ -129,7 +135,7 @@ impl Direct {
         let wide = tables.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
         let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
-        let bound = passes.bind(gpu, tables, tile, &buffers, map.as_ref(), dilate)?;
+        let bound = passes.bind(shared, &buffers, map.as_ref(), dilate)?;
         Ok(Direct { buffers, map, passes, bound, lights, lights_in_chunk, words, settings: settings.clone(), dilate })
     }
 
@@ -162,7 +168,7 @@ impl Direct {
                 light_samples: self.settings.shadow_samples,
                 visibility_words: self.words,
                 audit_probability,
-                light_scale: self.settings.light_scale,
+                padding: 0,
             };
             self.bound.shade.record(frame, &shade);
             for light in 0..lights.min(films.len() as u32) {
@@ -177,11 +183,11 @@ impl Direct {
         (0..self.lights).map(|_| Ok(ShadowFilm(film.plane(gpu, pixels, samples, counters)?))).collect()
     }
 
-    /// Adds the photons that audits left to the map, and sorts it anew. `true` where there were some.
-    pub fn heal(&mut self, gpu: &Gpu, tables: &SceneTables, tile: &TileBuffers, totals: &mut Totals) -> Result<()> {
+    /// Adds the photons that audits left to the map, and sorts it anew.
+    pub fn heal(&mut self, shared: &Shared<'_>, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
-        if map.heal(gpu, totals)? {
-            self.bound = self.passes.bind(gpu, tables, tile, &self.buffers, Some(map), self.dilate)?;
+        if map.heal(shared.gpu, totals)? {
+            self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
         }
         Ok(())
     }
@@ -195,15 +201,8 @@ impl Direct {
 }
 
 impl Passes {
-    fn bind(
-        &self,
-        gpu: &Gpu,
-        tables: &SceneTables,
-        tile: &TileBuffers,
-        buffers: &Buffers,
-        map: Option<&VisibilityMap>,
-        dilate: u32,
-    ) -> Result<Bound> {
+    fn bind(&self, shared: &Shared<'_>, buffers: &Buffers, map: Option<&VisibilityMap>, dilate: u32) -> Result<Bound> {
+        let Shared { gpu, tables, tile, .. } = *shared;
         let classes = buffers.classify.final_classes(dilate);
         let shadow = ShadowBuffers {
             classes,

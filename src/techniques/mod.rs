@@ -13,6 +13,7 @@ use crate::bvh::Bvh;
 use crate::gpu::{Features, Gpu};
 use crate::needs::Needs;
 use crate::passes::film::{Film, Plane};
+use crate::passes::path::{BoundPath, Path, PathParameters};
 use crate::passes::primary::{BoundPrimary, Primary};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
@@ -40,12 +41,20 @@ pub struct Renderer<'g> {
     notes: Vec<String>,
     tables: SceneTables,
     primary: BoundPrimary,
-    direct: Direct,
+    lighting: Lighting,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
     rows: u32,
     samples: u32,
     totals: Totals,
+}
+
+/// How the points of a tile are lit.
+enum Lighting {
+    /// By the photons and shadow rays.
+    Direct(Box<Direct>),
+    /// By paths.
+    Path(BoundPath),
 }
 
 /// How far a render is.
@@ -89,6 +98,7 @@ impl<'g> Renderer<'g> {
         settings.check()?;
         let mut totals = Totals::default();
 
+        scene.scale_lights(settings.light_scale);
         let start = Instant::now();
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions)?;
@@ -105,36 +115,45 @@ impl<'g> Renderer<'g> {
 
         let start = Instant::now();
         let constants = tables.constants();
-        let (kernels, direct) = rayon::join(
-            || -> Result<(Primary, Film)> {
-                let (primary, film) =
-                    rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features));
-                Ok((primary?, film?))
+        let path_traced = settings.technique == Technique::Path;
+        let ((primary, film), (path, direct)) = rayon::join(
+            || rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features)),
+            || {
+                rayon::join(
+                    || path_traced.then(|| Path::new(gpu, &features, &constants)).transpose(),
+                    || (!path_traced).then(|| direct::Kernels::new(gpu, &features, &constants, settings)).transpose(),
+                )
             },
-            || direct::Kernels::new(gpu, &features, &constants, settings),
         );
-        let ((primary, film), direct) = (kernels?, direct?);
+        let (primary, film, path, direct) = (primary?, film?, path?, direct?);
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
         let layers = (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp));
         let points = rows * settings.width * layers;
-        let indirect = settings.technique == Technique::Path;
-        let buffers = TileBuffers::new(gpu, &features, points, indirect)?;
+        let buffers = TileBuffers::new(gpu, &features, points, path_traced)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
-        let direct = Direct::new(gpu, direct, &scene, &tables, &buffers, points, settings, &mut totals)?;
+        let lighting = match (path, direct) {
+            (Some(path), _) => Lighting::Path(path.bind(gpu, &buffers, &tables)?),
+            (None, Some(kernels)) => {
+                let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
+                Lighting::Direct(Box::new(Direct::new(&shared, kernels, points, settings, &mut totals)?))
+            }
+            (None, None) => unreachable!("a technique traces paths or it does not"),
+        };
         let first_rows = (0..settings.height).step_by(rows as usize);
         let tiles = first_rows
             .map(|first_row| {
                 let rows = rows.min(settings.height - first_row);
-                new_film(gpu, &film, &buffers, &direct, [first_row, rows], settings)
+                new_film(gpu, &film, &buffers, &lighting, [first_row, rows], settings)
             })
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
-        totals.frame_bytes = buffers.bytes()
-            + direct.frame_bytes()
-            + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        if let Lighting::Direct(direct) = &lighting {
+            totals.frame_bytes += direct.frame_bytes();
+        }
         totals.time_render = start.elapsed().as_secs_f64();
 
         let notes = notes(&scene, settings);
@@ -148,7 +167,7 @@ impl<'g> Renderer<'g> {
             notes,
             tables,
             primary,
-            direct,
+            lighting,
             buffers,
             tiles,
             rows,
@@ -184,7 +203,12 @@ impl<'g> Renderer<'g> {
             let mut frame = self.gpu.frame("sample");
             frame.clear(&self.buffers.counters);
             self.primary.record(&mut frame, &tile);
-            self.direct.record(&mut frame, &tile, &film.shadow);
+            match &self.lighting {
+                Lighting::Direct(direct) => direct.record(&mut frame, &tile, &film.shadow),
+                Lighting::Path(path) => {
+                    path.record(&mut frame, &PathParameters { tile, max_bounces: self.settings.max_bounces });
+                }
+            }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -194,7 +218,10 @@ impl<'g> Renderer<'g> {
         }
         self.samples += layers;
         self.totals.check()?;
-        self.direct.heal(self.gpu, &self.tables, &self.buffers, &mut self.totals)?;
+        if let Lighting::Direct(direct) = &mut self.lighting {
+            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+            direct.heal(&direct::Shared { gpu, scene, tables, tile }, &mut self.totals)?;
+        }
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
@@ -255,7 +282,7 @@ fn new_film(
     gpu: &Gpu,
     film: &Film,
     buffers: &TileBuffers,
-    direct: &Direct,
+    lighting: &Lighting,
     [first_row, rows]: [u32; 2],
     settings: &Settings,
 ) -> Result<TileFilm> {
@@ -276,6 +303,9 @@ fn new_film(
         albedo: optional(&buffers.albedo_samples)?,
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
-        shadow: direct.films(gpu, film, pixels, &buffers.counters)?,
+        shadow: match lighting {
+            Lighting::Direct(direct) => direct.films(gpu, film, pixels, &buffers.counters)?,
+            Lighting::Path(_) => Vec::new(),
+        },
     })
 }

@@ -1,6 +1,6 @@
 //! The image and the statistics of a render.
 
-use glam::{DMat4, DVec3, DVec4, Vec3};
+use glam::{DVec3, DVec4};
 
 use crate::film::{Channel, Metadata};
 use crate::gpu::Gpu;
@@ -76,6 +76,7 @@ pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
         }
     }
     let mut image = Image { width: settings.width, height: settings.height, channels, ..Image::default() };
+    image.add_camera(&renderer.camera, &renderer.scene.normalisation);
     metadata(renderer, &mut image);
     Ok(image)
 }
@@ -125,9 +126,6 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     };
     put("renderTimeSeconds", Metadata::Float(renderer.totals.time_render as f32));
     put("samplesPerPixel", Metadata::Int(renderer.samples as i32));
-    let (camera, ndc) = camera_matrices(renderer);
-    put("worldToCamera", Metadata::Matrix(camera));
-    put("worldToNDC", Metadata::Matrix(ndc));
     let text = |s: &str| Metadata::Text(s.to_owned());
     put("penumbra:version", text(env!("CARGO_PKG_VERSION")));
     put("penumbra:technique", text(settings.technique.name()));
@@ -141,33 +139,6 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);
     put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
-}
-
-/// World to camera and to NDC, for row vectors, as pbrt writes them: camera space is left-handed with z forward.
-fn camera_matrices(renderer: &Renderer<'_>) -> ([f32; 16], [f32; 16]) {
-    let camera = &renderer.camera;
-    let [right, up, backward] = camera.axes.map(Vec3::as_dvec3);
-    let position = renderer.scene.normalisation.undo(camera.position);
-    let to_world = DMat4::from_cols(right.extend(0.0), up.extend(0.0), (-backward).extend(0.0), position.extend(1.0));
-    let to_camera = to_world.inverse();
-    let uniform = crate::tables::CameraUniform::new(camera, renderer.settings.width, renderer.settings.height);
-    let length = |v: [f32; 3]| Vec3::from(v).as_dvec3().length();
-    let scale = renderer.scene.normalisation.scale();
-    let (half_width, half_height) = (length(uniform.right), length(uniform.up));
-    let to_ndc = if uniform.orthographic == 1 {
-        let (w, h) = (scale / half_width, scale / half_height);
-        DMat4::from_scale(DVec3::new(w, h, 1.0)) * to_camera
-    } else {
-        let project = DMat4::from_cols(
-            DVec4::new(1.0 / half_width, 0.0, 0.0, 0.0),
-            DVec4::new(0.0, 1.0 / half_height, 0.0, 0.0),
-            DVec4::new(0.0, 0.0, 1.0, 1.0),
-            DVec4::new(0.0, 0.0, 0.0, 0.0),
-        );
-        project * to_camera
-    };
-    // Row-major for row vectors is column-major for column vectors: the same sixteen numbers in order.
-    (to_camera.as_mat4().to_cols_array(), to_ndc.as_mat4().to_cols_array())
 }
 
 pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {

@@ -1,6 +1,6 @@
 //! Counts and times of a render, added up from what the kernels count.
 
-use crate::statistics::{Audits, Counter, LightPhotons, Points, Rays};
+use crate::statistics::{Audits, Counter, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
 /// Sums over all samples so far.
@@ -78,7 +78,17 @@ impl Totals {
 
     pub fn audits(&self) -> Audits {
         let points = self.points();
-        let decided = 1.0 - points.boundary_share;
-        Audits::new(self.get(Counter::Audited), self.get(Counter::AuditsWrong), decided)
+        let share = |count: u64| if points.total == 0 { 0.0 } else { count as f64 / points.total as f64 };
+        let [near, near_audited, near_wrong] =
+            [Counter::Near, Counter::NearAudited, Counter::AuditsWrongNear].map(|c| self.get(c));
+        let [audited, wrong] = [Counter::Audited, Counter::AuditsWrong].map(|c| self.get(c));
+        Audits::new(&[
+            Stratum { share: share(near), audited: near_audited, wrong: near_wrong },
+            Stratum {
+                share: share(points.lit + points.shadowed - near),
+                audited: audited - near_audited,
+                wrong: wrong - near_wrong,
+            },
+        ])
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use penumbra::Image;
 use penumbra::film::{Metadata, View};
@@ -165,9 +165,9 @@ mod stopped {
     use super::*;
 
     /// Renders for an hour, but sends `signal` as soon as the render is under way.
-    fn stop(signal: &str, image: &PathBuf, statistics: &PathBuf) -> Answer {
+    fn stop(signal: &str, image: &Path, statistics: &Path) -> Answer {
         let arguments = format!("render --device {} {SMALL} --time 3600", device());
-        let mut child = penumbra(&arguments, &[&BOX, &"-o", image, &"--stats", statistics])
+        let mut child = penumbra(&arguments, &[&BOX, &"-o", &image, &"--stats", &statistics])
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()

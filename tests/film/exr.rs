@@ -176,6 +176,9 @@ fn hostile_headers_are_errors() {
         bytes[5] = flag;
         bytes
     };
+    let mut dwa = header(1, [0, 0, 1, 1]);
+    let at = dwa.windows(12).position(|window| window == b"compression\0").unwrap();
+    dwa[at + 2 * 12 + 4] = 8;
     for (bytes, expected) in [
         (vec![], "file: is empty"),
         (vec![0x76, 0x2f], "file: is not an OpenEXR file"),
@@ -189,6 +192,7 @@ fn hostile_headers_are_errors() {
         (header(1, [0, 0, -1, 5]), "dataWindow: 0 x 6 pixels"),
         (header(2, [0, 0, 1, 1]), "Y: subsampled channel"),
         (header(0, [0, 0, 1, 1]), "Y: subsampled channel"),
+        (dwa, "compression: DWAA and DWAB are not supported"),
         (part(0x08), "file: holds deep data"),
         (part(0x10), "file: holds several parts"),
         // A header without its pixels, small and as large as any may be.

@@ -33,3 +33,14 @@ fn every_shader_is_embedded() {
     on_disk.extend(stems("shaders/lib", "wgsl").into_iter().map(|stem| format!("lib/{stem}")));
     assert_eq!(on_disk, SHADERS.iter().map(|(path, _)| (*path).to_owned()).collect());
 }
+
+/// The composer reads the exponent of a hexadecimal float as a hexadecimal number: `0x1p-24` would be 2^-144. None of
+/// the shaders may have one.
+#[test]
+fn no_shader_has_hexadecimal_floats() {
+    for (path, text) in SHADERS {
+        let mut words = text.split(|c: char| !c.is_ascii_alphanumeric());
+        let wrong = words.find(|word| word.starts_with("0x") && word.contains(['p', 'P']));
+        assert_eq!(wrong, None, "{path}");
+    }
+}

@@ -1,11 +1,19 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod bsdf;
 mod classify;
+mod film;
 mod grid;
 mod house;
 mod kit;
+mod light;
+mod path;
 mod photons;
+mod primary;
 mod rooms;
 mod sampling;
+mod shade;
+mod shadow;
+mod stage;
 mod statistics;
 mod traverse;

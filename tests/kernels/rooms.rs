@@ -2,8 +2,8 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::Point;
 use penumbra::passes::grid::Photon;
+use penumbra::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);
@@ -130,6 +130,7 @@ impl Room {
     }
 
     /// Whether the whole light is behind the point's surface, or emits away from it.
+    #[allow(dead_code, reason = "the benchmark asks, the tests do not")]
     pub fn is_dark(&self, point: &Point) -> bool {
         let x = Vec3::from(point.position);
         let n = point_normal(point.normal).as_vec3();
@@ -176,7 +177,7 @@ impl Room {
                     .min_by(|a, b| a.0.total_cmp(&b.0));
                 points.push(match hit {
                     Some((t, r)) => point(eye + direction * t, r.normal()),
-                    None => Point { position: [0.0; 3], normal: u32::MAX },
+                    None => Point { position: [0.0; 3], normal: INVALID_POINT },
                 });
             }
         }

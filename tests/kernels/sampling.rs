@@ -138,7 +138,7 @@ fn warps_follow_their_densities() {
         chi_square(&cells(0.0), &[f64::from(N) / 256.0; 256], 5).unwrap_or_else(|e| panic!("warp {warp}: {e}"));
         chi_square(&cells(0.1), &[f64::from(N) / 256.0; 256], 5).expect_err("a density that is off by a tenth");
         let length = |p: &[f32; 4]| p[..3].iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
-        if warp == 0.0 || warp >= 2.0 && warp < 4.0 {
+        if warp == 0.0 || (2.0..4.0).contains(&warp) {
             // A few roundings of f32.
             assert!(points.iter().all(|p| (length(p) - 1.0).abs() < 1e-6), "warp {warp}: unit length");
         }
@@ -168,8 +168,8 @@ fn directions_survive_coding() {
     let angle = |a: glam::DVec3, b: glam::DVec3| a.cross(b).length().atan2(a.dot(b));
     for (n, r) in directions.iter().zip(results.chunks_exact(4)) {
         let n = vec(n);
-        assert!(angle(n, vec(&r[0])) < 5e-5, "16 bits: {n}");
-        assert!(angle(n, vec(&r[1])) < 0.02, "7 bits: {n}, {}", vec(&r[1]));
+        assert!(angle(n, vec(&r[0])) < 7e-5, "16 bits: {n}");
+        assert!(angle(n, vec(&r[1])) < 0.034, "7 bits: {n}, {}", vec(&r[1]));
         assert!(r[1][3] < f32::from(1u16 << 14));
         let (t, b) = (vec(&r[2]), vec(&r[3]));
         // A few roundings of f32.

@@ -1,0 +1,197 @@
+//! Pass `film` against sums in f64.
+
+use glam::DVec4;
+use penumbra::gpu::{Features, Gpu};
+use penumbra::passes::Tile;
+use penumbra::passes::film::{Film, Plane};
+use penumbra::statistics::Counter;
+
+use crate::kit::{device_features, gpu};
+use crate::statistics::Random;
+
+type Samples = Vec<[f32; 4]>;
+
+fn film(gpu: &Gpu) -> Film {
+    let features: Features = device_features(gpu);
+    Film::new(gpu, &features).unwrap()
+}
+
+fn tile(pixels: u32, layers: u32) -> Tile {
+    Tile { pixel_count: pixels, point_count: pixels * layers, ..Tile::default() }
+}
+
+fn add(plane: &Plane, tile: &Tile, first_point: u32) {
+    let mut frame = gpu().frame("test");
+    plane.record_from(&mut frame, tile, first_point);
+    frame.submit().unwrap();
+}
+
+fn finite(sample: &[f32; 4]) -> bool {
+    sample.iter().all(|v| v.is_finite())
+}
+
+/// The mean of each pixel's finite samples.
+fn means<'s>(samples: impl Iterator<Item = &'s [f32; 4]>, pixels: usize) -> Vec<DVec4> {
+    let mut sums = vec![(DVec4::ZERO, 0.0); pixels];
+    for (i, sample) in samples.enumerate().filter(|(_, sample)| finite(sample)) {
+        let (sum, kept) = &mut sums[i % pixels];
+        *sum += DVec4::from_array(sample.map(f64::from));
+        *kept += 1.0;
+    }
+    sums.into_iter().map(|(sum, kept)| if kept > 0.0 { sum / kept } else { DVec4::ZERO }).collect()
+}
+
+/// The largest relative error of any component of any pixel.
+fn error(got: &[DVec4], expected: &[DVec4]) -> f64 {
+    assert_eq!(got.len(), expected.len());
+    let relative = |(g, e): (&DVec4, &DVec4)| {
+        ((g - e).abs() / e.abs().max(DVec4::splat(f64::MIN_POSITIVE))).to_array().into_iter().fold(0.0, nan_max)
+    };
+    got.iter().zip(expected).map(relative).fold(0.0, nan_max)
+}
+
+/// The larger, and a NaN before all.
+fn nan_max(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
+
+/// 65,536 samples a pixel, a thousandth of them a thousand times as bright and the first a firefly that hides all that
+/// follow from a plain sum: nothing is lost.
+#[test]
+fn sums_of_65536_samples_lose_nothing() {
+    // Over two workgroups.
+    const PIXELS: usize = 65;
+    const BATCHES: usize = 16;
+    const LAYERS: usize = 4096;
+    let gpu = gpu();
+    let mut random = Random(11);
+    let mut batches: Vec<Samples> = Vec::new();
+    for batch in 0..BATCHES {
+        let sample = |i: usize| {
+            let first = batch == 0 && i < PIXELS;
+            let dim = random.uniform();
+            let rare = if random.uniform() < 1e-3 { 1e3 } else { 1.0 };
+            let broad = 10f64.powf(8.0 * random.uniform() - 4.0);
+            [if first { 1e6 } else { 0.02 * dim } as f32, (dim * rare) as f32, broad as f32, 1.0]
+        };
+        batches.push((0..PIXELS * LAYERS).map(sample).collect());
+    }
+    let samples = gpu.upload("test/samples", &batches[0]).unwrap();
+    let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+    let plane = film(gpu).plane(gpu, PIXELS as u32, &samples, &counters).unwrap();
+    for batch in &batches {
+        gpu.write(&samples, batch);
+        add(&plane, &tile(PIXELS as u32, LAYERS as u32), 0);
+    }
+    let got = plane.means(gpu, (BATCHES * LAYERS) as u32).unwrap();
+    let expected = means(batches.iter().flatten(), PIXELS);
+    // A compensated sum of n numbers of one sign errs by 2^-24 and n 2^-48 of itself.
+    let found = error(&got, &expected);
+    assert!(found <= 1e-6, "relative error {found}");
+    assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
+
+    // What the comparison must catch: plain sums, and one sample of all that is left out.
+    let mut plain = vec![[0f32; 4]; PIXELS];
+    for (i, sample) in batches.iter().flatten().enumerate() {
+        plain[i % PIXELS].iter_mut().zip(sample).for_each(|(sum, x)| *sum += x);
+    }
+    let count = (BATCHES * LAYERS) as f64;
+    let plain: Vec<DVec4> = plain.iter().map(|sum| DVec4::from_array(sum.map(f64::from)) / count).collect();
+    assert!(error(&plain, &expected) > 1e-4, "these samples need no compensation");
+    batches[7][100] = [0.0; 4];
+    assert!(error(&got, &means(batches.iter().flatten(), PIXELS)) > 1e-6, "a lost sample is not seen");
+}
+
+/// Samples with a NaN or an infinity in any component are left out of all four and counted, each once; the others
+/// are not touched, at the edges of the workgroup and past 65,535 groups.
+#[test]
+fn samples_that_are_not_finite_are_left_out_and_counted() {
+    let gpu = gpu();
+    let film = film(gpu);
+    let mut random = Random(5);
+    // A quiet, a signalling and a negative NaN, and both infinities.
+    let bad = [0x7fc0_0000, 0x7f80_0001, 0xffff_ffff, 0x7f80_0000, 0xff80_0000].map(f32::from_bits);
+    for (pixels, layers) in [(1usize, 40usize), (63, 7), (64, 1), (65, 12), (65_535 * 64 + 65, 1)] {
+        let mut samples: Samples = (0..pixels * layers)
+            .map(|_| [random.uniform() as f32, -2.5, random.uniform() as f32 * 1e30, 1.0])
+            .collect();
+        // Every third sample is bad, but for one pixel of which all are.
+        let spoilt: Vec<usize> =
+            (0..samples.len()).filter(|i| i % 3 == 1 || (i % pixels == pixels / 2 && pixels > 1)).collect();
+        for (k, i) in spoilt.iter().enumerate() {
+            samples[*i][k % 4] = bad[k / 4 % bad.len()];
+        }
+        let buffer = gpu.upload("test/samples", &samples).unwrap();
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let plane = film.plane(gpu, pixels as u32, &buffer, &counters).unwrap();
+        add(&plane, &tile(pixels as u32, layers as u32), 0);
+        let got = plane.means(gpu, layers as u32).unwrap();
+        let found = error(&got, &means(samples.iter(), pixels));
+        assert!(found <= 1e-6, "{pixels} pixels: relative error {found}");
+        let mut expected = [0u32; Counter::COUNT];
+        expected[Counter::NotFinite as usize] = spoilt.len() as u32;
+        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), expected, "{pixels} pixels");
+        samples[spoilt[0]] = [0.5; 4];
+        assert!(error(&got, &means(samples.iter(), pixels)) > 1e-6, "a sample that was left out is not missed");
+    }
+}
+
+/// Only the layers from `first_point` on are summed: all around are NaNs.
+#[test]
+fn the_layers_of_one_light_are_found_among_many() {
+    const PIXELS: u32 = 65;
+    const LAYERS: u32 = 3;
+    let gpu = gpu();
+    let mut random = Random(6);
+    let tile = tile(PIXELS, LAYERS);
+    for first_point in [0, 1, tile.point_count, 4 * tile.point_count] {
+        let mut samples = vec![[f32::NAN; 4]; 5 * tile.point_count as usize];
+        let own = first_point as usize..(first_point + tile.point_count) as usize;
+        samples[own.clone()].fill_with(|| [(); 4].map(|()| random.uniform() as f32));
+        let buffer = gpu.upload("test/samples", &samples).unwrap();
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let plane = film(gpu).plane(gpu, PIXELS, &buffer, &counters).unwrap();
+        add(&plane, &tile, first_point);
+        let got = plane.means(gpu, LAYERS).unwrap();
+        let expected = |own: std::ops::Range<usize>| means(samples[own].iter(), PIXELS as usize);
+        assert!(error(&got, &expected(own.clone())) <= 1e-6, "from {first_point}");
+        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT], "from {first_point}");
+        let moved = if own.start > 0 { own.start - 1..own.end - 1 } else { own.start + 1..own.end + 1 };
+        assert!(error(&got, &expected(moved)) > 1e-6, "one point off is not seen");
+    }
+}
+
+/// Squares of the sum of two parts, of as many vectors as the first or of one; a square that overflows is left out
+/// without being counted.
+#[test]
+fn squares_are_of_the_whole() {
+    const PIXELS: usize = 65;
+    const LAYERS: usize = 9;
+    let gpu = gpu();
+    let mut random = Random(8);
+    let mut part = |count: usize| -> Samples {
+        (0..count).map(|_| [(); 4].map(|()| (random.uniform() * 2.0 - 0.5) as f32)).collect()
+    };
+    let mut first = part(PIXELS * LAYERS);
+    first[3][1] = 1e30;
+    first[PIXELS + 5][0] = f32::NAN;
+    for other in [part(PIXELS * LAYERS), vec![[0.25; 4]]] {
+        let [a, b] = [&first, &other].map(|part| gpu.upload("test/part", part).unwrap());
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let plane = film(gpu).plane_of_squares(gpu, PIXELS as u32, [&a, &b], &counters).unwrap();
+        add(&plane, &tile(PIXELS as u32, LAYERS as u32), 0);
+        let got = plane.means(gpu, LAYERS as u32).unwrap();
+        let squares = |other: &[[f32; 4]]| {
+            let square = |(i, x): (usize, &[f32; 4])| {
+                let y = other[i % other.len()];
+                [0, 1, 2, 3].map(|c| ((f64::from(x[c]) + f64::from(y[c])).powi(2)) as f32)
+            };
+            means(first.iter().enumerate().map(square).collect::<Samples>().iter(), PIXELS)
+        };
+        // The sum is rounded, its square is, and the total.
+        let found = error(&got, &squares(&other));
+        assert!(found <= 1e-6, "relative error {found}");
+        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
+        assert!(error(&got, &squares(&[[0.0; 4]])) > 1e-3, "a part that is left out is not seen");
+    }
+}

@@ -1,0 +1,677 @@
+//! Lights against an oracle in f64: polygon arrays clipped one plane at a time, Lambert's formula by arc cosines,
+//! solid angles by Van Oosterom and Strackee, and statistics of the samplers.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use penumbra::gpu::{Features, Kernel, Resources, compose};
+use penumbra::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::tables::LightTables;
+use penumbra::tables::lights::is_closed;
+
+use crate::kit::{device_features, gpu};
+use crate::statistics::{Random, chi_square, z_test};
+
+pub type Corners = [DVec3; 3];
+
+/// Radiance of the mesh lights: channels that differ, of which the tests look at the red and the ratio to the others.
+const RADIANCE: Vec3 = Vec3::new(1.0, 2.0, 4.0);
+
+pub fn material(double_sided: bool) -> Material {
+    Material {
+        name: "light".into(),
+        base_colour: Vec4::ONE,
+        metallic: 0.0,
+        roughness: 1.0,
+        emissive: RADIANCE,
+        ior: 1.5,
+        specular: 1.0,
+        specular_colour: Vec3::ONE,
+        normal_scale: 1.0,
+        alpha: AlphaMode::Opaque,
+        double_sided,
+        unlit: false,
+        base_colour_texture: None,
+        metallic_roughness_texture: None,
+        normal_texture: None,
+        occlusion_texture: None,
+        emissive_texture: None,
+        specular_texture: None,
+        specular_colour_texture: None,
+    }
+}
+
+/// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that slots and
+/// emitters are not the same numbers.
+fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
+    let mut scene = Scene { materials: vec![material(false), material(true)], ..Scene::default() };
+    let mut push = |corners: &Corners, light: u32, material: u32| {
+        let first = scene.vertices.len() as u32;
+        scene.vertices.extend(corners.map(|c| Vertex {
+            position: c.as_vec3(),
+            normal: Vec3::ZERO,
+            tangent: Vec4::ZERO,
+            uv: [Vec2::ZERO; 2],
+            colour: Vec4::ONE,
+        }));
+        scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
+        scene.triangles.len() as u32 - 1
+    };
+    push(&[DVec3::NEG_ONE, DVec3::new(1.0, -1.0, -1.0), DVec3::new(1.0, -1.0, 1.0)], NO_LIGHT, 0);
+    let mut lights = Vec::new();
+    for (i, (triangles, two_sided)) in meshes.iter().enumerate() {
+        let emitters = triangles
+            .iter()
+            .map(|t| EmitterTriangle { triangle: push(t, i as u32, u32::from(*two_sided)), radiance: RADIANCE })
+            .collect();
+        lights.push(LightKind::Mesh { material: u32::from(*two_sided), emitters });
+    }
+    lights.extend(punctual.iter().cloned());
+    scene.lights = lights.into_iter().map(|kind| Light { name: String::new(), kind }).collect();
+    scene
+}
+
+fn features(scene: &Scene) -> Features {
+    let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
+    device_features(gpu())
+        .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
+        .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
+        .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
+        .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
+        .with("emitter_pairs", scene.lights.iter().any(|light| is_closed(scene, light)))
+}
+
+/// A position and a normal, as the kernel gets them, and the index of the light.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    position: Vec3,
+    normal: Vec3,
+    light: usize,
+}
+
+impl Place {
+    fn new(position: DVec3, normal: DVec3, light: usize) -> Place {
+        Place { position: position.as_vec3(), normal: normal.as_vec3(), light }
+    }
+}
+
+/// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
+fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
+    run_with(&features(scene), scene, entry, places, count, per_item, samples)
+}
+
+/// As [`run`], composed with other features.
+fn run_with(
+    features: &Features,
+    scene: &Scene,
+    entry: &str,
+    places: &[Place],
+    count: usize,
+    per_item: usize,
+    samples: u32,
+) -> Vec<[f32; 4]> {
+    let gpu = gpu();
+    let source = include_str!("shaders/light.wgsl");
+    let composed = compose::compose_source("light", source, features).unwrap();
+    let constants = [("count", count as f64), ("seed", 1234567.0), ("samples", f64::from(samples))];
+    let kernel = Kernel::new(gpu, &composed, &constants, &["places", "results"]).unwrap();
+    let tables = LightTables::new(gpu, scene).unwrap();
+    let records: Vec<Vec4> =
+        places.iter().flat_map(|p| [p.position.extend(p.light as f32), p.normal.extend(0.0)]).collect();
+    let places = gpu.upload("test/places", &records).unwrap();
+    let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
+    let own = Resources::new().with("places", &places).with("results", &results);
+    let bound = kernel.bind(gpu, entry, &[&own, &tables]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, count as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let got = gpu.read::<[f32; 4]>(&results, count * per_item).unwrap();
+    assert!(got.iter().flatten().all(|v| v.is_finite()), "poison or worse in the results of {entry}");
+    got
+}
+
+pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
+    let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
+    vec![[a, b, c], [a, c, d]]
+}
+
+fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize, usize) -> bool) -> Vec<Corners> {
+    // Corners are computed once each and in f32, so that neighbours share them bit by bit.
+    let corner = |i: usize, j: usize| {
+        let f = |k: usize| 2.0 * k as f64 / n as f64 - 1.0;
+        (centre + half * f(i) + other * f(j)).as_vec3().as_dvec3()
+    };
+    let cells = (0..n * n).map(|k| (k / n, k % n)).filter(|(i, j)| keep(*i, *j));
+    cells
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect()
+}
+
+pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    (0..3)
+        .flat_map(|i| {
+            let [n, s, t] = [axes[i], axes[(i + 1) % 3], axes[(i + 2) % 3]].map(|a| a * half);
+            // Counter-clockwise seen from outside: s x t points along n.
+            [square(centre + n, s, t), square(centre - n, t, s)].concat()
+        })
+        .collect()
+}
+
+pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
+    let at = |i: usize, j: usize| {
+        let (t, p) = (PI * i as f64 / n as f64, TAU * j as f64 / (2 * n) as f64);
+        centre + radius * DVec3::new(t.sin() * p.cos(), t.sin() * p.sin(), t.cos())
+    };
+    let mut triangles = Vec::new();
+    for i in 0..n {
+        for j in 0..2 * n {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, (j + 1) % (2 * n)), at(i, (j + 1) % (2 * n))];
+            if i + 1 < n {
+                triangles.push([a, b, c]);
+            }
+            if i > 0 {
+                triangles.push([a, c, d]);
+            }
+        }
+    }
+    triangles
+}
+
+/// The mesh lights that the tests use, by name.
+fn meshes() -> Vec<(&'static str, Vec<Corners>, bool)> {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let tilted = DVec3::new(0.3, 0.8, -0.2).normalize();
+    let across = tilted.cross(x).normalize();
+    vec![
+        ("square facing down", square(DVec3::new(0.1, 0.9, 0.0), x * 0.3, z * 0.4), false),
+        (
+            "two-sided triangle",
+            vec![[DVec3::new(0.0, 0.2, 0.0), DVec3::new(0.5, 0.1, 0.2), DVec3::new(0.1, 0.6, 0.3)]],
+            true,
+        ),
+        ("L", grid(DVec3::new(-0.2, 0.3, 0.1), tilted * 0.3, across * 0.3, 2, |i, j| i + j < 2), false),
+        ("square with a hole", grid(y * 0.5, x * 0.45, z * 0.45, 3, |i, j| (i, j) != (1, 1)), false),
+        ("fine grid", grid(y * 0.7, x * 0.4, z * 0.4, 16, |_, _| true), false),
+        ("cube", cube(DVec3::new(0.2, 0.1, -0.1), 0.2), false),
+        ("small square", square(DVec3::new(0.3, 0.8, 0.2), z * 0.01, x * 0.01), false),
+        ("sphere", sphere(DVec3::new(-0.3, 0.5, 0.2), 0.15, 12), false),
+    ]
+}
+
+fn mesh_scene() -> Scene {
+    scene(&meshes().into_iter().map(|(_, t, two_sided)| (t, two_sided)).collect::<Vec<_>>(), &[])
+}
+
+/// The triangles of a light as the kernel has them: rounded to f32.
+fn triangles_of(scene: &Scene, light: usize) -> (Vec<Corners>, bool) {
+    let LightKind::Mesh { material, emitters } = &scene.lights[light].kind else { panic!("no mesh light") };
+    let corners = |e: &EmitterTriangle| {
+        scene.triangles[e.triangle as usize].vertices.map(|v| scene.vertices[v as usize].position.as_dvec3())
+    };
+    (emitters.iter().map(corners).collect(), scene.materials[*material as usize].double_sided)
+}
+
+/// Height of the position over the triangle's plane: positive in front.
+fn height_over(t: &Corners, position: DVec3) -> f64 {
+    let n = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
+    n.dot(position - t[0])
+}
+
+/// The part of a polygon with n . v > 0.
+fn clipped(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
+    let mut kept = Vec::new();
+    for (i, a) in polygon.iter().enumerate() {
+        let b = polygon[(i + 1) % polygon.len()];
+        let (ha, hb) = (n.dot(*a), n.dot(b));
+        if ha >= 0.0 {
+            kept.push(*a);
+        }
+        if (ha > 0.0 && hb < 0.0) || (ha < 0.0 && hb > 0.0) {
+            kept.push(a.lerp(b, ha / (ha - hb)));
+        }
+    }
+    kept
+}
+
+/// The oracle: the sum over triangles of Lambert's formula, each clipped at the horizon.
+pub fn form_factor(triangles: &[Corners], two_sided: bool, position: DVec3, normal: DVec3, clip: bool) -> f64 {
+    let mut sum = 0.0;
+    for t in triangles {
+        let side = height_over(t, position);
+        if side == 0.0 || (side < 0.0 && !two_sided) {
+            continue;
+        }
+        let seen = t.map(|v| v - position);
+        let polygon = if clip { clipped(&seen, normal) } else { seen.to_vec() };
+        let mut part = 0.0;
+        for (i, a) in polygon.iter().enumerate() {
+            let b = polygon[(i + 1) % polygon.len()];
+            let angle = a.normalize().dot(b.normalize()).clamp(-1.0, 1.0).acos();
+            if let Some(across) = a.cross(b).try_normalize() {
+                part += angle * across.dot(normal);
+            }
+        }
+        sum += (part / 2.0).abs();
+    }
+    sum
+}
+
+/// The same by brute force: midpoints of a fine subdivision.
+fn form_factor_by_sum(triangles: &[Corners], position: DVec3, normal: DVec3, n: usize) -> f64 {
+    let mut sum = 0.0;
+    for [a, b, c] in triangles {
+        let across = (b - a).cross(c - a);
+        let area = across.length() / 2.0 / (n * n) as f64;
+        for i in 0..n {
+            for j in 0..n {
+                // Two small triangles to each cell below the diagonal, one on it.
+                for third in [1.0 / 3.0, 2.0 / 3.0] {
+                    let (u, v) = ((i as f64 + third) / n as f64, (j as f64 + third) / n as f64);
+                    if u + v >= 1.0 {
+                        continue;
+                    }
+                    let d = a + (b - a) * u + (c - a) * v - position;
+                    let cosines = d.dot(normal).max(0.0) * (-d.dot(across.normalize())).max(0.0);
+                    sum += area * cosines / d.length_squared().powi(2);
+                }
+            }
+        }
+    }
+    sum
+}
+
+/// Solid angle of the front-facing triangles (Van Oosterom and Strackee 1983).
+fn solid_angle(triangles: &[Corners], two_sided: bool, position: DVec3) -> f64 {
+    let seen = triangles.iter().filter(|t| two_sided || height_over(t, position) > 0.0);
+    seen.map(|t| {
+        let [a, b, c] = t.map(|v| (v - position).normalize());
+        2.0 * a.dot(b.cross(c)).abs().atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a))
+    })
+    .sum()
+}
+
+/// Random places for each light, and the hard ones: touching it at 1e-4, on its plane beside it and under its
+/// middle, with normals along its plane, at its horizon, in the scene's far corner.
+fn places(scene: &Scene) -> Vec<Place> {
+    let mut random = Random(7);
+    let mut places = Vec::new();
+    for light in 0..scene.lights.len() {
+        for _ in 0..400 {
+            places.push(Place::new(random.point(), random.direction(), light));
+        }
+        let (triangles, _) = triangles_of(scene, light);
+        for t in triangles.iter().take(8) {
+            let n = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
+            let middle = (t[0] + t[1] + t[2]) / 3.0;
+            let along = (t[1] - t[0]).normalize();
+            for normal in [-n, n, along, (along - n).normalize(), (along - n * 1e-3).normalize(), random.direction()] {
+                for position in [
+                    middle + n * 1e-4,
+                    middle - n * 1e-4,
+                    t[0] + n * 1e-4,
+                    middle + n * 0.1,
+                    t[0] + (t[0] - middle) * 3.0,
+                    t[0] + (t[0] - middle) * 3.0 + n * 1e-4,
+                    middle + (DVec3::ONE - middle) * 0.98,
+                ] {
+                    places.push(Place::new(position, normal, light));
+                }
+            }
+        }
+    }
+    // The oracle takes the same unit normals as the kernel: f32 ones, whose length is 1 to within rounding.
+    places
+}
+
+/// The largest difference between kernel and oracle over all places with a closed form, in units of what f32 allows:
+/// coordinates of unit size carry 2^-24 each, so that a position is off by about 1e-7; irradiance over radiance
+/// changes by at most 1 / h for each such step at the height h over the light's plane (its gradient is bounded by
+/// that of the half-plane's), and the sums over edges round at 1e-6 of the angle, at most pi.
+fn worst(scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec3) -> f64) -> (f64, Place) {
+    let places = places(scene);
+    let got = run(scene, "closed", &places, places.len(), 1, 0);
+    let mut worst = (0.0, places[0]);
+    for (place, got) in places.iter().zip(&got) {
+        let (triangles, two_sided) = triangles_of(scene, place.light);
+        if got[3] as u32 & 2 == 0 {
+            continue;
+        }
+        let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
+        let height = triangles.iter().map(|t| height_over(t, position).abs()).fold(f64::INFINITY, f64::min);
+        // On the plane itself the answer jumps from 0 to pi: either is right.
+        if height < 1e-6 {
+            continue;
+        }
+        let exact = oracle(&triangles, two_sided, position, normal);
+        let allowed = 4e-6 + 1e-7 / height;
+        let off = (f64::from(got[0]) - exact).abs() / allowed;
+        if off > worst.0 {
+            worst = (off, *place);
+        }
+        assert!((got[1] - 2.0 * got[0]).abs() <= 1e-6 * got[1] && (got[2] - 4.0 * got[0]).abs() <= 1e-6 * got[2]);
+    }
+    worst
+}
+
+/// The closed form is the oracle's, at the horizon, below it, touching, grazing and in the light's plane; faults in
+/// the oracle are found.
+#[test]
+fn closed_form_is_lamberts() {
+    let scene = mesh_scene();
+    let (off, place) = worst(&scene, |t, two, p, n| form_factor(t, two, p, n, true));
+    assert!(off <= 1.0, "{off} of what is allowed at {place:?} ({})", meshes()[place.light].0);
+    let (off, _) = worst(&scene, |t, two, p, n| form_factor(t, two, p, n, false));
+    assert!(off > 100.0, "an oracle without horizon");
+    let (off, _) = worst(&scene, |t, _, p, n| form_factor(t, true, p, n, true));
+    assert!(off > 100.0, "an oracle without sides");
+    let (off, _) = worst(&scene, |t, two, p, n| form_factor(t, two, p + DVec3::new(0.0, 1e-4, 0.0), n, true));
+    assert!(off > 3.0, "an oracle that is 1e-4 off: {off}");
+}
+
+/// The oracle itself is the integral of the cosines over squared distance.
+#[test]
+fn the_oracle_is_the_integral() {
+    let mut random = Random(3);
+    for (name, triangles, _) in meshes().into_iter().filter(|m| !m.2 && m.1.len() < 20) {
+        for _ in 0..5 {
+            let (position, normal) = (random.point() - DVec3::Y, random.direction());
+            let exact = form_factor(&triangles, false, position, normal, true);
+            let summed = form_factor_by_sum(&triangles, position, normal, 200);
+            // The horizon cuts through cells of 1/200 of a side: that much of the cells along it is off.
+            assert!((exact - summed).abs() < 2e-3 * exact + 1e-5, "{name}: {exact} {summed}");
+        }
+    }
+}
+
+/// Coplanar triangles are merged, holes kept, and lights of many planes have no closed form.
+#[test]
+fn contours_are_those_of_the_shape() {
+    let tables = LightTables::new(gpu(), &mesh_scene()).unwrap();
+    let edges: Vec<usize> = tables.lights.iter().map(|l| l.contour_edges).collect();
+    assert_eq!(edges, [4, 3, 6, 8, 4, 24, 4, 0]);
+    let closed: Vec<bool> = tables.lights.iter().map(|l| l.closed_form).collect();
+    assert_eq!(closed, [true, true, true, true, true, true, true, false]);
+    let planar: Vec<bool> = tables.lights.iter().map(|l| l.planar).collect();
+    assert_eq!(planar, [true, true, true, true, true, false, true, false]);
+    // pi times area times radiance, once for each emitting side; 7/3 is the mean of the channels.
+    let square = 0.6 * 0.8 * PI * 7.0 / 3.0;
+    assert!((tables.lights[0].power - square).abs() < 1e-6 * square);
+    let [a, b, c] = meshes()[1].1[0];
+    let triangle = (b - a).cross(c - a).length() / 2.0 * 2.0 * PI * 7.0 / 3.0;
+    assert!((tables.lights[1].power - triangle).abs() < 1e-6 * triangle);
+}
+
+/// A light is dark exactly where no part of it that faces the position rises over the surface's plane; for lights
+/// without closed form, dark is never said wrongly.
+#[test]
+fn dark_is_exact() {
+    let scene = mesh_scene();
+    let places = places(&scene);
+    let got = run(&scene, "closed", &places, places.len(), 1, 0);
+    let (mut dark_ones, mut said, mut wrong_without_sides) = (0, 0, 0);
+    for (place, got) in places.iter().zip(&got) {
+        let (triangles, two_sided) = triangles_of(&scene, place.light);
+        let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
+        let heights = |t: &Corners| t.map(|v| normal.dot(v - position)).into_iter().fold(f64::NEG_INFINITY, f64::max);
+        // What decides, and is so near 0 that f32 cannot tell: a few roundings of unit-size coordinates.
+        let unsure = |x: f64| x.abs() < 1e-6;
+        if triangles.iter().any(|t| unsure(heights(t)) || unsure(height_over(t, position))) {
+            continue;
+        }
+        let dark =
+            |sides: bool| !triangles.iter().any(|t| heights(t) > 0.0 && (sides || height_over(t, position) > 0.0));
+        let bits = got[3] as u32;
+        assert_eq!(bits & 4, 0);
+        let is_dark = bits & 1 == 1;
+        if bits & 2 != 0 {
+            assert_eq!(is_dark, dark(two_sided), "{place:?} {}", meshes()[place.light].0);
+            dark_ones += usize::from(is_dark);
+        } else {
+            assert!(!is_dark || dark(two_sided), "{place:?} {}", meshes()[place.light].0);
+            said += usize::from(is_dark);
+        }
+        wrong_without_sides += usize::from(is_dark != dark(true));
+    }
+    assert!(dark_ones > 500 && said > 50 && wrong_without_sides > 100, "{dark_ones} {said} {wrong_without_sides}");
+}
+
+/// The samples' mean is the closed form's, for each light at a few places, and for the sphere, which has none; the
+/// mean of 1 / pdf is the solid angle.
+#[test]
+fn samples_converge_to_the_closed_form() {
+    const SAMPLES: u32 = 4096;
+    let scene = mesh_scene();
+    let mut random = Random(99);
+    let mut places = Vec::new();
+    for light in 0..scene.lights.len() {
+        let (triangles, two_sided) = triangles_of(&scene, light);
+        while places.len() < (light + 1) * 4 {
+            let (position, normal) = (random.point(), random.direction());
+            let exact = form_factor(&triangles, two_sided, position, normal, true);
+            let near = triangles.iter().any(|t| t.iter().any(|v| v.distance(position) < 0.3));
+            // Near the light the spread of the samples has long tails, and a test of the mean wants many more.
+            if exact > 1e-5 && !near {
+                places.push(Place::new(position, normal, light));
+            }
+        }
+    }
+    let family = 2 * places.len() as u32;
+    let got = run(&scene, "sampled", &places, places.len(), 1, SAMPLES);
+    let mut caught = 0;
+    for (place, got) in places.iter().zip(&got) {
+        let (triangles, two_sided) = triangles_of(&scene, place.light);
+        let exact = |clip| form_factor(&triangles, two_sided, place.position.as_dvec3(), place.normal.as_dvec3(), clip);
+        let (mean, square) = (f64::from(got[0]), f64::from(got[3]));
+        // f32 sums of thousands of terms: 1e-5 of the mean beside the spread.
+        let error = ((square - mean * mean).max(0.0) / f64::from(SAMPLES)).sqrt() + 1e-5 * mean;
+        z_test(mean, error, exact(true), family)
+            .unwrap_or_else(|e| panic!("{} {place:?}: {e}", meshes()[place.light].0));
+        caught += usize::from(z_test(mean, error, exact(true) * 1.2, family).is_err());
+    }
+    assert!(caught > places.len() / 2, "a fifth too much is seen at {caught} of {} places only", places.len());
+    for (i, place) in places.iter().enumerate().step_by(4) {
+        let (triangles, two_sided) = triangles_of(&scene, place.light);
+        let got = run(&scene, "listed", &places[i..=i], SAMPLES as usize, 2, 0);
+        let angles = got.chunks_exact(2).map(|s| if s[0][3] > 0.0 { 1.0 / f64::from(s[0][3]) } else { 0.0 });
+        let (mean, error) = crate::statistics::mean_and_error(angles);
+        let exact = solid_angle(&triangles, two_sided, place.position.as_dvec3());
+        z_test(mean, error + 1e-5 * mean, exact, family).unwrap_or_else(|e| panic!("{place:?}: {e}"));
+        // Each sample lies on the light: its point satisfies the plane of some triangle.
+        for s in got.chunks_exact(2).filter(|s| s[0][3] > 0.0) {
+            let direction = DVec3::new(s[0][0].into(), s[0][1].into(), s[0][2].into());
+            let point = place.position.as_dvec3() + direction * f64::from(s[1][3]);
+            assert!(triangles.iter().any(|t| height_over(t, point).abs() < 1e-5), "{point} is off the light");
+        }
+    }
+}
+
+/// The density for a ray that hit a triangle is the sampler's own: its probability over its area, by solid angle;
+/// 0 for a triangle that emits nothing.
+#[test]
+fn densities_are_those_of_the_sampler() {
+    let scene = mesh_scene();
+    let (t, cosine) = (0.7f32, 0.6f32);
+    let places: Vec<Place> = (0..scene.triangles.len())
+        .map(|slot| Place { position: Vec3::new(slot as f32, t, cosine), normal: Vec3::Z, light: 0 })
+        .collect();
+    // Unpaired: what pairing adds depends on the place, and `samples_converge_to_the_closed_form` holds it to the solid
+    // angle.
+    let unpaired = features(&scene).with("emitter_pairs", false);
+    let got = run_with(&unpaired, &scene, "densities", &places, places.len(), 1, 0);
+    for (slot, got) in got.iter().enumerate() {
+        let light = scene.triangles[slot].light;
+        let expected = if light == NO_LIGHT {
+            0.0
+        } else {
+            // Radiance is the same over each light: the density by area is one over the light's area.
+            let area: f64 = triangles_of(&scene, light as usize)
+                .0
+                .iter()
+                .map(|t| (t[1] - t[0]).cross(t[2] - t[0]).length() / 2.0)
+                .sum();
+            f64::from(t).powi(2) / f64::from(cosine) / area
+        };
+        // Cumulative probabilities are f32: of 512 triangles each has 2^-24 * 512 of its own.
+        assert!((f64::from(got[0]) - expected).abs() <= 1e-4 * expected, "slot {slot}: {} {expected}", got[0]);
+    }
+}
+
+/// Photons leave each mesh light uniformly over its surface and with a cosine law, from both sides of a two-sided one.
+#[test]
+fn emission_follows_power_and_cosine() {
+    const N: usize = 1 << 14;
+    let scene = mesh_scene();
+    let family = 3 * scene.lights.len() as u32;
+    for light in 0..scene.lights.len() {
+        let (triangles, two_sided) = triangles_of(&scene, light);
+        let LightKind::Mesh { emitters, .. } = &scene.lights[light].kind else { unreachable!() };
+        let got = run(&scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
+        let areas: Vec<f64> = triangles.iter().map(|t| (t[1] - t[0]).cross(t[2] - t[0]).length() / 2.0).collect();
+        let total: f64 = areas.iter().sum();
+        // Each triangle in four parts of the same area.
+        let mut by_part = vec![0u64; triangles.len() * 4];
+        let mut by_cosine = [0u64; 64];
+        let mut by_side = [0u64; 2];
+        for ray in got.chunks_exact(3) {
+            let v = |i: usize| DVec3::new(ray[i][0].into(), ray[i][1].into(), ray[i][2].into());
+            let index = emitters.iter().position(|e| e.triangle == ray[0][3] as u32).expect("a triangle of the light");
+            let t = &triangles[index];
+            by_part[index * 4 + quarter(t, v(0))] += 1;
+            let outward = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
+            assert!(height_over(t, v(0)).abs() < 1e-6, "{} is off its triangle", v(0));
+            let front = v(2).dot(outward);
+            assert!((front.abs() - 1.0).abs() < 1e-5 && (two_sided || front > 0.0));
+            by_side[usize::from(front > 0.0)] += 1;
+            let cosine = v(1).dot(v(2));
+            assert!(cosine >= 0.0 && (v(1).length() - 1.0).abs() < 1e-5);
+            // Of a cosine law the squared cosine is uniform; the azimuth is told by its sign along an edge.
+            let quadrant = usize::from(v(1).dot((t[1] - t[0]).normalize()) > 0.0);
+            by_cosine[((cosine * cosine * 32.0) as usize).min(31) * 2 + quadrant] += 1;
+        }
+        chi_square(&by_cosine, &[N as f64 / 64.0; 64], family).unwrap_or_else(|e| panic!("cosines of {light}: {e}"));
+        let expected: Vec<f64> = areas.iter().flat_map(|a| [a / total / 4.0 * N as f64; 4]).collect();
+        chi_square(&by_part, &expected, family).unwrap_or_else(|e| panic!("triangles of {light}: {e}"));
+        let halves = if two_sided { [N as f64 / 2.0; 2] } else { [0.0, N as f64] };
+        let spread = (N as f64 / 4.0).sqrt();
+        assert!((by_side[0] as f64 - halves[0]).abs() < 4.0 * spread, "{by_side:?}");
+    }
+}
+
+/// Which quarter of the triangle's area the point is in: on which side of the parallel to the edge opposite the first
+/// corner that halves the area, and of the median through that corner.
+fn quarter(t: &Corners, p: DVec3) -> usize {
+    let across = (t[1] - t[0]).cross(t[2] - t[0]);
+    let second = (p - t[0]).cross(t[2] - t[0]).dot(across) / across.length_squared();
+    let third = (t[1] - t[0]).cross(p - t[0]).dot(across) / across.length_squared();
+    usize::from((second + third).powi(2) > 0.5) * 2 + usize::from(second > third)
+}
+
+/// Point, spot and directional lights: inverse squares, KHR_lights_punctual's windows and cones, and emission.
+#[test]
+fn punctual_lights_follow_the_extension() {
+    const N: usize = 1 << 14;
+    let (position, direction) = (Vec3::new(0.2, 0.5, -0.1), Vec3::new(0.6, -0.8, 0.0));
+    let (cos_inner, cos_outer) = (0.9f32, 0.7f32);
+    let kinds = [
+        LightKind::Point { position, intensity: RADIANCE, range: f32::INFINITY },
+        LightKind::Point { position, intensity: RADIANCE, range: 0.8 },
+        LightKind::Spot { position, direction, intensity: RADIANCE, cos_inner, cos_outer, range: f32::INFINITY },
+        LightKind::Directional { direction, irradiance: RADIANCE },
+    ];
+    let scene = scene(&[], &kinds);
+    let mut random = Random(21);
+    let places: Vec<Place> =
+        (0..2000).map(|i| Place::new(random.point(), random.direction(), i % kinds.len())).collect();
+    let closed = run(&scene, "closed", &places, places.len(), 1, 0);
+    let sampled = run(&scene, "sampled", &places, places.len(), 1, 2);
+    let (mut lit, mut dark) = ([0; 4], [0; 4]);
+    for ((place, closed), sampled) in places.iter().zip(&closed).zip(&sampled) {
+        let d = position.as_dvec3() - place.position.as_dvec3();
+        let (mut towards, mut arriving) = (d.normalize(), 1.0 / d.length_squared());
+        match place.light {
+            1 => arriving *= (1.0 - (d.length() / f64::from(0.8f32)).powi(4)).clamp(0.0, 1.0),
+            2 => {
+                let c = direction.as_dvec3().dot(-towards);
+                let (inner, outer) = (f64::from(cos_inner), f64::from(cos_outer));
+                arriving *= ((c - outer) / (inner - outer)).clamp(0.0, 1.0).powi(2);
+            }
+            3 => (towards, arriving) = (-direction.as_dvec3(), 1.0),
+            _ => (),
+        }
+        let expected = arriving * towards.dot(place.normal.as_dvec3()).max(0.0);
+        for got in [closed, sampled] {
+            // The window and the cone subtract numbers of size 1: a few roundings over what is left of them.
+            assert!((f64::from(got[0]) - expected).abs() <= 2e-5 * arriving + 1e-6, "{place:?}: {} {expected}", got[0]);
+        }
+        let bits = closed[3] as u32;
+        assert_eq!(bits & 2, 2, "punctual lights have a closed form");
+        if expected > 1e-5 {
+            assert_eq!(bits & 1, 0, "{place:?}");
+            lit[place.light] += 1;
+        } else if expected == 0.0 && (towards.dot(place.normal.as_dvec3()) < -1e-5 || arriving == 0.0) {
+            assert_eq!(bits & 1, 1, "{place:?}");
+            dark[place.light] += 1;
+        }
+    }
+    assert!(lit.iter().chain(&dark).all(|n| *n > 20), "{lit:?} {dark:?}");
+
+    for light in 0..4 {
+        let got = run(&scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
+        let mut cells = [0u64; 64];
+        for ray in got.chunks_exact(3) {
+            let v = |i: usize| DVec3::new(ray[i][0].into(), ray[i][1].into(), ray[i][2].into());
+            let axis = direction.as_dvec3();
+            let side = axis.cross(DVec3::Z).normalize();
+            let azimuth = |p: DVec3| (p.dot(axis.cross(side)).atan2(p.dot(side)) / TAU).rem_euclid(1.0);
+            // Coordinates in which the distribution that is wanted is uniform.
+            let (a, b) = match light {
+                0 | 1 => ((1.0 - v(1).dot(axis)) / 2.0, azimuth(v(1))),
+                2 => ((1.0 - v(1).dot(axis)) / (1.0 - f64::from(cos_outer)), azimuth(v(1))),
+                _ => {
+                    // The scene is one triangle; its bounding sphere is about the middle of its box.
+                    let centre = DVec3::new(0.0, -1.0, 0.0);
+                    let from_axis = v(0) - centre - axis * axis.dot(v(0) - centre);
+                    assert!(axis.dot(v(0) - centre) < -2f64.sqrt(), "starts before the scene");
+                    assert!(v(1).distance(axis) < 1e-6);
+                    ((from_axis.length() / (2f64.sqrt() * 1.001)).powi(2), azimuth(from_axis))
+                }
+            };
+            assert!((-1e-5..1.0 + 1e-5).contains(&a), "light {light}: {a}");
+            cells[((a * 8.0) as usize).min(7) * 8 + ((b * 8.0) as usize).min(7)] += 1;
+            if light < 3 {
+                assert_eq!(v(0), position.as_dvec3());
+            }
+        }
+        chi_square(&cells, &[N as f64 / 64.0; 64], 4).unwrap_or_else(|e| panic!("light {light}: {e}"));
+    }
+}
+
+/// Each set of kinds of lights composes on its own; what a scene does not have is not in the kernel.
+#[test]
+fn every_set_of_kinds_composes() {
+    let names = ["mesh_lights", "point_lights", "spot_lights", "directional_lights", "texture_loads"];
+    for set in 0..32u32 {
+        let features =
+            names.iter().enumerate().fold(Features::default(), |f, (i, name)| f.with(name, set >> i & 1 == 1));
+        let composed = compose::compose_source("light", include_str!("shaders/light.wgsl"), &features).unwrap();
+        let has = |name: &str| composed.module.functions.iter().any(|(_, f)| f.name.as_deref() == Some(name));
+        assert_eq!(has("mesh_form_factor"), features.has("mesh_lights"));
+        assert_eq!(has("punctual_at"), set & 0b1110 != 0);
+        let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_records"));
+        assert_eq!(table, features.has("mesh_lights"));
+    }
+    for set in 0..8u32 {
+        let names = ["textures", "alpha_test", "texture_loads"];
+        let features =
+            names.iter().enumerate().fold(Features::default(), |f, (i, name)| f.with(name, set >> i & 1 == 1));
+        let features = features.with("mesh_lights", true).with("emissive_textures", set & 1 == 1);
+        for kernel in ["path", "shadow"] {
+            compose::compose(kernel, &features).unwrap();
+        }
+    }
+    compose::compose("path", &Features::all()).unwrap();
+}

@@ -1,0 +1,290 @@
+//! The reference, against what is known without rendering: furnaces, the closed sphere, a rectangle's irradiance, and
+//! an independent renderer's images.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use penumbra::bvh::Bvh;
+use penumbra::film::Image;
+use penumbra::passes::path::{Path, PathParameters};
+use penumbra::passes::primary::Primary;
+use penumbra::passes::{Tile, TileBuffers};
+use penumbra::scene::{
+    Camera, EmitterTriangle, ImportOptions, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+};
+use penumbra::settings::{Settings, Technique};
+use penumbra::statistics::Counter;
+use penumbra::tables::SceneTables;
+
+use crate::kit::{device_features, gpu};
+use crate::light::{Corners, cube, form_factor, material, sphere, square};
+use crate::statistics::{mean_and_error, z_test};
+
+/// A surface that reflects the share `albedo` and emits `emission`.
+pub fn surface(albedo: f32, emission: f32) -> Material {
+    Material {
+        base_colour: Vec3::splat(albedo).extend(1.0),
+        emissive: Vec3::splat(emission),
+        // Lambertian: no specular part at all.
+        specular: 0.0,
+        ..material(false)
+    }
+}
+
+/// A scene of meshes of one material each, emissive ones being lights, and punctual lights.
+pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
+    let mut scene = Scene::default();
+    for (triangles, material) in meshes {
+        let light = if material.emissive == Vec3::ZERO { NO_LIGHT } else { scene.lights.len() as u32 };
+        let mut emitters = Vec::new();
+        for corners in triangles {
+            let first = scene.vertices.len() as u32;
+            scene.vertices.extend(corners.map(|c| Vertex {
+                position: c.as_vec3(),
+                normal: Vec3::ZERO,
+                tangent: Vec4::ZERO,
+                uv: [Vec2::ZERO; 2],
+                colour: Vec4::ONE,
+            }));
+            emitters.push(EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: material.emissive });
+            let vertices = [first, first + 1, first + 2];
+            scene.triangles.push(Triangle { vertices, material: scene.materials.len() as u32, light });
+        }
+        if light != NO_LIGHT {
+            let kind = LightKind::Mesh { material: scene.materials.len() as u32, emitters };
+            scene.lights.push(Light { name: String::new(), kind });
+        }
+        scene.materials.push(material.clone());
+    }
+    scene.lights.extend(punctual.into_iter().map(|kind| Light { name: String::new(), kind }));
+    scene
+}
+
+pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
+    let backward = -towards.normalize();
+    let up = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
+    let right = up.cross(backward).normalize();
+    let axes = [right, backward.cross(right), backward].map(|a| a.as_vec3());
+    let projection = Projection::Perspective { yfov, aspect: None };
+    Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
+}
+
+/// What a render gives: red of direct and of indirect light and position, of each sample of each pixel, in layers of
+/// pixels; and the counters.
+struct Rendered {
+    direct: Vec<[f32; 4]>,
+    indirect: Vec<[f32; 4]>,
+    counters: Vec<u32>,
+}
+
+impl Rendered {
+    /// Both parts, red, of all samples of a pixel.
+    fn pixel(&self, pixel: usize, pixels: usize) -> impl Iterator<Item = f64> + Clone {
+        let all = self.direct.iter().zip(&self.indirect).skip(pixel).step_by(pixels);
+        all.map(|(d, i)| f64::from(d[0]) + f64::from(i[0]))
+    }
+
+    fn all(&self) -> impl Iterator<Item = f64> + Clone {
+        self.pixel(0, 1)
+    }
+}
+
+/// Renders a square image of `size` pixels a side by the passes themselves, `spp` samples a pixel at once.
+fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
+    let gpu = gpu();
+    let settings = Settings { width: size, height: size, technique: Technique::Path, ..Settings::default() };
+    let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+    let bvh = Bvh::build(&positions).unwrap();
+    scene.reorder_triangles(&bvh.order);
+    let needs = penumbra::needs::Needs::new(&scene, &settings);
+    let device = device_features(gpu);
+    let features = device.names().fold(needs.features.clone(), |features, name| features.with(name, true));
+    let tables = SceneTables::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
+    let constants = tables.constants();
+    let primary = Primary::new(gpu, &features, &constants).unwrap();
+    let path = Path::new(gpu, &features, &constants).unwrap();
+    let point_count = size * size * spp;
+    let mut buffers = TileBuffers::new(gpu, &features, point_count, true).unwrap();
+    buffers.radiance_direct = gpu.poisoned::<[f32; 4]>("test/direct", point_count as usize).unwrap();
+    let indirect = gpu.poisoned::<[f32; 4]>("test/indirect", point_count as usize).unwrap();
+    buffers.radiance_indirect = Some(indirect);
+    let primary = primary.bind(gpu, &buffers, &tables).unwrap();
+    let bound = path.bind(gpu, &buffers, &tables).unwrap();
+    let tile = Tile {
+        width: size,
+        height: size,
+        first_row: 0,
+        pixel_count: size * size,
+        point_count,
+        first_sample: 0,
+        seed: 1,
+        centred: 0,
+    };
+    let mut frame = gpu.frame("test");
+    frame.clear(&buffers.counters);
+    primary.record(&mut frame, &tile);
+    bound.record(&mut frame, &PathParameters { tile, max_bounces });
+    frame.submit().unwrap();
+    let read = |buffer: &penumbra::gpu::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
+    let rendered = Rendered {
+        direct: read(&buffers.radiance_direct),
+        indirect: read(buffers.radiance_indirect.as_ref().unwrap()),
+        counters: gpu.read(&buffers.counters, Counter::COUNT).unwrap(),
+    };
+    assert_eq!(rendered.counters[Counter::Overrun as usize], 0);
+    let results = rendered.direct.iter().chain(&rendered.indirect);
+    assert!(results.flatten().all(|v| v.is_finite()), "poison or worse in the radiance");
+    rendered
+}
+
+pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
+    triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
+}
+
+/// In a closed room that emits 1 and reflects the share a everywhere, the radiance is 1 + a + a^2 + ... = 1 / (1 - a)
+/// in every direction; with at most m bounces of indirect light the sum ends at a^(m + 1).
+#[test]
+fn furnaces_are_white() {
+    let room = |albedo| scene(&[(inside_out(cube(DVec3::ZERO, 0.5)), surface(albedo, 1.0))], Vec::new());
+    let view = camera(DVec3::new(0.1, -0.2, 0.3), DVec3::new(0.3, 0.5, -1.0), 1.5);
+    let cases: [(f32, u32, f64); 7] = [
+        (0.0, 200, 1.0),
+        (0.5, 200, 2.0),
+        (0.8, 200, 5.0),
+        (0.8, 0, 1.8),
+        (0.8, 1, 1.8 + 0.64),
+        (0.8, 2, 1.8 + 0.64 + 0.512),
+        // Nothing is absorbed: Russian roulette ends the paths, and the sum is its number of terms.
+        (1.0, 30, 32.0),
+    ];
+    for (albedo, max_bounces, expected) in cases {
+        let rendered = render(room(albedo), &view, 16, 64, max_bounces);
+        let (mean, error) = mean_and_error(rendered.all());
+        // 1e-5: albedo and sums are f32.
+        let error = error + 1e-5 * expected;
+        z_test(mean, error, expected, 7).unwrap_or_else(|e| panic!("albedo {albedo}, {max_bounces} bounces: {e}"));
+        assert!(error < 0.02 * expected, "{error} is no test of {expected}");
+        if albedo > 0.0 {
+            z_test(mean, error, expected * 1.1, 7).expect_err("a tenth too much");
+        }
+    }
+}
+
+/// In a closed sphere of albedo a around a point light of intensity I, the light that arrives in all is 4 pi I / (1 - a),
+/// and the radiance, everywhere alike, is a / pi of that over the sphere's area: 1 for I = pi, a = 1/2, radius 1 (as in
+/// pbrt's tests of its integrators).
+#[test]
+fn the_closed_sphere_has_its_known_radiance() {
+    let mesh = inside_out(sphere(DVec3::ZERO, 1.0, 32));
+    let area: f64 = mesh.iter().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
+    let light = LightKind::Point { position: Vec3::ZERO, intensity: Vec3::splat(PI as f32), range: f32::INFINITY };
+    let rendered = render(
+        scene(&[(mesh, surface(0.5, 0.0))], vec![light]),
+        &camera(DVec3::new(0.2, 0.1, 0.3), DVec3::new(-0.5, 0.3, -1.0), 2.0),
+        16,
+        64,
+        200,
+    );
+    let expected = 0.5 / PI * 4.0 * PI * PI / 0.5 / area;
+    let (mean, error) = mean_and_error(rendered.all());
+    // The facets are nearer to the light in their middles: sagitta (pi / 32)^2 / 8 of the radius, twice that in
+    // irradiance, and as much again for the tilt at their rims.
+    let error = error + 0.005 * expected / 3.0;
+    z_test(mean, error, expected, 1).unwrap();
+    z_test(mean, error, expected * 1.05, 1).expect_err("a twentieth too much");
+    // All of what comes directly is half of the whole, at this albedo.
+    let (direct, error) = mean_and_error(rendered.direct.iter().map(|v| f64::from(v[0])));
+    z_test(direct, error + 0.005 * expected / 3.0, expected / 2.0, 1).unwrap();
+}
+
+/// Light from a rectangle on a white floor is Lambert's closed form, pixel by pixel, up to where light and floor nearly
+/// touch; no light is left for more bounces.
+#[test]
+fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
+    const SIZE: usize = 12;
+    const SPP: u32 = 400;
+    // Upright, its foot 1e-3 over the floor, facing +z: the floor in front of it is lit down to grazing angles.
+    let light = square(DVec3::new(0.0, 0.151, -0.3), DVec3::X * 0.2, DVec3::Y * 0.15);
+    let floor = square(DVec3::ZERO, DVec3::Z * 0.6, DVec3::X * 0.6);
+    let all = scene(&[(floor, surface(1.0, 0.0)), (light.clone(), surface(0.0, 3.0))], Vec::new());
+    // From straight above, so that pixels are squares on the floor.
+    let view = camera(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y, 2.0 * (0.5f32 / 0.5).atan());
+    let rendered = render(all, &view, SIZE as u32, SPP, 4);
+    let pixels = SIZE * SIZE;
+    let mut tested = 0;
+    let mut caught = 0;
+    for pixel in 0..pixels {
+        let (column, row) = ((pixel % SIZE) as f64, (pixel / SIZE) as f64);
+        let at = |x: f64, y: f64| {
+            let f = |v: f64| 2.0 * v / SIZE as f64 - 1.0;
+            let [right, up] = [view.axes[0].as_dvec3(), view.axes[1].as_dvec3()];
+            right * f(column + x) * 0.5 - up * f(row + y) * 0.5
+        };
+        // The mean over the pixel by midpoints, where the light does not stand in the view and its edge is not near.
+        if (0..4).any(|i| at(f64::from(i & 1), f64::from(i >> 1)).z < -0.28) {
+            continue;
+        }
+        const N: usize = 8;
+        let midpoint = |k: usize| (k as f64 + 0.5) / N as f64;
+        let values =
+            (0..N * N).map(|k| form_factor(&light, false, at(midpoint(k / N), midpoint(k % N)), DVec3::Y, true));
+        let expected = 3.0 / PI * values.sum::<f64>() / (N * N) as f64;
+        let (mean, error) = mean_and_error(rendered.pixel(pixel, pixels));
+        // Midpoints of a pixel next to the light, where the irradiance changes by a few times itself, are off by a
+        // few thousandths.
+        let error = error + 2e-3 * expected;
+        z_test(mean, error, expected, pixels as u32).unwrap_or_else(|e| panic!("pixel {column}, {row}: {e}"));
+        tested += 1;
+        caught += usize::from(z_test(mean, error, expected * 1.2, pixels as u32).is_err());
+    }
+    assert!(tested > 80 && caught > tested / 2, "{caught} of {tested}");
+    assert!(rendered.indirect.iter().all(|v| v[..3] == [0.0; 3]), "the light reflects nothing, the floor is flat");
+}
+
+/// Mitsuba's images of the same box, in blocks of pixels; means of the whole within a thousandth beside the noise.
+#[test]
+fn an_independent_renderer_agrees() {
+    let Some(shared) = std::env::var_os("PENUMBRA_SHARED") else {
+        println!("PENUMBRA_SHARED is not set: the comparison with an independent renderer is left out");
+        return;
+    };
+    const SIZE: usize = 256;
+    const BLOCK: usize = 16;
+    const BLOCKS: usize = (SIZE / BLOCK) * (SIZE / BLOCK);
+    const SPP: u32 = 16;
+    let folder = std::path::Path::new(&shared).join("reference");
+    let box_scene = Scene::load(&folder.join("box.glb"), &ImportOptions::default()).unwrap();
+    let view = box_scene.cameras[0].clone();
+    for (file, max_bounces) in [("box-direct.exr", 0), ("box-gi.exr", 64)] {
+        let reference = Image::read_exr(folder.join(file)).unwrap();
+        let [reference, _, _] = reference.rgb().unwrap();
+        let rendered = render(box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
+        // Blocks that differ, where the reference is moved by so many pixels.
+        let outside = |shift: usize| {
+            let differs = |block: &usize| {
+                let corner = block / (SIZE / BLOCK) * BLOCK * SIZE + block % (SIZE / BLOCK) * BLOCK;
+                let difference = (0..BLOCK * BLOCK).map(|k| {
+                    let pixel = corner + k / BLOCK * SIZE + k % BLOCK;
+                    let samples = rendered.pixel(pixel, SIZE * SIZE);
+                    let moved = (pixel + shift).min(SIZE * SIZE - 1);
+                    samples.sum::<f64>() / f64::from(SPP) - f64::from(reference[moved])
+                });
+                let (mean, error) = mean_and_error(difference);
+                mean.abs() > 3.0 * error + 1e-4
+            };
+            (0..BLOCKS).filter(differs).count()
+        };
+        // A block is outside of three standard errors once in 370 by chance; twice as many as expected and two are
+        // allowed, as tails are longer than normal ones.
+        let found = outside(0);
+        assert!(found <= 2 + 2 * BLOCKS / 370, "{file}: {found} of {BLOCKS} blocks differ");
+        assert!(outside(2) > BLOCKS / 20, "a reference that is moved by two pixels");
+        let mean = rendered.all().sum::<f64>() / f64::from(SPP) / (SIZE * SIZE) as f64;
+        let expected = reference.iter().map(|v| f64::from(*v)).sum::<f64>() / (SIZE * SIZE) as f64;
+        // Of the mean of all pixels: each pixel's own spread, the image's structure aside.
+        let errors = (0..SIZE * SIZE).map(|pixel| mean_and_error(rendered.pixel(pixel, SIZE * SIZE)).1);
+        let error = errors.map(|e| e * e).sum::<f64>().sqrt() / (SIZE * SIZE) as f64;
+        assert!((mean - expected).abs() < 1e-3 * expected + 4.0 * error, "{file}: mean {mean}, not {expected}");
+        assert!(error < 1e-3 * expected, "{file}: an error of {error} is no test");
+    }
+}

@@ -1,0 +1,502 @@
+//! Pass `primary` against f64 rays through the pixels' middles, and glTF's rules for what they meet.
+
+use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
+use penumbra::gpu::buffer::POISON;
+use penumbra::passes::primary::Primary;
+use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::scene::{
+    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureSlot, Wrap,
+};
+use penumbra::settings::Technique;
+use penumbra::statistics::Counter;
+
+use crate::kit::gpu;
+use crate::light::{Corners, sphere, square};
+use crate::path::{camera, scene, surface};
+use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, whole};
+use crate::statistics::Random;
+
+/// Defects that the comparison must find.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    None,
+    /// Backs of single-sided surfaces emit.
+    Backs,
+    /// Normals are those of the fronts.
+    Facing,
+    /// Nothing is cut off before the near plane or behind the far one.
+    Planes,
+    /// Masks and blending are ignored.
+    Alpha,
+    /// sRGB codes are taken for light.
+    Linear,
+    /// All textures tile.
+    Wrap,
+    /// All textures are filtered.
+    Filter,
+    /// Vertex colours are ignored.
+    Colours,
+    /// Shading normals are the geometric ones.
+    Flat,
+    /// The distance for the depth.
+    Depth,
+}
+
+const FAULTS: [Fault; 10] = [
+    Fault::Backs,
+    Fault::Facing,
+    Fault::Planes,
+    Fault::Alpha,
+    Fault::Linear,
+    Fault::Wrap,
+    Fault::Filter,
+    Fault::Colours,
+    Fault::Flat,
+    Fault::Depth,
+];
+
+const SPHERE: u32 = 0;
+
+/// Panels of all kinds before a slanting wall, and a smooth ball.
+fn panels() -> Scene {
+    let panel = |x: f64, y: f64, z: f64| -> Vec<Corners> {
+        square(DVec3::new(x, y, z), DVec3::new(0.13, 0.01, 0.03), DVec3::new(0.0, 0.13, -0.04))
+    };
+    let back =
+        |x: f64, y: f64, z: f64| -> Vec<Corners> { panel(x, y, z).into_iter().map(|[a, b, c]| [a, c, b]).collect() };
+    let wall = square(DVec3::new(0.0, 0.0, -0.6), DVec3::new(0.7, 0.0, 0.2), DVec3::Y * 0.6);
+    let near = square(DVec3::new(-0.07, 0.0, 1.7), DVec3::new(0.07, 0.0, 0.0), DVec3::new(0.0, 0.05, 0.12));
+    let slot = |texture| {
+        let matrix = Mat2::from_cols(Vec2::new(1.7, 0.3), Vec2::new(-0.4, 1.6));
+        Some(TextureSlot { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
+    };
+    let plain = surface(0.5, 0.0);
+    let base_colour = Vec4::new(0.9, 0.7, 0.8, 0.9);
+    let textured =
+        |texture| Material { base_colour, base_colour_texture: slot(texture), double_sided: true, ..surface(0.5, 0.0) };
+    let emits = Material { emissive: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() };
+    let meshes = [
+        (sphere(DVec3::new(0.0, 0.0, 0.1), 0.15, 10), plain.clone()),
+        (wall, plain.clone()),
+        (near, plain.clone()),
+        (panel(-0.4, 0.4, 0.2), emits.clone()),
+        (back(-0.1, 0.4, 0.1), emits.clone()),
+        (back(0.2, 0.4, 0.2), Material { double_sided: true, emissive_texture: slot(3), ..emits }),
+        (panel(0.45, 0.1, 0.2), textured(0)),
+        (back(-0.4, 0.1, 0.2), textured(1)),
+        (panel(-0.4, -0.2, 0.2), textured(2)),
+        (panel(-0.1, -0.4, 0.3), Material { alpha: AlphaMode::Mask { cutoff: 0.45 }, ..textured(1) }),
+        (panel(0.2, -0.4, 0.3), Material { alpha: AlphaMode::Blend, ..textured(2) }),
+        (panel(0.45, -0.2, 0.2), Material { unlit: true, ..textured(0) }),
+        (panel(0.5, 0.42, 0.1), Material { base_colour, ..plain }),
+    ];
+    let coloured = meshes.len() as u32 - 1;
+    let mut scene = scene(&meshes, Vec::new());
+    let mut random = Random(3);
+    let mut image = |width: u32, height: u32| TextureImage {
+        name: String::new(),
+        width,
+        height,
+        texels: (0..width * height).map(|_| [(); 4].map(|()| (random.uniform() * 256.0) as u8)).collect(),
+    };
+    scene.images = vec![image(5, 4), image(3, 7)];
+    let texture = |image, wrap, filter| Texture { image, wrap, filter, space: ColourSpace::Srgb };
+    scene.textures = vec![
+        texture(0, [Wrap::Repeat, Wrap::Mirror], Filter::Linear),
+        texture(1, [Wrap::Clamp, Wrap::Repeat], Filter::Linear),
+        texture(1, [Wrap::Mirror, Wrap::Clamp], Filter::Nearest),
+        texture(0, [Wrap::Clamp, Wrap::Mirror], Filter::Nearest),
+    ];
+    for triangle in scene.triangles.clone() {
+        for vertex in triangle.vertices {
+            let vertex = &mut scene.vertices[vertex as usize];
+            vertex.uv[0] = Vec2::new(random.uniform() as f32, random.uniform() as f32) * 3.0 - 1.0;
+            if triangle.material == SPHERE {
+                vertex.normal = (vertex.position - Vec3::Z * 0.1).normalize();
+            }
+            if triangle.material == coloured {
+                vertex.colour = Vec4::from_array([(); 4].map(|()| random.uniform() as f32));
+            }
+        }
+    }
+    scene
+}
+
+/// From the front, slightly aside, with planes that cut off some of the nearest panel and of the wall.
+fn cameras() -> [Camera; 2] {
+    let view = camera(DVec3::new(0.05, 0.1, 2.0), DVec3::new(-0.02, -0.04, -1.0), 0.65);
+    let perspective = Camera { near: 0.3, far: 2.65, ..view };
+    let projection = Projection::Orthographic { xmag: 0.0, ymag: 0.7 };
+    [perspective.clone(), Camera { projection, ..perspective }]
+}
+
+/// What a pixel shows.
+struct Seen {
+    position: DVec3,
+    distance: f64,
+    depth: f64,
+    /// Cosine between the ray and the surface's normal.
+    cosine: f64,
+    geometric: DVec3,
+    shading: DVec3,
+    emission: DVec3,
+    base: DVec3,
+    unlit: bool,
+    /// How far roundings may move a colour.
+    colour: f64,
+    material: usize,
+}
+
+/// The oracle for one image.
+struct Oracle<'s> {
+    scene: &'s Scene,
+    camera: &'s Camera,
+    tile: Tile,
+    fault: Fault,
+}
+
+impl Oracle<'_> {
+    /// The ray through the middle of a pixel, and the cosine between it and the viewing direction.
+    fn ray(&self, pixel: usize) -> (DVec3, DVec3, f64) {
+        let [right, up, backward] = self.camera.axes.map(|a| a.as_dvec3());
+        let [width, height] = [self.tile.width, self.tile.height].map(f64::from);
+        let at = DVec2::new((pixel % width as usize) as f64 + 0.5, (pixel / width as usize) as f64 + 0.5);
+        let across = |half: f64| {
+            right * half * width / height * (2.0 * at.x / width - 1.0) + up * half * (1.0 - 2.0 * at.y / height)
+        };
+        let position = self.camera.position.as_dvec3();
+        match self.camera.projection {
+            Projection::Perspective { yfov, .. } => {
+                let direction = (across((f64::from(yfov) / 2.0).tan()) - backward).normalize();
+                (position, direction, -direction.dot(backward))
+            }
+            Projection::Orthographic { ymag, .. } => (position + across(f64::from(ymag)), -backward, 1.0),
+        }
+    }
+
+    /// What a pixel shows; an error where that hangs on rounding.
+    fn see(&self, pixel: usize) -> Result<Option<Seen>, ()> {
+        let (origin, direction, cosine) = self.ray(pixel);
+        let (near, far) = (f64::from(self.camera.near) / cosine, f64::from(self.camera.far) / cosine);
+        let mut found: Option<Crossing> = None;
+        for crossing in crossings(self.scene, origin, direction) {
+            // Behind the surface that was found nothing matters, but what is as near.
+            if found.is_some_and(|f| crossing.t > f.t + 1e-5) {
+                break;
+            }
+            if self.fault != Fault::Planes {
+                if (crossing.t - near).abs().min((crossing.t - far).abs()) < 1e-5 {
+                    return Err(());
+                }
+                if crossing.t < near || crossing.t > far {
+                    continue;
+                }
+            } else if crossing.t < 0.0 {
+                continue;
+            }
+            if crossing.doubtful() || found.is_some() {
+                return Err(());
+            }
+            if self.stops(pixel, &crossing)? {
+                found = Some(crossing);
+            }
+        }
+        found.map(|crossing| self.shade(&crossing, origin, direction, cosine)).transpose()
+    }
+
+    fn stops(&self, pixel: usize, crossing: &Crossing) -> Result<bool, ()> {
+        let material = &self.scene.materials[self.scene.triangles[crossing.triangle].material as usize];
+        let alpha = f64::from(material.base_colour.w) * self.texel(&material.base_colour_texture, crossing)?.w;
+        let threshold = match material.alpha {
+            _ if self.fault == Fault::Alpha => return Ok(true),
+            AlphaMode::Opaque => return Ok(true),
+            AlphaMode::Mask { cutoff } => f64::from(cutoff),
+            AlphaMode::Blend => {
+                let (seed, sample) = pixel_of(&self.tile, pixel);
+                let seed = hash(&[seed, constant("DIMENSION_ALPHA") + sample]);
+                f64::from(hash(&[seed, crossing.triangle as u32, 0x616c_7068]) >> 8) / 16_777_216.0
+            }
+        };
+        if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok(alpha > threshold) }
+    }
+
+    fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Seen, ()> {
+        let triangle = &self.scene.triangles[crossing.triangle];
+        let material = &self.scene.materials[triangle.material as usize];
+        let corners = triangle.vertices.map(|v| self.scene.vertices[v as usize]);
+        let weights = [1.0 - crossing.u - crossing.v, crossing.u, crossing.v];
+        let front = crossing.normal.dot(direction) < 0.0;
+        let faced = |n: DVec3| if front || self.fault == Fault::Facing { n } else { -n };
+        let mut shading = crossing.normal;
+        if corners[0].normal != Vec3::ZERO && self.fault != Fault::Flat {
+            shading = (0..3).map(|i| weights[i] * corners[i].normal.as_dvec3()).sum::<DVec3>().normalize();
+            // At the rim the normal is bent towards the viewer, by how much is left to the pass.
+            if faced(shading).dot(-direction) < 2e-3 {
+                return Err(());
+            }
+        }
+        let mut base = material.base_colour.as_dvec4() * self.texel(&material.base_colour_texture, crossing)?;
+        if self.fault != Fault::Colours {
+            base *= (0..3).map(|i| weights[i] * corners[i].colour.as_dvec4()).sum::<DVec4>();
+        }
+        let base = base.truncate();
+        let textured = material.base_colour_texture.is_some() || material.emissive_texture.is_some();
+        let shines = front || material.double_sided || self.fault == Fault::Backs;
+        let mut emission = DVec3::ZERO;
+        if material.unlit {
+            emission = base;
+        } else if shines {
+            emission = material.emissive.as_dvec3() * self.texel(&material.emissive_texture, crossing)?.truncate();
+        }
+        Ok(Seen {
+            position: origin + direction * crossing.t,
+            distance: crossing.t,
+            depth: crossing.t * if self.fault == Fault::Depth { 1.0 } else { cosine },
+            cosine: crossing.normal.dot(direction).abs(),
+            geometric: faced(crossing.normal),
+            shading: faced(shading),
+            emission,
+            base,
+            unlit: material.unlit,
+            colour: f64::from(material.emissive.max_element().max(1.0)) * if textured { TEXEL } else { COLOUR },
+            material: triangle.material as usize,
+        })
+    }
+
+    /// A texture at a point of a triangle; ones where there is none.
+    fn texel(&self, slot: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
+        let Some(slot) = slot else { return Ok(DVec4::ONE) };
+        let texture = &self.scene.textures[slot.texture as usize];
+        let image = &self.scene.images[texture.image as usize];
+        let corners = self.scene.triangles[crossing.triangle].vertices;
+        let [a, b, c] = corners.map(|v| self.scene.vertices[v as usize].uv[0].as_dvec2());
+        let uv = a + crossing.u * (b - a) + crossing.v * (c - a);
+        let matrix = DMat2::from_cols(slot.matrix.x_axis.as_dvec2(), slot.matrix.y_axis.as_dvec2());
+        let place =
+            (matrix * uv + slot.offset.as_dvec2()) * DVec2::new(f64::from(image.width), f64::from(image.height));
+        let wrapped = |i: f64, size: u32, wrap: Wrap| {
+            let (i, n) = (i as i64, i64::from(size));
+            match wrap {
+                _ if self.fault == Fault::Wrap => i.rem_euclid(n),
+                Wrap::Repeat => i.rem_euclid(n),
+                Wrap::Mirror => i.rem_euclid(2 * n).min(2 * n - 1 - i.rem_euclid(2 * n)),
+                Wrap::Clamp => i.clamp(0, n - 1),
+            }
+        };
+        let at = |x: f64, y: f64| {
+            let (x, y) = (wrapped(x, image.width, texture.wrap[0]), wrapped(y, image.height, texture.wrap[1]));
+            let code = image.texels[(x + y * i64::from(image.width)) as usize].map(|c| f64::from(c) / 255.0);
+            let light = |c: f64| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) };
+            let light = |c: f64| if self.fault == Fault::Linear { c } else { light(c) };
+            DVec4::new(light(code[0]), light(code[1]), light(code[2]), code[3])
+        };
+        if texture.filter == Filter::Nearest && self.fault != Fault::Filter {
+            // Texels begin at whole numbers.
+            let to_border = (place - place.round()).abs().min_element();
+            return if to_border < 1e-4 { Err(()) } else { Ok(at(place.x.floor(), place.y.floor())) };
+        }
+        let corner = (place - 0.5).floor();
+        let f = place - 0.5 - corner;
+        let row = |y: f64| at(corner.x, y).lerp(at(corner.x + 1.0, y), f.x);
+        Ok(row(corner.y).lerp(row(corner.y + 1.0), f.y))
+    }
+}
+
+/// All that the pass writes.
+#[derive(Clone, PartialEq)]
+struct Outcome {
+    points: Vec<[u32; 4]>,
+    surfaces: Vec<[u32; 4]>,
+    radiance: Vec<[u32; 4]>,
+    albedo: Vec<[u32; 4]>,
+    normals: Vec<[u32; 4]>,
+    positions: Vec<[u32; 4]>,
+}
+
+impl Outcome {
+    fn lists(&self) -> [&Vec<[u32; 4]>; 6] {
+        [&self.points, &self.surfaces, &self.radiance, &self.albedo, &self.normals, &self.positions]
+    }
+}
+
+fn stage(camera: &Camera, size: [u32; 2]) -> Stage {
+    Stage::new(panels(), camera, size, Technique::TwoPass, |features| {
+        features.with("aov_albedo", true).with("aov_normal", true).with("aov_position", true)
+    })
+}
+
+fn run(stage: &Stage, tile: &Tile) -> Outcome {
+    let gpu = gpu();
+    let pass = Primary::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
+    let count = tile.point_count as usize;
+    // One more, to see that it stays.
+    let poisoned = |name: &str| gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap();
+    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
+    buffers.points = poisoned("test/points");
+    buffers.surfaces = poisoned("test/surfaces");
+    buffers.radiance_direct = poisoned("test/radiance");
+    buffers.albedo_samples = Some(poisoned("test/albedo"));
+    buffers.normal_samples = Some(poisoned("test/normals"));
+    buffers.position_samples = Some(poisoned("test/positions"));
+    let bound = pass.bind(gpu, &buffers, &stage.tables).unwrap();
+    let mut frame = gpu.frame("test");
+    bound.record(&mut frame, tile);
+    frame.submit().unwrap();
+    assert_eq!(gpu.read::<u32>(&buffers.counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
+    let read = |buffer: &penumbra::gpu::Buffer| -> Vec<[u32; 4]> {
+        let mut words: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
+        assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
+        words
+    };
+    Outcome {
+        points: read(&buffers.points),
+        surfaces: read(&buffers.surfaces),
+        radiance: read(&buffers.radiance_direct),
+        albedo: read(buffers.albedo_samples.as_ref().unwrap()),
+        normals: read(buffers.normal_samples.as_ref().unwrap()),
+        positions: read(buffers.position_samples.as_ref().unwrap()),
+    }
+}
+
+/// Colours of textures: a device may decode sRGB to within half of one part in 255, and at a texel's slope the
+/// coordinates' roundings are far less.
+const TEXEL: f64 = 2e-3;
+
+/// Other colours: those of vertices have 16 bits, the weights of a corner a few roundings.
+const COLOUR: f64 = 2e-5;
+
+/// An octahedral code is within 7e-5 of its vector; shading normals pass through two.
+const NORMAL: f64 = 2e-4;
+
+/// Whether the pass wrote for a pixel what the oracle sees.
+fn same(outcome: &Outcome, i: usize, seen: &Option<Seen>) -> bool {
+    let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
+    let [point, packed, radiance, albedo, normal, position] = outcome.lists();
+    let Some(seen) = seen else {
+        return point[i] == [0, 0, 0, INVALID_POINT]
+            && packed[i] == [POISON; 4]
+            && [radiance, albedo, normal, position].iter().all(|list| list[i] == [0; 4]);
+    };
+    let near = |got: DVec3, expected: DVec3, tolerance: f64| (got - expected).abs().max_element() <= tolerance;
+    let colour = |list: &Vec<[u32; 4]>, expected: DVec3| {
+        near(vector(list).truncate(), expected, seen.colour) && vector(list).w == 1.0
+    };
+    // The direction's roundings over the way, along the surface.
+    let tolerance = 1e-6 * seen.distance / seen.cosine;
+    let lit = if seen.unlit {
+        point[i] == [0, 0, 0, INVALID_POINT]
+    } else {
+        near(vector(point).truncate(), seen.position, tolerance)
+            && near(oct_decode(point[i][3], 16), seen.geometric, NORMAL)
+    };
+    let reflected = if seen.unlit { DVec3::ZERO } else { seen.base };
+    lit && near(vector(packed).truncate(), reflected, seen.colour)
+        && near(oct_decode(packed[i][3], 16), seen.shading, NORMAL)
+        && colour(radiance, seen.emission)
+        && colour(albedo, seen.base)
+        && near(vector(normal).truncate(), seen.shading, NORMAL)
+        && vector(normal).w == 1.0
+        && near(vector(position).truncate(), seen.position, tolerance)
+        && (vector(position).w - seen.depth).abs() <= tolerance
+}
+
+#[test]
+fn pixels_show_what_rays_in_f64_meet() {
+    for camera in cameras() {
+        for size in [[1, 1], [63, 1], [64, 1], [13, 5], [120, 90]] {
+            let stage = stage(&camera, size);
+            let tile = Tile { centred: 1, ..whole(size, 1) };
+            let outcome = run(&stage, &tile);
+            let count = tile.pixel_count as usize;
+            let (mut doubtful, mut missed) = (0, 0);
+            let mut differences = |fault: Fault| {
+                let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault };
+                let differs = |i: &usize| match oracle.see(*i) {
+                    Err(()) => {
+                        doubtful += usize::from(fault == Fault::None);
+                        false
+                    }
+                    Ok(seen) => {
+                        missed += usize::from(fault == Fault::None && seen.is_none());
+                        !same(&outcome, *i, &seen)
+                    }
+                };
+                (0..count).filter(differs).collect::<Vec<usize>>()
+            };
+            let wrong = differences(Fault::None);
+            assert!(wrong.is_empty(), "{size:?}: pixels {wrong:?}");
+            if count < 1000 {
+                continue;
+            }
+            for fault in FAULTS {
+                // An orthographic view has no distance but the depth.
+                let orthographic = matches!(camera.projection, Projection::Orthographic { .. });
+                if !(orthographic && fault == Fault::Depth) {
+                    let found = differences(fault).len();
+                    assert!(found > 20, "{fault:?}: {found} differences");
+                }
+            }
+            assert!(doubtful * 200 < count, "{doubtful} of {count} pixels hang on rounding");
+            assert!(missed > 20, "no pixel shows nothing");
+            let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault: Fault::None };
+            let mut met = vec![0; stage.scene.materials.len()];
+            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|seen| met[seen.material] += 1);
+            assert!(met.iter().all(|n| *n > 20), "pixels of each material: {met:?}");
+        }
+    }
+}
+
+/// An image cut into tiles of rows, and samples rendered one by one, are the whole bit for bit.
+#[test]
+fn tiles_and_layers_are_the_whole() {
+    const LAYERS: u32 = 4;
+    let size = [41, 13];
+    let camera = &cameras()[0];
+    let stage = stage(camera, size);
+    let all = Tile { first_sample: 2, ..whole(size, LAYERS) };
+    let outcome = run(&stage, &all);
+    let piece = |first_row: u32, rows: u32, layer: u32, layers: u32| {
+        let pixel_count = rows * size[0];
+        let point_count = pixel_count * layers;
+        Tile { first_row, pixel_count, point_count, first_sample: all.first_sample + layer, ..all }
+    };
+    let differences = |tile: &Tile, layer_0: u32| -> usize {
+        let got = run(&stage, tile);
+        let place = |i: usize| {
+            let (layer, pixel) = (i / tile.pixel_count as usize, i % tile.pixel_count as usize);
+            (layer + layer_0 as usize) * all.pixel_count as usize + (tile.first_row * size[0]) as usize + pixel
+        };
+        let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[place(*i)]);
+        (0..tile.point_count as usize).filter(differs).count()
+    };
+    for (first_row, rows) in [(0, 5), (5, 1), (6, 7)] {
+        assert_eq!(differences(&piece(first_row, rows, 0, LAYERS), 0), 0, "rows from {first_row}");
+    }
+    for layer in 0..LAYERS {
+        assert_eq!(differences(&piece(0, 13, layer, 1), layer), 0, "layer {layer}");
+    }
+    let others = differences(&piece(0, 13, 1, 1), 2);
+    assert!(others > 100, "layers that are alike: {others} differences");
+
+    // Samples lie in their pixels.
+    let half = match camera.projection {
+        Projection::Perspective { yfov, .. } => f64::from(yfov / 2.0).tan(),
+        Projection::Orthographic { .. } => unreachable!("the first camera is a perspective one"),
+    };
+    let [right, up, backward] = camera.axes.map(|a| a.as_dvec3());
+    let [width, height] = size.map(f64::from);
+    let within = |i: usize, shift: f64| {
+        let p =
+            Vec4::from_array(outcome.points[i].map(f32::from_bits)).truncate().as_dvec3() - camera.position.as_dvec3();
+        let scale = 0.5 * height / half / -p.dot(backward);
+        let film = DVec2::new(0.5 * width + p.dot(right) * scale, 0.5 * height - p.dot(up) * scale);
+        let pixel = i % all.pixel_count as usize;
+        let offset = film - DVec2::new((pixel % size[0] as usize) as f64 + shift, (pixel / size[0] as usize) as f64);
+        // f32 positions, over pixels of a fiftieth of the view.
+        offset.min_element() > -1e-4 && offset.max_element() < 1.0 + 1e-4
+    };
+    let valid: Vec<usize> = (0..all.point_count as usize).filter(|i| outcome.points[*i][3] != INVALID_POINT).collect();
+    let outside: Vec<usize> = valid.iter().copied().filter(|i| !within(*i, 0.0)).collect();
+    assert!(valid.len() > 300 && outside.is_empty(), "{outside:?} of {}", valid.len());
+    assert!(valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4, "half a pixel aside is not seen");
+}

@@ -1,0 +1,374 @@
+//! Pass `shade` against the estimator in f64, from the same class words, visibilities and light points; and the mean
+//! of many estimates against the true direct light.
+
+use std::f64::consts::{FRAC_1_PI, PI};
+
+use glam::{DVec3, Vec3, Vec4};
+use penumbra::gpu::Features;
+use penumbra::gpu::buffer::POISON;
+use penumbra::passes::shade::{Shade, ShadeParameters};
+use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::settings::Technique;
+
+use crate::kit::gpu;
+use crate::light::{Corners, form_factor, sphere, square};
+use crate::path::{camera, scene, surface};
+use crate::stage::{LightPoint, Stage, constant, hash, light_points, oct_decode, oct_encode, pixel_of, whole};
+use crate::statistics::{Random, mean_and_error, z_test};
+
+const DARK: u32 = 0;
+const LIT: u32 = 1;
+const SHADOWED: u32 = 2;
+const BOUNDARY: u32 = 3;
+const UNKNOWN: u32 = 4;
+
+/// Defects that the comparison must find.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    None,
+    /// Audits change nothing.
+    Unaudited,
+    /// Audits near boundaries are weighed as those elsewhere.
+    Weight,
+    /// The closed form is taken as it is where light points correct it.
+    Uncorrected,
+    /// The closed form is taken where the light crosses the surface's own horizon.
+    Horizon,
+    /// The light points of the next layer's sample.
+    Sample,
+}
+
+struct Setup {
+    stage: Stage,
+    tile: Tile,
+    points: Vec<Point>,
+    /// Albedo and code of the shading normal.
+    surfaces: Vec<[f32; 4]>,
+    /// First light and number of lights.
+    chunk: [u32; 2],
+    samples: u32,
+    audit_probability: f32,
+}
+
+struct Outcome {
+    radiance: Vec<[f32; 4]>,
+    shadow_samples: Vec<[f32; 4]>,
+}
+
+fn stage(scene: Scene, size: [u32; 2]) -> Stage {
+    let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
+    Stage::new(scene, &view, size, Technique::ShadowPhotons, |f: Features| f.with("aov_shadow", true))
+}
+
+impl Setup {
+    fn slots(&self) -> usize {
+        (self.tile.point_count * self.chunk[1]) as usize
+    }
+
+    fn words(&self) -> usize {
+        self.samples.div_ceil(32) as usize
+    }
+
+    fn light_points(&self) -> Vec<Vec<LightPoint>> {
+        let points = gpu().upload("test/points", &self.points).unwrap();
+        light_points(&self.stage, &self.tile, &points, self.chunk, self.samples)
+    }
+
+    fn run(&self, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
+        let gpu = gpu();
+        let Stage { features, tables, .. } = &self.stage;
+        let pass = Shade::new(gpu, features, &tables.constants()).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.points).unwrap();
+        tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
+        // One vector more, to see that it stays.
+        let radiance = [before, &[[f32::from_bits(POISON); 4]]].concat();
+        tile.radiance_direct = gpu.upload("test/radiance", &radiance).unwrap();
+        let classes = gpu.upload("test/classes", classes).unwrap();
+        let visibility = gpu.upload("test/visibility", visibility).unwrap();
+        let count = self.slots() + 1;
+        let samples = gpu.poisoned::<[f32; 4]>("test/shadow_samples", count).unwrap();
+        let bound = pass.bind(gpu, &tile, &classes, &visibility, Some(&samples), tables).unwrap();
+        let parameters = ShadeParameters {
+            tile: self.tile,
+            first_light: self.chunk[0],
+            lights_in_chunk: self.chunk[1],
+            light_samples: self.samples,
+            visibility_words: self.words() as u32,
+            audit_probability: self.audit_probability,
+            padding: 0,
+        };
+        let mut frame = gpu.frame("test");
+        bound.record(&mut frame, &parameters);
+        frame.submit().unwrap();
+        let mut radiance: Vec<[f32; 4]> = gpu.read(&tile.radiance_direct, radiance.len()).unwrap();
+        let mut shadow_samples: Vec<[f32; 4]> = gpu.read(&samples, count).unwrap();
+        for past in [radiance.pop(), shadow_samples.pop()] {
+            assert_eq!(past.unwrap().map(f32::to_bits), [POISON; 4], "past the last point");
+        }
+        Outcome { radiance, shadow_samples }
+    }
+
+    fn normals(&self, i: usize) -> [DVec3; 2] {
+        [self.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
+    }
+
+    /// Irradiance of a point from a light that has a closed form, nothing in between, and whether all of the light is
+    /// before the point's own surface.
+    fn unshadowed(&self, light: u32, i: usize) -> (DVec3, bool) {
+        let position = Vec3::from(self.points[i].position).as_dvec3();
+        let [geometric, shading] = self.normals(i);
+        match &self.stage.scene.lights[light as usize].kind {
+            LightKind::Mesh { emitters, .. } => {
+                let corners =
+                    |t: u32| -> Corners { self.stage.scene.triangle_positions(t as usize).map(|p| p.as_dvec3()) };
+                let triangles: Vec<Corners> = emitters.iter().map(|e| corners(e.triangle)).collect();
+                let factor = form_factor(&triangles, false, position, shading, true);
+                let before = triangles.iter().flatten().all(|p| (p - position).dot(geometric) >= 0.0);
+                (emitters[0].radiance.as_dvec3() * factor, before)
+            }
+            LightKind::Point { position: place, intensity, .. } => {
+                let offset = place.as_dvec3() - position;
+                let cosine = offset.normalize().dot(shading).max(0.0);
+                (intensity.as_dvec3() * cosine / offset.length_squared(), offset.dot(geometric) >= 0.0)
+            }
+            _ => unreachable!("no such light in these tests"),
+        }
+    }
+
+    /// Radiance and visibility of a slot, and the sum of the sizes of all terms.
+    fn estimate(&self, slot: usize, word: u32, bits: &[u32], chosen: &[LightPoint], fault: Fault) -> (DVec3, f64, f64) {
+        let i = slot % self.points.len();
+        let light = self.chunk[0] + (slot / self.points.len()) as u32;
+        let [geometric, shading] = self.normals(i);
+        let brdf = Vec4::from_array(self.surfaces[i]).truncate().as_dvec3() * FRAC_1_PI;
+        let contribution = |p: &LightPoint| {
+            let cosine = p.direction.dot(shading);
+            let reaches = p.pdf > 0.0 && cosine > 0.0 && p.direction.dot(geometric) > 0.0;
+            if reaches { brdf * p.radiance * (cosine / p.pdf) } else { DVec3::ZERO }
+        };
+        let (class, a) = (word & 7, f64::from(word >> 21) / 2047.0);
+        let granted = match class {
+            DARK => return (DVec3::ZERO, 0.0, 0.0),
+            LIT => 1.0,
+            SHADOWED => 0.0,
+            _ => a,
+        };
+        let decided = class == LIT || class == SHADOWED;
+        let (mut radiance, mut size) = (DVec3::ZERO, 0.0);
+        let mut add = |term: DVec3| {
+            radiance += term;
+            size += term.abs().element_sum();
+        };
+        let mut closed = self.stage.tables.lights.lights[light as usize].closed_form;
+        if closed {
+            let (irradiance, before) = self.unshadowed(light, i);
+            closed = before || self.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
+            if closed {
+                add(granted * brdf * irradiance);
+            }
+        }
+        let (points, audit) = chosen.split_at(self.samples as usize);
+        let bit = |j: usize| f64::from(bits[j / 32] >> (j % 32) & 1);
+        for (j, point) in points.iter().enumerate() {
+            let seen = if decided { granted } else { bit(j) };
+            let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
+            add((seen - taken) * contribution(point) / f64::from(self.samples));
+        }
+        // Of the light points that face the surface point.
+        let facing: Vec<usize> = (0..points.len()).filter(|j| points[*j].pdf > 0.0).collect();
+        let seen = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
+        let mut visibility = if decided { granted } else { seen };
+        let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
+        // Sixteen times as many near boundaries, all at most.
+        let chance = f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 };
+        let (seed, sample) = pixel_of(&self.tile, i);
+        let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
+        if decided && uniform < chance && fault != Fault::Unaudited {
+            let error = (bit(0) - granted) / chance.min(1.0);
+            add(error * contribution(&audit[0]));
+            visibility += error;
+        }
+        (radiance, visibility, size)
+    }
+}
+
+/// A square light, a round one of too many edges for a closed form, and a point light.
+fn lights() -> Scene {
+    let emits = |emissive: Vec3| Material { emissive, ..surface(0.0, 0.0) };
+    let flat = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.2);
+    let round = sphere(DVec3::new(-0.3, 0.5, 0.2), 0.1, 8);
+    let floor = square(DVec3::NEG_Y * 0.5, DVec3::Z * 0.5, DVec3::X * 0.5);
+    let point = LightKind::Point {
+        position: Vec3::new(0.3, 0.4, -0.3),
+        intensity: Vec3::new(0.3, 0.2, 0.1),
+        range: f32::INFINITY,
+    };
+    let meshes =
+        [(floor, surface(0.5, 0.0)), (flat, emits(Vec3::new(1.0, 2.0, 4.0))), (round, emits(Vec3::new(3.0, 1.0, 2.0)))];
+    scene(&meshes, vec![point])
+}
+
+/// A word of a class with counts of its photons.
+fn class_word(class: u32, illumination: u32, shadow: u32, visibility: u32) -> u32 {
+    class | illumination << 3 | shadow << 12 | visibility << 21
+}
+
+/// A word of any class, and of all kinds that occur of it.
+fn any_word(random: &mut Random) -> u32 {
+    let mut below = |n: f64| (random.uniform() * n) as u32;
+    let class = below(5.0);
+    let [illumination, shadow, near, any] = [below(512.0), below(512.0), below(2.0), below(2048.0)];
+    let visibility = match class {
+        DARK => 0,
+        LIT => 2047 - near,
+        SHADOWED => near,
+        _ => any,
+    };
+    class_word(class, illumination, shadow, visibility)
+}
+
+#[test]
+fn shading_follows_the_estimator() {
+    let mut random = Random(31);
+    let mut found = Vec::new();
+    for (width, layers, chunk, samples, audit_probability) in [
+        (1, 1, [0, 3], 1, 0.25),
+        (63, 1, [1, 2], 4, 0.02),
+        (32, 2, [0, 3], 33, 0.03),
+        (65, 3, [0, 3], 40, 0.25),
+        (65, 3, [2, 1], 4, 0.0),
+    ] {
+        let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..whole([width, 1], layers) };
+        let count = tile.point_count as usize;
+        let mut points: Vec<Point> = Vec::new();
+        let mut surfaces: Vec<[f32; 4]> = Vec::new();
+        for i in 0..count {
+            // Below all lights, facing anywhere.
+            let p = random.point() * 0.45 - DVec3::Y * 0.15;
+            let n = random.direction();
+            let bent = (n + 0.4 * random.direction()).normalize();
+            let normal = if i % 13 == 5 { INVALID_POINT } else { oct_encode(n) };
+            let shading = if i % 2 == 0 { normal } else { oct_encode(bent) };
+            let mut albedo = || random.uniform() as f32;
+            surfaces.push([albedo(), albedo(), albedo(), f32::from_bits(shading)]);
+            points.push(Point { position: p.as_vec3().to_array(), normal });
+        }
+        let setup =
+            Setup { stage: stage(lights(), [width, 7]), tile, points, surfaces, chunk, samples, audit_probability };
+        let closed: Vec<bool> = setup.stage.tables.lights.lights.iter().map(|light| light.closed_form).collect();
+        assert_eq!(closed, [true, false, true], "not the lights that the test is about");
+        let classes: Vec<u32> = (0..setup.slots()).map(|_| any_word(&mut random)).collect();
+        let visibility: Vec<u32> =
+            (0..setup.slots() * setup.words()).map(|_| (random.uniform() * 4_294_967_296.0) as u32).collect();
+        let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
+        let outcome = setup.run(&classes, &visibility, &before);
+        let light_points = setup.light_points();
+        // Points, and slots of the AOV, that differ.
+        let differences = |fault: Fault| -> [usize; 2] {
+            let mut sums: Vec<(DVec3, f64)> = vec![(DVec3::ZERO, 0.0); count];
+            let mut wrong = [0, 0];
+            for (slot, word) in classes.iter().enumerate() {
+                let i = slot % count;
+                let got = outcome.shadow_samples[slot];
+                if setup.points[i].normal == INVALID_POINT {
+                    wrong[1] += usize::from(got != [0.0; 4]);
+                    continue;
+                }
+                let bits = &visibility[slot * setup.words()..][..setup.words()];
+                let of = if fault == Fault::Sample { (slot + width as usize) % classes.len() } else { slot };
+                let (radiance, seen, size) = setup.estimate(slot, *word, bits, &light_points[of], fault);
+                sums[i].0 += radiance;
+                sums[i].1 += size;
+                let class = if pixel_of(&setup.tile, i).1 == 0 { word & 7 } else { 0 };
+                let counts = [class, word >> 3 & 511, word >> 12 & 511].map(|v| v as f32);
+                let same =
+                    [got[0], got[2], got[3]] == counts && (f64::from(got[1]) - seen).abs() <= 1e-5 * (1.0 + seen.abs());
+                wrong[1] += usize::from(!same);
+            }
+            for (i, (sum, size)) in sums.iter().enumerate() {
+                let [got, start] = [outcome.radiance[i], before[i]].map(|v| Vec4::from_array(v).as_dvec4());
+                let error = (got.truncate() - start.truncate() - sum).abs().max_element();
+                // Light points and the closed form come of differences of coordinates of unit size, whose last bits are
+                // 6e-8, over distances of a tenth; and f32 sums.
+                wrong[0] += usize::from(!(error <= 5e-6 * (1.0 + size) && got.w == start.w));
+            }
+            wrong
+        };
+        assert_eq!(differences(Fault::None), [0, 0], "{width} x {layers}, chunk {chunk:?}");
+        for fault in [Fault::Unaudited, Fault::Weight, Fault::Uncorrected, Fault::Horizon, Fault::Sample] {
+            found.push((fault, differences(fault)[0]));
+        }
+    }
+    for fault in [Fault::Unaudited, Fault::Weight, Fault::Uncorrected, Fault::Horizon, Fault::Sample] {
+        let all: usize = found.iter().filter(|(f, _)| *f == fault).map(|(_, n)| n).sum();
+        assert!(all > 5, "{fault:?}: {all} differences");
+    }
+}
+
+/// Whatever the photons say, right or wrong, the mean is the true direct light (two-sided z-tests, Sidak's correction).
+#[test]
+fn shading_is_unbiased() {
+    const SIDE: u32 = 128;
+    const EDGE: f64 = 0.06;
+    let place = DVec3::new(0.05, -0.5, 0.1);
+    // A blocker halfway whose shadow's edge, seen from the place, crosses the light at x = EDGE.
+    let end = place.x + (EDGE - place.x) * 0.5 / 0.95;
+    let blocker = square(DVec3::new(0.5 * (end - 0.6), 0.0, 0.0), DVec3::Z * 0.6, DVec3::X * 0.5 * (end + 0.6));
+    let lamp = |from: f64| {
+        let centre = DVec3::new(0.5 * (from + 0.2), 0.45, 0.0);
+        square(centre, DVec3::X * 0.5 * (0.2 - from), DVec3::Z * 0.2)
+    };
+    let meshes = [(blocker, surface(0.5, 0.0)), (lamp(-0.2), surface(0.0, 3.0))];
+    let irradiance = |from: f64| 3.0 * form_factor(&lamp(from), false, place, DVec3::Y, true);
+    let truth = 0.8 / PI * irradiance(EDGE);
+    let unshadowed = 0.8 / PI * irradiance(-0.2);
+
+    let tile = whole([SIDE, SIDE], 1);
+    let count = tile.point_count as usize;
+    let normal = oct_encode(DVec3::Y);
+    let setup = Setup {
+        stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE]),
+        tile,
+        points: vec![Point { position: place.as_vec3().to_array(), normal }; count],
+        surfaces: vec![[0.8, 0.8, 0.8, f32::from_bits(normal)]; count],
+        chunk: [0, 1],
+        samples: 4,
+        audit_probability: 1.0 / 32.0,
+    };
+    let light_points = setup.light_points();
+    let visible: Vec<Vec<bool>> = light_points
+        .iter()
+        .map(|chosen| chosen.iter().map(|p| p.visible(&setup.stage.scene).unwrap_or(true)).collect())
+        .collect();
+    let mut random = Random(17);
+    let families: [(&str, &dyn Fn(u32) -> u32); 7] = [
+        ("lit", &|_| class_word(LIT, 20, 0, 2047)),
+        ("lit, near", &|_| class_word(LIT, 20, 0, 2046)),
+        ("shadowed", &|_| class_word(SHADOWED, 0, 20, 0)),
+        ("shadowed, near", &|_| class_word(SHADOWED, 0, 20, 1)),
+        ("boundary", &|any| class_word(BOUNDARY, 10, 10, any % 2048)),
+        ("unknown", &|any| class_word(UNKNOWN, 0, 0, any % 2048)),
+        ("any", &|any| match any % 4 {
+            0 => class_word(LIT, 20, 0, 2046 + any / 4 % 2),
+            1 => class_word(SHADOWED, 0, 20, any / 4 % 2),
+            _ => class_word(BOUNDARY + any % 2, 3, 4, any / 4 % 2048),
+        }),
+    ];
+    for (name, word) in families {
+        let classes: Vec<u32> = (0..count).map(|_| word((random.uniform() * 1e9) as u32)).collect();
+        let bits = |(word, visible): (&u32, &Vec<bool>)| match word & 7 {
+            LIT | SHADOWED => u32::from(visible[setup.samples as usize]),
+            _ => (0..setup.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
+        };
+        let visibility: Vec<u32> = classes.iter().zip(&visible).map(bits).collect();
+        let outcome = setup.run(&classes, &visibility, &vec![[0.0; 4]; count]);
+        let (mean, error) = mean_and_error(outcome.radiance.iter().map(|v| f64::from(v[0])));
+        z_test(mean, error, truth, 7).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert!(error < 0.15 * truth, "{name}: an error of {error} is no test of {truth}");
+        for biased in [unshadowed, 0.0] {
+            z_test(mean, error, biased, 7).expect_err(name);
+        }
+    }
+}

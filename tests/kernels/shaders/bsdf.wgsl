@@ -1,0 +1,55 @@
+// What the BSDF module answers, for a test to compare.
+
+import package::lib::dispatch::group_index;
+import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_pdf, bsdf_residual, bsdf_sample};
+import package::lib::sampling::sobol4;
+
+override count: u32;
+override seed: u32;
+// 1: the samples of one sequence; 0: a sequence each, so that they are independent.
+override stratified: u32;
+
+// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal; view.
+@group(0) @binding(0) var<storage, read> surface: array<vec4f>;
+@group(0) @binding(1) var<storage, read> directions: array<vec4f>;
+@group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
+
+fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
+    return group_index(group, groups) * 64u + lane;
+}
+
+fn tested_surface() -> Surface {
+    var s: Surface;
+    s.albedo = surface[0].xyz;
+    @if(glossy) {
+        s.alpha = surface[0].w;
+        s.f0 = surface[1].xyz;
+        s.f90 = surface[1].w;
+        s.dielectric = surface[2].xy;
+    }
+    s.geometric_normal = vec3f(surface[2].z, 0.0, surface[2].w);
+    s.shading_normal = surface[3].xyz;
+    s.view = surface[4].xyz;
+    return s;
+}
+
+// The BSDF and its density, for each direction; then its two parts' sum.
+@compute @workgroup_size(64)
+fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = item(group, groups, lane);
+    if i >= count { return; }
+    let s = tested_surface();
+    let direction = directions[i].xyz;
+    results[2u * i] = vec4f(bsdf_evaluate(s, direction), bsdf_pdf(s, direction));
+    results[2u * i + 1u] = vec4f(bsdf_diffuse(s) + bsdf_residual(s, direction), 0.0);
+}
+
+// Samples: direction and density, weight.
+@compute @workgroup_size(64)
+fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = item(group, groups, lane);
+    if i >= count { return; }
+    let s = bsdf_sample(tested_surface(), sobol4(i, select(seed + i, seed, stratified == 1u)).xyz);
+    results[2u * i] = vec4f(s.direction, s.pdf);
+    results[2u * i + 1u] = vec4f(s.weight, 0.0);
+}

@@ -1,0 +1,304 @@
+//! Pass `shadow` against f64 lines to the same light points.
+
+use glam::{DVec3, Vec3};
+use penumbra::gpu::buffer::POISON;
+use penumbra::passes::grid::Photon;
+use penumbra::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
+use penumbra::passes::{Point, Tile, TileBuffers};
+use penumbra::scene::{LightKind, Scene};
+use penumbra::settings::Technique;
+use penumbra::statistics::Counter;
+
+use crate::kit::gpu;
+use crate::light::square;
+use crate::path::{camera, scene, surface};
+use crate::stage::{LightPoint, Stage, light_points, oct_decode, oct_encode, whole};
+use crate::statistics::Random;
+
+/// What counters hold before: kernels add to them.
+const BEFORE: u32 = 1000;
+
+const LIT: u32 = 1;
+const SHADOWED: u32 = 2;
+
+/// A floor, two panels over it, one above the lights, and lights of every kind.
+fn room() -> Scene {
+    let level = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::Z * half, DVec3::X * half);
+    let down = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::X * half, DVec3::Z * half);
+    let plain = surface(0.5, 0.0);
+    let above = [
+        level(0.0, -0.5, 0.0, 0.6),
+        level(-0.2, -0.1, 0.1, 0.2),
+        level(0.3, 0.0, -0.2, 0.15),
+        level(0.1, 0.6, 0.0, 0.3),
+    ];
+    let meshes = [(above.concat(), plain), (down(0.0, 0.45, 0.0, 0.2), surface(0.0, 3.0))];
+    let position = Vec3::new(0.15, 0.4, 0.1);
+    let direction = Vec3::new(0.2, -1.0, -0.3).normalize();
+    let intensity = Vec3::ONE;
+    let punctual = vec![
+        LightKind::Point { position, intensity, range: f32::INFINITY },
+        LightKind::Spot { position, direction, intensity, cos_inner: 0.95, cos_outer: 0.8, range: 3.0 },
+        LightKind::Directional { direction, irradiance: Vec3::ONE },
+    ];
+    scene(&meshes, punctual)
+}
+
+/// Points on the floor and on the panels, facing up; every seventh faces down.
+fn points(count: usize) -> Vec<Point> {
+    let mut random = Random(21);
+    let point = |i: usize| {
+        let p = random.point();
+        let place = match i % 5 {
+            0 => DVec3::new(-0.2 + 0.19 * p.x, -0.1, 0.1 + 0.19 * p.z),
+            1 => DVec3::new(0.3 + 0.14 * p.x, 0.0, -0.2 + 0.14 * p.z),
+            _ => DVec3::new(0.58 * p.x, -0.5, 0.58 * p.z),
+        };
+        let normal = if i % 7 == 3 { DVec3::NEG_Y } else { DVec3::Y };
+        Point { position: place.as_vec3().to_array(), normal: oct_encode(normal) }
+    };
+    (0..count).map(point).collect()
+}
+
+/// A run of one of the two entries, or both.
+struct Setup {
+    stage: Stage,
+    tile: Tile,
+    points: Vec<Point>,
+    /// First light and number of lights.
+    chunk: [u32; 2],
+    samples: u32,
+    heal_capacity: u32,
+}
+
+struct Outcome {
+    visibility: Vec<u32>,
+    counters: Vec<u32>,
+    heal_photons: Vec<Photon>,
+    heal_count: u32,
+}
+
+/// More photons than any test here heals.
+const HEAL_ROOM: usize = 2000;
+
+impl Setup {
+    fn new(chunk: [u32; 2], samples: u32) -> Setup {
+        let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
+        let stage = Stage::new(room(), &view, [65, 2], Technique::ShadowPhotons, |features| features);
+        // Two layers, and not the first samples.
+        let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
+        Setup { stage, points: points(tile.point_count as usize), tile, chunk, samples, heal_capacity: 0 }
+    }
+
+    fn slots(&self) -> usize {
+        (self.tile.point_count * self.chunk[1]) as usize
+    }
+
+    fn words(&self) -> usize {
+        self.samples.div_ceil(32) as usize
+    }
+
+    fn light_points(&self) -> Vec<Vec<LightPoint>> {
+        let points = gpu().upload("test/points", &self.points).unwrap();
+        light_points(&self.stage, &self.tile, &points, self.chunk, self.samples)
+    }
+
+    /// Whether a ray is traced to the light point.
+    fn traced(&self, slot: usize, chosen: &LightPoint) -> bool {
+        let normal = oct_decode(self.points[slot % self.points.len()].normal, 16);
+        chosen.pdf > 0.0 && chosen.direction.dot(normal) > 0.0
+    }
+
+    fn run(&self, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
+        let gpu = gpu();
+        let Stage { features, tables, .. } = &self.stage;
+        let pass = Shadow::new(gpu, features, &tables.constants()).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.points).unwrap();
+        tile.counters = gpu.upload("test/counters", &[BEFORE; Counter::COUNT]).unwrap();
+        let classes = gpu.upload("test/classes", classes).unwrap();
+        let boundary_queue = gpu.upload("test/boundary", boundary).unwrap();
+        let audit_queue = gpu.upload("test/audits", audits).unwrap();
+        let lengths = [0, boundary.len() as u32, audits.len() as u32, 0];
+        let queue_lengths = gpu.upload("test/lengths", &lengths).unwrap();
+        let words = self.slots() * self.words();
+        let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
+        let heal = gpu.poisoned::<Photon>("test/heal", HEAL_ROOM).unwrap();
+        let heal_count = gpu.buffer::<u32>("test/heal_count", 1).unwrap();
+        let buffers = ShadowBuffers {
+            classes: &classes,
+            boundary_queue: &boundary_queue,
+            audit_queue: &audit_queue,
+            queue_lengths: &queue_lengths,
+            visibility: &visibility,
+            heal: Some([&heal, &heal_count]),
+        };
+        let bound = pass.bind(gpu, &tile, &buffers, tables).unwrap();
+        let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
+        let arguments = gpu.upload("test/arguments", &[groups(boundary), 1, 1, groups(audits), 1, 1]).unwrap();
+        let parameters = ShadowParameters {
+            tile: self.tile,
+            first_light: self.chunk[0],
+            light_samples: self.samples,
+            visibility_words: self.words() as u32,
+            heal_capacity: self.heal_capacity,
+        };
+        let mut frame = gpu.frame("test");
+        bound.record(&mut frame, &arguments, 0, 12, &parameters);
+        frame.submit().unwrap();
+        Outcome {
+            visibility: gpu.read(&visibility, words).unwrap(),
+            counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
+            heal_photons: gpu.read(&heal, HEAL_ROOM).unwrap(),
+            heal_count: gpu.read(&heal_count, 1).unwrap()[0],
+        }
+    }
+}
+
+fn counts(added: &[(Counter, u32)]) -> Vec<u32> {
+    let mut counters = vec![BEFORE; Counter::COUNT];
+    added.iter().for_each(|(counter, count)| counters[*counter as usize] += count);
+    counters
+}
+
+/// Each slot of the queue has the bits of its light points, no other slot is touched, and the rays are counted one by one.
+#[test]
+fn visibility_bits_are_those_of_the_light_points() {
+    for (chunk, samples) in [([0, 4], 33), ([1, 2], 1), ([0, 1], 32), ([0, 2], 70)] {
+        let setup = Setup::new(chunk, samples);
+        let light_points = setup.light_points();
+        let visible: Vec<Vec<Option<bool>>> = light_points
+            .iter()
+            .enumerate()
+            .map(|(slot, chosen)| {
+                let bit =
+                    |p: &LightPoint| if setup.traced(slot, p) { p.visible(&setup.stage.scene) } else { Some(false) };
+                chosen.iter().map(bit).collect()
+            })
+            .collect();
+        let slots = setup.slots();
+        let mut order: Vec<u32> = (0..slots as u32).collect();
+        // Any order will do; the last slots are not asked for.
+        order.sort_by_key(|slot| slot.wrapping_mul(0x9e37_79b9) >> 8);
+        for length in [0, 1, 63, 64, 65, slots - 5] {
+            let queue = &order[..length];
+            let outcome = setup.run(&vec![3; slots], queue, &[]);
+            let words = setup.words();
+            let bit = |slot: u32, j: usize| outcome.visibility[slot as usize * words + j / 32] >> (j % 32) & 1 == 1;
+            // Bits that differ from those of the slot that `of` names.
+            let different = |of: &dyn Fn(u32) -> u32| -> usize {
+                let in_slot = |slot: &u32| {
+                    let differs = |j: &usize| visible[of(*slot) as usize][*j].is_some_and(|v| v != bit(*slot, *j));
+                    (0..samples as usize).filter(differs).count()
+                };
+                queue.iter().map(in_slot).sum()
+            };
+            assert_eq!(different(&|slot| slot), 0, "{length} slots of {samples} light points");
+            if length > 65 {
+                let others = different(&|slot| (slot + 1) % slots as u32);
+                assert!(others > length / 20, "the next slot's light points give {others} differences");
+                let doubtful = visible.iter().flatten().filter(|v| v.is_none()).count();
+                assert!(doubtful * 200 <= slots * samples as usize, "{doubtful} bits hang on rounding");
+            }
+            let mut queued = vec![false; slots];
+            queue.iter().for_each(|slot| queued[*slot as usize] = true);
+            for (slot, queued) in queued.iter().enumerate() {
+                let found = &outcome.visibility[slot * words..][..words];
+                let past = found[words - 1].checked_shr(samples - 32 * (words as u32 - 1)).unwrap_or(0);
+                if *queued {
+                    assert_eq!(past, 0, "bits past the last light point of slot {slot}");
+                } else {
+                    assert!(found.iter().all(|word| *word == POISON), "slot {slot} was not asked for");
+                }
+            }
+            let traced = |slot: u32| {
+                let chosen = &light_points[slot as usize][..samples as usize];
+                chosen.iter().filter(|p| setup.traced(slot as usize, p)).count() as u32
+            };
+            let seen = |slot: u32| (0..samples as usize).filter(|j| bit(slot, *j)).count() as u32;
+            let rays = queue.iter().map(|slot| traced(*slot)).sum();
+            let mixed = queue.iter().filter(|slot| seen(**slot) > 0 && seen(**slot) < traced(**slot)).count() as u32;
+            assert_eq!(outcome.counters, counts(&[(Counter::ShadowRays, rays), (Counter::PenumbraSeen, mixed)]));
+            assert_eq!((outcome.heal_count, outcome.heal_photons[0].word), (0, POISON));
+        }
+    }
+}
+
+/// An audit asks for one light point; where it contradicts the class it is counted and leaves a photon of the other
+/// kind at the point, as long as there is room.
+#[test]
+fn audits_find_wrong_classes_and_heal_them() {
+    let mut setup = Setup::new([0, 4], 33);
+    let slots = setup.slots();
+    let light_points = setup.light_points();
+    let mut random = Random(4);
+    let classes: Vec<u32> = (0..slots)
+        .map(|_| match (random.uniform() * 4.0) as u32 {
+            0 => LIT | 2047 << 21,
+            1 => LIT | 2046 << 21,
+            2 => SHADOWED,
+            _ => SHADOWED | 1 << 21,
+        })
+        .collect();
+    let near = |word: u32| !matches!(word >> 21, 0 | 2047);
+    for (length, capacity) in [(0, 10), (1, 10), (63, 0), (64, 10), (65, 10), (slots - 5, 10), (slots - 5, 2000)] {
+        setup.heal_capacity = capacity;
+        // From behind, so that the first slots are not asked for.
+        let queue: Vec<u32> = (0..slots as u32).rev().take(length).collect();
+        let outcome = setup.run(&classes, &[], &queue);
+        let mut expected_words = vec![POISON; slots * setup.words()];
+        let (mut rays, mut wrong, mut wrong_near) = (0, 0, 0);
+        let mut healed: Vec<([u32; 3], u32)> = Vec::new();
+        let mut differences = [0, 0];
+        for slot in queue.iter().map(|slot| *slot as usize) {
+            let got = outcome.visibility[slot * setup.words()] == 1;
+            let chosen = light_points[slot].last().unwrap();
+            let traced = setup.traced(slot, chosen);
+            // Where the light point faces away, the class stands.
+            let lit = classes[slot] & 7 == LIT;
+            let seen = if traced { chosen.visible(&setup.stage.scene).unwrap_or(got) } else { lit };
+            let first = &light_points[slot][0];
+            differences[0] += usize::from(seen != got);
+            differences[1] += usize::from(setup.traced(slot, first) && first.visible(&setup.stage.scene) == Some(!got));
+            expected_words[slot * setup.words()] = u32::from(seen);
+            rays += u32::from(traced);
+            if traced && seen != lit {
+                wrong += 1;
+                wrong_near += u32::from(near(classes[slot]));
+                let point = &setup.points[slot % setup.points.len()];
+                // Up or down: the middle of x, and the last or the first of the 127 levels of y.
+                let normal = if point.normal == oct_encode(DVec3::Y) { 63 | 126 << 7 } else { 63 };
+                let light = (slot / setup.points.len()) as u32;
+                let kind = u32::from(!seen) << 31;
+                healed.push((point.position.map(f32::to_bits), normal | light << 14 | kind));
+            }
+        }
+        assert!(outcome.visibility == expected_words, "{length} audits");
+        let expected =
+            [(Counter::AuditRays, rays), (Counter::AuditsWrong, wrong), (Counter::AuditsWrongNear, wrong_near)];
+        assert_eq!(outcome.counters, counts(&expected), "{length} audits");
+        assert_eq!(outcome.heal_count, wrong);
+        let kept = wrong.min(capacity) as usize;
+        let (photons, rest) = outcome.heal_photons.split_at(kept);
+        assert!(
+            rest.iter().all(|p| p.word == POISON && p.position.iter().all(|x| x.to_bits() == POISON)),
+            "past the capacity"
+        );
+        // In no order, each of the expected ones at most once.
+        healed.sort_unstable();
+        let mut photons: Vec<_> = photons.iter().map(|p| (p.position.map(f32::to_bits), p.word)).collect();
+        photons.sort_unstable();
+        if kept == wrong as usize {
+            assert_eq!(photons, healed);
+        } else {
+            photons.iter().for_each(|photon| assert!(healed.binary_search(photon).is_ok(), "{photon:?}"));
+            photons.dedup();
+            assert_eq!(photons.len(), kept);
+        }
+        if length > 65 {
+            assert!(wrong > 100 && wrong_near > 50, "{wrong} wrong, {wrong_near} near: no test");
+            assert_eq!(differences[0], 0);
+            assert!(differences[1] > 10, "the light points of shadow rays give {} differences", differences[1]);
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! A small scene on the device as a render would have it, and f64 lines against all of its triangles.
+
+use glam::DVec3;
+use penumbra::bvh::Bvh;
+use penumbra::gpu::{Buffer, Features, Kernel, Resources, compose};
+use penumbra::needs::Needs;
+use penumbra::passes::Tile;
+use penumbra::scene::{Camera, Scene};
+use penumbra::settings::{Settings, Technique};
+use penumbra::tables::SceneTables;
+
+use crate::kit::{device_features, gpu};
+
+/// A scene, its triangles in the order of the hierarchy, and its tables.
+pub struct Stage {
+    pub scene: Scene,
+    pub features: Features,
+    pub tables: SceneTables,
+}
+
+impl Stage {
+    /// Uploads a scene for the passes of a technique; `changed` has the last word on the features.
+    pub fn new(
+        mut scene: Scene,
+        camera: &Camera,
+        size: [u32; 2],
+        technique: Technique,
+        changed: impl Fn(Features) -> Features,
+    ) -> Stage {
+        let settings = Settings { width: size[0], height: size[1], technique, ..Settings::default() };
+        let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+        let bvh = Bvh::build(&positions).unwrap();
+        scene.reorder_triangles(&bvh.order);
+        let needed = changed(Needs::new(&scene, &settings).features);
+        let features = device_features(gpu()).names().fold(needed, |features, name| features.with(name, true));
+        let tables = SceneTables::new(gpu(), &scene, bvh, camera, size, &features).unwrap();
+        Stage { scene, features, tables }
+    }
+}
+
+/// A tile that is all of an image, `layers` samples a pixel.
+pub fn whole([width, height]: [u32; 2], layers: u32) -> Tile {
+    let pixel_count = width * height;
+    let point_count = pixel_count * layers;
+    Tile { width, height, first_row: 0, pixel_count, point_count, first_sample: 0, seed: 3, centred: 0 }
+}
+
+/// Where a line meets a triangle, or passes it by no more than [`EDGE`].
+#[derive(Clone, Copy, Debug)]
+pub struct Crossing {
+    pub triangle: usize,
+    pub t: f64,
+    /// Barycentric coordinates of corners 1 and 2.
+    pub u: f64,
+    pub v: f64,
+    /// The least barycentric coordinate: negative outside.
+    pub inside: f64,
+    /// Unit normal of the front.
+    pub normal: DVec3,
+}
+
+/// Nearer to an edge, in barycentric coordinates, the answer hangs on rounding: coordinates of unit size are off by 1e-7,
+/// the triangles of these tests are larger than a twentieth.
+pub const EDGE: f64 = 1e-5;
+
+impl Crossing {
+    /// Too near to an edge to tell.
+    pub fn doubtful(&self) -> bool {
+        self.inside.abs() < EDGE
+    }
+}
+
+/// All crossings of a line, before its origin too, by distance.
+pub fn crossings(scene: &Scene, origin: DVec3, direction: DVec3) -> Vec<Crossing> {
+    let cross = |triangle: usize| {
+        let [a, b, c] = scene.triangle_positions(triangle).map(|p| p.as_dvec3());
+        let (e1, e2) = (b - a, c - a);
+        let across = e1.cross(e2);
+        let t = (a - origin).dot(across) / direction.dot(across);
+        let p = origin + direction * t - a;
+        let u = p.cross(e2).dot(across) / across.length_squared();
+        let v = e1.cross(p).dot(across) / across.length_squared();
+        let inside = u.min(v).min(1.0 - u - v);
+        (inside > -EDGE).then(|| Crossing { triangle, t, u, v, inside, normal: across.normalize() })
+    };
+    let mut found: Vec<Crossing> = (0..scene.triangles.len()).filter_map(cross).collect();
+    found.sort_by(|a, b| a.t.total_cmp(&b.t));
+    found
+}
+
+/// The vector of an octahedral code of 16 bits a coordinate, or of 7 (levels 0 to 126).
+pub fn oct_decode(bits: u32, levels: u32) -> DVec3 {
+    let [x, y] = match levels {
+        7 => [bits & 127, bits >> 7 & 127].map(|level| (f64::from(level) - 63.0) / 63.0),
+        _ => [bits as u16, (bits >> 16) as u16].map(|level| (f64::from(level as i16) / 32767.0).max(-1.0)),
+    };
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = |p: f64| p - (-z).max(0.0).copysign(p);
+    DVec3::new(fold(x), fold(y), z).normalize()
+}
+
+/// The octahedral code of a unit vector, 16 bits a coordinate; exact for the axes.
+pub fn oct_encode(n: DVec3) -> u32 {
+    let p = n / n.abs().element_sum();
+    let fold = |a: f64, b: f64| (1.0 - b.abs()).copysign(a);
+    let (x, y) = if p.z >= 0.0 { (p.x, p.y) } else { (fold(p.x, p.y), fold(p.y, p.x)) };
+    let code = |v: f64| u32::from((v * 32767.0).round() as i16 as u16);
+    code(x) | code(y) << 16
+}
+
+/// A point of a light that a surface point asks for.
+#[derive(Clone, Copy, Debug)]
+pub struct LightPoint {
+    /// Where its shadow ray starts.
+    pub origin: DVec3,
+    pub pdf: f64,
+    pub direction: DVec3,
+    pub distance: f64,
+    pub radiance: DVec3,
+}
+
+impl LightPoint {
+    /// Whether nothing stops the shadow ray; None where that hangs on rounding.
+    pub fn visible(&self, scene: &Scene) -> Option<bool> {
+        // As the pass has it, short of the light's own surface.
+        let end = self.distance * (1.0 - 1e-4);
+        let all = crossings(scene, self.origin, self.direction);
+        let near: Vec<&Crossing> = all.iter().filter(|c| c.t > 0.0 && c.t < end + 1e-6).collect();
+        if near.iter().any(|c| c.inside >= EDGE && c.t < end - 1e-6) {
+            return Some(false);
+        }
+        let doubtful = near.iter().any(|c| c.doubtful() || c.t > end - 1e-6);
+        (!doubtful).then_some(true)
+    }
+}
+
+/// Of each slot of a chunk of lights, its `samples` light points, and last the one that an audit asks for.
+pub fn light_points(
+    stage: &Stage,
+    tile: &Tile,
+    points: &Buffer,
+    chunk: [u32; 2],
+    samples: u32,
+) -> Vec<Vec<LightPoint>> {
+    let composed =
+        compose::compose_source("light_points", include_str!("shaders/light_points.wgsl"), &stage.features).unwrap();
+    let [first_light, lights] = chunk;
+    let slots = lights * tile.point_count;
+    let constants =
+        [("first_light", f64::from(first_light)), ("slots", f64::from(slots)), ("samples", f64::from(samples))];
+    let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "chosen"]).unwrap();
+    let count = (slots * (samples + 1)) as usize;
+    let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
+    let own = Resources::new().with("points", points).with("chosen", &chosen);
+    let bound = kernel.bind(gpu(), "choose", &[&own, &stage.tables]).unwrap();
+    let mut frame = gpu().frame("test");
+    frame.run(&bound, slots, tile);
+    frame.submit().unwrap();
+    let chosen: Vec<[[f32; 4]; 3]> = gpu().read(&chosen, count).unwrap();
+    let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
+        let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
+        LightPoint {
+            origin: vector(a),
+            pdf: f64::from(a[3]),
+            direction: vector(b),
+            distance: f64::from(b[3]),
+            radiance: vector(c),
+        }
+    };
+    chosen.chunks(samples as usize + 1).map(|slot| slot.iter().map(light_point).collect()).collect()
+}
+
+/// The kernels' hash of one word (PCG; Jarzynski and Olano 2020).
+pub fn hash1(x: u32) -> u32 {
+    let state = x.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
+}
+
+/// Of several words, the first one outermost.
+pub fn hash(words: &[u32]) -> u32 {
+    words.iter().rev().copied().reduce(|inner, word| word.wrapping_add(hash1(inner))).map_or(0, hash1)
+}
+
+/// A number that host and kernels share.
+pub fn constant(name: &str) -> u32 {
+    compose::CONSTANTS.iter().find(|(n, _)| *n == name).unwrap().1
+}
+
+/// Seed and sample index of a point of a tile.
+pub fn pixel_of(tile: &Tile, i: usize) -> (u32, u32) {
+    let i = i as u32;
+    let pixel = tile.first_row * tile.width + i % tile.pixel_count;
+    (hash(&[pixel, tile.seed]), tile.first_sample + i / tile.pixel_count)
+}
