@@ -209,7 +209,7 @@ fn compare(scene: &Scene, traced: &Traced) -> (usize, usize, usize) {
                     });
                 match found {
                     Some(i) => taken[i] = true,
-                    None => { println!("missing {ray:?} {place} {shadow} {:?}", traced.photons.iter().filter(|p| Vec3::from(p.position).as_dvec3().distance(place) < 1e-3).collect::<Vec<_>>()); missing += 1 },
+                    None => missing += 1,
                 }
             }
         }
