@@ -8,6 +8,7 @@ mod house;
 mod kit;
 mod light;
 mod path;
+mod photon_lights;
 mod photons;
 mod primary;
 mod rooms;
