@@ -3,7 +3,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_decode16;
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
-import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, row_photons, verdict_holds};
+import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -147,8 +147,9 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
     let units = (position - grid.origin) * grid.inverse_cell;
     // A margin for the rounding of cells' borders.
     let reach_units = reach * grid.inverse_cell * 1.0001 + 1e-3;
-    let row_low = max(vec2i(floor(units.yz - reach_units)), vec2i(0));
-    let row_high = min(vec2i(floor(units.yz + reach_units)), vec2i(grid.size.yz) - 1);
+    let half_size = reach_box(reach_units, normal, 0.0).yz;
+    let row_low = max(vec2i(floor(units.yz - half_size)), vec2i(0));
+    let row_high = min(vec2i(floor(units.yz + half_size)), vec2i(grid.size.yz) - 1);
     for (var z = row_low.y; z <= row_high.y; z++) {
         for (var y = row_low.x; y <= row_high.x; y++) {
             let row = row_photons(grid, light, vec2i(y, z), units, units, reach_units, normal, 0.0);
@@ -209,8 +210,9 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
     let units = (position - grid.origin) * grid.inverse_cell;
     // A margin for the rounding of cells' borders.
     let reach = sqrt(limit) * grid.inverse_cell * 1.0001 + 1e-3;
-    let row_low = max(vec2i(floor(units.yz - reach)), vec2i(0));
-    let row_high = min(vec2i(floor(units.yz + reach)), vec2i(grid.size.yz) - 1);
+    let half_size = reach_box(reach, normal, 0.0).yz;
+    let row_low = max(vec2i(floor(units.yz - half_size)), vec2i(0));
+    let row_high = min(vec2i(floor(units.yz + half_size)), vec2i(grid.size.yz) - 1);
     var seen = 0xffffffffu;
     var compatible = false;
     for (var z = row_low.y; z <= row_high.y; z++) {
@@ -244,6 +246,9 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
     return result;
 }
 
+// The first look at a point whose reach is known: this share of the squared reach, which holds somewhat fewer than k.
+const SHORT_SHARE = 0.35;
+
 fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
     looks_left = LOOK_LIMIT;
     let grid = classify_pass.grid;
@@ -254,12 +259,12 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
     let verdict = verdict_at(light, position, normal);
     var reach = verdict.reach;
     if reach == 0.0 {
-        let cell = cell_index(grid, light, cell_of(grid, position));
-        let here = load_cell_start(cell + 1u) - load_cell_start(cell);
-        reach = grid.cell * clamp(1.3 * sqrt(f32(nearest) / (3.14 * f32(max(here, 1u)))), 0.1, 3.0);
+        reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
     }
     reach = min(reach, farthest);
-    var limit = reach * reach;
+    // Where it is sure that there are k, a few of both kinds nearby are enough to see a boundary.
+    let short = verdict.reach > 0.0 && !exact_counts;
+    var limit = reach * reach * select(1.0, SHORT_SHARE, short);
     var visibility = 0.0;
     var deciding = false;
     loop {
@@ -271,7 +276,15 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
             if found.nearest_lit < found.nearest_shadow { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
             return class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
         }
+        if short && found.all <= nearest && max(found.nearest_lit, found.nearest_shadow) <= limit {
+            visibility = f32(found.lit) / (f32(found.all) + f32(found.excess) / 16.0);
+            break;
+        }
         if found.all < nearest {
+            if limit < reach * reach {
+                limit = reach * reach;
+                continue;
+            }
             if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
             let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
             reach = min(reach * clamp(more, 1.25, 2.0), farthest);

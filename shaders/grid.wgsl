@@ -4,15 +4,14 @@
 import package::lib::dispatch::group_index;
 import package::lib::math::{oct_decode7, safe_sqrt};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, Photon, photon_is_shadow, photon_light, photon_normal};
-import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, row_photons};
+import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
 
 struct GridParameters {
     grid: GridShape,
     photon_count: u32,
     cell_count: u32,
-    // Photons that a cell with photons is expected to hold.
-    occupancy: f32,
     scan_blocks: u32,
+    padding: u32,
 }
 
 var<immediate> grid_pass: GridParameters;
@@ -213,8 +212,7 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
     let units_high = (centre + box_high - grid_pass.grid.origin) * grid_pass.grid.inverse_cell + 1e-3;
 
     // A guess at the reach from the photons here; wider until it holds enough of them.
-    let density = 0.5 * (f32(end - begin) + grid_pass.occupancy);
-    var reach = clamp(1.3 * sqrt(f32(nearest) / (3.14 * density)) + 0.7, 1.0, REACH_MAX);
+    var reach = clamp(reach_guess(grid_pass.grid, light, at, 1.3) + 0.7, 1.0, REACH_MAX);
     // Eighths of the squared reach, about equal shares of a surface; counted only where both kinds are in reach.
     var marks_a = vec4f(0.0);
     var marks_b = vec4f(0.0);
@@ -235,8 +233,9 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
         var sure_shadow = FAR;
         var seen = NO_CODE;
         var cosine = 0.0;
-        let row_low = max(vec2i(floor(units_low.yz - reach - 1e-3)), vec2i(0));
-        let row_high = min(vec2i(floor(units_high.yz + reach + 1e-3)), vec2i(grid_pass.grid.size.yz) - 1);
+        let half_extent = reach_box(reach + 2e-3, normal, tilt).yz;
+        let row_low = max(vec2i(floor(units_low.yz - half_extent)), vec2i(0));
+        let row_high = min(vec2i(floor(units_high.yz + half_extent)), vec2i(grid_pass.grid.size.yz) - 1);
         for (var z = row_low.y; z <= row_high.y; z++) {
             for (var y = row_low.x; y <= row_high.x; y++) {
                 let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);

@@ -112,6 +112,14 @@ fn verdict_holds(verdict: Verdict, from_centre: vec3f, normal: vec3f) -> bool {
         && abs(dot(from_centre, verdict.normal) - verdict.offset) <= verdict.thickness;
 }
 
+// Half the size of the box around |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`: the ellipsoid's
+// matrix is I + 15 n n^T, its inverse I - 15/16 n n^T.
+fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
+    @if(paper_counting) { return vec3f(reach); }
+    let along = max(abs(normal) - tilt, vec3f(0.0));
+    return reach * sqrt(vec3f(1.0) - 0.9375 * along * along);
+}
+
 // A row of cells along x, from those that a ball of `reach` cells may touch: (first photon, end).
 // `low` and `high` bound the ball's centre, in cells; `normal` is the queries', within `tilt` of it.
 fn row_photons(grid: GridShape, light: u32, row: vec2i, low: vec3f, high: vec3f, reach: f32, normal: vec3f, tilt: f32) -> vec2u {
@@ -120,15 +128,36 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, low: vec3f, high: vec3f,
     let rest = reach * reach - dot(gap, gap);
     if rest < 0.0 { return vec2u(0u); }
     let half_width = sqrt(rest);
+    var ends = vec2f(low.x - half_width, high.x + half_width);
     @if(!paper_counting) {
-        // Both ends lie in boxes; their difference along the normal has this middle and half its range.
-        let middle = (row_low + 0.5) - 0.5 * (low.yz + high.yz);
-        let range = 0.5 * (vec2f(1.0) + high.yz - low.yz);
-        let along = abs(dot(middle, normal.yz)) - dot(range, abs(normal.yz)) - abs(normal.x) * (half_width + 0.5 * (high.x - low.x));
-        if (along - tilt * reach) * 4.0 > reach { return vec2u(0u); }
+        // A photon off the plane by more than a quarter of the reach is too far, whatever else. Both ends of the offset
+        // lie in boxes; across the row it has this middle and half its range, which leaves this part of the row.
+        let middle = dot(row_low + 0.5 - 0.5 * (low.yz + high.yz), normal.yz);
+        let range = 0.5 * dot(vec2f(1.0) + high.yz - low.yz, abs(normal.yz)) + (0.25 + tilt) * reach;
+        // Where the row lies in the plane, the ends are beyond any grid.
+        let inverse = 1.0 / select(max(normal.x, 1e-6), min(normal.x, -1e-6), normal.x < 0.0);
+        let crossings = (-middle + vec2f(-range, range)) * inverse;
+        ends = vec2f(max(ends.x, low.x + min(crossings.x, crossings.y)), min(ends.y, high.x + max(crossings.x, crossings.y)));
     }
-    let first = clamp(i32(floor(low.x - half_width)), 0, i32(grid.size.x) - 1);
-    let last = clamp(i32(floor(high.x + half_width)), 0, i32(grid.size.x) - 1);
+    let first = clamp(i32(floor(ends.x)), 0, i32(grid.size.x) - 1);
+    let last = clamp(i32(floor(ends.y)), 0, i32(grid.size.x) - 1);
+    if ends.x > ends.y { return vec2u(0u); }
     let base = cell_index(grid, light, vec3u(0u, vec2u(row)));
     return vec2u(load_cell_start(base + u32(first)), load_cell_start(base + u32(last) + 1u));
+}
+
+// A guess at how many cells away the k-th nearest is, from the photons in the cell and those around it: `spare` times
+// the radius that holds k at their density. Three by three cells of the 27 are on an even surface.
+fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
+    let low = vec3i(max(cell, vec3u(1u)) - 1u);
+    let high = vec3i(min(cell + 1u, grid.size - 1u));
+    var photons = 0u;
+    for (var row = 0; row < 9; row++) {
+        let y = low.y + row % 3;
+        let z = low.z + row / 3;
+        if y > high.y || z > high.z { continue; }
+        let base = cell_index(grid, light, vec3u(0u, u32(y), u32(z)));
+        photons += load_cell_start(base + u32(high.x) + 1u) - load_cell_start(base + u32(low.x));
+    }
+    return spare * sqrt(f32(nearest) * 9.0 / (3.1416 * f32(max(photons, 1u))));
 }
