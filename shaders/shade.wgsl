@@ -100,7 +100,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         radiance = granted * bsdf_diffuse(place.surface)
             * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
     }
-    // Light points that are seen, and those that face the surface.
+    // Light points that are seen, and those that could be: facing the surface, and above its horizon.
     var seen = 0u;
     var facing = 0u;
     @if(glossy) let sampled = traced || granted > 0.0;
@@ -114,7 +114,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
             var v = granted;
             if traced {
                 let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
-                let faces = u32(chosen.pdf > 0.0);
+                let faces = u32(chosen.pdf > 0.0 && dot(place.surface.geometric_normal, chosen.direction) > 0.0);
                 seen += bit * faces;
                 facing += faces;
                 v = f32(bit);

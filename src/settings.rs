@@ -59,7 +59,8 @@ pub enum Aov {
     Depth,
     /// `variance.R` ...: variance of the pixel's mean.
     Variance,
-    /// `shadow.<light>.class`, `.visibility`, `.ni`, `.ns`: what the photons say of each light.
+    /// `shadow.<light>.class` (0 dark, 1 lit, 2 shadowed, 3 boundary, 4 unknown; of the first sample), `.visibility`
+    /// (of the part of the light that is above the surface's horizon), `.ni`, `.ns`: what the photons say of each light.
     Shadow,
 }
 

@@ -176,8 +176,9 @@ impl Setup {
             let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
             add((seen - taken) * contribution(point) / f64::from(self.samples));
         }
-        // Of the light points that face the surface point.
-        let facing: Vec<usize> = (0..points.len()).filter(|j| points[*j].pdf > 0.0).collect();
+        // Of the light points that face the surface point, above its horizon.
+        let could_be_seen = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
+        let facing: Vec<usize> = (0..points.len()).filter(|j| could_be_seen(&points[*j])).collect();
         let seen = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
         let mut visibility = if decided { granted } else { seen };
         let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
