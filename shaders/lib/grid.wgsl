@@ -1,5 +1,6 @@
 // The visibility map: photons sorted by light and cell of a regular grid, and what is known of whole cells.
 
+import package::lib::constants::REACH_CELLS;
 import package::lib::math::{oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK};
 
@@ -30,7 +31,7 @@ struct GridShape {
 @if(paper_counting) const COS_COMPATIBLE = -2.0;
 
 // The largest search radius, in cells.
-const REACH_MAX = 8.0;
+const REACH_MAX = f32(REACH_CELLS);
 
 fn load_photon(i: u32) -> vec4u {
     @if(texture_loads) { return textureLoad(photon_table, vec2u(i & 4095u, i >> 12u), 0); }

@@ -95,6 +95,7 @@ pub const FEATURES: &[&str] = &[
 /// Numbers that host and kernels share: kernels import them from `package::lib::constants`, a module that is made
 /// of this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
+    ("REACH_CELLS", crate::passes::grid::REACH_CELLS),
     ("INVALID_POINT", crate::passes::INVALID_POINT),
     ("SURFACE_FLAT", crate::tables::surfaces::FLAT),
     ("MATERIAL_RECORDS", crate::tables::surfaces::MATERIAL_RECORDS),
