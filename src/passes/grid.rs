@@ -34,10 +34,10 @@ pub const MAX_LIGHTS: u32 = 2048;
 /// Most photons asked for: a class word has nine bits for each count.
 pub const MAX_NEAREST: u32 = 511;
 
-/// The largest search radius in cells: with [`PHOTONS_PER_CELL`] it finds k photons where they are 18 times sparser than
-/// on the mean of the surfaces; sparser places are unknown. Most searches that go so far find nothing: at 8 they took
-/// 1.5 times as long in a box of tall blocks, and at 4 a thirtieth of the points of the paper's box were unknown.
-pub const REACH_CELLS: u32 = 6;
+/// The largest search radius in cells: with [`PHOTONS_PER_CELL`] it finds k photons where they are 32 times sparser than
+/// on the mean of the surfaces; sparser places are unknown. Six cells would take two thirds of the time, most of which
+/// goes into searches that find nothing, but leave seven times as many points of the paper's box unknown.
+pub const REACH_CELLS: u32 = 8;
 
 /// Photons that a cell on an evenly covered surface holds, as a share of k. Measured on the box: half of it doubles
 /// the cells to be judged and the rows of a search, and settles no more points; twice settles 1 % of them less.
