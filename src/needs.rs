@@ -4,6 +4,7 @@
 use serde::Serialize;
 
 use crate::gpu::Features;
+use crate::passes::grid::MAX_LIGHTS;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::tables::lights;
@@ -104,7 +105,9 @@ impl Needs {
         } else {
             "there is nothing to be lit".to_owned()
         };
-        let wanted = map && !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let many = scene.lights.len() > MAX_LIGHTS as usize;
+        let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
+        let wanted = map && !many && !scene.lights.is_empty() && !scene.triangles.is_empty();
         let why = format!("{photons} photons tell lit and shadowed points apart");
         let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
         needs.decide("visibility_map", wanted, why, &unneeded, &cost);
