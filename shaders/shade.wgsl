@@ -17,8 +17,6 @@ import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surfa
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
 @if(glossy) import package::lib::camera::view_direction;
-@if(reflection) import package::lib::bsdf::bsdf_pdf;
-@if(reflection) import package::lib::reflection::reflects_lights;
 
 struct ShadeParameters {
     tile: Tile,
@@ -64,14 +62,7 @@ fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
     }
     let incident = chosen.radiance * (cosine / chosen.pdf);
     @if(glossy) {
-        var weight = 1.0;
-        @if(reflection) {
-            if !chosen.delta && reflects_lights(place.surface) {
-                let p = chosen.pdf * f32(parameters.light_samples);
-                weight = p / (p + bsdf_pdf(place.surface, chosen.direction));
-            }
-        }
-        return Contribution(bsdf_diffuse(place.surface) * incident, bsdf_residual(place.surface, chosen.direction) * incident * weight);
+        return Contribution(bsdf_diffuse(place.surface) * incident, bsdf_residual(place.surface, chosen.direction) * incident);
     }
     @if(!glossy) { return Contribution(bsdf_diffuse(place.surface) * incident); }
 }

@@ -46,6 +46,27 @@ var<workgroup> rays_traced: atomic<u32>;
 var<workgroup> mixed_points: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
+// What a slot asks: from where, about which light, and by which random numbers.
+struct Asked {
+    position: vec3f,
+    normal: vec3f,
+    light: u32,
+    seed: u32,
+    sample_index: u32,
+}
+
+fn asked_by(slot: u32) -> Asked {
+    let tile = parameters.tile;
+    let i = slot % tile.point_count;
+    return Asked(
+        points[i].position,
+        oct_decode16(points[i].normal),
+        parameters.first_light + slot / tile.point_count,
+        pixel_seed(tile, i),
+        tile_sample(tile, i),
+    );
+}
+
 @compute @workgroup_size(64)
 fn shadow(
     @builtin(workgroup_id) group: vec3u,
@@ -60,23 +81,18 @@ fn shadow(
     let item = group_index(group, groups) * 64u + lane;
     if item < queue_lengths[1] {
         let slot = boundary_queue[item];
-        let i = slot % parameters.tile.point_count;
-        let light = parameters.first_light + slot / parameters.tile.point_count;
-        let position = points[i].position;
-        let normal = oct_decode16(points[i].normal);
-        let seed = pixel_seed(parameters.tile, i);
-        let sample_index = tile_sample(parameters.tile, i);
+        let asked = asked_by(slot);
         var traced = 0u;
         var seen = 0u;
         for (var word = 0u; word < parameters.visibility_words; word++) {
             var bits = 0u;
             let first = word * 32u;
             for (var j = first; j < min(first + 32u, parameters.light_samples); j++) {
-                let chosen = nth_light_sample(light, position, seed, sample_index, j, parameters.light_samples);
-                if chosen.pdf <= 0.0 || dot(chosen.direction, normal) <= 0.0 { continue; }
+                let chosen = nth_light_sample(asked.light, asked.position, asked.seed, asked.sample_index, j, parameters.light_samples);
+                if chosen.pdf <= 0.0 || dot(chosen.direction, asked.normal) <= 0.0 { continue; }
                 traced++;
-                let ray_seed = hash3(seed, DIMENSION_SHADOW_ALPHA + light, sample_index * parameters.light_samples + j);
-                if !trace_occluded(shadow_ray(position, normal, chosen), ray_seed) { bits |= 1u << (j - first); }
+                let ray_seed = hash3(asked.seed, DIMENSION_SHADOW_ALPHA + asked.light, asked.sample_index * parameters.light_samples + j);
+                if !trace_occluded(shadow_ray(asked.position, asked.normal, chosen), ray_seed) { bits |= 1u << (j - first); }
             }
             visibility[slot * parameters.visibility_words + word] = bits;
             seen += countOneBits(bits);
@@ -108,27 +124,21 @@ fn audit(
     let item = group_index(group, groups) * 64u + lane;
     if item < queue_lengths[2] {
         let slot = audit_queue[item];
-        let i = slot % parameters.tile.point_count;
-        let light_in_chunk = slot / parameters.tile.point_count;
-        let light = parameters.first_light + light_in_chunk;
-        let position = points[i].position;
-        let normal = oct_decode16(points[i].normal);
-        let seed = pixel_seed(parameters.tile, i);
-        let sample_index = tile_sample(parameters.tile, i);
-        let chosen = audit_light_sample(light, position, seed, sample_index);
+        let asked = asked_by(slot);
+        let chosen = audit_light_sample(asked.light, asked.position, asked.seed, asked.sample_index);
         // Where the light point faces away nothing is asked, and the class stands.
         let lit = class_of(classes[slot]) == CLASS_LIT;
         var seen = lit;
-        if chosen.pdf > 0.0 && dot(chosen.direction, normal) > 0.0 {
+        if chosen.pdf > 0.0 && dot(chosen.direction, asked.normal) > 0.0 {
             atomicAdd(&rays_traced, 1u);
-            let ray_seed = hash3(seed, DIMENSION_SHADOW_ALPHA + light, ~sample_index);
-            seen = !trace_occluded(shadow_ray(position, normal, chosen), ray_seed);
+            let ray_seed = hash3(asked.seed, DIMENSION_SHADOW_ALPHA + asked.light, ~asked.sample_index);
+            seen = !trace_occluded(shadow_ray(asked.position, asked.normal, chosen), ray_seed);
             if seen != lit {
                 atomicAdd(&mixed_points, 1u);
                 if is_near(classes[slot]) { atomicAdd(&wrong_near, 1u); }
                 let at = atomicAdd(&heal_count, 1u);
                 if at < parameters.heal_capacity {
-                    heal_photons[at] = Photon(position, photon_word(oct_encode7(normal), light, 1.0, !seen));
+                    heal_photons[at] = Photon(asked.position, photon_word(oct_encode7(asked.normal), asked.light, 1.0, !seen));
                 }
             }
         }

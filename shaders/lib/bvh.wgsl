@@ -12,6 +12,7 @@
 //         if slot != NO_HIT { let hit = intersect_slot(&walk, slot); if meets(ray, hit) { ... } }
 //     }
 
+@if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_triangle};
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
 
@@ -34,12 +35,12 @@ var<private> traversal_turns: u32;
 var<private> traversal_overrun: bool;
 
 fn node_texel(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(bvh_nodes, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(bvh_nodes, table_place(i), 0); }
     @if(!texture_loads) { return bvh_nodes[i]; }
 }
 
 fn triangle_texel(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(bvh_triangles, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(bvh_triangles, table_place(i), 0); }
     @if(!texture_loads) { return bvh_triangles[i]; }
 }
 

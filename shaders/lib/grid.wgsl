@@ -1,5 +1,6 @@
 // The visibility map: photons sorted by light and cell of a regular grid, and what is known of whole cells.
 
+@if(texture_loads) import package::lib::table::table_place;
 import package::lib::constants::REACH_CELLS;
 import package::lib::math::{oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK};
@@ -34,18 +35,18 @@ struct GridShape {
 const REACH_MAX = f32(REACH_CELLS);
 
 fn load_photon(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(photon_table, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(photon_table, table_place(i), 0); }
     @else { return photon_table[i]; }
 }
 
 fn load_cell_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(cell_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(cell_records, table_place(i), 0); }
     @else { return cell_records[i]; }
 }
 
 fn load_cell_start(i: u32) -> u32 {
     let record = i >> 2u;
-    @if(texture_loads) { return textureLoad(cell_starts, vec2u(record & 4095u, record >> 12u), 0)[i & 3u]; }
+    @if(texture_loads) { return textureLoad(cell_starts, table_place(record), 0)[i & 3u]; }
     @else { return cell_starts[record][i & 3u]; }
 }
 

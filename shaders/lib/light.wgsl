@@ -1,5 +1,6 @@
 // Lights: sampling, closed-form irradiance, darkness and emission. Tables are made by src/tables/lights.rs.
 
+@if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
@@ -18,19 +19,19 @@ import package::lib::constants::{
 @if(mesh_lights && !texture_loads) @group(1) @binding(9) var<storage, read> light_vertices: array<vec4f>;
 
 fn load_light_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(light_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(light_records, table_place(i), 0); }
     @else { return light_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_emitter_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(emitter_records, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(emitter_records, table_place(i), 0); }
     @else { return emitter_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_light_vertex(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(light_vertices, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(light_vertices, table_place(i), 0); }
     @else { return light_vertices[i]; }
 }
 

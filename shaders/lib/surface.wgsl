@@ -1,6 +1,7 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
 // _unlit, _emissive_strength, KHR_texture_transform).
 
+@if(texture_loads) import package::lib::table::table_place;
 import package::lib::bvh::triangle_corners;
 import package::lib::ray::{Hit, Ray};
 import package::lib::math::oct_decode16;
@@ -26,18 +27,18 @@ override surface_stride: u32;
 @if(textures) @group(1) @binding(6) var data_texels: texture_2d_array<f32>;
 
 fn load_surface_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(surface_records, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(texture_loads) { return textureLoad(surface_records, table_place(i), 0); }
     @if(!texture_loads) { return surface_records[i]; }
 }
 
 fn load_material_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(material_records, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(texture_loads) { return textureLoad(material_records, table_place(i), 0); }
     @if(!texture_loads) { return material_records[i]; }
 }
 
 @if(textures)
 fn load_slot_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(texture_slots, vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2), 0); }
+    @if(texture_loads) { return textureLoad(texture_slots, table_place(i), 0); }
     @if(!texture_loads) { return texture_slots[i]; }
 }
 

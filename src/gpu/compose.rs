@@ -37,6 +37,7 @@ shaders!(
     "lib/rng",
     "lib/sampling",
     "lib/surface",
+    "lib/table",
     "lib/tile",
 );
 
@@ -83,8 +84,6 @@ pub const FEATURES: &[&str] = &[
     "audit",
     // Method: visibility is that of the photons, without shadow rays.
     "visibility_estimate",
-    // Scene: some surface reflects a light sharply, so that BSDF sampling joins light sampling.
-    "reflection",
     // Output: channels that are asked for.
     "aov_albedo",
     "aov_normal",
@@ -116,9 +115,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_LIGHT", 0x3000_0000),
     ("DIMENSION_AUDIT", 0x4000_0000),
     ("DIMENSION_SHADOW_ALPHA", 0x5000_0000),
-    ("DIMENSION_REFLECTION", 0x6000_0000),
     ("DIMENSION_PHOTON", 0x7000_0000),
-    ("DIMENSION_PHOTON_ALPHA", 0x8000_0000),
     ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
     ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
     ("DIMENSION_PATH", 0x9000_0000),
@@ -133,11 +130,8 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),
+    // The counts by class: the class is added to the first one.
     ("COUNTER_DARK", Counter::Dark as u32),
-    ("COUNTER_LIT", Counter::Lit as u32),
-    ("COUNTER_SHADOWED", Counter::Shadowed as u32),
-    ("COUNTER_BOUNDARY", Counter::Boundary as u32),
-    ("COUNTER_UNKNOWN", Counter::Unknown as u32),
     ("LIGHT_MESH", crate::tables::lights::MESH),
     ("LIGHT_POINT", crate::tables::lights::POINT),
     ("LIGHT_SPOT", crate::tables::lights::SPOT),

@@ -7,8 +7,6 @@ mod visibility_map;
 
 use std::time::Instant;
 
-#[expect(unused_imports, reason = "named in the documentation")]
-use crate::Error;
 use crate::bvh::Bvh;
 use crate::gpu::{Features, Gpu};
 use crate::needs::Needs;
@@ -92,7 +90,7 @@ impl<'g> Renderer<'g> {
     /// Makes everything ready for the first sample: hierarchy, kernels, tables, photons and their grid.
     ///
     /// # Errors
-    /// [`Error::Usage`] for settings out of range, [`Error::Buffer`] for what the device cannot hold, and those of
+    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and those of
     /// [`Gpu::check`].
     pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
         settings.check()?;
@@ -180,7 +178,7 @@ impl<'g> Renderer<'g> {
     /// where some are.
     ///
     /// # Errors
-    /// [`Error::Computation`] where a kernel met the loop budget, and those of [`Gpu::check`].
+    /// [`crate::Error::Computation`] where a kernel met the loop budget, and those of [`Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
         let start = Instant::now();
         let width = self.settings.width;
