@@ -24,12 +24,12 @@ const KERNEL: &str = "
 import package::lib::dispatch::group_index;
 import package::lib::ray::Ray;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
-@if(texture_loads) @group(0) @binding(0) var rays: texture_2d<f32>;
+@if(texture_loads) @group(0) @binding(0) var rays: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> answers: array<vec4f>;
 override ray_count: u32;
 fn ray_texel(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(rays, vec2u(i & 4095u, i >> 12u), 0); }
+    @if(texture_loads) { return textureLoad(rays, vec2u(i & 4095u, i >> 12u)); }
     @if(!texture_loads) { return rays[i]; }
 }
 fn ray_of(i: u32) -> Ray {

@@ -16,8 +16,8 @@
 import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_triangle};
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
 
-@if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_2d<u32>;
-@if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_2d<f32>;
+@if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
+@if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
 @if(!texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
@@ -35,12 +35,12 @@ var<private> traversal_turns: u32;
 var<private> traversal_overrun: bool;
 
 fn node_texel(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(bvh_nodes, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(bvh_nodes, table_place(i)); }
     @if(!texture_loads) { return bvh_nodes[i]; }
 }
 
 fn triangle_texel(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(bvh_triangles, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(bvh_triangles, table_place(i)); }
     @if(!texture_loads) { return bvh_triangles[i]; }
 }
 

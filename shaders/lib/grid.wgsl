@@ -16,12 +16,12 @@ struct GridShape {
     inverse_cell: f32,
 }
 
-@if(texture_loads) @group(1) @binding(10) var photon_table: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(10) var photon_table: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(10) var<storage, read> photon_table: array<vec4u>;
-@if(texture_loads) @group(1) @binding(11) var cell_records: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(11) var cell_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(11) var<storage, read> cell_records: array<vec4u>;
 // First photon of each cell, four cells to a record; the last cell's end follows.
-@if(texture_loads) @group(1) @binding(13) var cell_starts: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(13) var cell_starts: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(13) var<storage, read> cell_starts: array<vec4u>;
 
 // Distances along the normal count this many times more than their square: four times the length.
@@ -35,18 +35,18 @@ struct GridShape {
 const REACH_MAX = f32(REACH_CELLS);
 
 fn load_photon(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(photon_table, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(photon_table, table_place(i)); }
     @else { return photon_table[i]; }
 }
 
 fn load_cell_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(cell_records, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(cell_records, table_place(i)); }
     @else { return cell_records[i]; }
 }
 
 fn load_cell_start(i: u32) -> u32 {
     let record = i >> 2u;
-    @if(texture_loads) { return textureLoad(cell_starts, table_place(record), 0)[i & 3u]; }
+    @if(texture_loads) { return textureLoad(cell_starts, table_place(record))[i & 3u]; }
     @else { return cell_starts[record][i & 3u]; }
 }
 

@@ -11,27 +11,27 @@ import package::lib::constants::{
 @if(emissive_textures) import package::lib::surface::emission_at;
 @if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
-@if(texture_loads) @group(1) @binding(7) var light_records: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(7) var light_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(7) var<storage, read> light_records: array<vec4u>;
-@if(mesh_lights && texture_loads) @group(1) @binding(8) var emitter_records: texture_2d<u32>;
+@if(mesh_lights && texture_loads) @group(1) @binding(8) var emitter_records: texture_storage_2d<rgba32uint, read>;
 @if(mesh_lights && !texture_loads) @group(1) @binding(8) var<storage, read> emitter_records: array<vec4u>;
-@if(mesh_lights && texture_loads) @group(1) @binding(9) var light_vertices: texture_2d<f32>;
+@if(mesh_lights && texture_loads) @group(1) @binding(9) var light_vertices: texture_storage_2d<rgba32float, read>;
 @if(mesh_lights && !texture_loads) @group(1) @binding(9) var<storage, read> light_vertices: array<vec4f>;
 
 fn load_light_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(light_records, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(light_records, table_place(i)); }
     @else { return light_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_emitter_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(emitter_records, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(emitter_records, table_place(i)); }
     @else { return emitter_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_light_vertex(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(light_vertices, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(light_vertices, table_place(i)); }
     @else { return light_vertices[i]; }
 }
 

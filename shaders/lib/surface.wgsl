@@ -17,28 +17,28 @@ override surface_stride: u32;
 @if(vertex_colours) override colour_record: u32;
 @if(normal_maps) override tangent_record: u32;
 
-@if(texture_loads) @group(1) @binding(2) var surface_records: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(2) var surface_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(2) var<storage, read> surface_records: array<vec4u>;
-@if(texture_loads) @group(1) @binding(3) var material_records: texture_2d<u32>;
+@if(texture_loads) @group(1) @binding(3) var material_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(3) var<storage, read> material_records: array<vec4u>;
-@if(textures && texture_loads) @group(1) @binding(4) var texture_slots: texture_2d<u32>;
+@if(textures && texture_loads) @group(1) @binding(4) var texture_slots: texture_storage_2d<rgba32uint, read>;
 @if(textures && !texture_loads) @group(1) @binding(4) var<storage, read> texture_slots: array<vec4u>;
 @if(textures) @group(1) @binding(5) var colour_texels: texture_2d_array<f32>;
 @if(textures) @group(1) @binding(6) var data_texels: texture_2d_array<f32>;
 
 fn load_surface_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(surface_records, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(surface_records, table_place(i)); }
     @if(!texture_loads) { return surface_records[i]; }
 }
 
 fn load_material_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(material_records, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(material_records, table_place(i)); }
     @if(!texture_loads) { return material_records[i]; }
 }
 
 @if(textures)
 fn load_slot_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(texture_slots, table_place(i), 0); }
+    @if(texture_loads) { return textureLoad(texture_slots, table_place(i)); }
     @if(!texture_loads) { return texture_slots[i]; }
 }
 

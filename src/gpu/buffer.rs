@@ -160,7 +160,7 @@ impl Gpu {
                 TableFormat::Float => wgpu::TextureFormat::Rgba32Float,
                 TableFormat::Uint => wgpu::TextureFormat::Rgba32Uint,
             },
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         }))
     }
@@ -189,9 +189,9 @@ impl Gpu {
 /// What a table's words are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableFormat {
-    /// `texture_2d<f32>` or `array<vec4f>`.
+    /// `texture_storage_2d<rgba32float, read>` or `array<vec4f>`.
     Float,
-    /// `texture_2d<u32>` or `array<vec4u>`.
+    /// `texture_storage_2d<rgba32uint, read>` or `array<vec4u>`.
     Uint,
 }
 

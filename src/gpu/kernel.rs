@@ -268,17 +268,27 @@ fn binding_type(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
         }
         (naga::AddressSpace::Uniform, _) => Some(buffer(wgpu::BufferBindingType::Uniform)),
         (naga::AddressSpace::Handle, naga::TypeInner::Image { dim, arrayed, class }) => {
+            let view_dimension = match (dim, arrayed) {
+                (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
+                (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
+                _ => return None,
+            };
+            if let naga::ImageClass::Storage { format, access } = class {
+                let format = match format {
+                    naga::StorageFormat::Rgba32Float => wgpu::TextureFormat::Rgba32Float,
+                    naga::StorageFormat::Rgba32Uint => wgpu::TextureFormat::Rgba32Uint,
+                    _ => return None,
+                };
+                let read_only = *access == naga::StorageAccess::LOAD;
+                let access = wgpu::StorageTextureAccess::ReadOnly;
+                return read_only.then_some(wgpu::BindingType::StorageTexture { access, format, view_dimension });
+            }
             let sample_type = match class {
                 // Kernels filter by hand: tables are rgba32float, which no device need filter.
                 naga::ImageClass::Sampled { kind: naga::ScalarKind::Float, .. } => {
                     wgpu::TextureSampleType::Float { filterable: false }
                 }
                 naga::ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. } => wgpu::TextureSampleType::Uint,
-                _ => return None,
-            };
-            let view_dimension = match (dim, arrayed) {
-                (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
-                (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
                 _ => return None,
             };
             Some(wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
