@@ -21,8 +21,9 @@ import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_tr
 @if(!texture_loads) @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
 @if(!texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
-// Entries of the stack: three for each of the 28 levels that a balanced tree over the most triangles can have.
-const STACK_SIZE = 84;
+// Entries of the stack: one for each of the 28 levels that a balanced tree over the most triangles can have. Software
+// devices clear it lane by lane before every traversal, so it is no larger than it must be.
+const STACK_SIZE = 28;
 
 // Turns of the loop after which a traversal gives up and says so: software devices end all loops of an invocation
 // in silence after 65,535 turns in all.
@@ -54,9 +55,15 @@ fn triangle_corners(slot: u32) -> array<vec3f, 3> {
     return array(triangle_texel(3u * slot).xyz, triangle_texel(3u * slot + 1u).xyz, triangle_texel(3u * slot + 2u).xyz);
 }
 
-// A place on the stack names a node by its index, or a run of triangles by the first slot and, above it, how many.
+// What to visit next: a node by its index, or a run of triangles by the first slot and, above it, how many.
 const ONE_TRIANGLE: u32 = 1u << 29u;
 const NO_PLACE: u32 = 0xffffffffu;
+
+// A node some of whose children are yet to be visited: its index in bits 0-23, their numbers in bits 24-29, the next
+// one lowest, and how many they are in bits 30-31. A private array is written lane by lane on software devices, so the
+// stack holds one such word for a node instead of one for each child.
+const GROUP_NODE: u32 = 0x00ffffffu;
+const ONE_WAITING: u32 = 1u << 30u;
 
 // A traversal under way.
 struct Walk {
@@ -64,18 +71,14 @@ struct Walk {
     inverse_direction: vec3f,
     t_min: f32,
     place: u32,
+    group: u32,
     height: u32,
     done: bool,
     stack: array<u32, STACK_SIZE>,
 }
 
-// Places of a node's children, and keys that sort them by where the ray enters: its bits, the last two of them
-// replaced by the child's number. Distances are not negative, so their bits sort as they do.
-struct Children {
-    places: vec4u,
-    keys: vec4u,
-}
-
+// Keys that sort a node's children by where the ray enters: its bits, the last two of them replaced by the child's
+// number. Distances are not negative, so their bits sort as they do.
 const NO_KEY: u32 = 0xffffffffu;
 
 fn begin_walk(ray: Ray) -> Walk {
@@ -89,6 +92,7 @@ fn begin_walk(ray: Ray) -> Walk {
     walk.inverse_direction = 1.0 / safe;
     walk.t_min = ray.t_min;
     walk.place = 0u;
+    walk.group = 0u;
     walk.height = 0u;
     walk.done = false;
     return walk;
@@ -97,23 +101,37 @@ fn begin_walk(ray: Ray) -> Walk {
 // Takes a turn: the slot of a triangle to be tested, or NO_HIT where this turn met none.
 fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
     if (*walk).place == NO_PLACE {
-        if (*walk).height == 0u || traversal_turns >= MAX_TURNS {
-            traversal_overrun |= (*walk).height != 0u;
-            (*walk).done = true;
-            return NO_HIT;
+        if (*walk).group < ONE_WAITING {
+            if (*walk).height == 0u || traversal_turns >= MAX_TURNS {
+                traversal_overrun |= (*walk).height != 0u;
+                (*walk).done = true;
+                return NO_HIT;
+            }
+            (*walk).height--;
+            (*walk).group = (*walk).stack[(*walk).height];
         }
-        (*walk).height--;
-        (*walk).place = (*walk).stack[(*walk).height];
+        let group = (*walk).group;
+        let node = group & GROUP_NODE;
+        (*walk).place = child_place(node_texel(3u * node + 2u), (group >> 24u) & 3u);
+        (*walk).group = node | ((group >> 2u) & 0x0f000000u) | ((group - ONE_WAITING) & 0xc0000000u);
     }
     traversal_turns++;
     if (*walk).place < ONE_TRIANGLE {
-        let children = open_node(walk, (*walk).place, t_max);
-        let keys = sorted(children.keys);
-        // The nearest child is next, the others wait, the farthest deepest.
-        if keys.w != NO_KEY { push(walk, place_of(keys.w, children.places)); }
-        if keys.z != NO_KEY { push(walk, place_of(keys.z, children.places)); }
-        if keys.y != NO_KEY { push(walk, place_of(keys.y, children.places)); }
-        (*walk).place = select(NO_PLACE, place_of(keys.x, children.places), keys.x != NO_KEY);
+        let node = (*walk).place;
+        let tail = node_texel(3u * node + 2u);
+        let keys = open_node(walk, node, tail, t_max);
+        (*walk).place = NO_PLACE;
+        if keys.x != NO_KEY {
+            if (*walk).group >= ONE_WAITING {
+                (*walk).stack[(*walk).height] = (*walk).group;
+                (*walk).height++;
+            }
+            (*walk).place = child_place(tail, keys.x & 3u);
+            // The nearest child is next, the others wait.
+            let waiting = select(vec3u(0u), vec3u(1u), keys.yzw != vec3u(NO_KEY));
+            let numbers = (keys.y & 3u) | ((keys.z & 3u) << 2u) | ((keys.w & 3u) << 4u);
+            (*walk).group = node | (numbers << 24u) | ((waiting.x + waiting.y + waiting.z) * ONE_WAITING);
+        }
     }
     let place = (*walk).place;
     if place < ONE_TRIANGLE || place == NO_PLACE { return NO_HIT; }
@@ -122,12 +140,22 @@ fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
     return place & (ONE_TRIANGLE - 1u);
 }
 
-fn push(walk: ptr<function, Walk>, place: u32) {
-    (*walk).stack[(*walk).height] = place;
-    (*walk).height++;
+// The place of a child by its number, from the node's last texel.
+fn child_place(tail: vec4u, child: u32) -> u32 {
+    let counts = leaf_counts(tail) & ((8u << (3u * child)) - 1u);
+    let count = counts >> (3u * child);
+    // Triangles of the leaves before: their counts in three bits each, summed.
+    let before = counts & ~(7u << (3u * child));
+    let slot = (tail.w & 0x0fffffffu) + (before & 7u) + ((before >> 3u) & 7u) + ((before >> 6u) & 7u);
+    return select(count * ONE_TRIANGLE + slot, (tail.z & 0x0fffffffu) + child, child < ((tail.y >> 24u) & 15u));
 }
 
-// The children of a node that the ray meets before t_max.
+// Triangles of the four children, three bits each; 0 for nodes and for places not used.
+fn leaf_counts(tail: vec4u) -> u32 {
+    return (tail.y >> 28u) | ((tail.z >> 24u) & 0xf0u) | ((tail.w >> 20u) & 0xf00u);
+}
+
+// The keys of a node's children that the ray meets before t_max, sorted; `tail` is the node's last texel.
 //
 // With a = (origin - ray's origin) / direction and b = step / direction, a plane is met at a + q b; the roundings of
 // b's terms are covered by the planes' margin (src/bvh/node.rs). Nothing may be missed that the test of a triangle
@@ -136,11 +164,10 @@ fn push(walk: ptr<function, Walk>, place: u32) {
 // function. So do three roundings of a. Planes are moved outwards by 2^-20 of the farthest coordinate for both. What is
 // left is the rounding of 1 / direction, up to 2^-21 of t where division is inexact: a far plane may be met that much
 // earlier than a near one (Ize 2013).
-fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
+fn open_node(walk: ptr<function, Walk>, node: u32, tail: vec4u, t_max: f32) -> vec4u {
     let texel_0 = node_texel(3u * node);
     let texel_1 = node_texel(3u * node + 1u);
-    let texel_2 = node_texel(3u * node + 2u);
-    let head = texel_2.y;
+    let head = tail.y;
 
     let inverse = (*walk).inverse_direction;
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
@@ -152,30 +179,25 @@ fn open_node(walk: ptr<function, Walk>, node: u32, t_max: f32) -> Children {
     let a_near = a - slack;
     let a_far = a + slack;
     let lower = vec3u(texel_0.w, texel_1.xy);
-    let upper = vec3u(texel_1.zw, texel_2.x);
+    let upper = vec3u(texel_1.zw, tail.x);
     let forwards = inverse > vec3f(0.0);
     let near = select(upper, lower, forwards);
     let far = select(lower, upper, forwards);
-    let enter_xy = max(bytes(near.x) * b.x + a_near.x, bytes(near.y) * b.y + a_near.y);
-    let enter = max(enter_xy, max(bytes(near.z) * b.z + a_near.z, vec4f((*walk).t_min)));
-    let leave_xy = min(bytes(far.x) * b.x + a_far.x, bytes(far.y) * b.y + a_far.y);
-    let leave = min(leave_xy, min(bytes(far.z) * b.z + a_far.z, vec4f(t_max))) * 1.00000095367432;
+    // Compared as integers, which takes one instruction where floats take three for the sake of NaN: the order of
+    // positive floats is theirs, and among negative ones any will do, since all lie before t_min.
+    let enter_xy = max(bits(bytes(near.x) * b.x + a_near.x), bits(bytes(near.y) * b.y + a_near.y));
+    let enter = max(enter_xy, max(bits(bytes(near.z) * b.z + a_near.z), vec4i(bitcast<i32>((*walk).t_min))));
+    let leave_xy = min(bits(bytes(far.x) * b.x + a_far.x), bits(bytes(far.y) * b.y + a_far.y));
+    let leave = min(leave_xy, min(bits(bytes(far.z) * b.z + a_far.z), vec4i(bitcast<i32>(t_max))));
 
     let number = vec4u(0u, 1u, 2u, 3u);
-    let packed_counts = (head >> 28u) | ((texel_2.z >> 24u) & 0xf0u) | ((texel_2.w >> 20u) & 0xf00u);
-    let counts = (vec4u(packed_counts) >> vec4u(0u, 3u, 6u, 9u)) & vec4u(7u);
-    let is_node = number < vec4u((head >> 24u) & 15u);
-    let first_node = texel_2.z & 0x0fffffffu;
-    let slot_0 = texel_2.w & 0x0fffffffu;
-    let slot_1 = slot_0 + counts.x;
-    let slot_2 = slot_1 + counts.y;
-    let slots = vec4u(slot_0, slot_1, slot_2, slot_2 + counts.z);
+    let used = (number < vec4u((head >> 24u) & 15u)) | (((vec4u(leaf_counts(tail)) >> (3u * number)) & vec4u(7u)) != vec4u(0u));
+    let met = (bitcast<vec4f>(enter) <= bitcast<vec4f>(leave) * 1.00000095367432) & used;
+    return sorted(select(vec4u(NO_KEY), (bitcast<vec4u>(enter) & vec4u(0xfffffffcu)) | number, met));
+}
 
-    let met = (enter <= leave) & (is_node | (counts != vec4u(0u)));
-    return Children(
-        select(counts * ONE_TRIANGLE + slots, first_node + number, is_node),
-        select(vec4u(NO_KEY), (bitcast<vec4u>(enter) & vec4u(0xfffffffcu)) | number, met),
-    );
+fn bits(v: vec4f) -> vec4i {
+    return bitcast<vec4i>(v);
 }
 
 fn bytes(word: u32) -> vec4f {
@@ -188,11 +210,6 @@ fn sorted(keys: vec4u) -> vec4u {
     let high = max(keys.xy, keys.zw);
     let middle = vec2u(max(low.x, low.y), min(high.x, high.y));
     return vec4u(min(low.x, low.y), min(middle.x, middle.y), max(middle.x, middle.y), max(high.x, high.y));
-}
-
-fn place_of(key: u32, places: vec4u) -> u32 {
-    let odd = (key & 1u) != 0u;
-    return select(select(places.x, places.y, odd), select(places.z, places.w, odd), (key & 2u) != 0u);
 }
 
 // Where the ray's line meets the triangle in a slot; t is MISSED if nowhere.

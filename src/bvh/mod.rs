@@ -79,10 +79,8 @@ pub struct Bvh {
     pub triangles: Vec<[f32; 4]>,
     /// The triangle, as an index into what was built from, of each slot.
     pub order: Vec<u32>,
-    /// Levels of nodes; 1 where the root has no child nodes.
+    /// Levels of nodes; 1 where the root has no child nodes. A traversal's stack needs an entry for each but the last.
     pub depth: u32,
-    /// Entries of the stack that a traversal can need at most; never more than kernels have.
-    pub stack: u32,
     /// The box around all triangles; [`Aabb::EMPTY`] without any.
     pub bounds: Aabb,
 }
@@ -94,15 +92,11 @@ impl Bvh {
     ///
     /// # Errors
     ///
-    /// [`Error::Usage`] where a coordinate is not finite or its size is above 2^40: a scene is normalised first. [`Error::Buffer`] for 2^28 triangles or more.
+    /// [`Error::Usage`] where a coordinate is not finite or its size is above 2^40: a scene is normalised first. [`Error::Buffer`] for 2^28 triangles or more, and for
+    /// more than 2^24 nodes (about twice as many triangles).
     pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
         if positions.len() >= node::MAX_INDEX {
-            return Err(Error::Buffer {
-                buffer: "bvh_triangles".into(),
-                needed: positions.len() as u64 * 48,
-                limit: node::MAX_INDEX as u64 * 48,
-                remedy: "use fewer triangles".into(),
-            });
+            return Err(too_large("bvh_triangles", positions.len(), node::MAX_INDEX));
         }
         let usable = |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(LARGEST)).all());
         if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
@@ -118,9 +112,12 @@ impl Bvh {
             let tree = binary::build(&mut items, max_depth);
             let bvh = flatten(&tree, &items, positions);
             // This ends: once nothing but a balanced tree is allowed, there are at most 28 levels of nodes, as many
-            // as binary ones, and each leaves at most three entries on the stack.
-            const { assert!(STACK_SIZE >= (WIDTH as u32 - 1) * node::MAX_INDEX.ilog2()) };
-            if bvh.stack <= STACK_SIZE {
+            // as binary ones, and each but the last leaves at most one entry on the stack.
+            const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
+            if bvh.nodes.len() / 3 > node::MAX_NODES {
+                return Err(too_large("bvh_nodes", bvh.nodes.len() / 3, node::MAX_NODES));
+            }
+            if bvh.depth <= STACK_SIZE + 1 {
                 return Ok(bvh);
             }
             max_depth /= 2;
@@ -136,6 +133,12 @@ impl Bvh {
     }
 }
 
+/// Nodes and triangles are 48 bytes each.
+fn too_large(buffer: &str, count: usize, most: usize) -> Error {
+    let [needed, limit] = [count, most].map(|count| count as u64 * 48);
+    Error::Buffer { buffer: buffer.into(), needed, limit, remedy: "use fewer triangles".into() }
+}
+
 /// Lays the wide nodes out, the children of each together.
 fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]]) -> Bvh {
     let mut first_items = vec![0u32; tree.len()];
@@ -148,13 +151,12 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
     let mut nodes = vec![Node::around(&[])];
     let mut order = Vec::with_capacity(items.len());
     let mut depth = 1;
-    let mut stack = 0;
-    // A wide node to be filled: its index, its binary node, its level, and what lies on the stack below it.
+    // A wide node to be filled: its index, its binary node and its level.
     let mut open = Vec::new();
     if !tree.is_empty() {
-        open.push((0usize, 0usize, 1u32, 0u32));
+        open.push((0usize, 0usize, 1u32));
     }
-    while let Some((index, at, level, entries)) = open.pop() {
+    while let Some((index, at, level)) = open.pop() {
         let mut children = collapse.children(at);
         children.sort_by_key(|child| child.leaf_count != 0);
         let bounds: Vec<_> = children.iter().map(|child| child.bounds).collect();
@@ -162,13 +164,11 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
         node.first_node = nodes.len() as u32;
         node.first_triangle = order.len() as u32;
         depth = depth.max(level);
-        let entries = entries + children.len() as u32 - 1;
-        stack = stack.max(entries);
         for (place, child) in children.iter().enumerate() {
             node.leaf_counts[place] = child.leaf_count;
             if child.leaf_count == 0 {
                 node.node_count += 1;
-                open.push((nodes.len(), child.at, level + 1, entries));
+                open.push((nodes.len(), child.at, level + 1));
                 nodes.push(Node::around(&[]));
             } else {
                 let first = first_items[child.at] as usize;
@@ -186,7 +186,6 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
         triangles: if triangles.is_empty() { vec![[0.0; 4]; 3] } else { triangles },
         order,
         depth,
-        stack,
         bounds: tree.first().map_or(Aabb::EMPTY, |root| root.bounds),
     }
 }

@@ -16,8 +16,11 @@ use super::{Aabb, WIDTH};
 use glam::DVec3;
 use glam::Vec3;
 
-/// Most nodes, and most triangles: what 28 bits can name.
+/// Most triangles: what 28 bits can name.
 pub(super) const MAX_INDEX: usize = 1 << 28;
+
+/// Most nodes: what the 24 bits of a word on a kernel's stack can name.
+pub(super) const MAX_NODES: usize = 1 << 24;
 
 /// Words of a node.
 pub(super) const WORDS: usize = 12;
