@@ -2,8 +2,8 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_decode16;
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_normal, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
-import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
+import package::lib::grid::{GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, compatible, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -160,8 +160,7 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
                 let photon = load_photon(p);
                 let v = bitcast<vec3f>(photon.xyz) - position;
                 let along = dot(v, normal);
-                let compatible = dot(photon_normal(photon.w), normal) >= COS_COMPATIBLE;
-                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
                 let shadow = photon_is_shadow(photon.w);
                 let d_lit = select(d, FAR, shadow);
                 result.all_a += vec4u(vec4f(d) <= marks_a);
@@ -213,8 +212,6 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
     let half_size = reach_box(reach, normal, 0.0).yz;
     let row_low = max(vec2i(floor(units.yz - half_size)), vec2i(0));
     let row_high = min(vec2i(floor(units.yz + half_size)), vec2i(grid.size.yz) - 1);
-    var seen = 0xffffffffu;
-    var compatible = false;
     for (var z = row_low.y; z <= row_high.y; z++) {
         for (var y = row_low.x; y <= row_high.x; y++) {
             let row = row_photons(grid, light, vec2i(y, z), units, units, reach, normal, 0.0);
@@ -223,14 +220,9 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
             looks_left -= looks;
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                // Neighbours in the order are of one surface, most of them.
-                if (photon.w & 0x3fffu) != seen {
-                    seen = photon.w & 0x3fffu;
-                    compatible = dot(photon_normal(seen), normal) >= COS_COMPATIBLE;
-                }
                 let v = bitcast<vec3f>(photon.xyz) - position;
                 let along = dot(v, normal);
-                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible);
+                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
                 let shadow = photon_is_shadow(photon.w);
                 result.all += u32(d <= limit);
                 result.lit += u32(d <= limit && !shadow);

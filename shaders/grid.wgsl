@@ -2,9 +2,9 @@
 // lit, is every one shadowed, do all see both?
 
 import package::lib::dispatch::group_index;
-import package::lib::math::{oct_decode7, safe_sqrt};
+import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, Photon, photon_is_shadow, photon_light, photon_normal};
-import package::lib::grid::{COS_COMPATIBLE, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
+import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
 
 struct GridParameters {
     grid: GridShape,
@@ -193,8 +193,10 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
     // |n - normal| of any normal n in the cone.
     let tilt = safe_sqrt(2.0 - 2.0 * verdict.cos_spread) + 1e-4;
     let sin_spread = safe_sqrt(1.0 - verdict.cos_spread * verdict.cos_spread);
-    let cos_sure = select(0.70710678 * (verdict.cos_spread + sin_spread) + 1e-4, -3.0, COS_COMPATIBLE < -1.0);
-    let cos_maybe = select(0.70710678 * (verdict.cos_spread - sin_spread) - 1e-4, -3.0, COS_COMPATIBLE < -1.0);
+    // The 45 degrees less, and more, the spread: both below 90.
+    let half_angle = sqrt(COMPATIBLE_COSINE_SQUARED);
+    let cos_sure = min(half_angle * (verdict.cos_spread + sin_spread) + 1e-4, 1.0);
+    let cos_maybe = half_angle * (verdict.cos_spread - sin_spread) - 1e-4;
 
     // Where in the cell the slab is.
     var box_low = vec3f(-half_size);
@@ -231,8 +233,6 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
         var maybe_shadow = FAR;
         var sure_lit = FAR;
         var sure_shadow = FAR;
-        var seen = NO_CODE;
-        var cosine = 0.0;
         let half_extent = reach_box(reach + 2e-3, normal, tilt).yz;
         let row_low = max(vec2i(floor(units_low.yz - half_extent)), vec2i(0));
         let row_high = min(vec2i(floor(units_high.yz + half_extent)), vec2i(grid_pass.grid.size.yz) - 1);
@@ -243,10 +243,11 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
                 if looked_at > LOOKS_PER_NEAREST * nearest { return vec2u(0u); }
                 for (var p = row.x; p < row.y; p++) {
                     let photon = load_photon(p);
-                    // Neighbours in the order are of one surface, most of them.
-                    if (photon.w & 0x3fffu) != seen {
-                        seen = photon.w & 0x3fffu;
-                        cosine = dot(normal, oct_decode7(seen));
+                    var counts_surely = true;
+                    var may_count = true;
+                    @if(!paper_counting) {
+                        counts_surely = oct_within7(photon.w, normal, cos_sure * cos_sure);
+                        may_count = oct_within7(photon.w, normal, cos_maybe * cos_maybe);
                     }
                     let from_centre = bitcast<vec3f>(photon.xyz) - centre;
                     let least = max(max(from_centre - box_high, box_low - from_centre), vec3f(0.0));
@@ -257,8 +258,8 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
                     let along_least = max(along - slack, 0.0);
                     let along_most = along + slack;
                     // A hair of margin for the rounding of the query's own distance.
-                    let lower = select(FAR, 0.9997 * (dot(least, least) + NORMAL_STRETCH * along_least * along_least), cosine >= cos_maybe);
-                    let upper = select(FAR, 1.0003 * (most_squared + NORMAL_STRETCH * along_most * along_most), cosine >= cos_sure);
+                    let lower = select(FAR, 0.9997 * (dot(least, least) + NORMAL_STRETCH * along_least * along_least), may_count);
+                    let upper = select(FAR, 1.0003 * (most_squared + NORMAL_STRETCH * along_most * along_most), counts_surely);
                     let shadow = photon_is_shadow(photon.w);
                     let counts = upper <= limit;
                     sure += u32(counts);

@@ -2,7 +2,7 @@
 
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::constants::REACH_CELLS;
-import package::lib::math::{oct_decode7, oct_encode7};
+import package::lib::math::{oct_decode7, oct_within7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK};
 
 // Nearest photons asked for (k).
@@ -28,8 +28,7 @@ struct GridShape {
 @if(!paper_counting) const NORMAL_STRETCH = 15.0;
 @if(paper_counting) const NORMAL_STRETCH = 0.0;
 // Photons whose normals differ by more than 45 degrees are of another surface.
-@if(!paper_counting) const COS_COMPATIBLE = 0.70710678;
-@if(paper_counting) const COS_COMPATIBLE = -2.0;
+const COMPATIBLE_COSINE_SQUARED = 0.5;
 
 // The largest search radius, in cells.
 const REACH_MAX = f32(REACH_CELLS);
@@ -48,6 +47,12 @@ fn load_cell_start(i: u32) -> u32 {
     let record = i >> 2u;
     @if(texture_loads) { return textureLoad(cell_starts, table_place(record))[i & 3u]; }
     @else { return cell_starts[record][i & 3u]; }
+}
+
+// Whether a photon counts for points of this normal.
+fn compatible(word: u32, normal: vec3f) -> bool {
+    @if(paper_counting) { return true; }
+    @if(!paper_counting) { return oct_within7(word, normal, COMPATIBLE_COSINE_SQUARED); }
 }
 
 fn cell_of(grid: GridShape, position: vec3f) -> vec3u {

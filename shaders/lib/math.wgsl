@@ -31,9 +31,14 @@ fn oct_wrap(n: vec3f) -> vec2f {
 }
 
 fn oct_unwrap(p: vec2f) -> vec3f {
-    let z = 1.0 - abs(p.x) - abs(p.y);
+    return normalize(oct_unfold(p, 1.0));
+}
+
+// The point of the octahedron |x| + |y| + |z| = size that the map takes to p.
+fn oct_unfold(p: vec2f, size: f32) -> vec3f {
+    let z = size - abs(p.x) - abs(p.y);
     let fold = max(-z, 0.0);
-    return normalize(vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z));
+    return vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z);
 }
 
 // A unit vector in 32 bits: within 7e-5 radians, by the same reckoning as below.
@@ -53,5 +58,18 @@ fn oct_encode7(n: vec3f) -> u32 {
 }
 
 fn oct_decode7(bits: u32) -> vec3f {
-    return oct_unwrap((vec2f(vec2u(bits, bits >> 7u) & vec2u(127u)) - 63.0) / 63.0);
+    return normalize(oct_direction7(bits));
+}
+
+// The direction of the code's vector, in whole numbers.
+fn oct_direction7(bits: u32) -> vec3f {
+    return oct_unfold(vec2f(vec2i(vec2u(bits, bits >> 7u) & vec2u(127u)) - 63), 63.0);
+}
+
+// Whether the vector of a code is within an angle of the unit vector n, given the angle's cosine squared, below 90
+// degrees: without the root and the divisions of a unit vector, which took a quarter of a search.
+fn oct_within7(bits: u32, n: vec3f, cosine_squared: f32) -> bool {
+    let v = oct_direction7(bits);
+    let along = dot(v, n);
+    return along > 0.0 && along * along >= cosine_squared * dot(v, v);
 }

@@ -31,9 +31,12 @@ fn photon_is_shadow(word: u32) -> bool {
     return (word & PHOTON_SHADOW) != 0u;
 }
 
-// How many hits the photon stands for, in sixteenths: 2^(w/4). Integers, so that sums do not depend on order.
+// How many hits the photon stands for, in sixteenths, rounded: 2^(w/4). Integers, so that sums do not depend on order.
 fn photon_weight_sixteenths(word: u32) -> u32 {
-    return u32(round(16.0 * exp2(f32((word >> 25u) & 0x3fu) * 0.25)));
+    let w = word >> 25u;
+    // 2^16 times 1, 2^(1/4), 2^(1/2), 2^(3/4): shifted by 15 at most, they fill 32 bits.
+    let whole = select(select(65536u, 77936u, (w & 1u) != 0u), select(92682u, 110218u, (w & 1u) != 0u), (w & 2u) != 0u);
+    return ((whole << ((w >> 2u) & 15u)) + 2048u) >> 12u;
 }
 
 // The word of a photon that stands for `weight` hits, to the nearest fourth root of two.
