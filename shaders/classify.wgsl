@@ -1,9 +1,9 @@
 // Says of points, light by light, whether their nearest photons are all lit, all shadowed, or both.
 
 import package::lib::dispatch::group_index;
-import package::lib::math::oct_decode16;
+import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
-import package::lib::grid::{GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, compatible, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
+import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_code, asked_word, cell_index, cell_of, compatible, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -40,6 +40,14 @@ var<immediate> classify_pass: ClassifyParameters;
 @group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
 @group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
 
+// Cells that are asked about: by cell the normal's code and the place in `asked_cells`, from 1; see lib/grid.wgsl.
+@if(visibility_map) @group(0) @binding(9) var<storage, read_write> asked_codes: array<atomic<u32>>;
+@if(visibility_map) @group(0) @binding(10) var<storage, read_write> asked_places: array<u32>;
+@if(visibility_map) @group(0) @binding(11) var<storage, read_write> asked_cells: array<AskedCell>;
+@if(visibility_map) @group(0) @binding(12) var<storage, read_write> asked_lengths: array<atomic<u32>, 3>;
+
+// No class: the verdicts settle nothing.
+const UNDECIDED = 0xffffffffu;
 const FAR = 1e30;
 const QUERY_QUEUE = 0u;
 const BOUNDARY_QUEUE = 1u;
@@ -67,7 +75,7 @@ fn classify(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     var queued = false;
     if slot < classify_pass.slot_count {
         let word = class_by_verdict(slot);
-        @if(visibility_map) { queued = class_of(word) == CLASS_UNKNOWN; }
+        queued = word == UNDECIDED;
         if queued { rank = atomicAdd(&group_length, 1u); } else { classes[slot] = word; }
     }
     workgroupBarrier();
@@ -89,10 +97,61 @@ fn class_by_verdict(slot: u32) -> u32 {
         if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
     @if(!visibility_map) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
-    @if(visibility_map) { return class_of_verdict(verdict_at(light, point.position, normal)); }
+    @if(visibility_map) {
+        let verdict = verdict_at(light, point.position, normal);
+        if verdict.reach == 0.0 { ask_about_cell(light, point.position, normal); }
+        return class_of_verdict(verdict);
+    }
 }
 
-// The class word that a verdict stands for; CLASS_UNKNOWN alone where it settles nothing.
+// The first to ask about a cell finds it a place.
+@if(visibility_map)
+fn ask_about_cell(light: u32, position: vec3f, normal: vec3f) {
+    let at = cell_of(classify_pass.grid, position);
+    if !in_cell(from_centre_of(at, position)) { return; }
+    let cell = cell_index(classify_pass.grid, light, at);
+    if atomicMax(&asked_codes[cell], asked_word(oct_encode7(normal))) == 0u {
+        let place = atomicAdd(&asked_lengths[0], 1u);
+        if place < arrayLength(&asked_cells) {
+            asked_cells[place].cell = cell;
+            asked_places[cell] = place + 1u;
+        }
+    }
+}
+
+// The slab and the cone of the points that ask, cell by cell.
+@if(visibility_map) @compute @workgroup_size(64)
+fn ask(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if i >= atomicLoad(&queue_lengths[QUERY_QUEUE]) { return; }
+    let slot = query_queue[i];
+    let local_light = slot / classify_pass.tile.point_count;
+    let point = points[slot - local_light * classify_pass.tile.point_count];
+    let at = cell_of(classify_pass.grid, point.position);
+    let from_centre = from_centre_of(at, point.position);
+    let cell = cell_index(classify_pass.grid, classify_pass.first_light + local_light, at);
+    let place = asked_places[cell];
+    // Cells that are judged already stay as they are.
+    if !in_cell(from_centre) || place <= atomicLoad(&asked_lengths[1]) { return; }
+    let surface_normal = oct_decode7(asked_code(atomicLoad(&asked_codes[cell])));
+    let cosine = dot(oct_decode16(point.normal), surface_normal);
+    if cosine < COS_CLUSTER { return; }
+    let offset = dot(from_centre, surface_normal) * (classify_pass.grid.inverse_cell / ASKED_UNIT);
+    atomicMax(&asked_cells[place - 1u].low, u32(i32(ASKED_ZERO) - i32(floor(offset))));
+    atomicMax(&asked_cells[place - 1u].high, u32(i32(ASKED_ZERO) + i32(ceil(offset))));
+    atomicMax(&asked_cells[place - 1u].spread, u32(ceil((1.0 - cosine) / ASKED_UNIT)));
+}
+
+fn from_centre_of(cell: vec3u, position: vec3f) -> vec3f {
+    return position - (classify_pass.grid.origin + (vec3f(cell) + 0.5) * classify_pass.grid.cell);
+}
+
+// A point outside of the grid is in no cell.
+fn in_cell(from_centre: vec3f) -> bool {
+    return all(abs(from_centre) <= vec3f(0.5004 * classify_pass.grid.cell));
+}
+
+// The class word that a verdict stands for, or UNDECIDED.
 @if(visibility_map)
 fn class_of_verdict(verdict: Verdict) -> u32 {
     if verdict.class_ == CLASS_LIT { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
@@ -101,21 +160,33 @@ fn class_of_verdict(verdict: Verdict) -> u32 {
         let lit = clamp(u32(round(verdict.visibility * f32(nearest))), 1u, nearest - 1u);
         return class_word(CLASS_BOUNDARY, lit, nearest - lit, verdict.visibility);
     }
-    return CLASS_UNKNOWN;
+    if verdict.class_ == CLASS_UNKNOWN && !exact_counts { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
+    return UNDECIDED;
 }
 
 // The verdict that holds at the point; one without class or reach where there is none.
 fn verdict_at(light: u32, position: vec3f, normal: vec3f) -> Verdict {
     let cell = cell_of(classify_pass.grid, position);
     let record = load_cell_record(cell_index(classify_pass.grid, light, cell));
-    let size = classify_pass.grid.cell;
-    let from_centre = position - (classify_pass.grid.origin + (vec3f(cell) + 0.5) * size);
-    // A point outside of the grid is in no cell.
-    if all(abs(from_centre) <= vec3f(0.5004 * size)) {
+    let from_centre = from_centre_of(cell, position);
+    if in_cell(from_centre) {
         for (var i = 0u; i < 2u; i++) {
-            let verdict = decode_verdict(select(record.zw, record.xy, i == 0u), size);
+            let verdict = decode_verdict(select(record.zw, record.xy, i == 0u), classify_pass.grid.cell);
             if verdict_holds(verdict, from_centre, normal) { return verdict; }
         }
+    }
+    return Verdict(CLASS_DARK, normal, 1.0, 0.0, 0.0, 0.0, 0.0);
+}
+
+// The same of the verdict on an asked cell.
+@if(visibility_map)
+fn asked_verdict_at(light: u32, position: vec3f, normal: vec3f) -> Verdict {
+    let cell = cell_of(classify_pass.grid, position);
+    let from_centre = from_centre_of(cell, position);
+    let place = asked_places[cell_index(classify_pass.grid, light, cell)];
+    if in_cell(from_centre) && place > 0u {
+        let verdict = decode_verdict(asked_cells[place - 1u].verdict, classify_pass.grid.cell);
+        if verdict_holds(verdict, from_centre, normal) { return verdict; }
     }
     return Verdict(CLASS_DARK, normal, 1.0, 0.0, 0.0, 0.0, 0.0);
 }
@@ -180,14 +251,23 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
 }
 
 // The exact search for the slots that no verdict settled.
-@compute @workgroup_size(64)
+@if(visibility_map) @compute @workgroup_size(64)
 fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUERY_QUEUE]) { return; }
     let slot = query_queue[i];
     let local_light = slot / classify_pass.tile.point_count;
     let point = points[slot - local_light * classify_pass.tile.point_count];
-    classes[slot] = near_word(class_by_search(classify_pass.first_light + local_light, point.position, oct_decode16(point.normal)));
+    let light = classify_pass.first_light + local_light;
+    let normal = oct_decode16(point.normal);
+    var verdict = verdict_at(light, point.position, normal);
+    // A loop of one turn: software devices run the body of an if for every lane, but not that of a loop without any.
+    for (var asked = verdict.reach == 0.0; asked; asked = false) { verdict = asked_verdict_at(light, point.position, normal); }
+    var word = class_of_verdict(verdict);
+    for (var searched = word == UNDECIDED; searched; searched = false) {
+        word = near_word(class_by_search(light, point.position, normal, verdict.reach));
+    }
+    classes[slot] = word;
 }
 
 // What a search finds within a distance.
@@ -241,21 +321,20 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
 // The first look at a point whose reach is known: this share of the squared reach, which holds somewhat fewer than k.
 const SHORT_SHARE = 0.35;
 
-fn class_by_search(light: u32, position: vec3f, normal: vec3f) -> u32 {
+fn class_by_search(light: u32, position: vec3f, normal: vec3f, known_reach: f32) -> u32 {
     looks_left = LOOK_LIMIT;
     let grid = classify_pass.grid;
     let farthest = REACH_MAX * grid.cell;
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
 
     // The nearest k, and perhaps more, are within the reach.
-    let verdict = verdict_at(light, position, normal);
-    var reach = verdict.reach;
+    var reach = known_reach;
     if reach == 0.0 {
         reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
     }
     reach = min(reach, farthest);
     // Where it is sure that there are k, a few of both kinds nearby are enough to see a boundary.
-    let short = verdict.reach > 0.0 && !exact_counts;
+    let short = known_reach > 0.0 && !exact_counts;
     var limit = reach * reach * select(1.0, SHORT_SHARE, short);
     var visibility = 0.0;
     var deciding = false;
@@ -357,36 +436,34 @@ const DILATE_SLOPE = 0.25;
 // Normals of neighbours on one surface: 25 degrees.
 const DILATE_COSINE = 0.9063;
 
-// A lit or shadowed point becomes a boundary where a neighbour on the same surface is one, or is unknown.
+// A lit or shadowed point becomes a boundary where a neighbour on the same surface is one, or is unknown. Few points
+// are, so each of those looks for such neighbours and writes their words; the others are copied beforehand.
 @compute @workgroup_size(64)
 fn dilate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if slot >= classify_pass.slot_count { return; }
-    let word = classes[slot];
-    let own = class_of(word);
-    var result = word;
-    if own == CLASS_LIT || own == CLASS_SHADOWED {
-        let first = slot / classify_pass.tile.point_count * classify_pass.tile.point_count;
-        let pixel = slot - first;
-        // Neighbours are of the same sample: the tile's samples are layers of whole rows.
-        let width = i32(classify_pass.tile.width);
-        let rows = i32(classify_pass.tile.pixel_count) / width;
-        let top = i32(pixel / classify_pass.tile.pixel_count) * rows;
-        let at = vec2i(i32(pixel) % width, i32(pixel) / width);
-        let radius = i32(classify_pass.dilate_radius);
-        let low = max(at - radius, vec2i(0, top));
-        let high = min(at + radius, vec2i(width, top + rows) - 1);
-        for (var y = low.y; y <= high.y; y++) {
-            for (var x = low.x; x <= high.x; x++) {
-                let other = u32(y * width + x);
-                let class_ = class_of(classes[first + other]);
-                if (class_ == CLASS_BOUNDARY || class_ == CLASS_UNKNOWN) && same_surface(points[pixel], points[other]) {
-                    result = (word & ~7u) | CLASS_BOUNDARY;
-                }
+    let own = class_of(classes[slot]);
+    if own != CLASS_BOUNDARY && own != CLASS_UNKNOWN { return; }
+    let first = slot / classify_pass.tile.point_count * classify_pass.tile.point_count;
+    let pixel = slot - first;
+    // Neighbours are of the same sample: the tile's samples are layers of whole rows.
+    let width = i32(classify_pass.tile.width);
+    let rows = i32(classify_pass.tile.pixel_count) / width;
+    let top = i32(pixel / classify_pass.tile.pixel_count) * rows;
+    let at = vec2i(i32(pixel) % width, i32(pixel) / width);
+    let radius = i32(classify_pass.dilate_radius);
+    let low = max(at - radius, vec2i(0, top));
+    let high = min(at + radius, vec2i(width, top + rows) - 1);
+    for (var y = low.y; y <= high.y; y++) {
+        for (var x = low.x; x <= high.x; x++) {
+            let other = u32(y * width + x);
+            let word = classes[first + other];
+            let class_ = class_of(word);
+            if (class_ == CLASS_LIT || class_ == CLASS_SHADOWED) && same_surface(points[other], points[pixel]) {
+                dilated_classes[first + other] = (word & ~7u) | CLASS_BOUNDARY;
             }
         }
     }
-    dilated_classes[slot] = result;
 }
 
 fn same_surface(a: Point, b: Point) -> bool {

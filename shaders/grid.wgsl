@@ -3,8 +3,8 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, Photon, photon_is_shadow, photon_light, photon_normal};
-import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, Photon, photon_is_shadow, photon_light, photon_normal};
+import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COMPATIBLE_COSINE_SQUARED, COS_CLUSTER, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_code, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
 
 struct GridParameters {
     grid: GridShape,
@@ -26,6 +26,12 @@ var<immediate> grid_pass: GridParameters;
 @group(0) @binding(6) var<storage, read_write> occupied_cells: array<atomic<u32>>;
 @group(0) @binding(7) var<storage, read_write> judge_arguments: array<u32, 3>;
 @group(0) @binding(8) var<storage, read_write> judged_cells: array<vec4u>;
+
+// How many cells are asked about, how many of them are judged, and how many were before the last ones.
+@group(0) @binding(9) var<storage, read_write> asked_lengths: array<atomic<u32>, 3>;
+@group(0) @binding(12) var<storage, read_write> asked_arguments: array<u32, 3>;
+@group(0) @binding(13) var<storage, read> asked_codes: array<u32>;
+@group(0) @binding(14) var<storage, read_write> asked_cells: array<AskedCell>;
 
 const GRID_GROUP = 64u;
 // Cells that one invocation scans in turn: on lavapipe several times faster than a scan in shared memory.
@@ -122,18 +128,18 @@ const OWN_LIMIT = 2048u;
 // Photons and rows of cells that one verdict may look at, as a multiple of k. On an even surface five times k are
 // enough; where many are not of the surface (foliage), a verdict costs more than it saves.
 const LOOKS_PER_NEAREST = 24u;
+// The same for a cell that is asked about: many points share the answer. A quarter of those iterations.
+const ASKED_LOOKS = 16384u;
 const NO_CODE = 0xffffffffu;
 const FAR = 1e30;
-const COS_CLUSTER = 0.8660254;
 
 @compute @workgroup_size(64)
 fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * GRID_GROUP + lane;
     if i >= atomicLoad(&occupied_cells[0]) { return; }
     let cell = atomicLoad(&occupied_cells[1u + i]);
-    let size = grid_pass.grid.size;
-    let at = vec3u(cell % size.x, (cell / size.x) % size.y, (cell / (size.x * size.y)) % size.z);
-    let light = cell / (size.x * size.y * size.z);
+    let at = place_of_cell(cell);
+    let light = light_of_cell(cell);
     let begin = load_cell_start(cell);
     let end = load_cell_start(cell + 1u);
     if end - begin > OWN_LIMIT { return; }
@@ -155,22 +161,33 @@ fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
             }
         }
     }
-    var words = vec4u(judge_normal(light, at, begin, end, first), 0u, 0u);
+    var words = vec4u(judge_photons(light, at, begin, end, first), 0u, 0u);
     if second != NO_CODE {
-        let more = judge_normal(light, at, begin, end, second);
+        let more = judge_photons(light, at, begin, end, second);
         words = vec4u(words.xy, more);
     }
     judged_cells[cell] = words;
 }
 
-fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u {
+fn place_of_cell(cell: u32) -> vec3u {
+    let size = grid_pass.grid.size;
+    return vec3u(cell % size.x, (cell / size.x) % size.y, (cell / (size.x * size.y)) % size.z);
+}
+
+fn light_of_cell(cell: u32) -> u32 {
+    let size = grid_pass.grid.size;
+    return cell / (size.x * size.y * size.z);
+}
+
+fn cell_centre(at: vec3u) -> vec3f {
+    return grid_pass.grid.origin + (vec3f(at) + 0.5) * grid_pass.grid.cell;
+}
+
+// The verdict for the surface of the cell's own photons whose normals are about that of the code.
+fn judge_photons(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u {
     let cell = grid_pass.grid.cell;
     let normal = oct_decode7(code);
-    // Rounding may put a point this far outside its cell.
-    let half_size = 0.5005 * cell;
-    let centre = grid_pass.grid.origin + (vec3f(at) + 0.5) * cell;
-
-    // The slab and the cone about the photons' own surface, with a margin for the points between them.
+    let centre = cell_centre(at);
     var low = 4.0 * cell;
     var high = -4.0 * cell;
     var cos_spread = 1.0;
@@ -184,9 +201,49 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
             cos_spread = min(cos_spread, cosine);
         }
     }
-    // The octahedral code's own error, 0.02 radians, and half of it more.
-    let sine = safe_sqrt(1.0 - cos_spread * cos_spread);
-    cos_spread = cos_spread * 0.99955 - sine * 0.03;
+    return judge_surface(light, at, code, low, high, cos_spread, LOOKS_PER_NEAREST * nearest);
+}
+
+// The asked cells to be judged: none where more are asked about than there is room for, since which of them have
+// a place depends on chance.
+@compute @workgroup_size(1)
+fn arrange_asked() {
+    let asked = atomicLoad(&asked_lengths[0]);
+    let judged = atomicLoad(&asked_lengths[1]);
+    let end = select(judged, asked, asked <= arrayLength(&asked_cells));
+    atomicStore(&asked_lengths[1], end);
+    atomicStore(&asked_lengths[2], judged);
+    let groups = (end - judged + GRID_GROUP - 1u) / GRID_GROUP;
+    asked_arguments[0] = min(groups, MAX_GROUPS_X);
+    asked_arguments[1] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
+    asked_arguments[2] = 1u;
+}
+
+@compute @workgroup_size(64)
+fn judge_asked(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = atomicLoad(&asked_lengths[2]) + group_index(group, groups) * GRID_GROUP + lane;
+    if i >= atomicLoad(&asked_lengths[1]) { return; }
+    let cell = asked_cells[i].cell;
+    let unit = ASKED_UNIT * grid_pass.grid.cell;
+    let low = f32(i32(ASKED_ZERO) - i32(atomicLoad(&asked_cells[i].low))) * unit;
+    let high = f32(i32(atomicLoad(&asked_cells[i].high)) - i32(ASKED_ZERO)) * unit;
+    let cos_spread = 1.0 - f32(atomicLoad(&asked_cells[i].spread)) * ASKED_UNIT;
+    let code = asked_code(asked_codes[cell]);
+    asked_cells[i].verdict = judge_surface(light_of_cell(cell), place_of_cell(cell), code, low, high, cos_spread, ASKED_LOOKS);
+}
+
+// What holds for the points of a surface: those of the cell whose offsets along the code's normal are between `low` and
+// `high`, or nearly, and whose normals are within the cone. No more than `most_looks` photons and rows are looked at.
+fn judge_surface(light: u32, at: vec3u, code: u32, low: f32, high: f32, cosine: f32, most_looks: u32) -> vec2u {
+    let cell = grid_pass.grid.cell;
+    let normal = oct_decode7(code);
+    // Rounding may put a point this far outside its cell.
+    let half_size = 0.5005 * cell;
+    let centre = cell_centre(at);
+
+    // A margin for the points between: the octahedral code's own error, 0.02 radians, and half of it more.
+    let sine = safe_sqrt(1.0 - cosine * cosine);
+    let cos_spread = cosine * 0.99955 - sine * 0.03;
     var verdict = Verdict(CLASS_DARK, normal, cos_spread, 0.5 * (low + high), 0.6 * (high - low) + 0.02 * cell, 0.0, 0.0);
     verdict = decode_verdict(encode_verdict(verdict, code, grid_pass.grid.inverse_cell), cell);
 
@@ -223,6 +280,7 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
     loop {
         let limit = reach * reach * cell * cell;
         var sure = 0u;
+        var maybe = 0u;
         var sure_lit_count = 0u;
         var sure_a = vec4u(0u);
         var sure_b = vec4u(0u);
@@ -240,7 +298,7 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
             for (var y = row_low.x; y <= row_high.x; y++) {
                 let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);
                 looked_at += row.y - row.x + 1u;
-                if looked_at > LOOKS_PER_NEAREST * nearest { return vec2u(0u); }
+                if looked_at > most_looks { return vec2u(0u); }
                 for (var p = row.x; p < row.y; p++) {
                     let photon = load_photon(p);
                     var counts_surely = true;
@@ -263,6 +321,7 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
                     let shadow = photon_is_shadow(photon.w);
                     let counts = upper <= limit;
                     sure += u32(counts);
+                    maybe += u32(lower <= limit);
                     sure_lit_count += u32(counts && !shadow);
                     maybe_lit = min(maybe_lit, select(lower, FAR, shadow));
                     maybe_shadow = min(maybe_shadow, select(FAR, lower, shadow));
@@ -278,7 +337,12 @@ fn judge_normal(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u
             }
         }
         if sure < nearest {
-            if reach >= REACH_MAX { return vec2u(0u); }
+            if reach >= REACH_MAX {
+                if maybe >= nearest { return vec2u(0u); }
+                verdict.class_ = CLASS_UNKNOWN;
+                verdict.reach = REACH_MAX * cell;
+                return encode_verdict(verdict, code, grid_pass.grid.inverse_cell);
+            }
             reach = min(reach * clamp(sqrt(f32(nearest) / f32(max(sure, 1u))) * 1.1, 1.25, 2.0), REACH_MAX);
             continue;
         }

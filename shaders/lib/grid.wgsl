@@ -3,7 +3,7 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::constants::REACH_CELLS;
 import package::lib::math::{oct_decode7, oct_within7};
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK};
+import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN};
 
 // Nearest photons asked for (k).
 override nearest: u32;
@@ -67,7 +67,7 @@ fn cell_index(grid: GridShape, light: u32, cell: vec3u) -> u32 {
 // What holds for every point of a cell whose normal is within `cos_spread` of `normal` and whose offset from the
 // cell's centre along `normal` is within `thickness` of `offset`.
 struct Verdict {
-    // Lit, shadowed or boundary; dark: nothing is certain but the reach.
+    // Lit, shadowed or boundary; unknown: fewer than k are in reach; dark: nothing is certain but the reach.
     class_: u32,
     normal: vec3f,
     cos_spread: f32,
@@ -85,8 +85,10 @@ const SPREAD_UNIT = (1.0 - 0.81915204) / 255.0;
 const OFFSET_UNIT = 1.0 / 2048.0;
 const THICKNESS_UNIT = 1.0 / 128.0;
 const REACH_UNIT = 1.0 / 16.0;
+const VERDICT_UNKNOWN = 0x80000000u;
 
-// Bits 0-13 normal, 14-15 class, 16-23 spread, 24-31 thickness; 0-11 offset, 12-19 reach, 20-30 visibility.
+// Bits 0-13 normal, 14-15 class, 16-23 spread, 24-31 thickness; 0-11 offset, 12-19 reach, 20-30 visibility, 31 class
+// unknown.
 fn encode_verdict(verdict: Verdict, normal_code: u32, inverse_cell: f32) -> vec2u {
     let spread = u32(clamp(ceil((1.0 - verdict.cos_spread) / SPREAD_UNIT), 0.0, 255.0));
     let thickness = u32(clamp(ceil(verdict.thickness * inverse_cell / THICKNESS_UNIT), 0.0, 255.0));
@@ -94,14 +96,14 @@ fn encode_verdict(verdict: Verdict, normal_code: u32, inverse_cell: f32) -> vec2
     let reach = u32(clamp(ceil(verdict.reach * inverse_cell / REACH_UNIT), 0.0, 255.0));
     let visibility = u32(round(verdict.visibility * 2047.0));
     return vec2u(
-        normal_code | (verdict.class_ << 14u) | (spread << 16u) | (thickness << 24u),
-        offset | (reach << 12u) | (visibility << 20u),
+        normal_code | ((verdict.class_ & 3u) << 14u) | (spread << 16u) | (thickness << 24u),
+        offset | (reach << 12u) | (visibility << 20u) | select(0u, VERDICT_UNKNOWN, verdict.class_ == CLASS_UNKNOWN),
     );
 }
 
 fn decode_verdict(words: vec2u, cell: f32) -> Verdict {
     return Verdict(
-        (words.x >> 14u) & 3u,
+        select((words.x >> 14u) & 3u, CLASS_UNKNOWN, (words.y & VERDICT_UNKNOWN) != 0u),
         oct_decode7(words.x & 0x3fffu),
         1.0 - f32((words.x >> 16u) & 255u) * SPREAD_UNIT,
         (f32(words.y & 4095u) - 2048.0) * OFFSET_UNIT * cell,
@@ -118,6 +120,35 @@ fn verdict_holds(verdict: Verdict, from_centre: vec3f, normal: vec3f) -> bool {
         && dot(normal, verdict.normal) >= verdict.cos_spread
         && abs(dot(from_centre, verdict.normal) - verdict.offset) <= verdict.thickness;
 }
+
+// A cell that is asked about: points lie in it for which the photons' own verdicts do not hold, because its photons are
+// of other surfaces or it has none. It is judged once, for the surface of the points.
+struct AskedCell {
+    // Its index, as `cell_index` gives it.
+    cell: u32,
+    // The slab and the cone of the points whose normals are about that of `asked_codes`: offsets from the cell's centre
+    // along that normal and cosines to it, in units of ASKED_UNIT. The low ones are complements, so that each is
+    // a maximum and 0 is nothing.
+    low: atomic<u32>,
+    high: atomic<u32>,
+    spread: atomic<u32>,
+    verdict: vec2u,
+}
+
+// Codes of normals as `asked_codes` has them: the greatest word is the smallest code, and 0 is none.
+fn asked_word(code: u32) -> u32 {
+    return 0x4000u - code;
+}
+
+fn asked_code(word: u32) -> u32 {
+    return 0x4000u - word;
+}
+
+// In cells; and for cosines.
+const ASKED_UNIT = 1.0 / 16384.0;
+const ASKED_ZERO = 32768u;
+// Normals this near to that of a verdict are of its surface: 30 degrees.
+const COS_CLUSTER = 0.8660254;
 
 // Half the size of the box around |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`: the ellipsoid's
 // matrix is I + 15 n n^T, its inverse I - 15/16 n n^T.

@@ -106,6 +106,7 @@ struct Entry {
 }
 
 /// An entry point with its resources bound.
+#[derive(Clone)]
 pub struct BoundKernel {
     /// `<kernel>/<entry>`.
     pub label: String,

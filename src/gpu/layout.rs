@@ -45,6 +45,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::Tile::SHARED,
     &passes::classify::ClassifyParameters::SHARED,
     &passes::film::FilmParameters::SHARED,
+    &passes::grid::AskedCell::SHARED,
     &passes::grid::GridParameters::SHARED,
     &passes::grid::GridShape::SHARED,
     &passes::grid::Photon::SHARED,

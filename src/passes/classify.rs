@@ -3,7 +3,7 @@
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, compose};
 use crate::{Error, Result, bindings, shared_struct};
 
-use super::grid::{GridShape, MAX_NEAREST, PhotonGrid};
+use super::grid::{GridShape, JudgeAsked, MAX_NEAREST, PhotonGrid};
 use super::{Tile, TileBuffers};
 
 /// What the photons say of a point and a light.
@@ -151,12 +151,19 @@ pub struct Classify {
 pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    query: Option<BoundKernel>,
+    /// What decides the points that no verdict settles, where there is a map.
+    undecided: Option<Undecided>,
     dilate: BoundKernel,
     compact: BoundKernel,
     compact_undilated: BoundKernel,
     arrange: BoundKernel,
     query_group: u32,
+}
+
+struct Undecided {
+    ask: BoundKernel,
+    judge_asked: JudgeAsked,
+    query: BoundKernel,
 }
 
 impl Classify {
@@ -207,7 +214,14 @@ impl Classify {
         Ok(BoundClassify {
             shape: grid.map_or(GridShape::default(), |grid| grid.shape),
             classify: bind("classify", dilated)?,
-            query: self.map.then(|| bind("query", dilated)).transpose()?,
+            undecided: match grid {
+                Some(grid) if self.map => Some(Undecided {
+                    ask: bind("ask", dilated)?,
+                    judge_asked: grid.judge_asked(),
+                    query: bind("query", dilated)?,
+                }),
+                _ => None,
+            },
             dilate: bind("dilate", dilated)?,
             compact: bind("compact", dilated)?,
             compact_undilated: bind("compact", &buffers.classes)?,
@@ -244,11 +258,14 @@ impl BoundClassify {
         let query = parameters(Queue::Query, self.query_group);
         frame.clear(&buffers.queue_lengths);
         frame.run(&self.classify, slots, &query);
-        if let Some(kernel) = &self.query {
+        if let Some(Undecided { ask, judge_asked, query: search }) = &self.undecided {
             frame.run(&self.arrange, 1, &query);
-            frame.run_indirect(kernel, arguments, Queue::Query.arguments_offset(), &query);
+            frame.run_indirect(ask, arguments, Queue::Query.arguments_offset(), &query);
+            judge_asked.record(frame);
+            frame.run_indirect(search, arguments, Queue::Query.arguments_offset(), &query);
         }
         if chunk.dilate > 0 {
+            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(slots) * 4);
             frame.run(&self.dilate, slots, &query);
             frame.run(&self.compact, slots, &query);
         } else {

@@ -4,10 +4,12 @@
 //! cell that holds photons is judged: where the nearest k of every point on its surface are of one kind, a query
 //! there is one look-up.
 
+use std::rc::Rc;
+
 use glam::{UVec3, Vec3};
 
 use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel, Resources, Table, compose};
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table, compose};
 use crate::{Error, Result, bindings, shared_struct};
 
 shared_struct! {
@@ -136,6 +138,55 @@ pub struct PhotonGrid {
     photon_table: Table,
     cell_starts: Table,
     cell_records: Table,
+    asked: AskedCells,
+}
+
+/// Cells that points asked about for which the photons' own verdicts do not hold; see `shaders/lib/grid.wgsl`. A
+/// cell's verdict is the same whoever asks, and stays.
+struct AskedCells {
+    codes: Buffer,
+    places: Buffer,
+    cells: Buffer,
+    lengths: Buffer,
+    judge: JudgeAsked,
+}
+
+shared_struct! {
+    /// A cell that is asked about.
+    pub struct AskedCell {
+        cell: u32,
+        low: u32,
+        high: u32,
+        spread: u32,
+        verdict: [u32; 2],
+    }
+}
+
+/// Most cells that can be asked about: 6 MiB. Points in others are searched for one by one.
+const MAX_ASKED: usize = 1 << 18;
+
+/// The part of the pass that runs after points were classified by the verdicts there are.
+#[derive(Clone)]
+pub struct JudgeAsked {
+    arrange: BoundKernel,
+    judge: BoundKernel,
+    arguments: Rc<Buffer>,
+    parameters: GridParameters,
+}
+
+impl JudgeAsked {
+    /// Records the verdicts on the cells that were newly asked about.
+    pub fn record(&self, frame: &mut Frame<'_>) {
+        frame.run(&self.arrange, 1, &self.parameters);
+        frame.run_indirect(&self.judge, &self.arguments, 0, &self.parameters);
+    }
+}
+
+impl PhotonGrid {
+    /// The verdicts on the cells that points ask about.
+    pub fn judge_asked(&self) -> JudgeAsked {
+        self.asked.judge.clone()
+    }
 }
 
 impl Bindings for PhotonGrid {
@@ -144,6 +195,10 @@ impl Bindings for PhotonGrid {
             "photon_table" => Some((&self.photon_table).into()),
             "cell_starts" => Some((&self.cell_starts).into()),
             "cell_records" => Some((&self.cell_records).into()),
+            "asked_codes" => Some((&self.asked.codes).into()),
+            "asked_places" => Some((&self.asked.places).into()),
+            "asked_cells" => Some((&self.asked.cells).into()),
+            "asked_lengths" => Some((&self.asked.lengths).into()),
             _ => None,
         }
     }
@@ -221,7 +276,19 @@ impl Grid {
             Some(texture) => tables.with("cell_starts", texture),
             None => tables.with("cell_starts", &starts),
         };
+        let [codes, places] = ["grid/asked_codes", "grid/asked_places"].map(|label| gpu.buffer::<u32>(label, cells));
+        let (codes, places) = (codes?, places?);
+        let asked_cells = gpu.buffer::<AskedCell>("grid/asked_cells", cells.min(MAX_ASKED))?;
+        let lengths = gpu.buffer::<u32>("grid/asked_lengths", 3)?;
+        let arguments = Rc::new(gpu.buffer::<u32>("grid/asked_arguments", 3)?);
+        let tables = tables
+            .with("asked_codes", &codes)
+            .with("asked_cells", &asked_cells)
+            .with("asked_lengths", &lengths)
+            .with("asked_arguments", &*arguments);
         let judge = self.kernel.bind(gpu, "judge", &[&own, &tables])?;
+        let arrange_asked = self.kernel.bind(gpu, "arrange_asked", &[&tables])?;
+        let judge_asked = self.kernel.bind(gpu, "judge_asked", &[&tables])?;
         frame.run_indirect(&judge, &judge_arguments, 0, &parameters);
         let records_texture = texture(gpu, &mut frame, &judged_cells)?;
         frame.submit()?;
@@ -231,16 +298,23 @@ impl Grid {
             shape,
             lights,
             photons: count,
-            bytes: sorted_photons.bytes + starts.bytes + judged_cells.bytes,
+            bytes: [&sorted_photons, &starts, &judged_cells, &codes, &places, &asked_cells].map(|b| b.bytes).iter().sum(),
             photon_table: table(photon_texture, sorted_photons),
             cell_starts: table(starts_texture, starts),
             cell_records: table(records_texture, judged_cells),
+            asked: AskedCells {
+                codes,
+                places,
+                cells: asked_cells,
+                lengths,
+                judge: JudgeAsked { arrange: arrange_asked, judge: judge_asked, arguments, parameters },
+            },
         })
     }
 }
 
 /// Copies a buffer of whole table rows into a texture, where tables are textures.
-fn texture(gpu: &Gpu, frame: &mut crate::gpu::Frame<'_>, buffer: &Buffer) -> Result<Option<wgpu::TextureView>> {
+fn texture(gpu: &Gpu, frame: &mut Frame<'_>, buffer: &Buffer) -> Result<Option<wgpu::TextureView>> {
     if !gpu.texture_loads {
         return Ok(None);
     }

@@ -183,10 +183,10 @@ impl Direct {
         (0..self.lights).map(|_| Ok(ShadowFilm(film.plane(gpu, pixels, samples, counters)?))).collect()
     }
 
-    /// Adds the photons that audits left to the map, and sorts it anew.
-    pub fn heal(&mut self, shared: &Shared<'_>, totals: &mut Totals) -> Result<()> {
+    /// Adds the photons that audits left to the map and sorts it anew, if that is `due` or there is little room for more.
+    pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
-        if map.heal(shared.gpu, totals)? {
+        if map.heal(shared.gpu, due, totals)? {
             self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
         }
         Ok(())

@@ -44,6 +44,9 @@ pub struct Renderer<'g> {
     tiles: Vec<TileFilm>,
     rows: u32,
     samples: u32,
+    /// Calls of [`Renderer::render_batch`] so far. The map is mended after the first, the second, the fourth, ...: what
+    /// audits find is found early, and sorting the map anew then costs little of a long render.
+    batches: u32,
     totals: Totals,
 }
 
@@ -170,6 +173,7 @@ impl<'g> Renderer<'g> {
             tiles,
             rows,
             samples: 0,
+            batches: 0,
             totals,
         })
     }
@@ -185,6 +189,14 @@ impl<'g> Renderer<'g> {
         let most = (TILE_POINTS / (self.rows * width)).clamp(1, TILE_SAMPLES.min(self.settings.spp));
         let missing = self.settings.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
+        if self.batches > 0
+            && let Lighting::Direct(direct) = &mut self.lighting
+        {
+            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+            let shared = direct::Shared { gpu, scene, tables, tile };
+            direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
+        }
+        self.batches += 1;
         for index in 0..self.tiles.len() {
             let film = &self.tiles[index];
             let pixel_count = film.rows * width;
@@ -216,10 +228,6 @@ impl<'g> Renderer<'g> {
         }
         self.samples += layers;
         self.totals.check()?;
-        if let Lighting::Direct(direct) = &mut self.lighting {
-            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            direct.heal(&direct::Shared { gpu, scene, tables, tile }, &mut self.totals)?;
-        }
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })

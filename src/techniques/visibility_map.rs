@@ -11,9 +11,10 @@ use crate::tables::SceneTables;
 
 use super::totals::Totals;
 
-/// Photons that audits can add between two sortings of the map. Audits that contradict the map are a few in a
-/// thousand of one in 64 points; what does not fit is counted as wrong all the same, and found again.
-const HEAL_BATCH: u32 = 1 << 14;
+/// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
+/// thousand of one in 64 points. Where there are more, which of them have a place depends on chance, so none is taken;
+/// they are counted as wrong all the same, and found again.
+const HEAL_BATCH: u32 = 1 << 16;
 
 /// Photons that audits can add to a map in all.
 const HEAL_ROOM: u32 = 1 << 18;
@@ -87,11 +88,18 @@ impl VisibilityMap {
         })
     }
 
-    /// Adds the photons that audits left to the map and sorts it anew; whether there were any.
-    pub fn heal(&mut self, gpu: &Gpu, totals: &mut Totals) -> Result<bool> {
-        let asked = gpu.read::<u32>(&self.heal_count, 1)?[0];
-        let added = asked.min(HEAL_BATCH).min(self.room);
+    /// Adds the photons that audits left to the map and sorts it anew, if that is `due` or there is little room for
+    /// more; whether it did.
+    pub fn heal(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
+        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        if left == 0 || !(due || left > HEAL_BATCH / 2) {
+            return Ok(false);
+        }
+        let added = if left > HEAL_BATCH.min(self.room) { 0 } else { left };
         if added == 0 {
+            let mut frame = gpu.frame("heal");
+            frame.clear(&self.heal_count);
+            frame.submit()?;
             return Ok(false);
         }
         let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
