@@ -261,12 +261,9 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let light = classify_pass.first_light + local_light;
     let normal = oct_decode16(point.normal);
     var verdict = verdict_at(light, point.position, normal);
-    // A loop of one turn: software devices run the body of an if for every lane, but not that of a loop without any.
-    for (var asked = verdict.reach == 0.0; asked; asked = false) { verdict = asked_verdict_at(light, point.position, normal); }
+    if verdict.reach == 0.0 { verdict = asked_verdict_at(light, point.position, normal); }
     var word = class_of_verdict(verdict);
-    for (var searched = word == UNDECIDED; searched; searched = false) {
-        word = near_word(class_by_search(light, point.position, normal, verdict.reach));
-    }
+    if word == UNDECIDED { word = near_word(class_by_search(light, point.position, normal, verdict.reach)); }
     classes[slot] = word;
 }
 

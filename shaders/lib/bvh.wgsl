@@ -26,8 +26,9 @@ import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_tr
 const STACK_SIZE = 28;
 
 // Turns of the loop after which a traversal gives up and says so: software devices end all loops of an invocation
-// in silence after 65,535 turns in all.
-const MAX_TURNS: u32 = 60000u;
+// in silence after 65,535 turns in all. With alpha tests there may be one more for each.
+@if(alpha_test) const MAX_TURNS: u32 = 30000u;
+@if(!alpha_test) const MAX_TURNS: u32 = 60000u;
 
 // Turns of this invocation so far, over all its traversals. A kernel of other loops may add theirs.
 var<private> traversal_turns: u32;
@@ -219,15 +220,28 @@ fn intersect_slot(walk: ptr<function, Walk>, slot: u32) -> Hit {
     return Hit(found.x, found.y, found.z, slot);
 }
 
+fn within(hit: Hit, t_min: f32, t_max: f32) -> bool {
+    return hit.t > t_min && hit.t <= t_max;
+}
+
+// Whether the surface at a hit asks `alpha_blocks` if it stops a ray.
+fn asks_alpha(hit: Hit) -> bool {
+    @if(alpha_test) { return (triangle_word(hit.triangle) & 1u) != 0u; }
+    @if(!alpha_test) { return false; }
+}
+
 // Whether a hit lies within the ray, and its surface stops this one.
 fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
-    var stopped = hit.t > t_min && hit.t <= t_max;
+    var stopped = within(hit, t_min, t_max);
     @if(alpha_test) {
-        if stopped && (triangle_word(hit.triangle) & 1u) != 0u {
-            stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed);
-        }
+        if stopped && asks_alpha(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed); }
     }
     return stopped;
+}
+
+// Before which hit another one comes: the nearer, and of several at the same distance the one in the lowest slot.
+fn before(hit: Hit, other: Hit) -> bool {
+    return hit.t < other.t || hit.triangle < other.triangle;
 }
 
 // The first surface that the ray meets; of several at the same distance the one in the lowest slot, so that
@@ -235,12 +249,30 @@ fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
 fn trace_closest(ray: Ray, seed: u32) -> Hit {
     var walk = begin_walk(ray);
     var closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
-    while !walk.done {
-        let slot = next_triangle(&walk, closest.t);
-        if slot != NO_HIT {
-            let hit = intersect_slot(&walk, slot);
-            let first = hit.t < closest.t || slot < closest.triangle;
-            if first && stops(hit, ray.t_min, closest.t, seed) { closest = hit; }
+    @if(!alpha_test) {
+        while !walk.done {
+            let slot = next_triangle(&walk, closest.t);
+            if slot != NO_HIT {
+                let hit = intersect_slot(&walk, slot);
+                if before(hit, closest) && within(hit, ray.t_min, closest.t) { closest = hit; }
+            }
+        }
+    }
+    @if(alpha_test) {
+        // Software devices run the body of an if for every lane, whatever its condition: the alpha test, with its
+        // textures, stands outside the loop over triangles.
+        while !walk.done {
+            var asking = Hit(0.0, 0.0, 0.0, NO_HIT);
+            while !walk.done && asking.triangle == NO_HIT {
+                let slot = next_triangle(&walk, closest.t);
+                if slot != NO_HIT {
+                    let hit = intersect_slot(&walk, slot);
+                    if before(hit, closest) && within(hit, ray.t_min, closest.t) {
+                        if asks_alpha(hit) { asking = hit; } else { closest = hit; }
+                    }
+                }
+            }
+            if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { closest = asking; }
         }
     }
     return closest;
@@ -249,9 +281,27 @@ fn trace_closest(ray: Ray, seed: u32) -> Hit {
 // Whether any surface stops the ray.
 fn trace_occluded(ray: Ray, seed: u32) -> bool {
     var walk = begin_walk(ray);
-    while !walk.done {
-        let slot = next_triangle(&walk, ray.t_max);
-        if slot != NO_HIT && stops(intersect_slot(&walk, slot), ray.t_min, ray.t_max, seed) { return true; }
+    @if(!alpha_test) {
+        while !walk.done {
+            let slot = next_triangle(&walk, ray.t_max);
+            if slot != NO_HIT && within(intersect_slot(&walk, slot), ray.t_min, ray.t_max) { return true; }
+        }
+    }
+    @if(alpha_test) {
+        while !walk.done {
+            var asking = Hit(0.0, 0.0, 0.0, NO_HIT);
+            while !walk.done && asking.triangle == NO_HIT {
+                let slot = next_triangle(&walk, ray.t_max);
+                if slot != NO_HIT {
+                    let hit = intersect_slot(&walk, slot);
+                    if within(hit, ray.t_min, ray.t_max) {
+                        if !asks_alpha(hit) { return true; }
+                        asking = hit;
+                    }
+                }
+            }
+            if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { return true; }
+        }
     }
     return false;
 }

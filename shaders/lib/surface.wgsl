@@ -68,7 +68,9 @@ fn uv_at(triangle: u32, u: f32, v: f32) -> Uv {
 fn wrap_texel(coordinate: i32, size: i32, mode: u32) -> u32 {
     if mode == 2u { return u32(clamp(coordinate, 0, size - 1)); }
     let period = select(size, 2 * size, mode == 1u);
-    let inside = ((coordinate % period) + period) % period;
+    // Not by %, which software devices do lane by lane. Coordinates are from -2 to twice the size and some, so the
+    // quotient is too small for its rounding to reach the half that keeps it off whole numbers.
+    let inside = coordinate - period * i32(floor((f32(coordinate) + 0.5) / f32(period)));
     return u32(select(inside, period - 1 - inside, inside >= size));
 }
 
@@ -158,6 +160,52 @@ fn double_sided(triangle: u32) -> bool {
     return (load_material_record(material + 4u).x & MATERIAL_DOUBLE_SIDED) != 0u;
 }
 
+// What a material's textures say of a point; ones where there is none.
+@if(textures)
+struct MaterialTexels {
+    base: vec3f,
+    emission: vec3f,
+    @if(normal_maps) normal: vec3f,
+    @if(glossy) roughness_metallic: vec2f,
+    @if(glossy) specular: f32,
+    @if(glossy) specular_colour: vec3f,
+}
+
+// One turn for each texture that there is: software devices run the body of an if for every lane, whatever its condition,
+// and six texture look-ups one after the other would be done for materials that have one.
+@if(textures)
+fn material_texels(words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
+    let uv = uv_at(hit.triangle, hit.u, hit.v);
+    var result: MaterialTexels;
+    result.base = vec3f(1.0);
+    result.emission = vec3f(1.0);
+    @if(glossy) {
+        result.roughness_metallic = vec2f(1.0);
+        result.specular = 1.0;
+        result.specular_colour = vec3f(1.0);
+    }
+    var left = u32(words.y != 0u) | (u32(more.x != 0u) << 1u);
+    @if(normal_maps) { left |= u32(words.w != 0u) << 2u; }
+    @if(glossy) { left |= (u32(words.z != 0u) << 3u) | (u32(more.y != 0u) << 4u) | (u32(more.z != 0u) << 5u); }
+    while left != 0u {
+        let which = firstTrailingBit(left);
+        left &= left - 1u;
+        var slot = select(words.y, more.x, which == 1u);
+        @if(normal_maps) { slot = select(slot, words.w, which == 2u); }
+        @if(glossy) { slot = select(select(select(slot, words.z, which == 3u), more.y, which == 4u), more.z, which == 5u); }
+        let texel = texture_at(slot, uv);
+        result.base = select(result.base, texel.xyz, which == 0u);
+        result.emission = select(result.emission, texel.xyz, which == 1u);
+        @if(normal_maps) { result.normal = select(result.normal, texel.xyz, which == 2u); }
+        @if(glossy) {
+            result.roughness_metallic = select(result.roughness_metallic, texel.yz, which == 3u);
+            result.specular = select(result.specular, texel.w, which == 4u);
+            result.specular_colour = select(result.specular_colour, texel.xyz, which == 5u);
+        }
+    }
+    return result;
+}
+
 // A point of a surface as a ray meets it.
 struct SurfaceHit {
     position: vec3f,
@@ -201,16 +249,14 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     var metallic = m1.w;
     @if(vertex_colours) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
     @if(textures) let more = load_material_record(material + 5u);
-    @if(textures) var uv: Uv;
+    @if(textures) let texels = material_texels(words, more, hit);
     @if(textures) {
-        let any_texture = (words.y | words.z | words.w | more.x | more.y | more.z) != 0u;
-        if any_texture { uv = uv_at(hit.triangle, hit.u, hit.v); }
-        if words.y != 0u { base *= texture_at(words.y, uv).xyz; }
-        if more.x != 0u { emission *= texture_at(more.x, uv).xyz; }
+        base *= texels.base;
+        emission *= texels.emission;
         @if(normal_maps) {
             if words.w != 0u {
                 let scale = bitcast<f32>(load_material_record(material + 2u).w);
-                let t = mapped_normal(hit, texture_at(words.w, uv).xyz, scale, select(-shading_normal, shading_normal, front));
+                let t = mapped_normal(hit, texels.normal, scale, select(-shading_normal, shading_normal, front));
                 shading_normal = select(-t, t, front);
             }
         }
@@ -235,13 +281,10 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         var specular = m2.z;
         var specular_colour = m3.xyz;
         @if(textures) {
-            if words.z != 0u {
-                let t = texture_at(words.z, uv);
-                roughness *= t.y;
-                metallic *= t.z;
-            }
-            if more.y != 0u { specular *= texture_at(more.y, uv).w; }
-            if more.z != 0u { specular_colour *= texture_at(more.z, uv).xyz; }
+            roughness *= texels.roughness_metallic.x;
+            metallic *= texels.roughness_metallic.y;
+            specular *= texels.specular;
+            specular_colour *= texels.specular_colour;
         }
         let dielectric = min(m2.y * specular_colour, vec3f(1.0)) * specular;
         surface.albedo = base * (1.0 - metallic);
