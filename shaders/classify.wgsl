@@ -203,9 +203,14 @@ struct Tally {
     complete: bool,
 }
 
-// Photons that all searches of one query may look at, and rows of cells: a quarter of the 65,535 iterations that
-// lavapipe grants an invocation is left for the rest. Past it the point is unknown.
-const LOOK_LIMIT = 48000u;
+// Photons and rows of cells that the searches of one query may look at, as a multiple of k, at least and at most; past it
+// the point is unknown. Where so many are not of the surface (foliage), looking costs more than the shadow rays that it could
+// save. Exact counts are given as much again: well below the 65,535 iterations that lavapipe grants an invocation.
+const LOOKS_PER_NEAREST = 64u;
+@if(!paper_counting) const LEAST_LOOKS = 3200u;
+// Without the normals a search is a ball, and not flat; this counting is there to be compared, not for its speed.
+@if(paper_counting) const LEAST_LOOKS = MOST_LOOKS;
+const MOST_LOOKS = 24000u;
 
 var<private> looks_left: u32;
 
@@ -319,7 +324,7 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
 const SHORT_SHARE = 0.35;
 
 fn class_by_search(light: u32, position: vec3f, normal: vec3f, known_reach: f32) -> u32 {
-    looks_left = LOOK_LIMIT;
+    looks_left = clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
     let grid = classify_pass.grid;
     let farthest = REACH_MAX * grid.cell;
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
@@ -365,7 +370,10 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f, known_reach: f32)
         limit = max(found.nearest_lit, found.nearest_shadow);
         deciding = true;
     }
-    if exact_counts { return class_by_counts(light, position, normal, reach); }
+    if exact_counts {
+        looks_left += clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
+        return class_by_counts(light, position, normal, reach);
+    }
     let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
     return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
 }

@@ -156,6 +156,17 @@ impl Needs {
         needs
     }
 
+    /// Leaves the visibility map out, and what there is for it, once a render has found that it does not pay.
+    pub(crate) fn leave_map_out(&mut self, reason: &str) {
+        for name in ["visibility_map", "light_tags", "paper_counting", "audit"] {
+            if let Some(at) = self.kept.iter().position(|item| item.name == name) {
+                let item = self.kept.remove(at);
+                self.left_out.push(Item { reason: reason.to_owned(), ..item });
+                self.features = std::mem::take(&mut self.features).with(name, false);
+            }
+        }
+    }
+
     fn decide(&mut self, name: &'static str, on: bool, kept_for: String, left_out_for: &str, cost: &str) {
         self.features = std::mem::take(&mut self.features).with(name, on);
         let reason = if on { kept_for } else { left_out_for.to_owned() };

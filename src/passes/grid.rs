@@ -298,7 +298,10 @@ impl Grid {
             shape,
             lights,
             photons: count,
-            bytes: [&sorted_photons, &starts, &judged_cells, &codes, &places, &asked_cells].map(|b| b.bytes).iter().sum(),
+            bytes: [&sorted_photons, &starts, &judged_cells, &codes, &places, &asked_cells]
+                .map(|b| b.bytes)
+                .iter()
+                .sum(),
             photon_table: table(photon_texture, sorted_photons),
             cell_starts: table(starts_texture, starts),
             cell_records: table(records_texture, judged_cells),
