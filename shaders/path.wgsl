@@ -1,27 +1,32 @@
-// path: the reference. From each point of the tile a path on through the scene; at each of its vertices one light is
-// asked by a shadow ray, and lights that the path itself meets count too, both weighted by how likely either way was
-// to find them (Veach 1997). Russian roulette ends paths by what they still carry.
+// path: the reference, and indirect light. From each point of the tile a path on through the scene; at each of its
+// vertices one light is asked by a shadow ray, and lights that the path itself meets count too, both weighted by how
+// likely either way was to find them (Veach 1997). Russian roulette ends paths by what they still carry.
+// With the feature `indirect` pass `shade` has asked the lights at the points themselves: of direct light there is only
+// the glossy part of what the path's first ray meets.
 // In: points, surfaces. Out: direct light is added to `radiance_direct`, light of more bounces is `radiance_indirect`.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::bsdf::{Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
+import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
+@if(indirect && glossy && mesh_lights) import package::lib::bsdf::bsdf_residual;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 import package::lib::camera::view_direction;
 import package::lib::light::{BEYOND_SCENE, choose_light, light_count, light_sample, shadow_ray};
 @if(mesh_lights) import package::lib::light::{emitter_of, light_probability};
 import package::lib::math::oct_decode16;
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
+import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
-import package::lib::sampling::sobol2;
-import package::lib::surface::surface_at;
+import package::lib::sampling::{mis_weight, sobol2};
+import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_OVERRUN};
 
 struct PathParameters {
     tile: Tile,
     // Most bounces of indirect light: 0 for direct light alone.
     max_bounces: u32,
+    // Light points that `shade` takes of each light.
+    light_samples: u32,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -44,12 +49,6 @@ const MAX_SURVIVAL = 0.95;
 // Loop turns that a vertex may take beside its traversals: binary searches for a light and an emitter triangle.
 const VERTEX_TURNS = 80u;
 
-// The weight of a way of sampling of density p against another of density q (Veach's power heuristic).
-fn mis_weight(p: f32, q: f32) -> f32 {
-    let r = q / p;
-    return 1.0 / (1.0 + r * r);
-}
-
 struct Vertex {
     position: vec3f,
     surface: Surface,
@@ -58,9 +57,14 @@ struct Vertex {
     sample_index: u32,
 }
 
+// Random numbers of a vertex: for the choice of a lobe, and of a light.
+fn lobe_and_light(vertex: Vertex) -> vec2f {
+    return sobol2(vertex.sample_index, hash2(vertex.seed, 2u));
+}
+
 // The light that one chosen light sends to the viewer of the vertex, over the chance to choose it.
-fn light_at(vertex: Vertex, choice_u: f32) -> vec3f {
-    let choice = choose_light(choice_u);
+fn light_at(vertex: Vertex) -> vec3f {
+    let choice = choose_light(lobe_and_light(vertex).y);
     let chosen = light_sample(choice.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
     if chosen.pdf <= 0.0 { return vec3f(0.0); }
     let pdf = chosen.pdf * choice.probability;
@@ -97,8 +101,12 @@ fn path(
     }
     workgroupBarrier();
     if lane == 0u {
-        atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&shadow_rays));
-        atomicAdd(&counters[COUNTER_BOUNCE_RAYS], atomicLoad(&bounce_rays));
+        // The shadow rays that are counted as such are those of direct light, where that is another pass's.
+        @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], atomicLoad(&bounce_rays) + atomicLoad(&shadow_rays)); }
+        @else {
+            atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&shadow_rays));
+            atomicAdd(&counters[COUNTER_BOUNCE_RAYS], atomicLoad(&bounce_rays));
+        }
     }
 }
 
@@ -123,14 +131,12 @@ fn radiance_along(i: u32) -> PathRadiance {
 
     var radiance = PathRadiance(vec3f(0.0), vec3f(0.0));
     var throughput = vec3f(1.0);
-    for (var bounce = 0u; bounce <= parameters.max_bounces; bounce++) {
+    vertex.seed = hash2(seed, 0u);
+    @if(!indirect) { radiance.direct = light_at(vertex); }
+    for (var bounce = 0u; ; bounce++) {
         traversal_turns += VERTEX_TURNS;
-        vertex.seed = hash2(seed, bounce);
-        let lobe_and_light = sobol2(vertex.sample_index, hash2(vertex.seed, 2u));
-        var arriving = throughput * light_at(vertex, lobe_and_light.y);
-
         let u = sobol2(vertex.sample_index, hash2(vertex.seed, 3u));
-        let chosen = bsdf_sample(vertex.surface, vec3f(u, lobe_and_light.x));
+        let chosen = bsdf_sample(vertex.surface, vec3f(u, lobe_and_light(vertex).x));
         var going_on = chosen.pdf > 0.0;
         if going_on {
             throughput *= chosen.weight;
@@ -154,27 +160,42 @@ fn radiance_along(i: u32) -> PathRadiance {
                 going_on = !found.unlit;
                 @if(mesh_lights) {
                     if going_on && any(found.emission > vec3f(0.0)) {
-                        let emitter = emitter_of(hit.triangle, vertex.position);
-                        let offset = found.position - vertex.position;
-                        let cosine = abs(dot(found.surface.geometric_normal, chosen.direction));
-                        var weight = 1.0;
-                        if emitter.density > 0.0 && cosine > 0.0 {
-                            let pdf = emitter.density * light_probability(emitter.light) * dot(offset, offset) / cosine;
-                            weight = mis_weight(chosen.pdf, pdf);
-                        }
-                        arriving += weight * throughput * found.emission;
+                        let arriving = found.emission * met_light(vertex, chosen, throughput, hit, found, bounce);
+                        if bounce == 0u { radiance.direct += arriving; } else { radiance.indirect += arriving; }
                     }
                 }
                 vertex.position = found.position;
                 vertex.surface = found.surface;
             }
         }
-        if bounce == 0u { radiance.direct = arriving; } else { radiance.indirect += arriving; }
         if traversal_overrun {
             atomicAdd(&counters[COUNTER_OVERRUN], 1u);
             break;
         }
-        if !going_on { break; }
+        if !going_on || bounce >= parameters.max_bounces { break; }
+        vertex.seed = hash2(seed, bounce + 1u);
+        radiance.indirect += throughput * light_at(vertex);
     }
     return radiance;
+}
+
+// What of a light that the path's own ray met goes to the viewer: the path's throughput, weighted against the chance that
+// a shadow ray had found it.
+@if(mesh_lights)
+fn met_light(vertex: Vertex, chosen: BsdfSample, throughput: vec3f, hit: Hit, found: SurfaceHit, bounce: u32) -> vec3f {
+    let emitter = emitter_of(hit.triangle, vertex.position);
+    let offset = found.position - vertex.position;
+    let cosine = abs(dot(found.surface.geometric_normal, chosen.direction));
+    if emitter.density <= 0.0 || cosine <= 0.0 { return throughput; }
+    let pdf = emitter.density * dot(offset, offset) / cosine;
+    @if(indirect) {
+        if bounce == 0u {
+            @if(glossy) {
+                let reflected = bsdf_residual(vertex.surface, chosen.direction) * dot(chosen.direction, vertex.surface.shading_normal);
+                return reflected * (mis_weight(chosen.pdf, f32(parameters.light_samples) * pdf) / chosen.pdf);
+            }
+            @if(!glossy) { return vec3f(0.0); }
+        }
+    }
+    return mis_weight(chosen.pdf, pdf * light_probability(emitter.light)) * throughput;
 }

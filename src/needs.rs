@@ -143,6 +143,21 @@ impl Needs {
         let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
         needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
 
+        let shaded = settings.technique != Technique::Path && !scene.lights.is_empty() && !scene.triangles.is_empty();
+        // Without bounces a path's first ray is left, for the highlights of lights that have a surface.
+        let highlights = m.glossy > 0 && m.mesh_lights > 0;
+        let why = match settings.max_bounces {
+            0 => "highlights of lights that have a surface".to_owned(),
+            bounces => format!("up to {bounces} bounces, by paths from every point"),
+        };
+        let unneeded = match settings.technique {
+            Technique::Path => "paths bring all light",
+            _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ => "there is nothing to be lit",
+        };
+        let on = shaded && (settings.max_bounces > 0 || highlights);
+        needs.decide("indirect", on, why, unneeded, "pass path: the rays of a path from every point; 16 B a point");
+
         let aov = |aov: Aov| settings.aovs.contains(&aov);
         for (feature, on) in [
             ("aov_albedo", aov(Aov::Albedo)),

@@ -150,7 +150,7 @@ impl Default for Settings {
             height: 512,
             spp: 16,
             seed: 0,
-            photons: 131_072,
+            photons: 262_144,
             nearest: 50,
             shadow_photons_per_ray: 10,
             shadow_samples: 4,

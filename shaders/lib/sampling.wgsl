@@ -89,3 +89,9 @@ fn sample_triangle(u: vec2f) -> vec2f {
     if u.y > u.x { return vec2f(0.5 * u.x, u.y - 0.5 * u.x); }
     return vec2f(u.x - 0.5 * u.y, 0.5 * u.y);
 }
+
+// The weight of a way of sampling of density p against another of density q (Veach's power heuristic).
+fn mis_weight(p: f32, q: f32) -> f32 {
+    let r = q / p;
+    return 1.0 / (1.0 + r * r);
+}

@@ -82,6 +82,8 @@ pub const FEATURES: &[&str] = &[
     "paper_counting",
     // Method: decided points are audited.
     "audit",
+    // Method: paths from the points bring light of more bounces; direct light is another pass's.
+    "indirect",
     // Method: visibility is that of the photons, without shadow rays.
     "visibility_estimate",
     // Output: channels that are asked for.

@@ -1,4 +1,5 @@
-//! path: the reference, a path tracer with next-event estimation, multiple importance sampling and Russian roulette.
+//! path: a path tracer with next-event estimation, multiple importance sampling and Russian roulette: the reference, and
+//! the indirect light of the other techniques.
 
 use crate::gpu::{Bindings, BoundKernel, Features, Frame, Gpu, Kernel, Resources};
 use crate::{Result, shared_struct};
@@ -12,6 +13,8 @@ shared_struct! {
         pub tile: Tile,
         /// Most bounces of indirect light: 0 for direct light alone.
         pub max_bounces: u32,
+        /// Light points that `shade` takes of each light, where it does.
+        pub light_samples: u32,
     }
 }
 

@@ -57,9 +57,9 @@ pub struct Renderer<'g> {
 
 /// How the points of a tile are lit.
 enum Lighting {
-    /// By the photons and shadow rays.
-    Direct(Box<Direct>),
-    /// By paths.
+    /// Direct light by the photons and shadow rays; light of more bounces, where it is asked for, by paths.
+    Direct(Box<Direct>, Option<BoundPath>),
+    /// All of it by paths.
     Path(BoundPath),
 }
 
@@ -122,11 +122,12 @@ impl<'g> Renderer<'g> {
         let start = Instant::now();
         let constants = tables.constants();
         let path_traced = settings.technique == Technique::Path;
+        let paths = path_traced || features.has("indirect");
         let ((primary, film), (path, direct)) = rayon::join(
             || rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features)),
             || {
                 rayon::join(
-                    || path_traced.then(|| Path::new(gpu, &features, &constants)).transpose(),
+                    || paths.then(|| Path::new(gpu, &features, &constants)).transpose(),
                     || (!path_traced).then(|| direct::Kernels::new(gpu, &features, &constants, settings)).transpose(),
                 )
             },
@@ -138,14 +139,15 @@ impl<'g> Renderer<'g> {
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
         let layers = (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp));
         let points = rows * settings.width * layers;
-        let buffers = TileBuffers::new(gpu, &features, points, path_traced)?;
+        let buffers = TileBuffers::new(gpu, &features, points, paths)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
+        let path = path.map(|path| path.bind(gpu, &buffers, &tables)).transpose()?;
         let lighting = match (path, direct) {
-            (Some(path), _) => Lighting::Path(path.bind(gpu, &buffers, &tables)?),
-            (None, Some(kernels)) => {
+            (path, Some(kernels)) => {
                 let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
-                Lighting::Direct(Box::new(Direct::new(&shared, kernels, points, settings, &mut totals)?))
+                Lighting::Direct(Box::new(Direct::new(&shared, kernels, points, settings, &mut totals)?), path)
             }
+            (Some(path), None) => Lighting::Path(path),
             (None, None) => unreachable!("a technique traces paths or it does not"),
         };
         let first_rows = (0..settings.height).step_by(rows as usize);
@@ -157,12 +159,12 @@ impl<'g> Renderer<'g> {
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
         totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        if let Lighting::Direct(direct) = &lighting {
+        if let Lighting::Direct(direct, _) = &lighting {
             totals.frame_bytes += direct.frame_bytes();
         }
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene, settings);
+        let notes = notes(&scene);
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
@@ -200,7 +202,7 @@ impl<'g> Renderer<'g> {
             self.end_pilot()?;
         }
         if self.batches > 0
-            && let Lighting::Direct(direct) = &mut self.lighting
+            && let Lighting::Direct(direct, _) = &mut self.lighting
         {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
             let shared = direct::Shared { gpu, scene, tables, tile };
@@ -223,11 +225,12 @@ impl<'g> Renderer<'g> {
             let mut frame = self.gpu.frame("sample");
             frame.clear(&self.buffers.counters);
             self.primary.record(&mut frame, &tile);
-            match &self.lighting {
-                Lighting::Direct(direct) => direct.record(&mut frame, &tile, &film.shadow),
-                Lighting::Path(path) => {
-                    path.record(&mut frame, &PathParameters { tile, max_bounces: self.settings.max_bounces });
-                }
+            let Settings { max_bounces, shadow_samples, .. } = self.settings;
+            if let Lighting::Direct(direct, _) = &self.lighting {
+                direct.record(&mut frame, &tile, &film.shadow);
+            }
+            if let Lighting::Direct(_, Some(path)) | Lighting::Path(path) = &self.lighting {
+                path.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: shadow_samples });
             }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
@@ -267,7 +270,9 @@ impl<'g> Renderer<'g> {
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
         let shared = direct::Shared { gpu, scene, tables, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
-        self.lighting = Lighting::Direct(Box::new(direct));
+        if let Lighting::Direct(old, _) = &mut self.lighting {
+            **old = direct;
+        }
         Ok(())
     }
 
@@ -308,14 +313,8 @@ pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }
 
-fn notes(scene: &Scene, settings: &Settings) -> Vec<String> {
+fn notes(scene: &Scene) -> Vec<String> {
     let mut notes = Vec::new();
-    if settings.technique != Technique::Path {
-        notes.push(format!(
-            "technique {} renders emission and direct light; indirect light is left to --technique path",
-            settings.technique
-        ));
-    }
     if scene.triangles.is_empty() {
         notes.push("the scene has no triangles: the image is empty".to_owned());
     }
@@ -348,7 +347,7 @@ fn new_film(
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
         shadow: match lighting {
-            Lighting::Direct(direct) => direct.films(gpu, film, pixels, &buffers.counters)?,
+            Lighting::Direct(direct, _) => direct.films(gpu, film, pixels, &buffers.counters)?,
             Lighting::Path(_) => Vec::new(),
         },
     })

@@ -3,16 +3,12 @@
 use penumbra::report::metrics;
 use penumbra::{Aov, Image, Settings, Technique};
 
-use crate::setup::{mean_and_error, reference_file, render, scene_file};
+use crate::setup::{deviation, mean_and_error, reference_file, render, scene_file};
 
-/// Settings of a small render with the variance of its pixels.
+/// Settings of a small render of direct light, with the variance of its pixels.
 fn small(technique: Technique, spp: u32) -> Settings {
-    Settings { technique, width: 128, height: 128, spp, aovs: vec![Aov::Variance], ..Settings::default() }
-}
-
-/// The standard errors between two means.
-fn deviation((a, error_a): (f64, f64), (b, error_b): (f64, f64)) -> f64 {
-    (a - b).abs() / error_a.hypot(error_b)
+    let aovs = vec![Aov::Variance];
+    Settings { technique, width: 128, height: 128, spp, max_bounces: 0, aovs, ..Settings::default() }
 }
 
 /// With audits the photons change the noise of an image and not its mean: in both scenes of the paper the means of

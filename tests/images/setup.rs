@@ -52,3 +52,8 @@ pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
     let pixels = f64::from(image.width) * f64::from(image.height);
     (mean(channel), (mean(&format!("variance.{channel}")) / pixels).sqrt())
 }
+
+/// The standard errors between two means.
+pub fn deviation((a, error_a): (f64, f64), (b, error_b): (f64, f64)) -> f64 {
+    (a - b).abs() / error_a.hypot(error_b)
+}

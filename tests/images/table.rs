@@ -74,8 +74,15 @@ const ROWS: [Row; 5] = [
 fn shares_are_those_of_the_simulation() {
     for scene in ["sphere.glb", "box.glb"] {
         let rows = ROWS.iter().filter(|row| row.scene == scene);
-        let base =
-            Settings { width: 200, height: 200, spp: 1, audit: 0.0, aovs: vec![Aov::Shadow], ..Settings::default() };
+        let base = Settings {
+            width: 200,
+            height: 200,
+            spp: 1,
+            audit: 0.0,
+            max_bounces: 0,
+            aovs: vec![Aov::Shadow],
+            ..Settings::default()
+        };
         // True visibility, by 256 points of the light, through the same pixel centres.
         let all = Settings { technique: Technique::TwoPass, shadow_samples: 256, ..base.clone() };
         let (truth, _) = render(&scene_file(scene), &all);

@@ -123,7 +123,7 @@ fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
     primary.record(&mut frame, &tile);
-    bound.record(&mut frame, &PathParameters { tile, max_bounces });
+    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1 });
     frame.submit().unwrap();
     let read = |buffer: &penumbra::gpu::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
