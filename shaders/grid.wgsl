@@ -175,8 +175,11 @@ fn place_of_cell(cell: u32) -> vec3u {
 }
 
 fn light_of_cell(cell: u32) -> u32 {
-    let size = grid_pass.grid.size;
-    return cell / (size.x * size.y * size.z);
+    @if(light_tags) {
+        let size = grid_pass.grid.size;
+        return cell / (size.x * size.y * size.z);
+    }
+    @else { return 0u; }
 }
 
 fn cell_centre(at: vec3u) -> vec3f {

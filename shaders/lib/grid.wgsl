@@ -61,7 +61,9 @@ fn cell_of(grid: GridShape, position: vec3f) -> vec3u {
 }
 
 fn cell_index(grid: GridShape, light: u32, cell: vec3u) -> u32 {
-    return ((light * grid.size.z + cell.z) * grid.size.y + cell.y) * grid.size.x + cell.x;
+    let within = (cell.z * grid.size.y + cell.y) * grid.size.x + cell.x;
+    @if(light_tags) { return light * (grid.size.x * grid.size.y * grid.size.z) + within; }
+    @else { return within; }
 }
 
 // What holds for every point of a cell whose normal is within `cos_spread` of `normal` and whose offset from the

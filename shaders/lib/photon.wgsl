@@ -24,7 +24,8 @@ fn photon_normal(word: u32) -> vec3f {
 }
 
 fn photon_light(word: u32) -> u32 {
-    return (word >> 14u) & 0x7ffu;
+    @if(light_tags) { return (word >> 14u) & 0x7ffu; }
+    @else { return 0u; }
 }
 
 fn photon_is_shadow(word: u32) -> bool {
@@ -42,7 +43,9 @@ fn photon_weight_sixteenths(word: u32) -> u32 {
 // The word of a photon that stands for `weight` hits, to the nearest fourth root of two.
 fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
     let exponent = u32(clamp(round(4.0 * log2(weight)), 0.0, 63.0));
-    return normal | (light << 14u) | (exponent << 25u) | select(0u, PHOTON_SHADOW, shadow);
+    let word = normal | (exponent << 25u) | select(0u, PHOTON_SHADOW, shadow);
+    @if(light_tags) { return word | (light << 14u); }
+    @else { return word; }
 }
 
 // Bits 0-2 class, 3-11 illumination photons, 12-20 shadow photons, 21-31 visibility.

@@ -2,5 +2,6 @@
 
 mod direct;
 mod indirect;
+mod models;
 mod setup;
 mod table;

@@ -195,9 +195,13 @@ fn settings_out_of_range_are_refused() {
 fn every_set_of_features_composes() {
     for texture_loads in [false, true] {
         for paper_counting in [false, true] {
-            let features =
-                Features::default().with("texture_loads", texture_loads).with("paper_counting", paper_counting);
-            compose::compose("grid", &features).unwrap();
+            for light_tags in [false, true] {
+                let features = Features::default()
+                    .with("texture_loads", texture_loads)
+                    .with("paper_counting", paper_counting)
+                    .with("light_tags", light_tags);
+                compose::compose("grid", &features).unwrap();
+            }
         }
     }
 }

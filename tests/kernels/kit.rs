@@ -15,9 +15,12 @@ pub fn gpu() -> &'static Gpu {
     })
 }
 
-/// What the device adds to a kernel's features.
+/// What the device adds to a kernel's features; and light tags, which serve one light as well as several.
 pub fn device_features(gpu: &Gpu) -> Features {
-    Features::default().with("texture_loads", gpu.texture_loads).with("interleave", gpu.texture_loads)
+    Features::default()
+        .with("texture_loads", gpu.texture_loads)
+        .with("interleave", gpu.texture_loads)
+        .with("light_tags", true)
 }
 
 const SQUARES: &str = "
