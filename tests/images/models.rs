@@ -1,6 +1,6 @@
 //! Real files: `shadow-photons` is as good as `two-pass`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use penumbra::report::metrics;
 use penumbra::scene::ImportOptions;
@@ -32,7 +32,7 @@ fn models() -> Vec<PathBuf> {
     files
 }
 
-fn render(file: &PathBuf, technique: Technique, seed: u32) -> Image {
+fn render(file: &Path, technique: Technique, seed: u32) -> Image {
     let options = ImportOptions { default_light: true, ..ImportOptions::default() };
     let scene = Scene::load(file, &options).unwrap();
     let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
