@@ -3,7 +3,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
-import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_code, asked_word, cell_index, cell_of, compatible, decode_verdict, load_cell_record, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons, verdict_holds};
+import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR, GridShape, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, counted_distance, decode_verdict, load_cell_record, load_photon, nearest, no_verdict, reach_guess, row_photons, rows_about, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -48,7 +48,6 @@ var<immediate> classify_pass: ClassifyParameters;
 
 // No class: the verdicts settle nothing.
 const UNDECIDED = 0xffffffffu;
-const FAR = 1e30;
 const QUERY_QUEUE = 0u;
 const BOUNDARY_QUEUE = 1u;
 const AUDIT_QUEUE = 2u;
@@ -110,7 +109,7 @@ fn ask_about_cell(light: u32, position: vec3f, normal: vec3f) {
     let at = cell_of(classify_pass.grid, position);
     if !in_cell(from_centre_of(at, position)) { return; }
     let cell = cell_index(classify_pass.grid, light, at);
-    if atomicMax(&asked_codes[cell], asked_word(oct_encode7(normal))) == 0u {
+    if atomicMax(&asked_codes[cell], asked_complement(oct_encode7(normal))) == 0u {
         let place = atomicAdd(&asked_lengths[0], 1u);
         if place < arrayLength(&asked_cells) {
             asked_cells[place].cell = cell;
@@ -133,7 +132,7 @@ fn ask(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
     let place = asked_places[cell];
     // Cells that are judged already stay as they are.
     if !in_cell(from_centre) || place <= atomicLoad(&asked_lengths[1]) { return; }
-    let surface_normal = oct_decode7(asked_code(atomicLoad(&asked_codes[cell])));
+    let surface_normal = oct_decode7(asked_complement(atomicLoad(&asked_codes[cell])));
     let cosine = dot(oct_decode16(point.normal), surface_normal);
     if cosine < COS_CLUSTER { return; }
     let offset = dot(from_centre, surface_normal) * (classify_pass.grid.inverse_cell / ASKED_UNIT);
@@ -143,7 +142,7 @@ fn ask(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
 }
 
 fn from_centre_of(cell: vec3u, position: vec3f) -> vec3f {
-    return position - (classify_pass.grid.origin + (vec3f(cell) + 0.5) * classify_pass.grid.cell);
+    return position - cell_centre(classify_pass.grid, cell);
 }
 
 // A point outside of the grid is in no cell.
@@ -175,7 +174,7 @@ fn verdict_at(light: u32, position: vec3f, normal: vec3f) -> Verdict {
             if verdict_holds(verdict, from_centre, normal) { return verdict; }
         }
     }
-    return Verdict(CLASS_DARK, normal, 1.0, 0.0, 0.0, 0.0, 0.0);
+    return no_verdict();
 }
 
 // The same of the verdict on an asked cell.
@@ -188,7 +187,7 @@ fn asked_verdict_at(light: u32, position: vec3f, normal: vec3f) -> Verdict {
         let verdict = decode_verdict(asked_cells[place - 1u].verdict, classify_pass.grid.cell);
         if verdict_holds(verdict, from_centre, normal) { return verdict; }
     }
-    return Verdict(CLASS_DARK, normal, 1.0, 0.0, 0.0, 0.0, 0.0);
+    return no_verdict();
 }
 
 // Photons of a search that lie within marks of squared distance: all, and illumination photons.
@@ -214,6 +213,10 @@ const MOST_LOOKS = 24000u;
 
 var<private> looks_left: u32;
 
+fn look_allowance() -> u32 {
+    return clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
+}
+
 // Counts within `floor` + eighths of `span`, squared distances both.
 fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, span: f32) -> Tally {
     let grid = classify_pass.grid;
@@ -223,20 +226,16 @@ fn tally(light: u32, position: vec3f, normal: vec3f, reach: f32, floor_: f32, sp
     let units = (position - grid.origin) * grid.inverse_cell;
     // A margin for the rounding of cells' borders.
     let reach_units = reach * grid.inverse_cell * 1.0001 + 1e-3;
-    let half_size = reach_box(reach_units, normal, 0.0).yz;
-    let row_low = max(vec2i(floor(units.yz - half_size)), vec2i(0));
-    let row_high = min(vec2i(floor(units.yz + half_size)), vec2i(grid.size.yz) - 1);
-    for (var z = row_low.y; z <= row_high.y; z++) {
-        for (var y = row_low.x; y <= row_high.x; y++) {
+    let rows = rows_about(grid, units, units, reach_units, normal, 0.0);
+    for (var z = rows.y; z <= rows.w; z++) {
+        for (var y = rows.x; y <= rows.z; y++) {
             let row = row_photons(grid, light, vec2i(y, z), units, units, reach_units, normal, 0.0);
             let looks = row.y - row.x + 1u;
             if looks > looks_left { return result; }
             looks_left -= looks;
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                let v = bitcast<vec3f>(photon.xyz) - position;
-                let along = dot(v, normal);
-                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
+                let d = counted_distance(photon, position, normal);
                 let shadow = photon_is_shadow(photon.w);
                 let d_lit = select(d, FAR, shadow);
                 result.all_a += vec4u(vec4f(d) <= marks_a);
@@ -291,20 +290,16 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
     let units = (position - grid.origin) * grid.inverse_cell;
     // A margin for the rounding of cells' borders.
     let reach = sqrt(limit) * grid.inverse_cell * 1.0001 + 1e-3;
-    let half_size = reach_box(reach, normal, 0.0).yz;
-    let row_low = max(vec2i(floor(units.yz - half_size)), vec2i(0));
-    let row_high = min(vec2i(floor(units.yz + half_size)), vec2i(grid.size.yz) - 1);
-    for (var z = row_low.y; z <= row_high.y; z++) {
-        for (var y = row_low.x; y <= row_high.x; y++) {
+    let rows = rows_about(grid, units, units, reach, normal, 0.0);
+    for (var z = rows.y; z <= rows.w; z++) {
+        for (var y = rows.x; y <= rows.z; y++) {
             let row = row_photons(grid, light, vec2i(y, z), units, units, reach, normal, 0.0);
             let looks = row.y - row.x + 1u;
             if looks > looks_left { return result; }
             looks_left -= looks;
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                let v = bitcast<vec3f>(photon.xyz) - position;
-                let along = dot(v, normal);
-                let d = select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
+                let d = counted_distance(photon, position, normal);
                 let shadow = photon_is_shadow(photon.w);
                 result.all += u32(d <= limit);
                 result.lit += u32(d <= limit && !shadow);
@@ -324,7 +319,7 @@ fn search(light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
 const SHORT_SHARE = 0.35;
 
 fn class_by_search(light: u32, position: vec3f, normal: vec3f, known_reach: f32) -> u32 {
-    looks_left = clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
+    looks_left = look_allowance();
     let grid = classify_pass.grid;
     let farthest = REACH_MAX * grid.cell;
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
@@ -371,7 +366,7 @@ fn class_by_search(light: u32, position: vec3f, normal: vec3f, known_reach: f32)
         deciding = true;
     }
     if exact_counts {
-        looks_left += clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
+        looks_left += look_allowance();
         return class_by_counts(light, position, normal, reach);
     }
     let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);

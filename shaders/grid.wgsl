@@ -4,7 +4,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, Photon, photon_is_shadow, photon_light, photon_normal};
-import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COMPATIBLE_COSINE_SQUARED, COS_CLUSTER, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_code, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_box, reach_guess, row_photons};
+import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COMPATIBLE_COSINE_SQUARED, COS_CLUSTER, FAR, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_guess, row_photons, rows_about};
 
 struct GridParameters {
     grid: GridShape,
@@ -131,7 +131,6 @@ const LOOKS_PER_NEAREST = 24u;
 // The same for a cell that is asked about: many points share the answer. A quarter of those iterations.
 const ASKED_LOOKS = 16384u;
 const NO_CODE = 0xffffffffu;
-const FAR = 1e30;
 
 @compute @workgroup_size(64)
 fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
@@ -182,15 +181,11 @@ fn light_of_cell(cell: u32) -> u32 {
     @else { return 0u; }
 }
 
-fn cell_centre(at: vec3u) -> vec3f {
-    return grid_pass.grid.origin + (vec3f(at) + 0.5) * grid_pass.grid.cell;
-}
-
 // The verdict for the surface of the cell's own photons whose normals are about that of the code.
 fn judge_photons(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2u {
     let cell = grid_pass.grid.cell;
     let normal = oct_decode7(code);
-    let centre = cell_centre(at);
+    let centre = cell_centre(grid_pass.grid, at);
     var low = 4.0 * cell;
     var high = -4.0 * cell;
     var cos_spread = 1.0;
@@ -231,7 +226,7 @@ fn judge_asked(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
     let low = f32(i32(ASKED_ZERO) - i32(atomicLoad(&asked_cells[i].low))) * unit;
     let high = f32(i32(atomicLoad(&asked_cells[i].high)) - i32(ASKED_ZERO)) * unit;
     let cos_spread = 1.0 - f32(atomicLoad(&asked_cells[i].spread)) * ASKED_UNIT;
-    let code = asked_code(asked_codes[cell]);
+    let code = asked_complement(asked_codes[cell]);
     asked_cells[i].verdict = judge_surface(light_of_cell(cell), place_of_cell(cell), code, low, high, cos_spread, ASKED_LOOKS);
 }
 
@@ -242,7 +237,7 @@ fn judge_surface(light: u32, at: vec3u, code: u32, low: f32, high: f32, cosine: 
     let normal = oct_decode7(code);
     // Rounding may put a point this far outside its cell.
     let half_size = 0.5005 * cell;
-    let centre = cell_centre(at);
+    let centre = cell_centre(grid_pass.grid, at);
 
     // A margin for the points between: the octahedral code's own error, 0.02 radians, and half of it more.
     let sine = safe_sqrt(1.0 - cosine * cosine);
@@ -294,11 +289,9 @@ fn judge_surface(light: u32, at: vec3u, code: u32, low: f32, high: f32, cosine: 
         var maybe_shadow = FAR;
         var sure_lit = FAR;
         var sure_shadow = FAR;
-        let half_extent = reach_box(reach + 2e-3, normal, tilt).yz;
-        let row_low = max(vec2i(floor(units_low.yz - half_extent)), vec2i(0));
-        let row_high = min(vec2i(floor(units_high.yz + half_extent)), vec2i(grid_pass.grid.size.yz) - 1);
-        for (var z = row_low.y; z <= row_high.y; z++) {
-            for (var y = row_low.x; y <= row_high.x; y++) {
+        let rows = rows_about(grid_pass.grid, units_low, units_high, reach + 2e-3, normal, tilt);
+        for (var z = rows.y; z <= rows.w; z++) {
+            for (var y = rows.x; y <= rows.z; y++) {
                 let row = row_photons(grid_pass.grid, light, vec2i(y, z), units_low, units_high, reach + 2e-3, normal, tilt);
                 looked_at += row.y - row.x + 1u;
                 if looked_at > most_looks { return vec2u(0u); }

@@ -52,19 +52,20 @@ const VERTEX_TURNS = 80u;
 struct Vertex {
     position: vec3f,
     surface: Surface,
-    // For the random numbers of this vertex.
+    // For the random numbers of this vertex; two of them, for the choice of a lobe and of a light.
     seed: u32,
     sample_index: u32,
+    lobe_and_light: vec2f,
 }
 
-// Random numbers of a vertex: for the choice of a lobe, and of a light.
-fn lobe_and_light(vertex: Vertex) -> vec2f {
-    return sobol2(vertex.sample_index, hash2(vertex.seed, 2u));
+fn reseed(vertex: ptr<function, Vertex>, seed: u32) {
+    (*vertex).seed = seed;
+    (*vertex).lobe_and_light = sobol2((*vertex).sample_index, hash2(seed, 2u));
 }
 
 // The light that one chosen light sends to the viewer of the vertex, over the chance to choose it.
 fn light_at(vertex: Vertex) -> vec3f {
-    let choice = choose_light(lobe_and_light(vertex).y);
+    let choice = choose_light(vertex.lobe_and_light.y);
     let chosen = light_sample(choice.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
     if chosen.pdf <= 0.0 { return vec3f(0.0); }
     let pdf = chosen.pdf * choice.probability;
@@ -131,12 +132,12 @@ fn radiance_along(i: u32) -> PathRadiance {
 
     var radiance = PathRadiance(vec3f(0.0), vec3f(0.0));
     var throughput = vec3f(1.0);
-    vertex.seed = hash2(seed, 0u);
+    reseed(&vertex, hash2(seed, 0u));
     @if(!indirect) { radiance.direct = light_at(vertex); }
     for (var bounce = 0u; ; bounce++) {
         traversal_turns += VERTEX_TURNS;
         let u = sobol2(vertex.sample_index, hash2(vertex.seed, 3u));
-        let chosen = bsdf_sample(vertex.surface, vec3f(u, lobe_and_light(vertex).x));
+        let chosen = bsdf_sample(vertex.surface, vec3f(u, vertex.lobe_and_light.x));
         var going_on = chosen.pdf > 0.0;
         if going_on {
             throughput *= chosen.weight;
@@ -173,7 +174,7 @@ fn radiance_along(i: u32) -> PathRadiance {
             break;
         }
         if !going_on || bounce >= parameters.max_bounces { break; }
-        vertex.seed = hash2(seed, bounce + 1u);
+        reseed(&vertex, hash2(seed, bounce + 1u));
         radiance.indirect += throughput * light_at(vertex);
     }
     return radiance;

@@ -260,7 +260,8 @@ fn trace_closest(ray: Ray, seed: u32) -> Hit {
     }
     @if(alpha_test) {
         // Software devices run the body of an if for every lane, whatever its condition: the alpha test, with its
-        // textures, stands outside the loop over triangles.
+        // textures, stands outside the loop over triangles. (Used without alpha tests too, the two loops were 5 to 10 %
+        // slower than the one above.)
         while !walk.done {
             var asking = Hit(0.0, 0.0, 0.0, NO_HIT);
             while !walk.done && asking.triangle == NO_HIT {

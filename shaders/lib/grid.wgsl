@@ -30,6 +30,9 @@ struct GridShape {
 // Photons whose normals differ by more than 45 degrees are of another surface.
 const COMPATIBLE_COSINE_SQUARED = 0.5;
 
+// Squared, farther than any photon.
+const FAR = 1e30;
+
 // The largest search radius, in cells.
 const REACH_MAX = f32(REACH_CELLS);
 
@@ -55,9 +58,20 @@ fn compatible(word: u32, normal: vec3f) -> bool {
     @if(!paper_counting) { return oct_within7(word, normal, COMPATIBLE_COSINE_SQUARED); }
 }
 
+// The squared distance of a photon from a point, by which the nearest are counted; FAR for one that does not count.
+fn counted_distance(photon: vec4u, position: vec3f, normal: vec3f) -> f32 {
+    let v = bitcast<vec3f>(photon.xyz) - position;
+    let along = dot(v, normal);
+    return select(FAR, dot(v, v) + NORMAL_STRETCH * along * along, compatible(photon.w, normal));
+}
+
 fn cell_of(grid: GridShape, position: vec3f) -> vec3u {
     let cell = vec3i(floor((position - grid.origin) * grid.inverse_cell));
     return vec3u(clamp(cell, vec3i(0), vec3i(grid.size) - 1));
+}
+
+fn cell_centre(grid: GridShape, cell: vec3u) -> vec3f {
+    return grid.origin + (vec3f(cell) + 0.5) * grid.cell;
 }
 
 fn cell_index(grid: GridShape, light: u32, cell: vec3u) -> u32 {
@@ -115,6 +129,11 @@ fn decode_verdict(words: vec2u, cell: f32) -> Verdict {
     );
 }
 
+// Nothing is known.
+fn no_verdict() -> Verdict {
+    return Verdict(CLASS_DARK, vec3f(0.0, 0.0, 1.0), 1.0, 0.0, 0.0, 0.0, 0.0);
+}
+
 // Whether the verdict speaks of a point `from_centre` of the cell's centre.
 fn verdict_holds(verdict: Verdict, from_centre: vec3f, normal: vec3f) -> bool {
     @if(paper_counting) { return verdict.reach > 0.0; }
@@ -137,13 +156,9 @@ struct AskedCell {
     verdict: vec2u,
 }
 
-// Codes of normals as `asked_codes` has them: the greatest word is the smallest code, and 0 is none.
-fn asked_word(code: u32) -> u32 {
+// Codes of normals as `asked_codes` has them, and back: the greatest word is the smallest code, and 0 is none.
+fn asked_complement(code: u32) -> u32 {
     return 0x4000u - code;
-}
-
-fn asked_code(word: u32) -> u32 {
-    return 0x4000u - word;
 }
 
 // In cells; and for cosines.
@@ -158,6 +173,16 @@ fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
     return reach * sqrt(vec3f(1.0) - 0.9375 * along * along);
+}
+
+// The rows of cells that a ball of `reach` cells may touch, first and last by (y, z). `low` and `high` bound the ball's
+// centre, in cells; `normal` is the queries', within `tilt` of it.
+fn rows_about(grid: GridShape, low: vec3f, high: vec3f, reach: f32, normal: vec3f, tilt: f32) -> vec4i {
+    let half_size = reach_box(reach, normal, tilt).yz;
+    return vec4i(
+        max(vec2i(floor(low.yz - half_size)), vec2i(0)),
+        min(vec2i(floor(high.yz + half_size)), vec2i(grid.size.yz) - 1),
+    );
 }
 
 // A row of cells along x, from those that a ball of `reach` cells may touch: (first photon, end).

@@ -2,7 +2,8 @@
 
 use super::{Aabb, MAX_LEAF, WIDTH, binary};
 
-/// Cost of testing a triangle over that of visiting a node, as measured on lavapipe: both fetch three texels.
+/// Cost of testing a triangle over that of visiting a node: both fetch three texels, and a node is followed by a sort. On
+/// lavapipe 0.35 to 1 make no difference that shows.
 const TRIANGLE_COST: f32 = 0.6;
 
 /// A child of a wide node: a wide node or a leaf, by the place of the binary node that it stands for.

@@ -137,8 +137,7 @@ impl<'g> Renderer<'g> {
 
         let start = Instant::now();
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
-        let layers = (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp));
-        let points = rows * settings.width * layers;
+        let points = rows * settings.width * most_layers(rows, settings);
         let buffers = TileBuffers::new(gpu, &features, points, paths)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
         let path = path.map(|path| path.bind(gpu, &buffers, &tables)).transpose()?;
@@ -193,7 +192,7 @@ impl<'g> Renderer<'g> {
     pub fn render_batch(&mut self) -> Result<Progress> {
         let start = Instant::now();
         let width = self.settings.width;
-        let most = self.layers();
+        let most = most_layers(self.rows, &self.settings);
         let missing = self.settings.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
         // The first sample of each pixel is the pilot.
@@ -246,11 +245,6 @@ impl<'g> Renderer<'g> {
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
     }
 
-    /// Most samples of a pixel in one tile.
-    fn layers(&self) -> u32 {
-        (TILE_POINTS / (self.rows * self.settings.width)).clamp(1, TILE_SAMPLES.min(self.settings.spp))
-    }
-
     /// Leaves the visibility map out if the first samples say that it does not pay.
     fn end_pilot(&mut self) -> Result<()> {
         let share = self.totals.points().boundary_share;
@@ -266,7 +260,7 @@ impl<'g> Renderer<'g> {
         let features = device_features(self.gpu, self.needs.features.clone());
         let kernels = direct::Kernels::new(self.gpu, &features, &self.tables.constants(), &self.settings)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
-        let points = self.rows * self.settings.width * self.layers();
+        let points = self.rows * self.settings.width * most_layers(self.rows, &self.settings);
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
         let shared = direct::Shared { gpu, scene, tables, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
@@ -306,6 +300,11 @@ impl<'g> Renderer<'g> {
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
+}
+
+/// Most samples of a pixel in a tile of `rows` rows.
+fn most_layers(rows: u32, settings: &Settings) -> u32 {
+    (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp))
 }
 
 /// `features` with those of the device.

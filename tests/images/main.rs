@@ -1,7 +1,11 @@
 //! Whole renders against references and closed forms.
 
+#[path = "../common/device.rs"]
+mod device;
 mod direct;
 mod indirect;
 mod models;
 mod setup;
+#[path = "../common/shared_files.rs"]
+mod shared_files;
 mod table;

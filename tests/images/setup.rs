@@ -1,22 +1,11 @@
 //! Rendering scenes of the repository on the tests' device.
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 
-use penumbra::gpu::Gpu;
 use penumbra::scene::ImportOptions;
 use penumbra::{Image, Renderer, Scene, Settings, Statistics};
 
-/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
-pub fn gpu() -> &'static Gpu {
-    static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| {
-        let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
-        let gpu = Gpu::open(&choice.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
-        println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
-        gpu
-    })
-}
+pub use crate::device::gpu;
 
 /// A file of `scenes/`.
 pub fn scene_file(name: &str) -> PathBuf {
@@ -32,9 +21,9 @@ pub fn reference_file(name: &str) -> Option<PathBuf> {
     Some(Path::new(&folder?).join("reference").join(name))
 }
 
-/// Renders all samples that the settings ask for.
+/// Renders all samples that the settings ask for, with a soft light where the file has none.
 pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
-    let scene = Scene::load(file, &ImportOptions::default()).unwrap();
+    let scene = Scene::load(file, &ImportOptions { default_light: true, ..ImportOptions::default() }).unwrap();
     let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
     let mut renderer = Renderer::new(gpu(), scene, &camera, settings).unwrap();
     while renderer.samples() < settings.spp {

@@ -1,19 +1,8 @@
 //! The device that the kernel tests run on, and the kit itself: poison, layouts, bindings.
 
-use std::sync::OnceLock;
-
 use penumbra::gpu::{Features, Gpu, Kernel, Resources, buffer::POISON, compose};
 
-/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
-pub fn gpu() -> &'static Gpu {
-    static GPU: OnceLock<Gpu> = OnceLock::new();
-    GPU.get_or_init(|| {
-        let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
-        let gpu = Gpu::open(&choice.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
-        println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
-        gpu
-    })
-}
+pub use crate::device::gpu;
 
 /// What the device adds to a kernel's features; and light tags, which serve one light as well as several.
 pub fn device_features(gpu: &Gpu) -> Features {

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 use penumbra::tables::LightTables;
 use penumbra::tables::lights::is_closed;
 
@@ -18,27 +18,7 @@ pub type Corners = [DVec3; 3];
 const RADIANCE: Vec3 = Vec3::new(1.0, 2.0, 4.0);
 
 pub fn material(double_sided: bool) -> Material {
-    Material {
-        name: "light".into(),
-        base_colour: Vec4::ONE,
-        metallic: 0.0,
-        roughness: 1.0,
-        emissive: RADIANCE,
-        ior: 1.5,
-        specular: 1.0,
-        specular_colour: Vec3::ONE,
-        normal_scale: 1.0,
-        alpha: AlphaMode::Opaque,
-        double_sided,
-        unlit: false,
-        base_colour_texture: None,
-        metallic_roughness_texture: None,
-        normal_texture: None,
-        occlusion_texture: None,
-        emissive_texture: None,
-        specular_texture: None,
-        specular_colour_texture: None,
-    }
+    Material { name: "light".into(), metallic: 0.0, emissive: RADIANCE, double_sided, ..Material::default() }
 }
 
 /// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that slots and

@@ -2,6 +2,8 @@
 
 mod bsdf;
 mod classify;
+#[path = "../common/device.rs"]
+mod device;
 mod film;
 mod grid;
 mod house;

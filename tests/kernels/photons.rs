@@ -20,27 +20,7 @@ const DOUBLE_SIDED: u32 = 1;
 const EMISSIVE: u32 = 2;
 
 fn material(double_sided: bool, emissive: Vec3) -> Material {
-    Material {
-        name: String::new(),
-        base_colour: glam::Vec4::ONE,
-        metallic: 0.0,
-        roughness: 1.0,
-        emissive,
-        ior: 1.5,
-        specular: 1.0,
-        specular_colour: Vec3::ONE,
-        normal_scale: 1.0,
-        alpha: penumbra::scene::AlphaMode::Opaque,
-        double_sided,
-        unlit: false,
-        base_colour_texture: None,
-        metallic_roughness_texture: None,
-        normal_texture: None,
-        occlusion_texture: None,
-        emissive_texture: None,
-        specular_texture: None,
-        specular_colour_texture: None,
-    }
+    Material { metallic: 0.0, emissive, double_sided, ..Material::default() }
 }
 
 /// A scene of rectangles in the order of its hierarchy; those of the emissive material are light 0, `more` follow.

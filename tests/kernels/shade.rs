@@ -14,7 +14,7 @@ use penumbra::settings::Technique;
 use crate::kit::gpu;
 use crate::light::{Corners, form_factor, sphere, square};
 use crate::path::{camera, scene, surface};
-use crate::stage::{LightPoint, Stage, constant, hash, light_points, oct_decode, oct_encode, pixel_of, whole};
+use crate::stage::{LightPoint, Slots, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
 use crate::statistics::{Random, mean_and_error, z_test};
 
 const DARK: u32 = 0;
@@ -40,14 +40,9 @@ enum Fault {
 }
 
 struct Setup {
-    stage: Stage,
-    tile: Tile,
-    points: Vec<Point>,
+    slots: Slots,
     /// Albedo and code of the shading normal.
     surfaces: Vec<[f32; 4]>,
-    /// First light and number of lights.
-    chunk: [u32; 2],
-    samples: u32,
     audit_probability: f32,
 }
 
@@ -62,40 +57,27 @@ fn stage(scene: Scene, size: [u32; 2]) -> Stage {
 }
 
 impl Setup {
-    fn slots(&self) -> usize {
-        (self.tile.point_count * self.chunk[1]) as usize
-    }
-
-    fn words(&self) -> usize {
-        self.samples.div_ceil(32) as usize
-    }
-
-    fn light_points(&self) -> Vec<Vec<LightPoint>> {
-        let points = gpu().upload("test/points", &self.points).unwrap();
-        light_points(&self.stage, &self.tile, &points, self.chunk, self.samples)
-    }
-
     fn run(&self, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, tables, .. } = &self.stage;
+        let Stage { features, tables, .. } = &self.slots.stage;
         let pass = Shade::new(gpu, features, &tables.constants()).unwrap();
-        let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.points).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
         tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
         // One vector more, to see that it stays.
         let radiance = [before, &[[f32::from_bits(POISON); 4]]].concat();
         tile.radiance_direct = gpu.upload("test/radiance", &radiance).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
         let visibility = gpu.upload("test/visibility", visibility).unwrap();
-        let count = self.slots() + 1;
+        let count = self.slots.count() + 1;
         let samples = gpu.poisoned::<[f32; 4]>("test/shadow_samples", count).unwrap();
         let bound = pass.bind(gpu, &tile, &classes, &visibility, Some(&samples), tables).unwrap();
         let parameters = ShadeParameters {
-            tile: self.tile,
-            first_light: self.chunk[0],
-            lights_in_chunk: self.chunk[1],
-            light_samples: self.samples,
-            visibility_words: self.words() as u32,
+            tile: self.slots.tile,
+            first_light: self.slots.chunk[0],
+            lights_in_chunk: self.slots.chunk[1],
+            light_samples: self.slots.samples,
+            visibility_words: self.slots.words() as u32,
             audit_probability: self.audit_probability,
             padding: 0,
         };
@@ -111,18 +93,18 @@ impl Setup {
     }
 
     fn normals(&self, i: usize) -> [DVec3; 2] {
-        [self.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
+        [self.slots.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
     }
 
     /// Irradiance of a point from a light that has a closed form, nothing in between, and whether all of the light is
     /// before the point's own surface.
     fn unshadowed(&self, light: u32, i: usize) -> (DVec3, bool) {
-        let position = Vec3::from(self.points[i].position).as_dvec3();
+        let position = Vec3::from(self.slots.points[i].position).as_dvec3();
         let [geometric, shading] = self.normals(i);
-        match &self.stage.scene.lights[light as usize].kind {
+        match &self.slots.stage.scene.lights[light as usize].kind {
             LightKind::Mesh { emitters, .. } => {
                 let corners =
-                    |t: u32| -> Corners { self.stage.scene.triangle_positions(t as usize).map(|p| p.as_dvec3()) };
+                    |t: u32| -> Corners { self.slots.stage.scene.triangle_positions(t as usize).map(|p| p.as_dvec3()) };
                 let triangles: Vec<Corners> = emitters.iter().map(|e| corners(e.triangle)).collect();
                 let factor = form_factor(&triangles, false, position, shading, true);
                 let before = triangles.iter().flatten().all(|p| (p - position).dot(geometric) >= 0.0);
@@ -139,8 +121,8 @@ impl Setup {
 
     /// Radiance and visibility of a slot, and the sum of the sizes of all terms.
     fn estimate(&self, slot: usize, word: u32, bits: &[u32], chosen: &[LightPoint], fault: Fault) -> (DVec3, f64, f64) {
-        let i = slot % self.points.len();
-        let light = self.chunk[0] + (slot / self.points.len()) as u32;
+        let i = slot % self.slots.points.len();
+        let light = self.slots.chunk[0] + (slot / self.slots.points.len()) as u32;
         let [geometric, shading] = self.normals(i);
         let brdf = Vec4::from_array(self.surfaces[i]).truncate().as_dvec3() * FRAC_1_PI;
         let contribution = |p: &LightPoint| {
@@ -161,20 +143,20 @@ impl Setup {
             radiance += term;
             size += term.abs().element_sum();
         };
-        let mut closed = self.stage.tables.lights.lights[light as usize].closed_form;
+        let mut closed = self.slots.stage.tables.lights.lights[light as usize].closed_form;
         if closed {
             let (irradiance, before) = self.unshadowed(light, i);
-            closed = before || self.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
+            closed = before || self.slots.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
             if closed {
                 add(granted * brdf * irradiance);
             }
         }
-        let (points, audit) = chosen.split_at(self.samples as usize);
+        let (points, audit) = chosen.split_at(self.slots.samples as usize);
         let bit = |j: usize| f64::from(bits[j / 32] >> (j % 32) & 1);
         for (j, point) in points.iter().enumerate() {
             let seen = if decided { granted } else { bit(j) };
             let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
-            add((seen - taken) * contribution(point) / f64::from(self.samples));
+            add((seen - taken) * contribution(point) / f64::from(self.slots.samples));
         }
         // Of the light points that face the surface point, above its horizon.
         let could_be_seen = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
@@ -184,7 +166,7 @@ impl Setup {
         let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
         // Sixteen times as many near boundaries, all at most.
         let chance = f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 };
-        let (seed, sample) = pixel_of(&self.tile, i);
+        let (seed, sample) = pixel_of(&self.slots.tile, i);
         let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
         if decided && uniform < chance && fault != Fault::Unaudited {
             let error = (bit(0) - granted) / chance.min(1.0);
@@ -256,16 +238,20 @@ fn shading_follows_the_estimator() {
             surfaces.push([albedo(), albedo(), albedo(), f32::from_bits(shading)]);
             points.push(Point { position: p.as_vec3().to_array(), normal });
         }
-        let setup =
-            Setup { stage: stage(lights(), [width, 7]), tile, points, surfaces, chunk, samples, audit_probability };
-        let closed: Vec<bool> = setup.stage.tables.lights.lights.iter().map(|light| light.closed_form).collect();
+        let setup = Setup {
+            slots: Slots { stage: stage(lights(), [width, 7]), tile, points, chunk, samples },
+            surfaces,
+            audit_probability,
+        };
+        let closed: Vec<bool> = setup.slots.stage.tables.lights.lights.iter().map(|light| light.closed_form).collect();
         assert_eq!(closed, [true, false, true], "not the lights that the test is about");
-        let classes: Vec<u32> = (0..setup.slots()).map(|_| any_word(&mut random)).collect();
-        let visibility: Vec<u32> =
-            (0..setup.slots() * setup.words()).map(|_| (random.uniform() * 4_294_967_296.0) as u32).collect();
+        let classes: Vec<u32> = (0..setup.slots.count()).map(|_| any_word(&mut random)).collect();
+        let visibility: Vec<u32> = (0..setup.slots.count() * setup.slots.words())
+            .map(|_| (random.uniform() * 4_294_967_296.0) as u32)
+            .collect();
         let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
         let outcome = setup.run(&classes, &visibility, &before);
-        let light_points = setup.light_points();
+        let light_points = setup.slots.light_points();
         // Points, and slots of the AOV, that differ.
         let differences = |fault: Fault| -> [usize; 2] {
             let mut sums: Vec<(DVec3, f64)> = vec![(DVec3::ZERO, 0.0); count];
@@ -273,16 +259,16 @@ fn shading_follows_the_estimator() {
             for (slot, word) in classes.iter().enumerate() {
                 let i = slot % count;
                 let got = outcome.shadow_samples[slot];
-                if setup.points[i].normal == INVALID_POINT {
+                if setup.slots.points[i].normal == INVALID_POINT {
                     wrong[1] += usize::from(got != [0.0; 4]);
                     continue;
                 }
-                let bits = &visibility[slot * setup.words()..][..setup.words()];
+                let bits = &visibility[slot * setup.slots.words()..][..setup.slots.words()];
                 let of = if fault == Fault::Sample { (slot + width as usize) % classes.len() } else { slot };
                 let (radiance, seen, size) = setup.estimate(slot, *word, bits, &light_points[of], fault);
                 sums[i].0 += radiance;
                 sums[i].1 += size;
-                let class = if pixel_of(&setup.tile, i).1 == 0 { word & 7 } else { 0 };
+                let class = if pixel_of(&setup.slots.tile, i).1 == 0 { word & 7 } else { 0 };
                 let counts = [class, word >> 3 & 511, word >> 12 & 511].map(|v| v as f32);
                 let same =
                     [got[0], got[2], got[3]] == counts && (f64::from(got[1]) - seen).abs() <= 1e-5 * (1.0 + seen.abs());
@@ -330,18 +316,20 @@ fn shading_is_unbiased() {
     let count = tile.point_count as usize;
     let normal = oct_encode(DVec3::Y);
     let setup = Setup {
-        stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE]),
-        tile,
-        points: vec![Point { position: place.as_vec3().to_array(), normal }; count],
+        slots: Slots {
+            stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE]),
+            tile,
+            points: vec![Point { position: place.as_vec3().to_array(), normal }; count],
+            chunk: [0, 1],
+            samples: 4,
+        },
         surfaces: vec![[0.8, 0.8, 0.8, f32::from_bits(normal)]; count],
-        chunk: [0, 1],
-        samples: 4,
         audit_probability: 1.0 / 32.0,
     };
-    let light_points = setup.light_points();
+    let light_points = setup.slots.light_points();
     let visible: Vec<Vec<bool>> = light_points
         .iter()
-        .map(|chosen| chosen.iter().map(|p| p.visible(&setup.stage.scene).unwrap_or(true)).collect())
+        .map(|chosen| chosen.iter().map(|p| p.visible(&setup.slots.stage.scene).unwrap_or(true)).collect())
         .collect();
     let mut random = Random(17);
     let families: [(&str, &dyn Fn(u32) -> u32); 7] = [
@@ -360,8 +348,8 @@ fn shading_is_unbiased() {
     for (name, word) in families {
         let classes: Vec<u32> = (0..count).map(|_| word((random.uniform() * 1e9) as u32)).collect();
         let bits = |(word, visible): (&u32, &Vec<bool>)| match word & 7 {
-            LIT | SHADOWED => u32::from(visible[setup.samples as usize]),
-            _ => (0..setup.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
+            LIT | SHADOWED => u32::from(visible[setup.slots.samples as usize]),
+            _ => (0..setup.slots.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
         };
         let visibility: Vec<u32> = classes.iter().zip(&visible).map(bits).collect();
         let outcome = setup.run(&classes, &visibility, &vec![[0.0; 4]; count]);

@@ -12,7 +12,7 @@ use penumbra::statistics::Counter;
 use crate::kit::gpu;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
-use crate::stage::{LightPoint, Stage, light_points, oct_decode, oct_encode, whole};
+use crate::stage::{LightPoint, Slots, Stage, oct_decode, oct_encode, whole};
 use crate::statistics::Random;
 
 /// What counters hold before: kernels add to them.
@@ -62,12 +62,7 @@ fn points(count: usize) -> Vec<Point> {
 
 /// A run of one of the two entries, or both.
 struct Setup {
-    stage: Stage,
-    tile: Tile,
-    points: Vec<Point>,
-    /// First light and number of lights.
-    chunk: [u32; 2],
-    samples: u32,
+    slots: Slots,
     heal_capacity: u32,
 }
 
@@ -87,41 +82,29 @@ impl Setup {
         let stage = Stage::new(room(), &view, [65, 2], Technique::ShadowPhotons, |features| features);
         // Two layers, and not the first samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
-        Setup { stage, points: points(tile.point_count as usize), tile, chunk, samples, heal_capacity: 0 }
-    }
-
-    fn slots(&self) -> usize {
-        (self.tile.point_count * self.chunk[1]) as usize
-    }
-
-    fn words(&self) -> usize {
-        self.samples.div_ceil(32) as usize
-    }
-
-    fn light_points(&self) -> Vec<Vec<LightPoint>> {
-        let points = gpu().upload("test/points", &self.points).unwrap();
-        light_points(&self.stage, &self.tile, &points, self.chunk, self.samples)
+        let points = points(tile.point_count as usize);
+        Setup { slots: Slots { stage, tile, points, chunk, samples }, heal_capacity: 0 }
     }
 
     /// Whether a ray is traced to the light point.
     fn traced(&self, slot: usize, chosen: &LightPoint) -> bool {
-        let normal = oct_decode(self.points[slot % self.points.len()].normal, 16);
+        let normal = oct_decode(self.slots.points[slot % self.slots.points.len()].normal, 16);
         chosen.pdf > 0.0 && chosen.direction.dot(normal) > 0.0
     }
 
     fn run(&self, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, tables, .. } = &self.stage;
+        let Stage { features, tables, .. } = &self.slots.stage;
         let pass = Shadow::new(gpu, features, &tables.constants()).unwrap();
-        let mut tile = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.points).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
         tile.counters = gpu.upload("test/counters", &[BEFORE; Counter::COUNT]).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
         let boundary_queue = gpu.upload("test/boundary", boundary).unwrap();
         let audit_queue = gpu.upload("test/audits", audits).unwrap();
         let lengths = [0, boundary.len() as u32, audits.len() as u32, 0];
         let queue_lengths = gpu.upload("test/lengths", &lengths).unwrap();
-        let words = self.slots() * self.words();
+        let words = self.slots.count() * self.slots.words();
         let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
         let heal = gpu.poisoned::<Photon>("test/heal", HEAL_ROOM).unwrap();
         let heal_count = gpu.buffer::<u32>("test/heal_count", 1).unwrap();
@@ -137,10 +120,10 @@ impl Setup {
         let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
         let arguments = gpu.upload("test/arguments", &[groups(boundary), 1, 1, groups(audits), 1, 1]).unwrap();
         let parameters = ShadowParameters {
-            tile: self.tile,
-            first_light: self.chunk[0],
-            light_samples: self.samples,
-            visibility_words: self.words() as u32,
+            tile: self.slots.tile,
+            first_light: self.slots.chunk[0],
+            light_samples: self.slots.samples,
+            visibility_words: self.slots.words() as u32,
             heal_capacity: self.heal_capacity,
         };
         let mut frame = gpu.frame("test");
@@ -166,24 +149,25 @@ fn counts(added: &[(Counter, u32)]) -> Vec<u32> {
 fn visibility_bits_are_those_of_the_light_points() {
     for (chunk, samples) in [([0, 4], 33), ([1, 2], 1), ([0, 1], 32), ([0, 2], 70)] {
         let setup = Setup::new(chunk, samples);
-        let light_points = setup.light_points();
+        let light_points = setup.slots.light_points();
         let visible: Vec<Vec<Option<bool>>> = light_points
             .iter()
             .enumerate()
             .map(|(slot, chosen)| {
-                let bit =
-                    |p: &LightPoint| if setup.traced(slot, p) { p.visible(&setup.stage.scene) } else { Some(false) };
+                let bit = |p: &LightPoint| {
+                    if setup.traced(slot, p) { p.visible(&setup.slots.stage.scene) } else { Some(false) }
+                };
                 chosen.iter().map(bit).collect()
             })
             .collect();
-        let slots = setup.slots();
+        let slots = setup.slots.count();
         let mut order: Vec<u32> = (0..slots as u32).collect();
         // Any order will do; the last slots are not asked for.
         order.sort_by_key(|slot| slot.wrapping_mul(0x9e37_79b9) >> 8);
         for length in [0, 1, 63, 64, 65, slots - 5] {
             let queue = &order[..length];
             let outcome = setup.run(&vec![3; slots], queue, &[]);
-            let words = setup.words();
+            let words = setup.slots.words();
             let bit = |slot: u32, j: usize| outcome.visibility[slot as usize * words + j / 32] >> (j % 32) & 1 == 1;
             // Bits that differ from those of the slot that `of` names.
             let different = |of: &dyn Fn(u32) -> u32| -> usize {
@@ -229,8 +213,8 @@ fn visibility_bits_are_those_of_the_light_points() {
 #[test]
 fn audits_find_wrong_classes_and_heal_them() {
     let mut setup = Setup::new([0, 4], 33);
-    let slots = setup.slots();
-    let light_points = setup.light_points();
+    let slots = setup.slots.count();
+    let light_points = setup.slots.light_points();
     let mut random = Random(4);
     let classes: Vec<u32> = (0..slots)
         .map(|_| match (random.uniform() * 4.0) as u32 {
@@ -246,29 +230,30 @@ fn audits_find_wrong_classes_and_heal_them() {
         // From behind, so that the first slots are not asked for.
         let queue: Vec<u32> = (0..slots as u32).rev().take(length).collect();
         let outcome = setup.run(&classes, &[], &queue);
-        let mut expected_words = vec![POISON; slots * setup.words()];
+        let mut expected_words = vec![POISON; slots * setup.slots.words()];
         let (mut rays, mut wrong, mut wrong_near) = (0, 0, 0);
         let mut healed: Vec<([u32; 3], u32)> = Vec::new();
         let mut differences = [0, 0];
         for slot in queue.iter().map(|slot| *slot as usize) {
-            let got = outcome.visibility[slot * setup.words()] == 1;
+            let got = outcome.visibility[slot * setup.slots.words()] == 1;
             let chosen = light_points[slot].last().unwrap();
             let traced = setup.traced(slot, chosen);
             // Where the light point faces away, the class stands.
             let lit = classes[slot] & 7 == LIT;
-            let seen = if traced { chosen.visible(&setup.stage.scene).unwrap_or(got) } else { lit };
+            let seen = if traced { chosen.visible(&setup.slots.stage.scene).unwrap_or(got) } else { lit };
             let first = &light_points[slot][0];
             differences[0] += usize::from(seen != got);
-            differences[1] += usize::from(setup.traced(slot, first) && first.visible(&setup.stage.scene) == Some(!got));
-            expected_words[slot * setup.words()] = u32::from(seen);
+            differences[1] +=
+                usize::from(setup.traced(slot, first) && first.visible(&setup.slots.stage.scene) == Some(!got));
+            expected_words[slot * setup.slots.words()] = u32::from(seen);
             rays += u32::from(traced);
             if traced && seen != lit {
                 wrong += 1;
                 wrong_near += u32::from(near(classes[slot]));
-                let point = &setup.points[slot % setup.points.len()];
+                let point = &setup.slots.points[slot % setup.slots.points.len()];
                 // Up or down: the middle of x, and the last or the first of the 127 levels of y.
                 let normal = if point.normal == oct_encode(DVec3::Y) { 63 | 126 << 7 } else { 63 };
-                let light = (slot / setup.points.len()) as u32;
+                let light = (slot / setup.slots.points.len()) as u32;
                 let kind = u32::from(!seen) << 31;
                 healed.push((point.position.map(f32::to_bits), normal | light << 14 | kind));
             }

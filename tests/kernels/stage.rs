@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 use penumbra::bvh::Bvh;
-use penumbra::gpu::{Buffer, Features, Kernel, Resources, compose};
+use penumbra::gpu::{Features, Kernel, Resources, compose};
 use penumbra::needs::Needs;
-use penumbra::passes::Tile;
+use penumbra::passes::{Point, Tile};
 use penumbra::scene::{Camera, Scene};
 use penumbra::settings::{Settings, Technique};
 use penumbra::tables::SceneTables;
@@ -134,40 +134,59 @@ impl LightPoint {
     }
 }
 
-/// Of each slot of a chunk of lights, its `samples` light points, and last the one that an audit asks for.
-pub fn light_points(
-    stage: &Stage,
-    tile: &Tile,
-    points: &Buffer,
-    chunk: [u32; 2],
-    samples: u32,
-) -> Vec<Vec<LightPoint>> {
-    let composed =
-        compose::compose_source("light_points", include_str!("shaders/light_points.wgsl"), &stage.features).unwrap();
-    let [first_light, lights] = chunk;
-    let slots = lights * tile.point_count;
-    let constants =
-        [("first_light", f64::from(first_light)), ("slots", f64::from(slots)), ("samples", f64::from(samples))];
-    let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "chosen"]).unwrap();
-    let count = (slots * (samples + 1)) as usize;
-    let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
-    let own = Resources::new().with("points", points).with("chosen", &chosen);
-    let bound = kernel.bind(gpu(), "choose", &[&own, &stage.tables]).unwrap();
-    let mut frame = gpu().frame("test");
-    frame.run(&bound, slots, tile);
-    frame.submit().unwrap();
-    let chosen: Vec<[[f32; 4]; 3]> = gpu().read(&chosen, count).unwrap();
-    let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
-        let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
-        LightPoint {
-            origin: vector(a),
-            pdf: f64::from(a[3]),
-            direction: vector(b),
-            distance: f64::from(b[3]),
-            radiance: vector(c),
-        }
-    };
-    chosen.chunks(samples as usize + 1).map(|slot| slot.iter().map(light_point).collect()).collect()
+/// The slots of a tile's points and a chunk of lights, with `samples` light points each.
+pub struct Slots {
+    pub stage: Stage,
+    pub tile: Tile,
+    pub points: Vec<Point>,
+    /// First light and number of lights.
+    pub chunk: [u32; 2],
+    pub samples: u32,
+}
+
+impl Slots {
+    pub fn count(&self) -> usize {
+        (self.tile.point_count * self.chunk[1]) as usize
+    }
+
+    /// Words of visibilities of a slot.
+    pub fn words(&self) -> usize {
+        self.samples.div_ceil(32) as usize
+    }
+
+    /// Of each slot its light points, and last the one that an audit asks for.
+    pub fn light_points(&self) -> Vec<Vec<LightPoint>> {
+        let points = gpu().upload("test/points", &self.points).unwrap();
+        let composed =
+            compose::compose_source("light_points", include_str!("shaders/light_points.wgsl"), &self.stage.features)
+                .unwrap();
+        let slots = self.count() as u32;
+        let constants = [
+            ("first_light", f64::from(self.chunk[0])),
+            ("slots", f64::from(slots)),
+            ("samples", f64::from(self.samples)),
+        ];
+        let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "chosen"]).unwrap();
+        let count = (slots * (self.samples + 1)) as usize;
+        let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
+        let own = Resources::new().with("points", &points).with("chosen", &chosen);
+        let bound = kernel.bind(gpu(), "choose", &[&own, &self.stage.tables]).unwrap();
+        let mut frame = gpu().frame("test");
+        frame.run(&bound, slots, &self.tile);
+        frame.submit().unwrap();
+        let chosen: Vec<[[f32; 4]; 3]> = gpu().read(&chosen, count).unwrap();
+        let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
+            let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
+            LightPoint {
+                origin: vector(a),
+                pdf: f64::from(a[3]),
+                direction: vector(b),
+                distance: f64::from(b[3]),
+                radiance: vector(c),
+            }
+        };
+        chosen.chunks(self.samples as usize + 1).map(|slot| slot.iter().map(light_point).collect()).collect()
+    }
 }
 
 /// The kernels' hash of one word (PCG; Jarzynski and Olano 2020).

@@ -7,3 +7,5 @@ mod geometry;
 mod lights;
 mod materials;
 mod shared;
+#[path = "../common/shared_files.rs"]
+mod shared_files;

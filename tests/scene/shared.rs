@@ -1,7 +1,7 @@
 //! Files of others, found through `PENUMBRA_SHARED`: the validator's malformed and odd files, and models.
 
 use std::panic::catch_unwind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::{DMat4, DVec3, Vec3};
@@ -9,29 +9,7 @@ use penumbra::Error;
 use penumbra::scene::{ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::Value;
 
-/// Files with one of these extensions below the folder `name` of the shared files. None, and a
-/// line that says so, where there are no shared files.
-fn shared_files(name: &str, extensions: &[&str]) -> Option<Vec<PathBuf>> {
-    let Some(root) = std::env::var_os("PENUMBRA_SHARED") else {
-        eprintln!("left out: {name}, as PENUMBRA_SHARED is not set");
-        return None;
-    };
-    let mut files = Vec::new();
-    let mut open = vec![Path::new(&root).join(name)];
-    while let Some(folder) = open.pop() {
-        for entry in std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display())) {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
-                files.push(path);
-            }
-        }
-    }
-    files.sort();
-    assert!(!files.is_empty(), "{name} holds no files");
-    Some(files)
-}
+use crate::shared_files::shared_files;
 
 /// Errors of the validator that do not change what is seen: how the code starts, a part of the
 /// pointer (all of it after `=`), and why.

@@ -1,0 +1,27 @@
+//! Files too large for the repository, found through the variable `PENUMBRA_SHARED`.
+
+use std::path::{Path, PathBuf};
+
+/// Files with one of these extensions below the folder `name` of the shared files. None, and a
+/// line that says so, where there are no shared files.
+pub fn shared_files(name: &str, extensions: &[&str]) -> Option<Vec<PathBuf>> {
+    let Some(root) = std::env::var_os("PENUMBRA_SHARED") else {
+        eprintln!("left out: {name}, as PENUMBRA_SHARED is not set");
+        return None;
+    };
+    let mut files = Vec::new();
+    let mut open = vec![Path::new(&root).join(name)];
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display())) {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    assert!(!files.is_empty(), "{name} holds no files");
+    Some(files)
+}
