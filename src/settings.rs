@@ -134,7 +134,7 @@ pub struct Settings {
     pub audit: f32,
     /// Count photons without regard to their normals, as the paper does.
     pub paper_counting: bool,
-    /// Most bounces of indirect light.
+    /// Most bounces of indirect light; 0 for direct light alone.
     pub max_bounces: u32,
     /// Factor on the power of every light, at least 0.
     pub light_scale: f32,

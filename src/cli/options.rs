@@ -83,7 +83,7 @@ pub struct SettingsOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
     seed: u32,
 
-    /// Most bounces of indirect light
+    /// Most bounces of indirect light; 0 for direct light alone
     #[arg(long, value_name = "N", default_value_t = Settings::default().max_bounces)]
     max_bounces: u32,
 
