@@ -1,5 +1,5 @@
-// Sorts photons by light and cell (counting sort), and judges each cell that holds some: is every point in it
-// lit, is every one shadowed, do all see both?
+// Sorts photons by light and cell (counting sort). Of the visibility map it judges each cell that holds some: is every
+// point in it lit, is every one shadowed, do all see both?
 
 import package::lib::dispatch::group_index;
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
@@ -114,6 +114,7 @@ fn scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     sorted_photons[starts[photon_cell(photon)] + photon_ranks[i]] = photon;
 }
 
+@if(visibility_map)
 @compute @workgroup_size(1)
 fn arrange() {
     let groups = (atomicLoad(&occupied_cells[0]) + GRID_GROUP - 1u) / GRID_GROUP;
@@ -132,6 +133,7 @@ const LOOKS_PER_NEAREST = 24u;
 const ASKED_LOOKS = 16384u;
 const NO_CODE = 0xffffffffu;
 
+@if(visibility_map)
 @compute @workgroup_size(64)
 fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * GRID_GROUP + lane;
@@ -204,6 +206,7 @@ fn judge_photons(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2
 
 // The asked cells to be judged: none where more are asked about than there is room for, since which of them have
 // a place depends on chance.
+@if(visibility_map)
 @compute @workgroup_size(1)
 fn arrange_asked() {
     let asked = atomicLoad(&asked_lengths[0]);
@@ -217,6 +220,7 @@ fn arrange_asked() {
     asked_arguments[2] = 1u;
 }
 
+@if(visibility_map)
 @compute @workgroup_size(64)
 fn judge_asked(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = atomicLoad(&asked_lengths[2]) + group_index(group, groups) * GRID_GROUP + lane;

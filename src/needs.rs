@@ -158,6 +158,11 @@ impl Needs {
         let on = shaded && (settings.max_bounces > 0 || highlights);
         needs.decide("indirect", on, why, unneeded, "pass path: the rays of a path from every point; 16 B a point");
 
+        let bounces = on && settings.max_bounces > 0;
+        let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
+        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
+        needs.decide("global_map", bounces, why, "no light of more bounces is asked for", &cost);
+
         let aov = |aov: Aov| settings.aovs.contains(&aov);
         for (feature, on) in [
             ("aov_albedo", aov(Aov::Albedo)),

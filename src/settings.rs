@@ -136,6 +136,10 @@ pub struct Settings {
     pub paper_counting: bool,
     /// Most bounces of indirect light; 0 for direct light alone.
     pub max_bounces: u32,
+    /// Rays from all lights together, by their power, whose photons carry flux, 1 to [`Settings::MAX_PHOTONS`].
+    pub flux_photons: u32,
+    /// Interpolate irradiance between records; without, every point gathers along one ray.
+    pub cache: bool,
     /// Factor on the power of every light, at least 0.
     pub light_scale: f32,
     /// Channels beside the picture.
@@ -160,6 +164,8 @@ impl Default for Settings {
             paper_counting: false,
             // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
             max_bounces: 64,
+            flux_photons: 65_536,
+            cache: true,
             light_scale: 1.0,
             aovs: Vec::new(),
         }
@@ -193,6 +199,7 @@ impl Settings {
         range("--height", self.height, 1, Self::MAX_SIDE)?;
         range("--spp", self.spp, 1, u32::MAX)?;
         range("--photons", self.photons, 1, Self::MAX_PHOTONS)?;
+        range("--flux-photons", self.flux_photons, 1, Self::MAX_PHOTONS)?;
         range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
         range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;

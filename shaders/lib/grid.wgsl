@@ -21,8 +21,8 @@ struct GridShape {
 @if(texture_loads) @group(1) @binding(11) var cell_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(11) var<storage, read> cell_records: array<vec4u>;
 // First photon of each cell, four cells to a record; the last cell's end follows.
-@if(texture_loads) @group(1) @binding(13) var cell_starts: texture_storage_2d<rgba32uint, read>;
-@if(!texture_loads) @group(1) @binding(13) var<storage, read> cell_starts: array<vec4u>;
+@if(texture_loads) @group(1) @binding(14) var cell_starts: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(1) @binding(14) var<storage, read> cell_starts: array<vec4u>;
 
 // Distances along the normal count this many times more than their square: four times the length.
 @if(!paper_counting) const NORMAL_STRETCH = 15.0;

@@ -97,6 +97,32 @@ struct PunctualLight {
     irradiance: vec3f,
 }
 
+// KHR_lights_punctual: the window that brings the light to nothing at its range; infinite range gives 1.
+@if(point_lights || spot_lights)
+fn range_window(distance: f32, range: f32) -> f32 {
+    let relative = distance / range;
+    let relative2 = relative * relative;
+    return clamp(1.0 - relative2 * relative2, 0.0, 1.0);
+}
+
+// How much of its intensity a spot light sends along a direction; `axis` is its record of axis and outer cosine.
+@if(spot_lights)
+fn spot_falloff(light: u32, axis: vec4f, direction: vec3f) -> f32 {
+    // KHR_lights_punctual's reference code, the 0.001 included.
+    let scale = 1.0 / max(0.001, light_record_f32(light, 4u).x - axis.w);
+    let falloff = clamp((dot(axis.xyz, direction) - axis.w) * scale, 0.0, 1.0);
+    return falloff * falloff;
+}
+
+// What is left of a ray's flux at that distance from the light.
+fn flux_window(light: u32, distance: f32) -> f32 {
+    @if(point_lights || spot_lights) {
+        let kind = light_record(light, 0u).x & LIGHT_KIND_MASK;
+        if kind == LIGHT_POINT || kind == LIGHT_SPOT { return range_window(distance, light_record_f32(light, 1u).w); }
+    }
+    return 1.0;
+}
+
 @if(point_lights || spot_lights || directional_lights)
 fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
     let intensity = light_record_f32(light, 2u).xyz;
@@ -113,18 +139,9 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
         if distance2 < 1e-30 { return PunctualLight(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0)); }
         let distance = sqrt(distance2);
         let direction = offset / distance;
-        // KHR_lights_punctual: the window that brings the light to nothing at its range; infinite range gives 1.
-        let relative = distance / place.w;
-        let relative2 = relative * relative;
-        var irradiance = intensity * (clamp(1.0 - relative2 * relative2, 0.0, 1.0) / distance2);
+        var irradiance = intensity * (range_window(distance, place.w) / distance2);
         @if(spot_lights) {
-            if kind == LIGHT_SPOT {
-                let axis = light_record_f32(light, 3u);
-                // KHR_lights_punctual's reference code, the 0.001 included.
-                let scale = 1.0 / max(0.001, light_record_f32(light, 4u).x - axis.w);
-                let falloff = clamp((dot(axis.xyz, -direction) - axis.w) * scale, 0.0, 1.0);
-                irradiance *= falloff * falloff;
-            }
+            if kind == LIGHT_SPOT { irradiance *= spot_falloff(light, light_record_f32(light, 3u), -direction); }
         }
         return PunctualLight(direction, distance, irradiance);
     }
@@ -471,6 +488,8 @@ struct EmittedRay {
     normal: vec3f,
     // BVH slot of the emitter triangle, or NO_EMITTER.
     triangle: u32,
+    // Power over the density of the ray's choice: the mean over rays is the light's power.
+    flux: vec3f,
 }
 
 // A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
@@ -481,6 +500,7 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
             let place = light_record_f32(light, 1u);
+            let intensity = light_record_f32(light, 2u).xyz;
             let axis = light_record_f32(light, 3u);
             @if(directional_lights) {
                 if kind == LIGHT_DIRECTIONAL {
@@ -488,17 +508,18 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
                     let sphere = light_record_f32(light, 4u);
                     let reach = sphere.w * 1.001;
                     let offset = basis(axis.xyz) * vec3f(reach * sample_disc(u.xy), -2.0 * reach);
-                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER);
+                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER, intensity * (PI * reach * reach));
                 }
             }
             @if(spot_lights) {
                 if kind == LIGHT_SPOT {
                     let direction = basis(axis.xyz) * sample_cone(u.xy, axis.w);
-                    return EmittedRay(place.xyz, direction, direction, NO_EMITTER);
+                    let flux = intensity * (spot_falloff(light, axis, direction) * 2.0 * PI * (1.0 - axis.w));
+                    return EmittedRay(place.xyz, direction, direction, NO_EMITTER, flux);
                 }
             }
             let direction = sample_sphere(u.xy);
-            return EmittedRay(place.xyz, direction, direction, NO_EMITTER);
+            return EmittedRay(place.xyz, direction, direction, NO_EMITTER, intensity * (4.0 * PI));
         }
     }
     @if(mesh_lights) {
@@ -506,11 +527,13 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
         let point = mesh_point(light, header, chosen.triangle, chosen.triangle.density, chosen.u);
         var normal = point.normal;
         var v = u.zw;
+        var flux = point.radiance * (PI / point.density);
         if (header.x & LIGHT_TWO_SIDED) != 0u {
             if v.x < 0.5 { normal = -normal; }
             v.x = fract(2.0 * v.x);
+            flux *= 2.0;
         }
-        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, point.triangle);
+        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, point.triangle, flux);
     }
-    @else { return EmittedRay(vec3f(0.0), vec3f(0.0, 0.0, 1.0), vec3f(0.0, 0.0, 1.0), NO_EMITTER); }
+    @else { return EmittedRay(vec3f(0.0), vec3f(0.0, 0.0, 1.0), vec3f(0.0, 0.0, 1.0), NO_EMITTER, vec3f(0.0)); }
 }

@@ -6,7 +6,8 @@ import package::lib::constants::DIMENSION_AUDIT;
 
 struct Photon {
     position: vec3f,
-    // Bits 0-13 normal on the side that the photon came to, 14-24 light, 25-30 weight exponent, 31 shadow photon.
+    // Bits 0-13 normal on the side that the photon came to, 31 shadow photon. In the visibility map 14-24 light, 25-30
+    // weight exponent; in the global map 14-28 flux in red, green and blue, 29-30 its exponent.
     word: u32,
 }
 
@@ -46,6 +47,27 @@ fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
     let word = normal | (exponent << 25u) | select(0u, PHOTON_SHADOW, shadow);
     @if(light_tags) { return word | (light << 14u); }
     @else { return word; }
+}
+
+// Flux of the global map's photons, in 31sts of a unit that all photons share times 8 to the exponent. Rounded up by
+// chance, so the mean is kept; a 31st is nothing against the noise of the few dozen photons that an estimate sums.
+const FLUX_STEPS = 31.0;
+const FLUX_MOST = 512.0;
+
+// The word of a photon that carries `flux` units, no channel above FLUX_MOST; `lot` is uniform.
+fn flux_word(normal: u32, flux: vec3f, lot: f32, shadow: bool) -> u32 {
+    let largest = max(flux.x, max(flux.y, flux.z));
+    let exponent = select(select(select(3u, 2u, largest <= 64.0), 1u, largest <= 8.0), 0u, largest <= 1.0);
+    let steps = flux * (FLUX_STEPS / f32(1u << (3u * exponent)));
+    // One lot for all channels: white stays white.
+    let q = vec3u(min(steps + lot, vec3f(FLUX_STEPS)));
+    return normal | (q.x << 14u) | (q.y << 19u) | (q.z << 24u) | (exponent << 29u) | select(0u, PHOTON_SHADOW, shadow);
+}
+
+// Flux in 31sts of the unit: integers, so that sums do not depend on order. Shadow photons take it away.
+fn flux_of(word: u32) -> vec3i {
+    let q = (vec3i(i32(word >> 14u), i32(word >> 19u), i32(word >> 24u)) & vec3i(31)) << vec3u(3u * ((word >> 29u) & 3u));
+    return select(q, -q, photon_is_shadow(word));
 }
 
 // Bits 0-2 class, 3-11 illumination photons, 12-20 shadow photons, 21-31 visibility.

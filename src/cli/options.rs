@@ -87,6 +87,19 @@ pub struct SettingsOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().max_bounces)]
     max_bounces: u32,
 
+    /// Rays from all lights together whose photons carry flux: the global map
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = Settings::default().flux_photons,
+        help_heading = "Indirect light"
+    )]
+    flux_photons: u32,
+
+    /// Gather along one ray from every point, instead of interpolating between irradiance records
+    #[arg(long, help_heading = "Indirect light")]
+    no_cache: bool,
+
     /// Factor on the power of every light
     #[arg(long, value_name = "X", default_value_t = Settings::default().light_scale)]
     light_scale: f32,
@@ -179,6 +192,8 @@ impl SettingsOptions {
             audit: self.audit,
             paper_counting: self.paper_counting,
             max_bounces: self.max_bounces,
+            flux_photons: self.flux_photons,
+            cache: !self.no_cache,
             light_scale: self.light_scale,
             aovs: self.aov.clone().unwrap_or_default().0,
         }

@@ -7,7 +7,8 @@ use crate::{Error, Result};
 
 use super::Gpu;
 
-/// A storage buffer with its label.
+/// A storage buffer with its label. Clones are the same buffer.
+#[derive(Clone)]
 pub struct Buffer {
     pub(crate) raw: wgpu::Buffer,
     /// `penumbra/<pass>/<buffer>`.
@@ -163,6 +164,20 @@ impl Gpu {
             usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         }))
+    }
+
+    /// A table of what kernels wrote into `buffer`, which is whole rows of [`TABLE_WIDTH`] records: copied into a texture
+    /// where tables are textures.
+    ///
+    /// # Errors
+    /// As [`Gpu::table_texture`].
+    pub fn kernel_table(&self, frame: &mut super::Frame<'_>, buffer: Buffer, format: TableFormat) -> Result<Table> {
+        if !self.texture_loads {
+            return Ok(Table::Buffer(buffer));
+        }
+        let texture = self.table_texture(&buffer.label, (buffer.bytes / 16) as usize, format)?;
+        frame.copy_to_table(&buffer, &texture);
+        Ok(Table::Texture(texture.create_view(&Default::default())))
     }
 
     /// Bytes of the largest buffer that kernels can bind.

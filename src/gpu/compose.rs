@@ -16,7 +16,9 @@ macro_rules! shaders {
 shaders!(
     "classify",
     "film",
+    "flux",
     "grid",
+    "irradiance",
     "photons",
     "path",
     "primary",
@@ -28,6 +30,7 @@ shaders!(
     "lib/camera",
     "lib/dispatch",
     "lib/grid",
+    "lib/irradiance",
     "lib/light",
     "lib/light_choice",
     "lib/math",
@@ -39,6 +42,7 @@ shaders!(
     "lib/surface",
     "lib/table",
     "lib/tile",
+    "lib/walk",
 );
 
 /// Every feature that an `@if` may ask for. An `@if` on another name fails to compose.
@@ -82,6 +86,8 @@ pub const FEATURES: &[&str] = &[
     "paper_counting",
     // Method: decided points are audited.
     "audit",
+    // Method: rays end where photons have brought flux.
+    "global_map",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.
     "indirect",
     // Method: visibility is that of the photons, without shadow rays.
@@ -121,6 +127,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("TRIANGLE_DOUBLE_SIDED", crate::tables::TRIANGLE_DOUBLE_SIDED),
     ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
     ("DIMENSION_PATH", 0x9000_0000),
+    ("DIMENSION_FLUX", 0xa000_0000),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),

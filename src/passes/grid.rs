@@ -9,16 +9,19 @@ use std::rc::Rc;
 use glam::{UVec3, Vec3};
 
 use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table, compose};
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
 use crate::{Error, Result, bindings, shared_struct};
 
+use super::kernel;
+
 shared_struct! {
-    /// A photon of the visibility map.
+    /// A photon of the visibility map or the global map.
     pub struct Photon {
         /// Where it hit, in normalised space.
         pub position: [f32; 3],
-        /// Bits 0-13 normal on the side that it came to (octahedral, 7 bits a coordinate), 14-24 light, 25-30
-        /// weight exponent (it stands for 2^(w/4) hits), 31 shadow photon.
+        /// Bits 0-13 normal on the side that it came to (octahedral, 7 bits a coordinate), 31 shadow photon. In the
+        /// visibility map 14-24 light, 25-30 weight exponent (it stands for 2^(w/4) hits); in the global map 14-28 flux in
+        /// red, green and blue, 29-30 its exponent.
         pub word: u32,
     }
 }
@@ -66,11 +69,16 @@ impl GridShape {
     /// A grid over `bounds` (least and greatest corner) for `photons` photons of one of `lights` lights on surfaces
     /// of area `area`, of which queries want the nearest `nearest`.
     pub fn new(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32, nearest: u32) -> GridShape {
+        Self::with_cells_of(PHOTONS_PER_CELL * nearest as f32, bounds, area, photons, lights)
+    }
+
+    /// As [`GridShape::new`]: a cell on an evenly covered surface holds `per_cell` photons, at least 1.
+    pub fn with_cells_of(per_cell: f32, bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
         // A border keeps photons on the scene's hull off the grid's.
         let border = 1e-3f32.max((bounds.1 - bounds.0).max_element() * 1e-3);
         let (low, high) = (bounds.0 - border, bounds.1 + border);
         let extent = (high - low).as_dvec3();
-        let per_cell = f64::from((PHOTONS_PER_CELL * nearest as f32).max(1.0));
+        let per_cell = f64::from(per_cell.max(1.0));
         let mut cell = (f64::from(area) * per_cell / f64::from(photons.max(1))).sqrt();
         // Cells beyond twice the photons would be empty, most of them.
         let most = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons)).max(1.0);
@@ -110,10 +118,9 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the grid's kernels write, and the photons they read.
+    /// What sorting writes, and the photons it reads.
     struct GridBindings {
-        photons, cell_counts, photon_ranks, block_sums, starts, sorted_photons, occupied_cells, judge_arguments,
-        judged_cells,
+        photons, cell_counts, photon_ranks, block_sums, starts, sorted_photons, occupied_cells,
     }
 }
 
@@ -125,7 +132,33 @@ pub struct Grid {
     kernel: Kernel,
 }
 
-/// Photons sorted by light and cell, with the verdicts on their cells.
+/// Photons sorted by light and cell.
+pub struct SortedPhotons {
+    /// Shape of each light's grid.
+    pub shape: GridShape,
+    /// Lights.
+    pub lights: u32,
+    /// Photons.
+    pub count: u32,
+    /// Bytes of its tables on the device.
+    pub bytes: u64,
+    /// The [`Photon`]s, padded to whole rows of a table.
+    pub sorted: Buffer,
+    photon_table: Table,
+    cell_starts: Table,
+}
+
+impl Bindings for SortedPhotons {
+    fn get(&self, name: &str) -> Option<crate::gpu::Binding<'_>> {
+        match name {
+            "photon_table" => Some((&self.photon_table).into()),
+            "cell_starts" => Some((&self.cell_starts).into()),
+            _ => None,
+        }
+    }
+}
+
+/// The visibility map: photons sorted by light and cell, with the verdicts on their cells.
 pub struct PhotonGrid {
     /// Shape of each light's grid.
     pub shape: GridShape,
@@ -205,7 +238,7 @@ impl Bindings for PhotonGrid {
 }
 
 impl Grid {
-    /// Makes the pass. `nearest` is k, at most [`MAX_NEAREST`].
+    /// Makes the pass for the visibility map. `nearest` is k, at most [`MAX_NEAREST`].
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
@@ -213,31 +246,48 @@ impl Grid {
         if !(1..=MAX_NEAREST).contains(&nearest) {
             return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
         }
-        let composed = compose::compose("grid", features)?;
-        let kernel = Kernel::new(gpu, &composed, &[("nearest", f64::from(nearest))], GridBindings::NAMES)?;
-        Ok(Grid { kernel })
+        let features = features.clone().with("visibility_map", true);
+        Ok(Grid { kernel: kernel(gpu, "grid", &features, &[("nearest", f64::from(nearest))], GridBindings::NAMES)? })
     }
 
-    /// Sorts the first `count` of `photons`, whose lights are below `lights`, and judges the cells.
+    /// Makes the pass for the global map: it sorts, and judges nothing.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn sorting_only(gpu: &Gpu, features: &Features) -> Result<Grid> {
+        let features = features.clone().with("visibility_map", false).with("light_tags", false);
+        Ok(Grid { kernel: kernel(gpu, "grid", &features, &[], GridBindings::NAMES)? })
+    }
+
+    /// Sorts the first `count` of `photons`, whose lights are below `lights`.
     ///
     /// # Errors
     /// [`Error::Buffer`] where the device cannot hold the map, [`Error::Usage`] for too many lights, else as
     /// [`Gpu::check`].
-    pub fn build(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<PhotonGrid> {
+    pub fn sort(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<SortedPhotons> {
+        Ok(self.sort_cells(gpu, photons, count, lights, shape)?.0)
+    }
+
+    /// As [`Grid::sort`]; also the cells that hold photons, and the parameters of the kernels.
+    fn sort_cells(
+        &self,
+        gpu: &Gpu,
+        photons: &Buffer,
+        count: u32,
+        lights: u32,
+        shape: GridShape,
+    ) -> Result<(SortedPhotons, Buffer, GridParameters)> {
         if !(1..=MAX_LIGHTS).contains(&lights) {
             return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
         }
         let cells = shape.cells() as usize * lights as usize;
         let blocks = (cells as u32).div_ceil(SCAN_SERIAL);
-        let rows = |records: usize| records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize);
         let cell_counts = gpu.buffer::<u32>("grid/cell_counts", cells)?;
         let photon_ranks = gpu.buffer::<u32>("grid/photon_ranks", count as usize)?;
         let block_sums = gpu.buffer::<u32>("grid/block_sums", blocks as usize)?;
-        let starts = gpu.buffer::<[u32; 4]>("grid/cell_starts", rows((cells + 1).div_ceil(4)))?;
-        let sorted_photons = gpu.buffer::<Photon>("grid/photon_table", rows(count as usize))?;
+        let starts = gpu.buffer::<[u32; 4]>("grid/cell_starts", whole_rows((cells + 1).div_ceil(4)))?;
+        let sorted_photons = gpu.buffer::<Photon>("grid/photon_table", whole_rows(count as usize))?;
         let occupied_cells = gpu.buffer::<u32>("grid/occupied_cells", 1 + cells.min(count as usize))?;
-        let judge_arguments = gpu.buffer::<u32>("grid/judge_arguments", 4)?;
-        let judged_cells = gpu.buffer::<[u32; 4]>("grid/cell_records", rows(cells))?;
         let own = GridBindings {
             photons,
             cell_counts: &cell_counts,
@@ -246,8 +296,6 @@ impl Grid {
             starts: &starts,
             sorted_photons: &sorted_photons,
             occupied_cells: &occupied_cells,
-            judge_arguments: &judge_arguments,
-            judged_cells: &judged_cells,
         };
         let parameters = GridParameters {
             grid: shape,
@@ -257,71 +305,71 @@ impl Grid {
             padding: 0,
         };
         let entry = |name: &str| -> Result<BoundKernel> { self.kernel.bind(gpu, name, &[&own]) };
-
         let mut frame = gpu.frame("grid");
         frame.run(&entry("count")?, count, &parameters);
         frame.run(&entry("sum")?, blocks, &parameters);
         frame.run(&entry("scan")?, 1, &parameters);
         frame.run(&entry("start")?, blocks, &parameters);
         frame.run(&entry("scatter")?, count, &parameters);
-        frame.run(&entry("arrange")?, 1, &parameters);
-        let photon_texture = texture(gpu, &mut frame, &sorted_photons)?;
-        let starts_texture = texture(gpu, &mut frame, &starts)?;
-        let mut tables = Resources::new();
-        tables = match &photon_texture {
-            Some(texture) => tables.with("photon_table", texture),
-            None => tables.with("photon_table", &sorted_photons),
+        let bytes = sorted_photons.bytes + starts.bytes;
+        let sorted = SortedPhotons {
+            shape,
+            lights,
+            count,
+            bytes,
+            photon_table: gpu.kernel_table(&mut frame, sorted_photons.clone(), TableFormat::Uint)?,
+            cell_starts: gpu.kernel_table(&mut frame, starts, TableFormat::Uint)?,
+            sorted: sorted_photons,
         };
-        tables = match &starts_texture {
-            Some(texture) => tables.with("cell_starts", texture),
-            None => tables.with("cell_starts", &starts),
-        };
+        frame.submit()?;
+        Ok((sorted, occupied_cells, parameters))
+    }
+
+    /// Sorts the first `count` of `photons`, whose lights are below `lights`, and judges the cells.
+    ///
+    /// # Errors
+    /// As [`Grid::sort`].
+    pub fn build(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<PhotonGrid> {
+        let (sorted, occupied_cells, parameters) = self.sort_cells(gpu, photons, count, lights, shape)?;
+        let cells = parameters.cell_count as usize;
+        let judge_arguments = gpu.buffer::<u32>("grid/judge_arguments", 4)?;
+        let judged_cells = gpu.buffer::<[u32; 4]>("grid/cell_records", whole_rows(cells))?;
         let [codes, places] = ["grid/asked_codes", "grid/asked_places"].map(|label| gpu.buffer::<u32>(label, cells));
         let (codes, places) = (codes?, places?);
         let asked_cells = gpu.buffer::<AskedCell>("grid/asked_cells", cells.min(MAX_ASKED))?;
         let lengths = gpu.buffer::<u32>("grid/asked_lengths", 3)?;
         let arguments = Rc::new(gpu.buffer::<u32>("grid/asked_arguments", 3)?);
-        let tables = tables
+        let own = Resources::new()
+            .with("occupied_cells", &occupied_cells)
+            .with("judge_arguments", &judge_arguments)
+            .with("judged_cells", &judged_cells)
             .with("asked_codes", &codes)
             .with("asked_cells", &asked_cells)
             .with("asked_lengths", &lengths)
             .with("asked_arguments", &*arguments);
-        let judge = self.kernel.bind(gpu, "judge", &[&own, &tables])?;
-        let arrange_asked = self.kernel.bind(gpu, "arrange_asked", &[&tables])?;
-        let judge_asked = self.kernel.bind(gpu, "judge_asked", &[&tables])?;
-        frame.run_indirect(&judge, &judge_arguments, 0, &parameters);
-        let records_texture = texture(gpu, &mut frame, &judged_cells)?;
+        let entry = |name: &str| -> Result<BoundKernel> { self.kernel.bind(gpu, name, &[&own, &sorted]) };
+        let mut frame = gpu.frame("grid");
+        frame.run(&entry("arrange")?, 1, &parameters);
+        frame.run_indirect(&entry("judge")?, &judge_arguments, 0, &parameters);
+        let judge =
+            JudgeAsked { arrange: entry("arrange_asked")?, judge: entry("judge_asked")?, arguments, parameters };
+        let tables = [&judged_cells, &codes, &places, &asked_cells].map(|buffer| buffer.bytes);
+        let cell_records = gpu.kernel_table(&mut frame, judged_cells, TableFormat::Uint)?;
         frame.submit()?;
-        let table =
-            |view: Option<wgpu::TextureView>, buffer: Buffer| view.map_or(Table::Buffer(buffer), Table::Texture);
         Ok(PhotonGrid {
             shape,
             lights,
             photons: count,
-            bytes: [&sorted_photons, &starts, &judged_cells, &codes, &places, &asked_cells]
-                .map(|b| b.bytes)
-                .iter()
-                .sum(),
-            photon_table: table(photon_texture, sorted_photons),
-            cell_starts: table(starts_texture, starts),
-            cell_records: table(records_texture, judged_cells),
-            asked: AskedCells {
-                codes,
-                places,
-                cells: asked_cells,
-                lengths,
-                judge: JudgeAsked { arrange: arrange_asked, judge: judge_asked, arguments, parameters },
-            },
+            bytes: sorted.bytes + tables.iter().sum::<u64>(),
+            photon_table: sorted.photon_table,
+            cell_starts: sorted.cell_starts,
+            cell_records,
+            asked: AskedCells { codes, places, cells: asked_cells, lengths, judge },
         })
     }
 }
 
-/// Copies a buffer of whole table rows into a texture, where tables are textures.
-fn texture(gpu: &Gpu, frame: &mut Frame<'_>, buffer: &Buffer) -> Result<Option<wgpu::TextureView>> {
-    if !gpu.texture_loads {
-        return Ok(None);
-    }
-    let texture = gpu.table_texture(&buffer.label, (buffer.bytes / 16) as usize, TableFormat::Uint)?;
-    frame.copy_to_table(buffer, &texture);
-    Ok(Some(texture.create_view(&Default::default())))
+/// Records of a buffer that is to become a table.
+fn whole_rows(records: usize) -> usize {
+    records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
 }

@@ -2,7 +2,9 @@
 
 pub mod classify;
 pub mod film;
+pub mod flux;
 pub mod grid;
+pub mod irradiance;
 pub mod path;
 pub mod photons;
 pub mod primary;

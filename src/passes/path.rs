@@ -31,11 +31,12 @@ impl Path {
         Ok(Path(kernel(gpu, "path", features, constants, &own)?))
     }
 
-    /// Binds it to a tile's buffers, which must have one for indirect light, and the scene.
+    /// Binds it to a tile's buffers, which must have one for indirect light, the scene, and the global
+    /// map where the kernel asks it.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
-    pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &dyn Bindings) -> Result<BoundPath> {
+    pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &[&dyn Bindings]) -> Result<BoundPath> {
         let mut own = Resources::new()
             .with("points", &tile.points)
             .with("surfaces", &tile.surfaces)
@@ -44,7 +45,9 @@ impl Path {
         if let Some(indirect) = &tile.radiance_indirect {
             own = own.with("radiance_indirect", indirect);
         }
-        Ok(BoundPath(self.0.bind(gpu, "path", &[&own, scene])?))
+        let mut sets: Vec<&dyn Bindings> = vec![&own];
+        sets.extend(scene);
+        Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))
     }
 }
 

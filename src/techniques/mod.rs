@@ -1,6 +1,7 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
 mod direct;
+mod global_map;
 mod output;
 mod totals;
 mod visibility_map;
@@ -8,7 +9,7 @@ mod visibility_map;
 use std::time::Instant;
 
 use crate::bvh::Bvh;
-use crate::gpu::{Features, Gpu};
+use crate::gpu::{Bindings, Features, Gpu, Resources};
 use crate::needs::Needs;
 use crate::passes::film::{Film, Plane};
 use crate::passes::path::{BoundPath, Path, PathParameters};
@@ -21,6 +22,7 @@ use crate::tables::SceneTables;
 use crate::{Image, Result};
 
 use direct::Direct;
+use global_map::{GlobalMap, GlobalMapKernels};
 use totals::Totals;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
@@ -123,8 +125,17 @@ impl<'g> Renderer<'g> {
         let constants = tables.constants();
         let path_traced = settings.technique == Technique::Path;
         let paths = path_traced || features.has("indirect");
-        let ((primary, film), (path, direct)) = rayon::join(
-            || rayon::join(|| Primary::new(gpu, &features, &constants), || Film::new(gpu, &features)),
+        let mapped = features.has("global_map");
+        let ((primary, (film, map)), (path, direct)) = rayon::join(
+            || {
+                rayon::join(
+                    || Primary::new(gpu, &features, &constants),
+                    || {
+                        let map = mapped.then(|| GlobalMapKernels::new(gpu, &features, &constants)).transpose();
+                        (Film::new(gpu, &features), map)
+                    },
+                )
+            },
             || {
                 rayon::join(
                     || paths.then(|| Path::new(gpu, &features, &constants)).transpose(),
@@ -132,7 +143,7 @@ impl<'g> Renderer<'g> {
                 )
             },
         );
-        let (primary, film, path, direct) = (primary?, film?, path?, direct?);
+        let (primary, film, map, path, direct) = (primary?, film?, map?, path?, direct?);
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
@@ -140,7 +151,12 @@ impl<'g> Renderer<'g> {
         let points = rows * settings.width * most_layers(rows, settings);
         let buffers = TileBuffers::new(gpu, &features, points, paths)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
-        let path = path.map(|path| path.bind(gpu, &buffers, &tables)).transpose()?;
+        let map = map.map(|kernels| GlobalMap::new(gpu, &kernels, &scene, &tables, settings, &mut totals)).transpose()?;
+        let map_bindings: &dyn Bindings = match &map {
+            Some(map) => map,
+            None => &Resources::new(),
+        };
+        let path = path.map(|path| path.bind(gpu, &buffers, &[&tables, map_bindings])).transpose()?;
         let lighting = match (path, direct) {
             (path, Some(kernels)) => {
                 let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };

@@ -62,7 +62,7 @@ impl VisibilityMap {
         let lights = scene.lights.len() as u32;
         let rays = settings.photons.min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
-        totals.photon_rays = traced.emitted.iter().map(|n| u64::from(*n)).sum();
+        totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         let counts = traced.emitted.iter().zip(&traced.stored);
         let by_light = scene.lights.iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
             light: light.name.clone(),
@@ -75,7 +75,7 @@ impl VisibilityMap {
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
-        totals.photon_bytes = traced.photons.bytes + grid.bytes;
+        totals.photon_bytes += traced.photons.bytes + grid.bytes;
         Ok(VisibilityMap {
             grid,
             kernel: kernels.grid,
@@ -131,7 +131,7 @@ impl VisibilityMap {
 }
 
 /// Bounds and area of the scene's surfaces.
-fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
+pub(super) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
     let mut bounds = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
     let mut area = 0.0f64;
     for i in 0..scene.triangles.len() {

@@ -1,0 +1,123 @@
+// irradiance: density estimates on the global map, precomputed at some of its photons (Christensen 1999).
+// In: the global map, sorted by cell. Out: the places (`choose`, in any order), and once they are sorted, the irradiance at each
+// (`estimate`).
+
+import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
+import package::lib::dispatch::group_index;
+import package::lib::grid::{FAR, GridShape, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
+import package::lib::math::{PI, basis};
+import package::lib::photon::{Photon, flux_of, photon_normal};
+import package::lib::ray::{NO_HIT, Ray, offset_origin};
+import package::lib::rng::{hash1, hash3, uniform_from_bits};
+import package::lib::bvh::triangle_corners;
+
+struct IrradianceParameters {
+    // Of the global map.
+    grid: GridShape,
+    // Photons to choose from, or places to estimate at.
+    count: u32,
+    // Of 2^32 photons, how many become places.
+    share: u32,
+    // Power of a step of a photon's flux.
+    step: f32,
+    padding: u32,
+}
+
+var<immediate> irradiance_pass: IrradianceParameters;
+
+@group(0) @binding(0) var<storage, read> flux_photons: array<Photon>;
+@group(0) @binding(1) var<storage, read_write> places: array<Photon>;
+@group(0) @binding(2) var<storage, read_write> place_count: array<atomic<u32>, 1>;
+@group(0) @binding(3) var<storage, read> sorted_places: array<Photon>;
+// Irradiance and radius by place.
+@group(0) @binding(4) var<storage, read_write> irradiances: array<vec4f>;
+
+// Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
+const MOST_LOOKS = 16384u;
+
+// Places to ask whether the disc's surface is there. Their error of an eighth or so at edges averages over the places.
+const PROBES = 8u;
+
+// A photon becomes a place by its position alone, whatever the order of the photons.
+fn is_place(photon: Photon) -> bool {
+    let bits = bitcast<vec3u>(photon.position);
+    return hash3(bits.x, bits.y, bits.z) < irradiance_pass.share;
+}
+
+@compute @workgroup_size(64)
+fn choose(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= irradiance_pass.count { return; }
+    let photon = flux_photons[i];
+    if !is_place(photon) { return; }
+    let at = atomicAdd(&place_count[0], 1u);
+    if at < arrayLength(&places) { places[at] = photon; }
+}
+
+@compute @workgroup_size(64)
+fn estimate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= irradiance_pass.count { return; }
+    let place = sorted_places[i];
+    irradiances[i] = density(place.position, photon_normal(place.word), true);
+}
+
+// The flux of the photons about a point over the area that they lie on, and the radius of the disc. The disc is what holds k
+// photons at the density of the 27 cells around, so its size does not depend on which of them lie in it, and the mean
+// is right whatever k is. A place is itself a photon: it is `own`, and does not count.
+fn density(position: vec3f, normal: vec3f, own: bool) -> vec4f {
+    let grid = irradiance_pass.grid;
+    let at = (position - grid.origin) * grid.inverse_cell;
+    // More than one cell would leave the 27.
+    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), 1.0), 1.0);
+    let radius = reach * grid.cell;
+    let limit = radius * radius;
+    var sum = vec3i(0);
+    var looks = 0u;
+    let rows = rows_about(grid, at, at, reach, normal, 0.0);
+    for (var z = rows.y; z <= rows.w; z++) {
+        for (var y = rows.x; y <= rows.z; y++) {
+            let row = row_photons(grid, 0u, vec2i(y, z), at, at, reach, normal, 0.0);
+            looks += row.y - row.x + 1u;
+            if looks > MOST_LOOKS { return vec4f(0.0, 0.0, 0.0, FAR); }
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                let distance = counted_distance(photon, position, normal);
+                let counts = distance <= limit && !(own && distance == 0.0);
+                sum += select(vec3i(0), flux_of(photon.w), counts);
+            }
+        }
+    }
+    let area = PI * limit * covered(position, normal, radius);
+    return vec4f(vec3f(sum) * (irradiance_pass.step / area), radius);
+}
+
+// The share of the disc that is surface, seen from the point: at edges and in corners the photons lie on less than the whole
+// disc, and an estimate that does not know would be too dark there (boundary bias; Hey and Purgathofer 2002 look at the
+// geometry too). Each probe goes from the point over its place in the disc, and down to the surface. The search ellipsoid is a
+// quarter of the radius high, so surfaces farther off do not count.
+fn covered(position: vec3f, normal: vec3f, radius: f32) -> f32 {
+    let frame = basis(normal);
+    let origin = offset_origin(position, normal);
+    let bits = bitcast<vec3u>(position);
+    let turn = uniform_from_bits(hash3(bits.z, bits.y, bits.x));
+    var found = 0u;
+    for (var j = 0u; j < PROBES; j++) {
+        // A spiral of equal areas by the golden angle.
+        let distance = radius * sqrt((f32(j) + 0.5) / f32(PROBES));
+        let angle = 2.0 * PI * fract(turn + f32(j) * 0.61803399);
+        let across = frame * vec3f(distance * cos(angle), distance * sin(angle), 0.0);
+        let above = position + across + (0.25 * radius) * normal;
+        let there = Ray(origin, 0.0, above - origin, 1.0);
+        let down = Ray(above, 0.0, -normal, 0.5 * radius);
+        let seed = hash1(bits.x + j);
+        if trace_occluded(there, seed) { continue; }
+        let hit = trace_closest(down, seed);
+        if hit.triangle == NO_HIT { continue; }
+        let corners = triangle_corners(hit.triangle);
+        let across_hit = cross(corners[1] - corners[0], corners[2] - corners[0]);
+        let cosine = dot(across_hit, normal);
+        found += u32(2.0 * cosine * cosine >= dot(across_hit, across_hit));
+    }
+    return max(f32(found), 0.5) / f32(PROBES);
+}

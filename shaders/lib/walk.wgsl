@@ -1,0 +1,184 @@
+// A path on through the scene. At each of its vertices one light is asked by a shadow ray, and lights that the path
+// itself meets count too, both weighted by how likely either way was to find them (Veach 1997). Russian roulette ends
+// paths by what they still carry.
+// With the feature `indirect` other passes have asked the lights at the first vertex: of direct light there is only the
+// glossy part of what the path's first ray meets. With `global_map` a path ends where photons tell the irradiance,
+// once it stands for a cone as wide as their disc.
+
+import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
+@if(glossy && (global_map || (indirect && mesh_lights))) import package::lib::bsdf::bsdf_residual;
+@if(global_map) import package::lib::bsdf::bsdf_diffuse;
+import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
+@if(global_map) import package::lib::irradiance::irradiance_near;
+import package::lib::light::{BEYOND_SCENE, choose_light, light_sample, shadow_ray};
+@if(mesh_lights) import package::lib::light::{emitter_of, light_probability};
+@if(global_map) import package::lib::math::PI;
+import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::rng::{hash2, hash3, uniform_from_bits};
+import package::lib::sampling::{mis_weight, sobol2};
+import package::lib::surface::{SurfaceHit, surface_at};
+
+// Rays of this invocation so far.
+var<private> shadow_rays: u32;
+var<private> bounce_rays: u32;
+
+// Vertices before Russian roulette may end a path: the first few bounces carry most of the image.
+const FIRST_ROULETTE = 3u;
+
+// Highest chance to go on, so that paths end also where nothing is absorbed.
+const MAX_SURVIVAL = 0.95;
+
+// Loop turns that a vertex may take beside its traversals: binary searches for a light and an emitter triangle.
+const VERTEX_TURNS = 80u;
+
+struct Vertex {
+    position: vec3f,
+    surface: Surface,
+    // Its diffuse part has been accounted for: what is left is the BSDF less that.
+    @if(global_map && glossy) residual: bool,
+    // For the random numbers of this vertex; two of them, for the choice of a lobe and of a light.
+    seed: u32,
+    sample_index: u32,
+    lobe_and_light: vec2f,
+}
+
+fn reseed(vertex: ptr<function, Vertex>, seed: u32) {
+    (*vertex).seed = seed;
+    (*vertex).lobe_and_light = sobol2((*vertex).sample_index, hash2(seed, 2u));
+}
+
+// What is left of the BSDF.
+fn reflection(vertex: Vertex, direction: vec3f) -> vec3f {
+    @if(global_map && glossy) { if vertex.residual { return bsdf_residual(vertex.surface, direction); } }
+    return bsdf_evaluate(vertex.surface, direction);
+}
+
+// The light that one chosen light sends to the viewer of the vertex, over the chance to choose it.
+fn light_at(vertex: Vertex) -> vec3f {
+    let choice = choose_light(vertex.lobe_and_light.y);
+    let chosen = light_sample(choice.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
+    if chosen.pdf <= 0.0 { return vec3f(0.0); }
+    let pdf = chosen.pdf * choice.probability;
+    var reflected = reflection(vertex, chosen.direction) * chosen.radiance
+        * (dot(chosen.direction, vertex.surface.shading_normal) / pdf);
+    if all(reflected == vec3f(0.0)) { return vec3f(0.0); }
+    if !chosen.delta { reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, chosen.direction)); }
+    shadow_rays++;
+    if trace_occluded(shadow_ray(vertex.position, vertex.surface.geometric_normal, chosen), hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
+    return reflected;
+}
+
+struct PathRadiance {
+    direct: vec3f,
+    indirect: vec3f,
+}
+
+// How a path comes to its first vertex here.
+struct PathStart {
+    throughput: vec3f,
+    // Bounces before it.
+    bounce: u32,
+    // Radius of the cone that the path stands for, where it has come to.
+    spread: f32,
+}
+
+// What a path from the vertex brings back. `light_samples`: light points that `shade` took of each light, where it did.
+fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samples: u32) -> PathRadiance {
+    var vertex = first;
+    var throughput = start.throughput;
+    var radiance = PathRadiance(vec3f(0.0), vec3f(0.0));
+    @if(global_map) var spread = start.spread;
+    for (var bounce = start.bounce; ; bounce++) {
+        traversal_turns += VERTEX_TURNS;
+        reseed(&vertex, hash2(seed, bounce));
+        var asks = true;
+        @if(indirect) { asks = bounce > 0u; }
+        if asks {
+            let arriving = throughput * light_at(vertex);
+            if bounce == 0u { radiance.direct += arriving; } else { radiance.indirect += arriving; }
+        }
+        let u = sobol2(vertex.sample_index, hash2(vertex.seed, 3u));
+        var chosen = bsdf_sample(vertex.surface, vec3f(u, vertex.lobe_and_light.x));
+        @if(global_map && glossy) {
+            if vertex.residual && chosen.pdf > 0.0 {
+                chosen.weight = bsdf_residual(vertex.surface, chosen.direction)
+                    * (dot(chosen.direction, vertex.surface.shading_normal) / chosen.pdf);
+            }
+        }
+        var going_on = chosen.pdf > 0.0;
+        if going_on {
+            let before = throughput;
+            throughput *= chosen.weight;
+            // Behind a look-up little is left: what the diffuse part does not have.
+            var survival = MAX_SURVIVAL;
+            var roulette = bounce >= FIRST_ROULETTE;
+            @if(global_map && glossy) { roulette |= vertex.residual && bounce > 0u; }
+            if roulette {
+                let size = abs(throughput);
+                survival = min(max(size.x, max(size.y, size.z)), MAX_SURVIVAL);
+                let lot = uniform_from_bits(hash3(vertex.seed, 0x726f756cu, vertex.sample_index));
+                going_on = lot < survival;
+                throughput /= survival;
+            }
+        }
+        // The last ray could only find a light that has a surface.
+        @if(!mesh_lights) { going_on &= bounce < max_bounces; }
+        if going_on {
+            bounce_rays++;
+            let origin = offset_origin(vertex.position, vertex.surface.geometric_normal);
+            let ray = Ray(origin, 0.0, chosen.direction, BEYOND_SCENE);
+            let hit = trace_closest(ray, hash2(~vertex.seed, vertex.sample_index));
+            going_on = hit.triangle != NO_HIT;
+            if going_on {
+                let found = surface_at(hit, ray);
+                going_on = !found.unlit;
+                @if(mesh_lights) {
+                    if going_on && any(found.emission > vec3f(0.0)) {
+                        let arriving = found.emission * met_light(vertex, chosen, throughput, hit, found, bounce, light_samples);
+                        if bounce == 0u { radiance.direct += arriving; } else { radiance.indirect += arriving; }
+                    }
+                }
+                vertex.position = found.position;
+                vertex.surface = found.surface;
+                @if(global_map) { spread += spread_along(chosen.pdf, hit.t); }
+            }
+        }
+        if traversal_overrun || !going_on || bounce >= max_bounces { break; }
+        @if(global_map) {
+            let known = irradiance_near(vertex.position, vertex.surface.geometric_normal);
+            let wide = spread >= known.radius;
+            if wide { radiance.indirect += throughput * bsdf_diffuse(vertex.surface) * known.value; }
+            @if(glossy) { vertex.residual = wide; }
+            @if(!glossy) { if wide { break; } }
+        }
+    }
+    return radiance;
+}
+
+// By how much a ray of that density by solid angle widens the cone that it stands for over the distance: as much as a ray of
+// a Lambertian surface at most, so that in corners, too, look-ups stand for places that are some way off.
+@if(global_map)
+fn spread_along(pdf: f32, distance: f32) -> f32 {
+    return distance * min(inverseSqrt(PI * pdf), 1.0);
+}
+
+// What of a light that the path's own ray met goes to the viewer: the path's throughput, weighted against the chance that
+// a shadow ray had found it.
+@if(mesh_lights)
+fn met_light(vertex: Vertex, chosen: BsdfSample, throughput: vec3f, hit: Hit, found: SurfaceHit, bounce: u32, light_samples: u32) -> vec3f {
+    let emitter = emitter_of(hit.triangle, vertex.position);
+    let offset = found.position - vertex.position;
+    let cosine = abs(dot(found.surface.geometric_normal, chosen.direction));
+    if emitter.density <= 0.0 || cosine <= 0.0 { return throughput; }
+    let pdf = emitter.density * dot(offset, offset) / cosine;
+    @if(indirect) {
+        if bounce == 0u {
+            @if(glossy) {
+                let reflected = bsdf_residual(vertex.surface, chosen.direction) * dot(chosen.direction, vertex.surface.shading_normal);
+                return reflected * (mis_weight(chosen.pdf, f32(light_samples) * pdf) / chosen.pdf);
+            }
+            @if(!glossy) { return vec3f(0.0); }
+        }
+    }
+    return mis_weight(chosen.pdf, pdf * light_probability(emitter.light)) * throughput;
+}
