@@ -1,6 +1,5 @@
-// irradiance: density estimates on the global map, precomputed at some of its photons (Christensen 1999).
-// In: the global map, sorted by cell. Out: the places (`choose`, in any order), and once they are sorted, the irradiance at each
-// (`estimate`).
+// irradiance: density estimates on the global map, precomputed at places all over the scene (Christensen 1999).
+// In: the global map and the places, both sorted by cell. Out: irradiance and radius of the disc, by place.
 
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
@@ -14,23 +13,17 @@ import package::lib::bvh::triangle_corners;
 struct IrradianceParameters {
     // Of the global map.
     grid: GridShape,
-    // Photons to choose from, or places to estimate at.
+    // Places.
     count: u32,
-    // Of 2^32 photons, how many become places.
-    share: u32,
     // Power of a step of a photon's flux.
     step: f32,
-    padding: u32,
+    padding: vec2u,
 }
 
 var<immediate> irradiance_pass: IrradianceParameters;
 
-@group(0) @binding(0) var<storage, read> flux_photons: array<Photon>;
-@group(0) @binding(1) var<storage, read_write> places: array<Photon>;
-@group(0) @binding(2) var<storage, read_write> place_count: array<atomic<u32>, 1>;
-@group(0) @binding(3) var<storage, read> sorted_places: array<Photon>;
-// Irradiance and radius by place.
-@group(0) @binding(4) var<storage, read_write> irradiances: array<vec4f>;
+@group(0) @binding(0) var<storage, read> places: array<Photon>;
+@group(0) @binding(1) var<storage, read_write> irradiances: array<vec4f>;
 
 // Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
 const MOST_LOOKS = 16384u;
@@ -38,34 +31,17 @@ const MOST_LOOKS = 16384u;
 // Places to ask whether the disc's surface is there. Their error of an eighth or so at edges averages over the places.
 const PROBES = 8u;
 
-// A photon becomes a place by its position alone, whatever the order of the photons.
-fn is_place(photon: Photon) -> bool {
-    let bits = bitcast<vec3u>(photon.position);
-    return hash3(bits.x, bits.y, bits.z) < irradiance_pass.share;
-}
-
 @compute @workgroup_size(64)
-fn choose(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn irradiance(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    let photon = flux_photons[i];
-    if !is_place(photon) { return; }
-    let at = atomicAdd(&place_count[0], 1u);
-    if at < arrayLength(&places) { places[at] = photon; }
-}
-
-@compute @workgroup_size(64)
-fn estimate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let i = group_index(group, groups) * 64u + lane;
-    if i >= irradiance_pass.count { return; }
-    let place = sorted_places[i];
-    irradiances[i] = density(place.position, photon_normal(place.word), true);
+    irradiances[i] = density(places[i].position, photon_normal(places[i].word));
 }
 
 // The flux of the photons about a point over the area that they lie on, and the radius of the disc. The disc is what holds k
 // photons at the density of the 27 cells around, so its size does not depend on which of them lie in it, and the mean
-// is right whatever k is. A place is itself a photon: it is `own`, and does not count.
-fn density(position: vec3f, normal: vec3f, own: bool) -> vec4f {
+// is right whatever k is.
+fn density(position: vec3f, normal: vec3f) -> vec4f {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
     // More than one cell would leave the 27.
@@ -82,9 +58,7 @@ fn density(position: vec3f, normal: vec3f, own: bool) -> vec4f {
             if looks > MOST_LOOKS { return vec4f(0.0, 0.0, 0.0, FAR); }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                let distance = counted_distance(photon, position, normal);
-                let counts = distance <= limit && !(own && distance == 0.0);
-                sum += select(vec3i(0), flux_of(photon.w), counts);
+                sum += select(vec3i(0), flux_of(photon.w), counted_distance(photon, position, normal) <= limit);
             }
         }
     }

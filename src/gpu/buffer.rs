@@ -29,6 +29,11 @@ pub enum Table {
 /// Width of a table's texture, known to the kernels as `i & 4095`, `i >> 12`.
 pub const TABLE_WIDTH: u32 = 4096;
 
+/// Records of a buffer that is to become a table of `records`: whole rows.
+pub fn whole_rows(records: usize) -> usize {
+    records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
+}
+
 /// What buffers are filled with before a kernel under test runs: a word that is no small count and, read as
 /// a float, is NaN, so that a word the kernel forgot shows.
 pub const POISON: u32 = 0xffff_dead;

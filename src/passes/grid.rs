@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use glam::{UVec3, Vec3};
 
-use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
+use crate::gpu::buffer::{TableFormat, whole_rows};
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
 use crate::{Error, Result, bindings, shared_struct};
 
@@ -367,9 +367,4 @@ impl Grid {
             asked: AskedCells { codes, places, cells: asked_cells, lengths, judge },
         })
     }
-}
-
-/// Records of a buffer that is to become a table.
-fn whole_rows(records: usize) -> usize {
-    records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
 }

@@ -1,12 +1,12 @@
-//! Pass `irradiance`: density estimates on the global map, precomputed at some of its photons (Christensen 1999), so that
-//! a ray of the final gather costs one look-up.
+//! Pass `irradiance`: density estimates on the global map, precomputed at places all over the scene (Christensen 1999), so
+//! that a ray of the final gather costs one look-up.
 
 use crate::Result;
-use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
-use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel, Resources, Table};
+use crate::gpu::buffer::{TableFormat, whole_rows};
+use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel, Table};
 use crate::{bindings, shared_struct};
 
-use super::grid::{Grid, GridShape, Photon, SortedPhotons};
+use super::grid::{GridShape, SortedPhotons};
 use super::kernel;
 
 shared_struct! {
@@ -14,15 +14,14 @@ shared_struct! {
     pub struct IrradianceParameters {
         grid: GridShape,
         count: u32,
-        share: u32,
         step: f32,
-        padding: u32,
+        padding: [u32; 2],
     }
 }
 
 bindings! {
     /// What the kernel reads and writes beside the scene and the global map.
-    struct IrradianceBindings { flux_photons, places, place_count, sorted_places, irradiances }
+    struct IrradianceBindings { places, irradiances }
 }
 
 /// Photons of an estimate (k). At 64 the noise of one is an eighth; a gather takes the mean of some hundred of them.
@@ -32,8 +31,10 @@ pub const IRRADIANCE_NEAREST: u32 = 64;
 /// sqrt(k / (pi density)), must not be wider than a cell: k / pi, and a tenth more.
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
-/// Photons for one place where irradiance is precomputed: four places in a disc. More of them would say nearly the same.
-const PHOTONS_PER_PLACE: f64 = 16.0;
+/// Rays of the global map for one whose photons are the places: four places lie in a disc, and more would say nearly the
+/// same. Photons of the map itself would not do: they keep their distance from each other, so that about a photon there are
+/// fewer than elsewhere (1 % in the box of the paper).
+pub const RAYS_PER_PLACE_RAY: u32 = 16;
 
 /// Places in a cell of their grid, on an evenly covered surface. Look-ups ask 2 x 2 cells of it.
 const PLACES_PER_CELL: f32 = 3.0;
@@ -74,56 +75,33 @@ impl Irradiance {
         Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, IrradianceBindings::NAMES)? })
     }
 
-    /// Chooses places among the photons of `map`, whose words count flux in steps of `step`, and estimates the irradiance at
-    /// each. `extent` is bounds and area of the scene's surfaces.
+    /// Estimates the irradiance at the positions of `places` by the photons of `map`, whose words count flux in steps of `step`.
     ///
     /// # Errors
-    /// As [`Grid::sort`] and [`Kernel::bind`].
+    /// As [`Gpu::buffer`] and [`Kernel::bind`].
     pub fn precompute(
         &self,
         gpu: &Gpu,
         scene: &dyn Bindings,
-        grid: &Grid,
         map: &SortedPhotons,
-        extent: ((glam::Vec3, glam::Vec3), f32),
+        places: SortedPhotons,
         step: f64,
     ) -> Result<IrradianceMap> {
-        // Half as many again as are expected, and some: the number of chosen ones varies by its root.
-        let room = (1.5 * f64::from(map.count) / PHOTONS_PER_PLACE) as usize + 64;
-        let places = gpu.buffer::<Photon>("penumbra/irradiance/places", room)?;
-        let place_count = gpu.buffer::<u32>("penumbra/irradiance/place_count", 1)?;
-        let parameters = |count| IrradianceParameters {
-            grid: map.shape,
-            count,
-            share: (f64::from(u32::MAX) / PHOTONS_PER_PLACE) as u32,
-            step: step as f32,
-            padding: 0,
-        };
-        let choose = Resources::new()
-            .with("flux_photons", &map.sorted)
-            .with("places", &places)
-            .with("place_count", &place_count);
-        let choose = self.kernel.bind(gpu, "choose", &[&choose])?;
+        let irradiances = gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(places.count as usize))?;
+        let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances };
+        let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
+        let parameters =
+            IrradianceParameters { grid: map.shape, count: places.count, step: step as f32, padding: [0; 2] };
         let mut frame = gpu.frame("irradiance");
-        frame.run(&choose, map.count, &parameters(map.count));
-        frame.submit()?;
-        let count = gpu.read::<u32>(&place_count, 1)?[0].min(room as u32);
-        let shape = GridShape::with_cells_of(PLACES_PER_CELL, extent.0, extent.1, count, 1);
-        let sorted = grid.sort(gpu, &places, count, 1, shape)?;
-
-        let records = (count as usize).next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize);
-        let irradiances = gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", records)?;
-        let own = Resources::new().with("sorted_places", &sorted.sorted).with("irradiances", &irradiances);
-        let estimate = self.kernel.bind(gpu, "estimate", &[&own, map, scene])?;
-        let mut frame = gpu.frame("irradiance");
-        frame.run(&estimate, count, &parameters(count));
+        frame.run(&bound, places.count, &parameters);
+        let bytes = places.bytes + irradiances.bytes;
         let irradiances = gpu.kernel_table(&mut frame, irradiances, TableFormat::Float)?;
         frame.submit()?;
-        Ok(IrradianceMap {
-            shape: gpu.upload("penumbra/irradiance/grid", &[shape])?,
-            bytes: sorted.bytes + records as u64 * 16,
-            places: sorted,
-            irradiances,
-        })
+        Ok(IrradianceMap { shape: gpu.upload("penumbra/irradiance/grid", &[places.shape])?, places, irradiances, bytes })
     }
+}
+
+/// The grid of `count` places on surfaces of those bounds and that area.
+pub fn place_grid((bounds, area): ((glam::Vec3, glam::Vec3), f32), count: u32) -> GridShape {
+    GridShape::with_cells_of(PLACES_PER_CELL, bounds, area, count, 1)
 }

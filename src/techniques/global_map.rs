@@ -2,9 +2,9 @@
 
 use crate::Result;
 use crate::gpu::{Binding, Bindings, Features, Gpu};
-use crate::passes::flux::Flux;
+use crate::passes::flux::{Flux, FluxPhotons};
 use crate::passes::grid::{Grid, GridShape};
-use crate::passes::irradiance::{Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL};
+use crate::passes::irradiance::{Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid};
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::tables::SceneTables;
@@ -48,14 +48,20 @@ impl GlobalMap {
     ) -> Result<GlobalMap> {
         // What a look-up tells is seen after one bounce.
         let max_bounces = settings.max_bounces.saturating_sub(1);
-        let lights = &tables.lights;
-        let traced =
-            kernels.flux.trace(gpu, tables, lights, settings.flux_photons, max_bounces, settings.seed)?;
+        let Settings { flux_photons, seed, .. } = *settings;
+        let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
+            let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
+            totals.photon_rays += traced.rays;
+            Ok(traced)
+        };
+        let photons = trace(flux_photons, seed)?;
+        let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
         let extent = extent(scene);
-        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, traced.count, 1);
-        let sorted = kernels.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
-        let map = kernels.irradiance.precompute(gpu, tables, &kernels.grid, &sorted, extent, traced.step)?;
-        totals.photon_rays += traced.rays;
+        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
+        let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
+        let shape = place_grid(extent, places.count);
+        let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
+        let map = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
         totals.photon_bytes += map.bytes;
         Ok(GlobalMap(map))
     }
