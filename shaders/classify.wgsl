@@ -1,6 +1,6 @@
 // Says of points, light by light, whether their nearest photons are all lit, all shadowed, or both.
 
-import package::lib::dispatch::group_index;
+import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR, GridShape, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, counted_distance, decode_verdict, load_cell_record, load_photon, nearest, no_verdict, reach_guess, row_photons, rows_about, verdict_holds};
@@ -53,7 +53,6 @@ const BOUNDARY_QUEUE = 1u;
 const AUDIT_QUEUE = 2u;
 const CLASSES = 5u;
 const CLASSIFY_GROUP = 64u;
-const MAX_GROUPS_X = 65535u;
 
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
@@ -540,8 +539,6 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 @compute @workgroup_size(1)
 fn arrange_queue() {
     let items = atomicLoad(&queue_lengths[classify_pass.queue]);
-    let groups = (items + classify_pass.queue_group - 1u) / classify_pass.queue_group;
-    queue_arguments[4u * classify_pass.queue] = min(groups, MAX_GROUPS_X);
-    queue_arguments[4u * classify_pass.queue + 1u] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
-    queue_arguments[4u * classify_pass.queue + 2u] = 1u;
+    let size = dispatch_groups(items, classify_pass.queue_group);
+    for (var axis = 0u; axis < 3u; axis++) { queue_arguments[4u * classify_pass.queue + axis] = size[axis]; }
 }

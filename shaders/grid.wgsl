@@ -1,7 +1,7 @@
 // Sorts photons by light and cell (counting sort). Of the visibility map it judges each cell that holds some: is every
 // point in it lit, is every one shadowed, do all see both?
 
-import package::lib::dispatch::group_index;
+import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode7, oct_within7, safe_sqrt};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, Photon, photon_is_shadow, photon_light, photon_normal};
 import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COMPATIBLE_COSINE_SQUARED, COS_CLUSTER, FAR, GridShape, NORMAL_STRETCH, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, decode_verdict, encode_verdict, load_cell_start, load_photon, nearest, reach_guess, row_photons, rows_about};
@@ -37,7 +37,6 @@ const GRID_GROUP = 64u;
 // Cells that one invocation scans in turn: on lavapipe several times faster than a scan in shared memory.
 const SCAN_SERIAL = 64u;
 const SCAN_GROUP = 256u;
-const MAX_GROUPS_X = 65535u;
 
 fn photon_cell(photon: Photon) -> u32 {
     return cell_index(grid_pass.grid, photon_light(photon.word), cell_of(grid_pass.grid, photon.position));
@@ -117,10 +116,8 @@ fn scatter(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 @if(visibility_map)
 @compute @workgroup_size(1)
 fn arrange() {
-    let groups = (atomicLoad(&occupied_cells[0]) + GRID_GROUP - 1u) / GRID_GROUP;
-    judge_arguments[0] = min(groups, MAX_GROUPS_X);
-    judge_arguments[1] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
-    judge_arguments[2] = 1u;
+    let size = dispatch_groups(atomicLoad(&occupied_cells[0]), GRID_GROUP);
+    judge_arguments = array(size.x, size.y, size.z);
 }
 
 // Photons that a cell may hold to be judged: with the next limit well below the 65,535 iterations that lavapipe
@@ -214,10 +211,8 @@ fn arrange_asked() {
     let end = select(judged, asked, asked <= arrayLength(&asked_cells));
     atomicStore(&asked_lengths[1], end);
     atomicStore(&asked_lengths[2], judged);
-    let groups = (end - judged + GRID_GROUP - 1u) / GRID_GROUP;
-    asked_arguments[0] = min(groups, MAX_GROUPS_X);
-    asked_arguments[1] = (groups + MAX_GROUPS_X - 1u) / MAX_GROUPS_X;
-    asked_arguments[2] = 1u;
+    let size = dispatch_groups(end - judged, GRID_GROUP);
+    asked_arguments = array(size.x, size.y, size.z);
 }
 
 @if(visibility_map)

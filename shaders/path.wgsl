@@ -1,4 +1,6 @@
 // path: the reference, and indirect light. From each point of the tile a path on through the scene (lib/walk).
+// With the feature `irradiance_cache` records have brought the diffuse part of the indirect light, but for the points
+// that they do not cover; of glossy surfaces the rest is left.
 // In: points, surfaces. Out: direct light is added to `radiance_direct`, light of more bounces is `radiance_indirect`.
 
 import package::lib::dispatch::group_index;
@@ -25,6 +27,9 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
+// Points that no record speaks for. Where surfaces are glossy all points have something left.
+@if(irradiance_cache && !glossy) @group(0) @binding(5) var<storage, read> uncovered_count: array<u32, 1>;
+@if(irradiance_cache && !glossy) @group(0) @binding(6) var<storage, read> uncovered_points: array<u32>;
 
 var<immediate> parameters: PathParameters;
 
@@ -42,8 +47,11 @@ fn path(
         atomicStore(&group_bounce_rays, 0u);
     }
     workgroupBarrier();
-    let i = group_index(group, groups) * 64u + lane;
-    if i < parameters.tile.point_count {
+    var i = group_index(group, groups) * 64u + lane;
+    var items = parameters.tile.point_count;
+    @if(irradiance_cache && !glossy) { items = uncovered_count[0]; }
+    if i < items {
+        @if(irradiance_cache && !glossy) { i = uncovered_points[i]; }
         var indirect = vec3f(0.0);
         if points[i].normal != INVALID_POINT && light_count() > 0u {
             let found = radiance_along(i);
@@ -51,6 +59,7 @@ fn path(
             radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
             indirect = found.indirect;
         }
+        @if(irradiance_cache) { indirect += radiance_indirect[i].xyz; }
         radiance_indirect[i] = vec4f(indirect, 0.0);
         if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         atomicAdd(&group_shadow_rays, shadow_rays);
@@ -79,6 +88,7 @@ fn radiance_along(i: u32) -> PathRadiance {
     vertex.position = points[i].position;
     vertex.surface = unpack_surface(packed, oct_decode16(points[i].normal), view_direction(vertex.position));
     vertex.sample_index = tile_sample(parameters.tile, i);
+    @if(irradiance_cache && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     return walk(vertex, PathStart(vec3f(1.0), 0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
 }

@@ -163,6 +163,11 @@ impl Needs {
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
         needs.decide("global_map", bounces, why, "no light of more bounces is asked for", &cost);
 
+        let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
+        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
+        let cost = "passes gather, cache; about 100 B a record";
+        needs.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
+
         let aov = |aov: Aov| settings.aovs.contains(&aov);
         for (feature, on) in [
             ("aov_albedo", aov(Aov::Albedo)),

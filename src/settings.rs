@@ -140,6 +140,11 @@ pub struct Settings {
     pub flux_photons: u32,
     /// Interpolate irradiance between records; without, every point gathers along one ray.
     pub cache: bool,
+    /// Radius of an irradiance record over the harmonic mean distance of its surroundings (a of Ward and Heckbert 1992):
+    /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
+    pub accuracy: f32,
+    /// Rays of the final gather, about, at each irradiance record: 1 to [`Settings::MAX_GATHER_RAYS`].
+    pub gather_rays: u32,
     /// Factor on the power of every light, at least 0.
     pub light_scale: f32,
     /// Channels beside the picture.
@@ -166,6 +171,8 @@ impl Default for Settings {
             max_bounces: 64,
             flux_photons: 65_536,
             cache: true,
+            accuracy: 0.25,
+            gather_rays: 256,
             light_scale: 1.0,
             aovs: Vec::new(),
         }
@@ -184,6 +191,11 @@ impl Settings {
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
 
+    /// Largest radius of a record, in distances of its surroundings.
+    pub const MAX_ACCURACY: f32 = 10.0;
+    /// Most rays of a record: what one invocation can sum up on software devices.
+    pub const MAX_GATHER_RAYS: u32 = 16_384;
+
     /// Checks every range.
     ///
     /// # Errors
@@ -200,6 +212,11 @@ impl Settings {
         range("--spp", self.spp, 1, u32::MAX)?;
         range("--photons", self.photons, 1, Self::MAX_PHOTONS)?;
         range("--flux-photons", self.flux_photons, 1, Self::MAX_PHOTONS)?;
+        range("--gather-rays", self.gather_rays, 1, Self::MAX_GATHER_RAYS)?;
+        if !(self.accuracy > 0.0 && self.accuracy <= Self::MAX_ACCURACY) {
+            let most = Self::MAX_ACCURACY;
+            return Err(Error::Usage(format!("--accuracy is {}; it must be more than 0, at most {most}", self.accuracy)));
+        }
         range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
         range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;

@@ -224,6 +224,8 @@ pub enum Counter {
     AuditRays,
     /// [`Rays::bounce`].
     BounceRays,
+    /// [`Rays::gather`].
+    GatherRays,
     /// [`Audits::audited`].
     Audited,
     /// [`Audits::wrong`].
@@ -254,5 +256,5 @@ pub enum Counter {
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 16;
+    pub const COUNT: usize = 17;
 }

@@ -41,3 +41,10 @@ fn view_direction(position: vec3f) -> vec3f {
     if camera.orthographic == 1u { return camera.backward; }
     return normalize(camera.position - position);
 }
+
+// Height of a pixel of an image of `height` pixels, where the camera sees the position.
+fn pixel_size(position: vec3f, height: u32) -> f32 {
+    let unit = 2.0 * length(camera.up) / f32(height);
+    if camera.orthographic == 1u { return unit; }
+    return unit * abs(dot(camera.position - position, camera.backward));
+}

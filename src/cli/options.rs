@@ -96,6 +96,14 @@ pub struct SettingsOptions {
     )]
     flux_photons: u32,
 
+    /// Radius of an irradiance record over the distance of its surroundings: smaller is more accurate, and slower
+    #[arg(long, value_name = "A", default_value_t = Settings::default().accuracy, help_heading = "Indirect light")]
+    accuracy: f32,
+
+    /// Rays of the final gather at each irradiance record
+    #[arg(long, value_name = "N", default_value_t = Settings::default().gather_rays, help_heading = "Indirect light")]
+    gather_rays: u32,
+
     /// Gather along one ray from every point, instead of interpolating between irradiance records
     #[arg(long, help_heading = "Indirect light")]
     no_cache: bool,
@@ -194,6 +202,8 @@ impl SettingsOptions {
             max_bounces: self.max_bounces,
             flux_photons: self.flux_photons,
             cache: !self.no_cache,
+            accuracy: self.accuracy,
+            gather_rays: self.gather_rays,
             light_scale: self.light_scale,
             aovs: self.aov.clone().unwrap_or_default().0,
         }

@@ -14,9 +14,11 @@ macro_rules! shaders {
 }
 
 shaders!(
+    "cache",
     "classify",
     "film",
     "flux",
+    "gather",
     "grid",
     "irradiance",
     "photons",
@@ -37,6 +39,7 @@ shaders!(
     "lib/photon",
     "lib/point",
     "lib/ray",
+    "lib/record",
     "lib/rng",
     "lib/sampling",
     "lib/surface",
@@ -88,6 +91,8 @@ pub const FEATURES: &[&str] = &[
     "audit",
     // Method: rays end where photons have brought flux.
     "global_map",
+    // Method: records bring the diffuse part of indirect light.
+    "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.
     "indirect",
     // Method: visibility is that of the photons, without shadow rays.
@@ -128,9 +133,13 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("MAX_SHADOW_PHOTONS", crate::settings::Settings::MAX_SHADOW_PHOTONS),
     ("DIMENSION_PATH", 0x9000_0000),
     ("DIMENSION_FLUX", 0xa000_0000),
+    ("DIMENSION_GATHER", 0xb000_0000),
+    ("MAX_GROUPS", super::frame::MAX_GROUPS),
+    ("PATH_GROUP", crate::passes::path::GROUP),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
+    ("COUNTER_GATHER_RAYS", Counter::GatherRays as u32),
     ("COUNTER_AUDITED", Counter::Audited as u32),
     ("COUNTER_AUDITS_WRONG", Counter::AuditsWrong as u32),
     ("COUNTER_AUDITS_WRONG_NEAR", Counter::AuditsWrongNear as u32),

@@ -43,9 +43,11 @@ macro_rules! shared_struct {
 pub const SHARED: &[&SharedStruct] = &[
     &passes::Point::SHARED,
     &passes::Tile::SHARED,
+    &passes::cache::CacheParameters::SHARED,
     &passes::classify::ClassifyParameters::SHARED,
     &passes::film::FilmParameters::SHARED,
     &passes::flux::FluxParameters::SHARED,
+    &passes::gather::GatherParameters::SHARED,
     &passes::grid::AskedCell::SHARED,
     &passes::grid::GridParameters::SHARED,
     &passes::grid::GridShape::SHARED,

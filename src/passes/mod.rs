@@ -1,8 +1,10 @@
 //! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.
 
+pub mod cache;
 pub mod classify;
 pub mod film;
 pub mod flux;
+pub mod gather;
 pub mod grid;
 pub mod irradiance;
 pub mod path;

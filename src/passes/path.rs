@@ -1,7 +1,7 @@
 //! path: a path tracer with next-event estimation, multiple importance sampling and Russian roulette: the reference, and
 //! the indirect light of the other techniques.
 
-use crate::gpu::{Bindings, BoundKernel, Features, Frame, Gpu, Kernel, Resources};
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
 use crate::{Result, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
@@ -17,6 +17,9 @@ shared_struct! {
         pub light_samples: u32,
     }
 }
+
+/// Invocations of a workgroup, as the kernel declares it: what a queue of points is dispatched by.
+pub const GROUP: u32 = 64;
 
 /// The pass; see `shaders/path.wgsl`.
 pub struct Path(Kernel);
@@ -58,5 +61,10 @@ impl BoundPath {
     /// One path from each point that `primary` left in the tile's buffers.
     pub fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         frame.run(&self.0, parameters.tile.point_count, parameters);
+    }
+
+    /// One path from each point of a queue, whose dispatch has those arguments.
+    pub fn record_queued(&self, frame: &mut Frame<'_>, arguments: &Buffer, parameters: &PathParameters) {
+        frame.run_indirect(&self.0, arguments, 0, parameters);
     }
 }

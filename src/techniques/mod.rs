@@ -2,6 +2,7 @@
 
 mod direct;
 mod global_map;
+mod irradiance_cache;
 mod output;
 mod totals;
 mod visibility_map;
@@ -9,7 +10,7 @@ mod visibility_map;
 use std::time::Instant;
 
 use crate::bvh::Bvh;
-use crate::gpu::{Bindings, Features, Gpu, Resources};
+use crate::gpu::{Bindings, Features, Frame, Gpu, Resources};
 use crate::needs::Needs;
 use crate::passes::film::{Film, Plane};
 use crate::passes::path::{BoundPath, Path, PathParameters};
@@ -18,11 +19,12 @@ use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{Counter, Statistics};
-use crate::tables::SceneTables;
+use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
 use direct::Direct;
 use global_map::{GlobalMap, GlobalMapKernels};
+use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
 use totals::Totals;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
@@ -59,10 +61,35 @@ pub struct Renderer<'g> {
 
 /// How the points of a tile are lit.
 enum Lighting {
-    /// Direct light by the photons and shadow rays; light of more bounces, where it is asked for, by paths.
-    Direct(Box<Direct>, Option<BoundPath>),
+    /// The two passes: direct light by the photons and shadow rays, indirect light where it is asked for.
+    TwoPass(Box<Direct>, Indirect),
     /// All of it by paths.
     Path(BoundPath),
+}
+
+/// Light of more bounces, and highlights of lights that have a surface.
+#[derive(Default)]
+struct Indirect {
+    /// The diffuse part.
+    cache: Option<Box<IrradianceCache>>,
+    /// All, or what the cache leaves.
+    path: Option<BoundPath>,
+}
+
+impl Indirect {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+        let Some(cache) = &self.cache else {
+            return self.path.iter().for_each(|path| path.record(frame, parameters));
+        };
+        cache.record(frame, &parameters.tile);
+        if let Some(path) = &self.path {
+            if glossy {
+                path.record(frame, parameters);
+            } else {
+                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
+            }
+        }
+    }
 }
 
 /// How far a render is.
@@ -123,46 +150,36 @@ impl<'g> Renderer<'g> {
 
         let start = Instant::now();
         let constants = tables.constants();
-        let path_traced = settings.technique == Technique::Path;
-        let paths = path_traced || features.has("indirect");
-        let mapped = features.has("global_map");
-        let ((primary, (film, map)), (path, direct)) = rayon::join(
-            || {
-                rayon::join(
-                    || Primary::new(gpu, &features, &constants),
-                    || {
-                        let map = mapped.then(|| GlobalMapKernels::new(gpu, &features, &constants)).transpose();
-                        (Film::new(gpu, &features), map)
-                    },
-                )
-            },
-            || {
-                rayon::join(
-                    || paths.then(|| Path::new(gpu, &features, &constants)).transpose(),
-                    || (!path_traced).then(|| direct::Kernels::new(gpu, &features, &constants, settings)).transpose(),
-                )
-            },
-        );
-        let (primary, film, map, path, direct) = (primary?, film?, map?, path?, direct?);
+        let kernels = Kernels::new(gpu, &features, &constants, settings)?;
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
         let points = rows * settings.width * most_layers(rows, settings);
+        let paths = settings.technique == Technique::Path || features.has("indirect");
         let buffers = TileBuffers::new(gpu, &features, points, paths)?;
-        let primary = primary.bind(gpu, &buffers, &tables)?;
-        let map = map.map(|kernels| GlobalMap::new(gpu, &kernels, &scene, &tables, settings, &mut totals)).transpose()?;
-        let map_bindings: &dyn Bindings = match &map {
-            Some(map) => map,
-            None => &Resources::new(),
-        };
-        let path = path.map(|path| path.bind(gpu, &buffers, &[&tables, map_bindings])).transpose()?;
-        let lighting = match (path, direct) {
-            (path, Some(kernels)) => {
+        let primary = kernels.primary.bind(gpu, &buffers, &tables)?;
+        let film = kernels.film;
+        let lighting = match (kernels.path, kernels.direct) {
+            (path, Some(direct)) => {
                 let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
-                Lighting::Direct(Box::new(Direct::new(&shared, kernels, points, settings, &mut totals)?), path)
+                let direct = Direct::new(&shared, direct, points, settings, &mut totals)?;
+                let map = kernels.map.map(|map| GlobalMap::new(gpu, &map, &scene, &tables, settings, &mut totals));
+                let map = map.transpose()?;
+                let nothing = Resources::new();
+                let lit: [&dyn Bindings; 2] = [&tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+                let camera = CameraUniform::new(camera, settings.width, settings.height);
+                let with = Filling { gpu, tile: &buffers, points, primary: &primary, scene: &lit };
+                let cache = kernels.cache.map(|cache| {
+                    IrradianceCache::new(&with, cache, &features, camera, settings, &mut totals).map(Box::new)
+                });
+                let cache = cache.transpose()?;
+                let mut sets = lit.to_vec();
+                sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
+                let path = path.map(|path| path.bind(gpu, &buffers, &sets)).transpose()?;
+                Lighting::TwoPass(Box::new(direct), Indirect { cache, path })
             }
-            (Some(path), None) => Lighting::Path(path),
+            (Some(path), None) => Lighting::Path(path.bind(gpu, &buffers, &[&tables])?),
             (None, None) => unreachable!("a technique traces paths or it does not"),
         };
         let first_rows = (0..settings.height).step_by(rows as usize);
@@ -174,8 +191,8 @@ impl<'g> Renderer<'g> {
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
         totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        if let Lighting::Direct(direct, _) = &lighting {
-            totals.frame_bytes += direct.frame_bytes();
+        if let Lighting::TwoPass(direct, indirect) = &lighting {
+            totals.frame_bytes += direct.frame_bytes() + indirect.cache.as_ref().map_or(0, |cache| cache.frame_bytes());
         }
         totals.time_render = start.elapsed().as_secs_f64();
 
@@ -217,7 +234,7 @@ impl<'g> Renderer<'g> {
             self.end_pilot()?;
         }
         if self.batches > 0
-            && let Lighting::Direct(direct, _) = &mut self.lighting
+            && let Lighting::TwoPass(direct, _) = &mut self.lighting
         {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
             let shared = direct::Shared { gpu, scene, tables, tile };
@@ -241,11 +258,13 @@ impl<'g> Renderer<'g> {
             frame.clear(&self.buffers.counters);
             self.primary.record(&mut frame, &tile);
             let Settings { max_bounces, shadow_samples, .. } = self.settings;
-            if let Lighting::Direct(direct, _) = &self.lighting {
-                direct.record(&mut frame, &tile, &film.shadow);
-            }
-            if let Lighting::Direct(_, Some(path)) | Lighting::Path(path) = &self.lighting {
-                path.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: shadow_samples });
+            let path_parameters = PathParameters { tile, max_bounces, light_samples: shadow_samples };
+            match &self.lighting {
+                Lighting::TwoPass(direct, indirect) => {
+                    direct.record(&mut frame, &tile, &film.shadow);
+                    indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+                }
+                Lighting::Path(path) => path.record(&mut frame, &path_parameters),
             }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
@@ -280,7 +299,7 @@ impl<'g> Renderer<'g> {
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
         let shared = direct::Shared { gpu, scene, tables, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
-        if let Lighting::Direct(old, _) = &mut self.lighting {
+        if let Lighting::TwoPass(old, _) = &mut self.lighting {
             **old = direct;
         }
         Ok(())
@@ -315,6 +334,54 @@ impl<'g> Renderer<'g> {
     /// Remarks on the render, a line each.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+}
+
+/// The kernels of a render; those that it does not need are none.
+struct Kernels {
+    primary: Primary,
+    film: Film,
+    path: Option<Path>,
+    direct: Option<direct::Kernels>,
+    map: Option<GlobalMapKernels>,
+    cache: Option<CacheKernels>,
+}
+
+impl Kernels {
+    fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
+        let path_traced = settings.technique == Technique::Path;
+        let paths = path_traced || features.has("indirect");
+        let ((direct, primary), ((map, film), (cache, path))) = rayon::join(
+            || {
+                rayon::join(
+                    || (!path_traced).then(|| direct::Kernels::new(gpu, features, constants, settings)).transpose(),
+                    || Primary::new(gpu, features, constants),
+                )
+            },
+            || {
+                rayon::join(
+                    || {
+                        rayon::join(
+                            || {
+                                let map = features.has("global_map");
+                                map.then(|| GlobalMapKernels::new(gpu, features, constants)).transpose()
+                            },
+                            || Film::new(gpu, features),
+                        )
+                    },
+                    || {
+                        rayon::join(
+                            || {
+                                let cache = features.has("irradiance_cache");
+                                cache.then(|| CacheKernels::new(gpu, features, constants, settings)).transpose()
+                            },
+                            || paths.then(|| Path::new(gpu, features, constants)).transpose(),
+                        )
+                    },
+                )
+            },
+        );
+        Ok(Kernels { primary: primary?, film: film?, path: path?, direct: direct?, map: map?, cache: cache? })
     }
 }
 
@@ -362,7 +429,7 @@ fn new_film(
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
         shadow: match lighting {
-            Lighting::Direct(direct, _) => direct.films(gpu, film, pixels, &buffers.counters)?,
+            Lighting::TwoPass(direct, _) => direct.films(gpu, film, pixels, &buffers.counters)?,
             Lighting::Path(_) => Vec::new(),
         },
     })

@@ -10,6 +10,8 @@ pub(super) struct Totals {
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,
     pub photon_rays: u64,
+    pub gather_rays: u64,
+    pub cache_records: u64,
     pub bvh_depth: u32,
     pub time_bvh: f64,
     pub time_compile: f64,
@@ -54,6 +56,7 @@ impl Totals {
             shadow: self.get(Counter::ShadowRays),
             audit: self.get(Counter::AuditRays),
             bounce: self.get(Counter::BounceRays),
+            gather: self.gather_rays + self.get(Counter::GatherRays),
             ..Rays::default()
         }
         .summed()

@@ -1,0 +1,180 @@
+//! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
+
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel, Resources};
+use crate::{Result, bindings, shared_struct};
+
+use super::{TileBuffers, kernel};
+
+shared_struct! {
+    /// Immediates of the pass; see `shaders/gather.wgsl`.
+    pub struct GatherParameters {
+        first: u32,
+        count: u32,
+        rings: u32,
+        sectors: u32,
+        max_bounces: u32,
+        seed: u32,
+        first_record: u32,
+        height: u32,
+    }
+}
+
+bindings! {
+    /// What the kernel reads and writes beside the tile, the scene and the global map.
+    struct GatherBindings {
+        wanted, gathered, follow_count, follow_arguments, follow_rays, follow_hits, record_heads, record_values,
+    }
+}
+
+shared_struct! {
+    /// Where a record is and how far its surroundings are; see `shaders/lib/record.wgsl`.
+    pub struct RecordHead {
+        /// Position, normalised.
+        pub position: [f32; 3],
+        /// Size of a pixel there; in the table that points are interpolated from, the record's radius.
+        pub size: f32,
+        /// Unit normal.
+        pub normal: [f32; 3],
+        /// Harmonic mean distance of what its rays met, or less where the irradiance falls off faster.
+        pub distance: f32,
+    }
+}
+
+/// Rays of a dispatch: 4 MiB of what they bring, and no danger to a desktop's watchdog.
+const BATCH_RAYS: u32 = 1 << 18;
+
+/// The pass; see `shaders/gather.wgsl`.
+pub struct Gather {
+    kernel: Kernel,
+    strata: [u32; 2],
+}
+
+/// The pass, bound, with its buffers.
+pub struct BoundGather {
+    gather: BoundKernel,
+    arrange_follow: BoundKernel,
+    follow: BoundKernel,
+    record: BoundKernel,
+    wanted: Buffer,
+    heads: Buffer,
+    follow_count: Buffer,
+    follow_arguments: Buffer,
+    strata: [u32; 2],
+}
+
+impl Gather {
+    /// Compiles the kernel for about `rays` rays a record.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], rays: u32) -> Result<Gather> {
+        let own = ["points", "surfaces", "counters"];
+        let own: Vec<&str> = own.iter().chain(GatherBindings::NAMES).copied().collect();
+        Ok(Gather { kernel: kernel(gpu, "gather", features, constants, &own)?, strata: strata(rays) })
+    }
+
+    /// Rays of a record: those of whole strata.
+    pub fn rays(&self) -> u32 {
+        self.strata[0] * self.strata[1]
+    }
+
+    /// Binds it for up to `points` points of a tile at once, whose records' values go to `values`.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`] and [`Gpu::buffer`].
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        points: u32,
+        values: &Buffer,
+        scene: &[&dyn Bindings],
+    ) -> Result<BoundGather> {
+        let rays = BATCH_RAYS.max(self.rays()) as usize;
+        let wanted = gpu.buffer::<u32>("penumbra/gather/wanted", points as usize)?;
+        let heads = gpu.buffer::<RecordHead>("penumbra/gather/record_heads", points as usize)?;
+        let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
+        let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
+        let own = GatherBindings {
+            wanted: &wanted,
+            gathered: &gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
+            follow_count: &follow_count,
+            follow_arguments: &follow_arguments,
+            follow_rays: &gpu.buffer::<u32>("penumbra/gather/follow_rays", rays)?,
+            follow_hits: &gpu.buffer::<[f32; 4]>("penumbra/gather/follow_hits", rays)?,
+            record_heads: &heads,
+            record_values: values,
+        };
+        let tile = Resources::new()
+            .with("points", &tile.points)
+            .with("surfaces", &tile.surfaces)
+            .with("counters", &tile.counters);
+        let mut sets: Vec<&dyn Bindings> = vec![&own, &tile];
+        sets.extend(scene);
+        let entry = |name: &str| self.kernel.bind(gpu, name, &sets);
+        Ok(BoundGather {
+            gather: entry("gather")?,
+            arrange_follow: entry("arrange_follow")?,
+            follow: entry("follow")?,
+            record: entry("record")?,
+            wanted,
+            heads,
+            follow_count,
+            follow_arguments,
+            strata: self.strata,
+        })
+    }
+}
+
+/// What all gathers of a render have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct GatherSettings {
+    /// Most bounces of indirect light.
+    pub max_bounces: u32,
+    /// Seed of the render.
+    pub seed: u32,
+    /// Height of the image in pixels.
+    pub height: u32,
+}
+
+impl BoundGather {
+    /// Makes records at the tile's points `wanted`; their values follow those of `before` records. Their heads.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn gather(
+        &self,
+        gpu: &Gpu,
+        wanted: &[u32],
+        before: u32,
+        settings: GatherSettings,
+    ) -> Result<Vec<RecordHead>> {
+        gpu.write(&self.wanted, wanted);
+        let [rings, sectors] = self.strata;
+        let rays = rings * sectors;
+        let batch = (BATCH_RAYS / rays).max(1);
+        let wanted = wanted.len() as u32;
+        for first in (0..wanted).step_by(batch as usize) {
+            let count = batch.min(wanted - first);
+            let GatherSettings { max_bounces, seed, height } = settings;
+            let first_record = before + first;
+            let parameters =
+                GatherParameters { first, count, rings, sectors, max_bounces, seed, first_record, height };
+            let mut frame = gpu.frame("gather");
+            frame.clear(&self.follow_count);
+            frame.run(&self.gather, count * rays, &parameters);
+            frame.run(&self.arrange_follow, 1, &parameters);
+            frame.run_indirect(&self.follow, &self.follow_arguments, 0, &parameters);
+            frame.run(&self.record, count, &parameters);
+            frame.submit()?;
+        }
+        gpu.read(&self.heads, wanted as usize)
+    }
+}
+
+/// Rings and sectors of about `rays` strata that are as wide as they are high (Ward and Heckbert 1992: pi to 1).
+fn strata(rays: u32) -> [u32; 2] {
+    let rings = (f64::from(rays) / std::f64::consts::PI).sqrt().round().max(1.0);
+    let sectors = (f64::from(rays) / rings).round().max(1.0);
+    [rings as u32, sectors as u32]
+}

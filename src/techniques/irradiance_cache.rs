@@ -1,0 +1,241 @@
+//! The irradiance cache: records placed where the view needs them, from coarse to fine, before the first sample. They hold for
+//! all samples.
+
+use glam::Vec3;
+
+use crate::Result;
+use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
+use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordHead};
+use crate::passes::primary::BoundPrimary;
+use crate::passes::{Tile, TileBuffers};
+use crate::settings::Settings;
+use crate::statistics::Counter;
+use crate::tables::CameraUniform;
+
+use super::totals::Totals;
+
+/// Pixels between the points that are asked for records, pass by pass. Points of one pass do not see each other's records, so
+/// the steps are small: a factor f gives up to f squared times the records that are needed.
+const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
+
+/// Least and largest radius of a record, in pixels: closer together records cost more than they tell, and farther apart the
+/// gradients leave out what lies between.
+const RADII: [f32; 2] = [3.0, 48.0];
+
+pub(super) struct CacheKernels {
+    gather: Gather,
+    cache: Cache,
+}
+
+impl CacheKernels {
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<CacheKernels> {
+        let (gather, cache) = rayon::join(
+            || Gather::new(gpu, features, constants, settings.gather_rays),
+            || Cache::new(gpu, features),
+        );
+        Ok(CacheKernels { gather: gather?, cache: cache? })
+    }
+}
+
+pub(super) struct IrradianceCache {
+    kernels: CacheKernels,
+    features: Features,
+    camera: CameraUniform,
+    settings: Settings,
+    buffers: CacheBuffers,
+    bound: BoundCache,
+    heads: Vec<RecordHead>,
+    values: Buffer,
+    /// Records that `values` has room for.
+    room: u32,
+}
+
+/// What filling the cache takes from the rest of the render.
+pub(super) struct Filling<'a> {
+    pub gpu: &'a Gpu,
+    pub tile: &'a TileBuffers,
+    /// Points that the tile's buffers hold.
+    pub points: u32,
+    pub primary: &'a BoundPrimary,
+    /// The scene and the global map.
+    pub scene: &'a [&'a dyn Bindings],
+}
+
+impl IrradianceCache {
+    /// Places records all over the view and gathers at each.
+    pub fn new(
+        with: &Filling<'_>,
+        kernels: CacheKernels,
+        features: &Features,
+        camera: CameraUniform,
+        settings: &Settings,
+        totals: &mut Totals,
+    ) -> Result<IrradianceCache> {
+        let Filling { gpu, tile, points, .. } = *with;
+        let buffers = CacheBuffers::new(gpu, points)?;
+        let room = 1;
+        let values = record_values(gpu, features, room)?;
+        let tables = RecordTables::new(gpu, &[], &values, [settings.width, settings.height], |_| None)?;
+        let bound = kernels.cache.bind(gpu, tile, &buffers, &tables)?;
+        let (settings, features) = (settings.clone(), features.clone());
+        let mut cache =
+            IrradianceCache { kernels, features, camera, settings, buffers, bound, heads: Vec::new(), values, room };
+        for spacing in SPACINGS {
+            cache.fill(with, spacing, totals)?;
+        }
+        totals.cache_records = cache.heads.len() as u64;
+        totals.photon_bytes += cache.values.bytes;
+        Ok(cache)
+    }
+
+    /// Adds records where the points of an image of one pixel for `spacing` have too few.
+    fn fill(&mut self, with: &Filling<'_>, spacing: u32, totals: &mut Totals) -> Result<()> {
+        let Filling { gpu, tile, points, primary, scene } = *with;
+        let Settings { width, height, seed, max_bounces, .. } = self.settings;
+        let [columns, rows] = [width, height].map(|side| side.div_ceil(spacing));
+        let rows_at_once = (points / columns).min(rows);
+        let mut fresh = Vec::new();
+        let mut gather: Option<BoundGather> = None;
+        for first_row in (0..rows).step_by(rows_at_once as usize) {
+            let pixel_count = rows_at_once.min(rows - first_row) * columns;
+            let part = Tile {
+                width: columns,
+                height: rows,
+                first_row,
+                pixel_count,
+                point_count: pixel_count,
+                first_sample: 0,
+                seed,
+                centred: 1,
+            };
+            let mut frame = gpu.frame("cache");
+            frame.clear(&tile.counters);
+            primary.record(&mut frame, &part);
+            self.bound.record_place(&mut frame, &self.buffers, &part);
+            frame.submit()?;
+            let wanted = wanted(gpu, &self.buffers)?;
+            if !wanted.is_empty() {
+                let before = (self.heads.len() + fresh.len()) as u32;
+                if self.grow(gpu, before, wanted.len() as u32)? {
+                    gather = None;
+                }
+                let bound = match gather.take() {
+                    Some(bound) => bound,
+                    None => self.kernels.gather.bind(gpu, tile, points, &self.values, scene)?,
+                };
+                fresh.extend(bound.gather(gpu, &wanted, before, GatherSettings { max_bounces, seed, height })?);
+                gather = Some(bound);
+                totals.gather_rays += wanted.len() as u64 * u64::from(self.kernels.gather.rays());
+            }
+            let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
+            totals.add(&counters, u64::from(pixel_count));
+        }
+        if !fresh.is_empty() {
+            self.heads.extend(fresh);
+            self.renew(gpu, tile)?;
+        }
+        Ok(())
+    }
+
+    /// Makes room for `more` records after `before`; whether there was none.
+    fn grow(&mut self, gpu: &Gpu, before: u32, more: u32) -> Result<bool> {
+        if before + more <= self.room {
+            return Ok(false);
+        }
+        self.room = (2 * self.room).max(before + more);
+        let larger = record_values(gpu, &self.features, self.room)?;
+        let mut frame = gpu.frame("cache");
+        frame.copy(&self.values, &larger, 0, self.values.bytes);
+        frame.submit()?;
+        self.values = larger;
+        Ok(true)
+    }
+
+    /// The tables of all records, with radii by what their neighbours have met.
+    fn renew(&mut self, gpu: &Gpu, tile: &TileBuffers) -> Result<()> {
+        let distances = neighbour_distances(&self.heads, self.settings.accuracy);
+        let mut heads = self.heads.clone();
+        for (head, distance) in heads.iter_mut().zip(distances) {
+            head.size = radius(distance, head.size, self.settings.accuracy);
+        }
+        let size = [self.settings.width, self.settings.height];
+        let tables = RecordTables::new(gpu, &heads, &self.values, size, |head| seen_part(&self.camera, head))?;
+        self.bound = self.kernels.cache.bind(gpu, tile, &self.buffers, &tables)?;
+        Ok(())
+    }
+
+    /// Lights the points of the tile by the records.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        self.bound.record_interpolate(frame, &self.buffers, tile);
+    }
+
+    /// The points that no record speaks for.
+    pub fn buffers(&self) -> &CacheBuffers {
+        &self.buffers
+    }
+
+    /// Bytes of its buffers for a frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.buffers.bytes()
+    }
+}
+
+/// The radius of a record, from its distance and the size of a pixel.
+fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
+    (accuracy * distance).clamp(RADII[0] * pixel, RADII[1] * pixel)
+}
+
+/// Distances of the records such that none is farther from its surroundings than a neighbour's distance and the way to it allow
+/// (neighbour clamping, Krivanek et al. 2006): what one has missed between its rays another has met.
+fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
+    let mut distances: Vec<f32> = heads.iter().map(|head| head.distance).collect();
+    let radii: Vec<f32> = heads.iter().map(|head| radius(head.distance, head.size, accuracy)).collect();
+    // Sorted along x, so that a record's neighbours are a run.
+    let mut order: Vec<usize> = (0..heads.len()).collect();
+    order.sort_by(|a, b| heads[*a].position[0].total_cmp(&heads[*b].position[0]));
+    let widest = radii.iter().copied().fold(0.0, f32::max);
+    for (rank, &i) in order.iter().enumerate() {
+        let here = Vec3::from(heads[i].position);
+        for &j in &order[rank + 1..] {
+            if heads[j].position[0] - here.x > widest {
+                break;
+            }
+            let way = here.distance(Vec3::from(heads[j].position));
+            if way < radii[i] {
+                distances[i] = distances[i].min(heads[j].distance + way);
+            }
+            if way < radii[j] {
+                distances[j] = distances[j].min(heads[i].distance + way);
+            }
+        }
+    }
+    distances
+}
+
+/// The part of the image, from 0 to 1 each way, where the camera may see points within the record's radius (`size`).
+fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]> {
+    let offset = Vec3::from(head.position) - Vec3::from(camera.position);
+    let depth = -offset.dot(Vec3::from(camera.backward));
+    let radius = head.size;
+    let [near, far] = match camera.orthographic {
+        0 => [depth - radius, depth + radius],
+        _ => [1.0, 1.0],
+    };
+    if far <= 0.0 {
+        return None;
+    }
+    if near <= 0.0 {
+        return Some([[0.0; 2], [1.0; 2]]);
+    }
+    let part = |axis: [f32; 3], sign: f32| {
+        let half = Vec3::from(axis).length();
+        let at = sign * offset.dot(Vec3::from(axis)) / half;
+        let low = (at - radius) / if at >= radius { far } else { near };
+        let high = (at + radius) / if at >= -radius { near } else { far };
+        [0.5 + 0.5 * low / half, 0.5 + 0.5 * high / half]
+    };
+    let [x, y] = [part(camera.right, 1.0), part(camera.up, -1.0)];
+    let seen = |[low, high]: [f32; 2]| high >= 0.0 && low <= 1.0;
+    (seen(x) && seen(y)).then_some([[x[0], y[0]], [x[1], y[1]]])
+}
