@@ -5,6 +5,7 @@
 // In: points and surfaces, and which of them want records. Out: `record_heads`, `record_values`; see lib/record.
 
 import package::lib::bsdf::bsdf_diffuse;
+@if(glossy) import package::lib::bsdf::residual_chance;
 import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::camera::pixel_size;
 import package::lib::dispatch::{dispatch_groups, group_index};
@@ -17,7 +18,7 @@ import package::lib::record::{RECORD_HEAD, RECORD_VALUES};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::surface::surface_at;
 import package::lib::walk::{PathStart, Vertex, bounce_rays, shadow_rays, spread_along, walk};
-import package::lib::constants::{DIMENSION_GATHER, COUNTER_GATHER_RAYS, COUNTER_OVERRUN};
+import package::lib::constants::{DIMENSION_GATHER, LEAST_RADIUS_PIXELS, COUNTER_GATHER_RAYS, COUNTER_OVERRUN};
 
 struct GatherParameters {
     // Of `wanted`.
@@ -39,7 +40,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
-// By ray: radiance, and the distance that it came leaving.
+// By ray: radiance, and the distance that it came from.
 @group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
 // Rays that are traced on: how many, the arguments of their dispatch; their numbers (FOLLOW_RESIDUAL in the top bit) and hits.
 @group(0) @binding(4) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
@@ -109,7 +110,7 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
                 follows = false;
                 @if(glossy) {
                     follow = FOLLOW_RESIDUAL;
-                    follows = uniform_from_bits(hash2(leaving.seed, 0x676c6f73u + id)) < residual_chance(found.surface.f0);
+                    follows = uniform_from_bits(hash2(leaving.seed, 0x676c6f73u + id)) < residual_chance(found.surface);
                 }
             }
             if follows {
@@ -121,13 +122,6 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     }
     gathered[id] = brought;
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
-}
-
-// How often a ray is traced on for what a surface reflects beyond its diffuse part: always for metals, for a few in the hundred
-// that dielectrics reflect seldom.
-@if(glossy)
-fn residual_chance(f0: vec3f) -> f32 {
-    return clamp(2.0 * max(f0.x, max(f0.y, f0.z)), 0.1, 1.0);
 }
 
 @compute @workgroup_size(1)
@@ -151,7 +145,7 @@ fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     var throughput = vec3f(1.0);
     @if(glossy) {
         vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u;
-        if vertex.residual { throughput /= residual_chance(found.surface.f0); }
+        if vertex.residual { throughput /= residual_chance(found.surface); }
     }
     let start = PathStart(throughput, 1u, spread_along(leaving.pdf, words.x));
     let brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
@@ -170,8 +164,9 @@ fn record(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     let position = points[point].position;
     let normal = shading_normal(point);
     let frame = basis(normal);
-    // Nearer than a pixel nothing is told apart; in corners the distances go to 0.
     let footprint = pixel_size(position, gather_pass.height);
+    // In corners distances go to 0 and gradients grow without bound: nearer than the least radius of a record they say nothing.
+    let nearest_distance = footprint * f32(LEAST_RADIUS_PIXELS);
     let base = i * rings * sectors;
 
     var sum = vec3f(0.0);
@@ -196,13 +191,13 @@ fn record(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         for (var j = 0u; j < rings; j++) {
             let ray = gathered[here + j];
             let neighbour = gathered[beside + j];
-            let distance = max(ray.w, footprint);
+            let distance = max(ray.w, nearest_distance);
             let next_sine = sqrt(f32(j + 1u) / f32(rings));
             if j > 0u {
-                let nearer = min(distance, max(below.w, footprint));
+                let nearer = min(distance, max(below.w, nearest_distance));
                 along += (ray.xyz - below.xyz) * (sine * (1.0 - sine * sine) / nearer);
             }
-            let nearer = min(distance, max(neighbour.w, footprint));
+            let nearer = min(distance, max(neighbour.w, nearest_distance));
             beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
             @if(smooth_normals || normal_maps) {
                 let middle = (f32(j) + 0.5) / f32(rings);

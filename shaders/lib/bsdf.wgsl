@@ -103,6 +103,13 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @else { return vec3f(0.0); }
 }
 
+// How often a path goes on for what a surface reflects beyond its diffuse part: always on metals, seldom where that is the
+// few hundredths of a dielectric.
+@if(glossy)
+fn residual_chance(s: Surface) -> f32 {
+    return clamp(2.0 * max(s.f0.x, max(s.f0.y, s.f0.z)), 0.1, 1.0);
+}
+
 // The BSDF, per steradian; 0 for directions that the surface does not face.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
     if !bsdf_faces(s, direction) { return vec3f(0.0); }

@@ -70,16 +70,18 @@ fn interpolate_records(block: u32, position: vec3f, normal: vec3f) -> Interpolat
         let r = load_value(base);
         let g = load_value(base + 1u);
         let b = load_value(base + 2u);
-        var value = vec3f(r.w, g.w, b.w) + vec3f(dot(r.xyz, offset), dot(g.xyz, offset), dot(b.xyz, offset));
+        let irradiance = vec3f(r.w, g.w, b.w);
+        var change = vec3f(dot(r.xyz, offset), dot(g.xyz, offset), dot(b.xyz, offset));
         @if(smooth_normals || normal_maps) {
             let turn = cross(side.xyz, normal);
-            value += vec3f(
+            change += vec3f(
                 dot(load_value(base + 3u).xyz, turn),
                 dot(load_value(base + 4u).xyz, turn),
                 dot(load_value(base + 5u).xyz, turn),
             );
         }
-        sum += w * max(value, vec3f(0.0));
+        // A first-order change of more than all there is tells of a place that the record does not know.
+        sum += w * (irradiance + clamp(change, -irradiance, irradiance));
         weight += w;
     }
     return Interpolated(sum / max(weight, 1e-20), weight);

@@ -8,6 +8,7 @@
 import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
 @if(glossy && (global_map || (indirect && mesh_lights))) import package::lib::bsdf::bsdf_residual;
 @if(global_map) import package::lib::bsdf::bsdf_diffuse;
+@if(global_map && glossy) import package::lib::bsdf::residual_chance;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 @if(global_map) import package::lib::irradiance::irradiance_near;
 import package::lib::light::{BEYOND_SCENE, choose_light, light_sample, shadow_ray};
@@ -107,15 +108,10 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
         }
         var going_on = chosen.pdf > 0.0;
         if going_on {
-            let before = throughput;
             throughput *= chosen.weight;
-            // Behind a look-up little is left: what the diffuse part does not have.
-            var survival = MAX_SURVIVAL;
-            var roulette = bounce >= FIRST_ROULETTE;
-            @if(global_map && glossy) { roulette |= vertex.residual && bounce > 0u; }
-            if roulette {
+            if bounce >= FIRST_ROULETTE {
                 let size = abs(throughput);
-                survival = min(max(size.x, max(size.y, size.z)), MAX_SURVIVAL);
+                let survival = min(max(size.x, max(size.y, size.z)), MAX_SURVIVAL);
                 let lot = uniform_from_bits(hash3(vertex.seed, 0x726f756cu, vertex.sample_index));
                 going_on = lot < survival;
                 throughput /= survival;
@@ -148,7 +144,14 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
             let known = irradiance_near(vertex.position, vertex.surface.geometric_normal);
             let wide = spread >= known.radius;
             if wide { radiance.indirect += throughput * bsdf_diffuse(vertex.surface) * known.value; }
-            @if(glossy) { vertex.residual = wide; }
+            @if(glossy) {
+                vertex.residual = wide;
+                if wide {
+                    let chance = residual_chance(vertex.surface);
+                    if uniform_from_bits(hash3(vertex.seed, 0x676c6f73u, vertex.sample_index)) >= chance { break; }
+                    throughput /= chance;
+                }
+            }
             @if(!glossy) { if wide { break; } }
         }
     }

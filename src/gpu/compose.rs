@@ -135,6 +135,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_FLUX", 0xa000_0000),
     ("DIMENSION_GATHER", 0xb000_0000),
     ("MAX_GROUPS", super::frame::MAX_GROUPS),
+    ("LEAST_RADIUS_PIXELS", crate::passes::gather::LEAST_RADIUS_PIXELS),
     ("PATH_GROUP", crate::passes::path::GROUP),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),

@@ -40,6 +40,9 @@ shared_struct! {
     }
 }
 
+/// Least radius of a record in pixels: closer together records cost more than they tell.
+pub const LEAST_RADIUS_PIXELS: u32 = 3;
+
 /// Rays of a dispatch: 4 MiB of what they bring, and no danger to a desktop's watchdog.
 const BATCH_RAYS: u32 = 1 << 18;
 

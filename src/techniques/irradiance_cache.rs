@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordHead};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, LEAST_RADIUS_PIXELS, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;
@@ -19,9 +19,8 @@ use super::totals::Totals;
 /// the steps are small: a factor f gives up to f squared times the records that are needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
-/// Least and largest radius of a record, in pixels: closer together records cost more than they tell, and farther apart the
-/// gradients leave out what lies between.
-const RADII: [f32; 2] = [3.0, 48.0];
+/// Largest radius of a record in pixels: farther apart the gradients leave out what lies between.
+const LARGEST_RADIUS_PIXELS: f32 = 48.0;
 
 pub(super) struct CacheKernels {
     gather: Gather,
@@ -183,7 +182,7 @@ impl IrradianceCache {
 
 /// The radius of a record, from its distance and the size of a pixel.
 fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
-    (accuracy * distance).clamp(RADII[0] * pixel, RADII[1] * pixel)
+    (accuracy * distance).clamp(LEAST_RADIUS_PIXELS as f32 * pixel, LARGEST_RADIUS_PIXELS * pixel)
 }
 
 /// Distances of the records such that none is farther from its surroundings than a neighbour's distance and the way to it allow
