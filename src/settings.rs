@@ -215,7 +215,10 @@ impl Settings {
         range("--gather-rays", self.gather_rays, 1, Self::MAX_GATHER_RAYS)?;
         if !(self.accuracy > 0.0 && self.accuracy <= Self::MAX_ACCURACY) {
             let most = Self::MAX_ACCURACY;
-            return Err(Error::Usage(format!("--accuracy is {}; it must be more than 0, at most {most}", self.accuracy)));
+            return Err(Error::Usage(format!(
+                "--accuracy is {}; it must be more than 0, at most {most}",
+                self.accuracy
+            )));
         }
         range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
         range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;

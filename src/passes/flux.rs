@@ -107,7 +107,8 @@ impl Flux {
         let mut room = (PHOTONS_PER_RAY * emitted as usize).clamp(1, limit);
         let new_buffer = |room| gpu.buffer::<Photon>("penumbra/flux/photons", room);
         let mut photons = new_buffer(room)?;
-        let mut traced = FluxPhotons { photons: new_buffer(0)?, count: 0, emitted, rays: 0, step: unit / FLUX_STEPS, cut: 0 };
+        let mut traced =
+            FluxPhotons { photons: new_buffer(0)?, count: 0, emitted, rays: 0, step: unit / FLUX_STEPS, cut: 0 };
         let mut done = 0;
         while done < emitted && unit > 0.0 {
             let own = FluxBindings { flux_photons: &photons, flux_counts: &counts, flux_rays: &ray_table };

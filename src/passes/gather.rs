@@ -145,13 +145,7 @@ impl BoundGather {
     ///
     /// # Errors
     /// As [`Gpu::check`].
-    pub fn gather(
-        &self,
-        gpu: &Gpu,
-        wanted: &[u32],
-        before: u32,
-        settings: GatherSettings,
-    ) -> Result<Vec<RecordHead>> {
+    pub fn gather(&self, gpu: &Gpu, wanted: &[u32], before: u32, settings: GatherSettings) -> Result<Vec<RecordHead>> {
         gpu.write(&self.wanted, wanted);
         let [rings, sectors] = self.strata;
         let rays = rings * sectors;
@@ -161,8 +155,7 @@ impl BoundGather {
             let count = batch.min(wanted - first);
             let GatherSettings { max_bounces, seed, height } = settings;
             let first_record = before + first;
-            let parameters =
-                GatherParameters { first, count, rings, sectors, max_bounces, seed, first_record, height };
+            let parameters = GatherParameters { first, count, rings, sectors, max_bounces, seed, first_record, height };
             let mut frame = gpu.frame("gather");
             frame.clear(&self.follow_count);
             frame.run(&self.gather, count * rays, &parameters);

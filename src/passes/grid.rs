@@ -264,7 +264,14 @@ impl Grid {
     /// # Errors
     /// [`Error::Buffer`] where the device cannot hold the map, [`Error::Usage`] for too many lights, else as
     /// [`Gpu::check`].
-    pub fn sort(&self, gpu: &Gpu, photons: &Buffer, count: u32, lights: u32, shape: GridShape) -> Result<SortedPhotons> {
+    pub fn sort(
+        &self,
+        gpu: &Gpu,
+        photons: &Buffer,
+        count: u32,
+        lights: u32,
+        shape: GridShape,
+    ) -> Result<SortedPhotons> {
         Ok(self.sort_cells(gpu, photons, count, lights, shape)?.0)
     }
 

@@ -87,7 +87,8 @@ impl Irradiance {
         places: SortedPhotons,
         step: f64,
     ) -> Result<IrradianceMap> {
-        let irradiances = gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(places.count as usize))?;
+        let irradiances =
+            gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(places.count as usize))?;
         let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances };
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
         let parameters =
@@ -97,7 +98,12 @@ impl Irradiance {
         let bytes = places.bytes + irradiances.bytes;
         let irradiances = gpu.kernel_table(&mut frame, irradiances, TableFormat::Float)?;
         frame.submit()?;
-        Ok(IrradianceMap { shape: gpu.upload("penumbra/irradiance/grid", &[places.shape])?, places, irradiances, bytes })
+        Ok(IrradianceMap {
+            shape: gpu.upload("penumbra/irradiance/grid", &[places.shape])?,
+            places,
+            irradiances,
+            bytes,
+        })
     }
 }
 

@@ -29,10 +29,8 @@ pub(super) struct CacheKernels {
 
 impl CacheKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<CacheKernels> {
-        let (gather, cache) = rayon::join(
-            || Gather::new(gpu, features, constants, settings.gather_rays),
-            || Cache::new(gpu, features),
-        );
+        let (gather, cache) =
+            rayon::join(|| Gather::new(gpu, features, constants, settings.gather_rays), || Cache::new(gpu, features));
         Ok(CacheKernels { gather: gather?, cache: cache? })
     }
 }
