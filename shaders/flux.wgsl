@@ -1,6 +1,7 @@
 // flux: photons that carry flux, the global map. Each ray leaves a light with its share of the light's power, is
 // stored at every diffuse surface that it meets, and goes on by Russian roulette on the BSDF, sampled by it (section 2
-// of the paper; Jensen 1996). Out: photons, in any order, appended to `flux_photons`.
+// of the paper; Jensen 1996). With the feature `negative_photons` the light's own rays leave shadow photons behind their
+// first hit in place of a photon there. Out: photons, in any order, appended to `flux_photons`.
 
 import package::lib::bsdf::bsdf_sample;
 import package::lib::bvh::{trace_closest, traversal_overrun, traversal_turns};
@@ -8,10 +9,12 @@ import package::lib::dispatch::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::oct_encode7;
 import package::lib::photon::{FLUX_MOST, Photon, flux_word};
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(!negative_photons) import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(negative_photons) import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sobol2, sobol4};
-import package::lib::surface::surface_at;
+@if(!negative_photons) import package::lib::surface::surface_at;
+@if(negative_photons) import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::constants::DIMENSION_FLUX;
 
 struct FluxParameters {
@@ -43,6 +46,26 @@ fn store(position: vec3f, normal: vec3f, flux: vec3f, lot: f32, shadow: bool) {
     let at = flux_pass.stored + atomicAdd(&flux_counts[0], 1u);
     if at >= arrayLength(&flux_photons) { return; }
     flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, vec3f(FLUX_MOST)), lot, shadow));
+}
+
+// Goes straight on through the scene and leaves shadow photons; the number of rays that it took.
+@if(negative_photons)
+fn store_shadows(light: u32, first: Ray, first_hit: Hit, first_found: SurfaceHit, flux: vec3f, lot: f32, seed: u32) -> u32 {
+    var found = first_found;
+    var distance = first_hit.t;
+    // What the light's range takes is told by the whole way.
+    let emitted = flux / max(flux_window(light, distance), 1e-20);
+    for (var rays = 0u; ; rays++) {
+        let on = Ray(offset_origin(found.position, -found.surface.geometric_normal), 0.0, first.direction, FAR_AWAY);
+        let hit = trace_closest(on, seed);
+        if hit.triangle == NO_HIT || traversal_overrun { return rays + 1u; }
+        found = surface_at(hit, on);
+        distance += hit.t;
+        if any(found.surface.albedo > vec3f(0.0)) {
+            store(found.position, found.surface.geometric_normal, emitted * flux_window(light, distance), lot, true);
+        }
+    }
+    return 0u;
 }
 
 @compute @workgroup_size(64)
@@ -80,7 +103,13 @@ fn flux(
         if bounce == 0u { flux *= flux_window(light, hit.t); }
         let lots = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         let reflects = any(found.surface.albedo > vec3f(0.0));
-        if reflects { store(found.position, found.surface.geometric_normal, flux, lots.x, false); }
+        var stores = reflects;
+        @if(negative_photons) {
+            // The first surface is lit anyway, as all behind it are: they lose what they should not have.
+            stores &= bounce > 0u;
+            if bounce == 0u { rays += store_shadows(light, here, hit, found, flux, lots.x, bounce_seed); }
+        }
+        if stores { store(found.position, found.surface.geometric_normal, flux, lots.x, false); }
         if bounce >= flux_pass.max_bounces { break; }
         // The first bounce of all rays together is as even as the rays themselves.
         let u = sobol2(ray, hash3(seed, bounce, 3u));

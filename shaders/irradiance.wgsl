@@ -1,10 +1,16 @@
 // irradiance: density estimates on the global map, precomputed at places all over the scene (Christensen 1999).
 // In: the global map and the places, both sorted by cell. Out: irradiance and radius of the disc, by place.
+// `show` estimates at the points of a tile: the map visualised directly.
 
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
-import package::lib::grid::{FAR, GridShape, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
-import package::lib::math::{PI, basis};
+import package::lib::grid::{GridShape, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
+@if(!photon_map) import package::lib::math::{PI, basis};
+@if(photon_map) import package::lib::math::{PI, basis, oct_decode16};
+@if(photon_map) import package::lib::point::{Point, SURFACE_VECTORS};
+@if(photon_map) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
+@if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
+@if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
@@ -25,8 +31,16 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @group(0) @binding(0) var<storage, read> places: array<Photon>;
 @group(0) @binding(1) var<storage, read_write> irradiances: array<vec4f>;
 
+@if(photon_map) @group(0) @binding(2) var<storage, read> points: array<Point>;
+@if(photon_map) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
+@if(photon_map) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
+@if(photon_map) @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+
 // Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
 const MOST_LOOKS = 16384u;
+
+// The radius of a place that tells nothing: no path ends there.
+const UNSURE = 1e30;
 
 // Probes of a disc. At edges their error is an eighth or so, and independent from place to place.
 const PROBES = 16u;
@@ -36,6 +50,43 @@ fn irradiance(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
     irradiances[i] = density(places[i].position, photon_normal(places[i].word));
+}
+
+@if(photon_map)
+@compute @workgroup_size(64)
+fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= irradiance_pass.count { return; }
+    var light = vec3f(0.0);
+    if points[i].normal != INVALID_POINT {
+        let normal = oct_decode16(points[i].normal);
+        let found = density(points[i].position, normal);
+        if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
+        var irradiance = found.xyz;
+        @if(negative_photons) {
+            for (var l = 0u; l < light_count(); l++) { irradiance += unshadowed(l, points[i].position, normal); }
+        }
+        light = surfaces[i * SURFACE_VECTORS].xyz * irradiance / PI;
+    }
+    radiance_indirect[i] = vec4f(light, 1.0);
+}
+
+// Light points that stand for a light without a closed form.
+@if(negative_photons) const UNSHADOWED_SAMPLES = 4u;
+
+// The irradiance from a light with nothing in between.
+@if(negative_photons)
+fn unshadowed(light: u32, position: vec3f, normal: vec3f) -> vec3f {
+    if light_has_closed_form(light) { return light_unshadowed_irradiance(light, position, normal); }
+    let bits = bitcast<vec3u>(position);
+    let seed = hash3(bits.x, bits.y, bits.z + light);
+    var sum = vec3f(0.0);
+    for (var j = 0u; j < UNSHADOWED_SAMPLES; j++) {
+        let chosen = light_sample(light, position, sobol2(j, seed));
+        let cosine = dot(chosen.direction, normal);
+        if chosen.pdf > 0.0 && cosine > 0.0 { sum += chosen.radiance * (cosine / chosen.pdf); }
+    }
+    return sum / f32(UNSHADOWED_SAMPLES);
 }
 
 // The flux of the photons about a point over the area that they lie on, and the radius of the disc. The disc is what holds k
@@ -55,7 +106,10 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
         for (var y = rows.x; y <= rows.z; y++) {
             let row = row_photons(grid, 0u, vec2i(y, z), at, at, reach, normal, 0.0);
             looks += row.y - row.x + 1u;
-            if looks > MOST_LOOKS { return vec4f(0.0, 0.0, 0.0, FAR); }
+            if looks > MOST_LOOKS {
+                traversal_overrun = true;
+                return vec4f(0.0, 0.0, 0.0, UNSURE);
+            }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
                 sum += select(vec3i(0), flux_of(photon.w), counted_distance(photon, position, normal) <= limit);
@@ -64,7 +118,7 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
     }
     let share = covered(position, normal, radius);
     // In gaps too narrow for any probe the area is anyone's guess.
-    if share == 0.0 { return vec4f(0.0, 0.0, 0.0, FAR); }
+    if share == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
     return vec4f(vec3f(sum) * (irradiance_pass.step / (PI * limit * share)), radius);
 }
 

@@ -1,6 +1,6 @@
 // path: the reference, and indirect light. From each point of the tile a path on through the scene (lib/walk).
 // With the feature `irradiance_cache` records have brought the diffuse part of the indirect light, but for the points
-// that they do not cover; of glossy surfaces the rest is left.
+// that they do not cover; with `photon_map` the map has brought that of all light. Of glossy surfaces the rest is left.
 // In: points, surfaces. Out: direct light is added to `radiance_direct`, light of more bounces is `radiance_indirect`.
 
 import package::lib::dispatch::group_index;
@@ -59,7 +59,7 @@ fn path(
             radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
             indirect = found.indirect;
         }
-        @if(irradiance_cache) { indirect += radiance_indirect[i].xyz; }
+        @if(irradiance_cache || photon_map) { indirect += radiance_indirect[i].xyz; }
         radiance_indirect[i] = vec4f(indirect, 0.0);
         if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         atomicAdd(&group_shadow_rays, shadow_rays);
@@ -88,7 +88,7 @@ fn radiance_along(i: u32) -> PathRadiance {
     vertex.position = points[i].position;
     vertex.surface = unpack_surface(packed, oct_decode16(points[i].normal), view_direction(vertex.position));
     vertex.sample_index = tile_sample(parameters.tile, i);
-    @if(irradiance_cache && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
+    @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     return walk(vertex, PathStart(vec3f(1.0), 0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
 }

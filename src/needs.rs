@@ -143,7 +143,8 @@ impl Needs {
         let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
         needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
 
-        let shaded = settings.technique != Technique::Path && !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let lit = !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let shaded = settings.technique.is_two_pass() && lit;
         // Without bounces a path's first ray is left, for the highlights of lights that have a surface.
         let highlights = m.glossy > 0 && m.mesh_lights > 0;
         let why = match settings.max_bounces {
@@ -152,19 +153,31 @@ impl Needs {
         };
         let unneeded = match settings.technique {
             Technique::Path => "paths bring all light",
+            _ if settings.technique.shows_map() => "the map brings all light",
             _ if settings.max_bounces == 0 => "--max-bounces 0",
             _ => "there is nothing to be lit",
         };
         let on = shaded && (settings.max_bounces > 0 || highlights);
         needs.decide("indirect", on, why, unneeded, "pass path: the rays of a path from every point; 16 B a point");
 
+        let shown = lit && settings.technique.shows_map();
+        needs.decide(
+            "photon_map",
+            shown,
+            "the technique shows it".into(),
+            "its light is gathered, not shown",
+            "a search and 32 short rays a point",
+        );
+        let negative = shown && settings.technique == Technique::NegativePhotons;
+        let why = "shadow photons take the energy of the light that they lack".to_owned();
+        needs.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
         let bounces = on && settings.max_bounces > 0;
         let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
+        let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
-        needs.decide("global_map", bounces, why, "no light of more bounces is asked for", &cost);
-
+        needs.decide("global_map", shown || bounces, why, unneeded, &cost);
         let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
-        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
+        let unneeded = if bounces { "--no-cache" } else { unneeded };
         let cost = "passes gather, cache; about 100 B a record";
         needs.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
 

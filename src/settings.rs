@@ -18,12 +18,23 @@ pub enum Technique {
     ShadowPhotons,
     /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
     VisibilityEstimate,
+    /// The global map shown directly, by density estimation.
+    PhotonMap,
+    /// As [`Technique::PhotonMap`], but direct light is that of a scene where everything is lit, less the energy of shadow
+    /// photons.
+    NegativePhotons,
 }
 
 impl Technique {
     /// All techniques.
-    pub const ALL: [Technique; 4] =
-        [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons, Technique::VisibilityEstimate];
+    pub const ALL: [Technique; 6] = [
+        Technique::Path,
+        Technique::TwoPass,
+        Technique::ShadowPhotons,
+        Technique::VisibilityEstimate,
+        Technique::PhotonMap,
+        Technique::NegativePhotons,
+    ];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
@@ -32,12 +43,24 @@ impl Technique {
             Technique::TwoPass => "two-pass",
             Technique::ShadowPhotons => "shadow-photons",
             Technique::VisibilityEstimate => "visibility-estimate",
+            Technique::PhotonMap => "photon-map",
+            Technique::NegativePhotons => "negative-photons",
         }
     }
 
     /// It asks the visibility map.
     pub fn uses_visibility_map(self) -> bool {
         matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
+    }
+
+    /// It shows the global map directly.
+    pub fn shows_map(self) -> bool {
+        matches!(self, Technique::PhotonMap | Technique::NegativePhotons)
+    }
+
+    /// Its direct light is a pass of its own, and indirect light another.
+    pub fn is_two_pass(self) -> bool {
+        self != Technique::Path && !self.shows_map()
     }
 }
 

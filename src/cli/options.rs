@@ -222,6 +222,8 @@ fn techniques() -> impl TypedValueParser<Value = Technique> {
             Technique::TwoPass => "the two-pass method with all shadow rays",
             Technique::ShadowPhotons => "shadow rays only where the photons do not decide",
             Technique::VisibilityEstimate => "no shadow rays: the photons' own visibility, equation 1 of the paper",
+            Technique::PhotonMap => "the photon map shown directly, by density estimation",
+            Technique::NegativePhotons => "everything taken as lit, shadow photons take their energy away",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

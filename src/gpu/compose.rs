@@ -91,6 +91,10 @@ pub const FEATURES: &[&str] = &[
     "audit",
     // Method: rays end where photons have brought flux.
     "global_map",
+    // Method: the global map is shown directly.
+    "photon_map",
+    // Method: shadow photons take away the energy of light that other surfaces got.
+    "negative_photons",
     // Method: records bring the diffuse part of indirect light.
     "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.

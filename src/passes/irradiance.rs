@@ -3,11 +3,11 @@
 
 use crate::Result;
 use crate::gpu::buffer::{TableFormat, whole_rows};
-use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel, Table};
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
 use crate::{bindings, shared_struct};
 
 use super::grid::{GridShape, SortedPhotons};
-use super::kernel;
+use super::{Tile, TileBuffers, kernel};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/irradiance.wgsl`.
@@ -104,6 +104,47 @@ impl Irradiance {
             irradiances,
             bytes,
         })
+    }
+}
+
+/// Entry point `show`, bound to a tile.
+pub struct BoundShow {
+    kernel: BoundKernel,
+    shape: GridShape,
+    step: f32,
+}
+
+impl Irradiance {
+    /// Binds `show` to a tile's buffers and a global map; as [`Irradiance::precompute`].
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind_show(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        scene: &dyn Bindings,
+        map: &SortedPhotons,
+        step: f64,
+    ) -> Result<BoundShow> {
+        let mut own = Resources::new()
+            .with("points", &tile.points)
+            .with("surfaces", &tile.surfaces)
+            .with("counters", &tile.counters);
+        if let Some(indirect) = &tile.radiance_indirect {
+            own = own.with("radiance_indirect", indirect);
+        }
+        let kernel = self.kernel.bind(gpu, "show", &[&own, map, scene])?;
+        Ok(BoundShow { kernel, shape: map.shape, step: step as f32 })
+    }
+}
+
+impl BoundShow {
+    /// The light that the map tells at the tile's points.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        let count = tile.point_count;
+        let parameters = IrradianceParameters { grid: self.shape, count, step: self.step, padding: [0; 2] };
+        frame.run(&self.kernel, count, &parameters);
     }
 }
 

@@ -1,14 +1,16 @@
 //! The global map: photons that carry flux, and the irradiance that they bring, precomputed.
 
 use crate::Result;
-use crate::gpu::{Binding, Bindings, Features, Gpu};
+use crate::gpu::{Binding, Bindings, Features, Frame, Gpu};
+use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxPhotons};
 use crate::passes::grid::{Grid, GridShape};
-use crate::passes::irradiance::{Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid};
-use crate::scene::Scene;
+use crate::passes::irradiance::{
+    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
+};
 use crate::settings::Settings;
-use crate::tables::SceneTables;
 
+use super::direct::Shared;
 use super::totals::Totals;
 use super::visibility_map::extent;
 
@@ -28,41 +30,64 @@ impl GlobalMapKernels {
     }
 }
 
-pub(super) struct GlobalMap(IrradianceMap);
+/// What a render asks of the global map.
+pub(super) struct GlobalMap {
+    /// Irradiance at places, for paths and gathers.
+    irradiance: Option<IrradianceMap>,
+    /// The map shown at the points of a tile.
+    show: Option<BoundShow>,
+}
 
 impl Bindings for GlobalMap {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        self.0.get(name)
+        self.irradiance.as_ref().and_then(|irradiance| irradiance.get(name))
     }
 }
 
 impl GlobalMap {
-    /// Traces the photons, sorts them, and estimates the irradiance at some.
+    /// Traces the photons, sorts them, and estimates the irradiance at some places where `paths` end.
     pub fn new(
-        gpu: &Gpu,
+        shared: &Shared<'_>,
         kernels: &GlobalMapKernels,
-        scene: &Scene,
-        tables: &SceneTables,
         settings: &Settings,
+        paths: bool,
         totals: &mut Totals,
     ) -> Result<GlobalMap> {
+        let Shared { gpu, scene, tables, tile } = *shared;
+        let shown = settings.technique.shows_map();
         // What a look-up tells is seen after one bounce.
-        let max_bounces = settings.max_bounces.saturating_sub(1);
+        let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
         let Settings { flux_photons, seed, .. } = *settings;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
             totals.photon_rays += traced.rays;
             Ok(traced)
         };
-        let photons = trace(flux_photons, seed)?;
-        let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
         let extent = extent(scene);
+        let photons = trace(flux_photons, seed)?;
         let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
-        let shape = place_grid(extent, places.count);
-        let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
-        let map = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
-        totals.photon_bytes += map.bytes;
-        Ok(GlobalMap(map))
+        let mut irradiance = None;
+        if paths {
+            let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
+            let shape = place_grid(extent, places.count);
+            let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
+            let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
+            totals.photon_bytes += precomputed.bytes;
+            irradiance = Some(precomputed);
+        }
+        let mut show = None;
+        if shown {
+            totals.photon_bytes += map.bytes;
+            show = Some(kernels.irradiance.bind_show(gpu, tile, tables, &map, photons.step)?);
+        }
+        Ok(GlobalMap { irradiance, show })
+    }
+
+    /// Shows the map at the tile's points, where the technique does.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        if let Some(show) = &self.show {
+            show.record(frame, tile);
+        }
     }
 }

@@ -63,6 +63,8 @@ pub struct Renderer<'g> {
 enum Lighting {
     /// The two passes: direct light by the photons and shadow rays, indirect light where it is asked for.
     TwoPass(Box<Direct>, Indirect),
+    /// The global map shown directly; what glossy surfaces reflect beyond their diffuse part by paths.
+    Map(Option<GlobalMap>, Option<BoundPath>),
     /// All of it by paths.
     Path(BoundPath),
 }
@@ -156,18 +158,18 @@ impl<'g> Renderer<'g> {
         let start = Instant::now();
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
         let points = rows * settings.width * most_layers(rows, settings);
-        let paths = settings.technique == Technique::Path || features.has("indirect");
-        let buffers = TileBuffers::new(gpu, &features, points, paths)?;
+        let indirect = kernels.path.is_some() || kernels.map.is_some();
+        let buffers = TileBuffers::new(gpu, &features, points, indirect)?;
         let primary = kernels.primary.bind(gpu, &buffers, &tables)?;
         let film = kernels.film;
-        let lighting = match (kernels.path, kernels.direct) {
-            (path, Some(direct)) => {
-                let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
+        let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
+        let paths = kernels.path.is_some();
+        let map = kernels.map.map(|map| GlobalMap::new(&shared, &map, settings, paths, &mut totals)).transpose()?;
+        let nothing = Resources::new();
+        let lit: [&dyn Bindings; 2] = [&tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+        let lighting = match kernels.direct {
+            Some(direct) => {
                 let direct = Direct::new(&shared, direct, points, settings, &mut totals)?;
-                let map = kernels.map.map(|map| GlobalMap::new(gpu, &map, &scene, &tables, settings, &mut totals));
-                let map = map.transpose()?;
-                let nothing = Resources::new();
-                let lit: [&dyn Bindings; 2] = [&tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
                 let camera = CameraUniform::new(camera, settings.width, settings.height);
                 let with = Filling { gpu, tile: &buffers, points, primary: &primary, scene: &lit };
                 let cache = kernels.cache.map(|cache| {
@@ -176,11 +178,16 @@ impl<'g> Renderer<'g> {
                 let cache = cache.transpose()?;
                 let mut sets = lit.to_vec();
                 sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
-                let path = path.map(|path| path.bind(gpu, &buffers, &sets)).transpose()?;
+                let path = kernels.path.map(|path| path.bind(gpu, &buffers, &sets)).transpose()?;
                 Lighting::TwoPass(Box::new(direct), Indirect { cache, path })
             }
-            (Some(path), None) => Lighting::Path(path.bind(gpu, &buffers, &[&tables])?),
-            (None, None) => unreachable!("a technique traces paths or it does not"),
+            None => {
+                let path = kernels.path.map(|path| path.bind(gpu, &buffers, &lit)).transpose()?;
+                match path {
+                    Some(path) if !settings.technique.shows_map() => Lighting::Path(path),
+                    path => Lighting::Map(map, path),
+                }
+            }
         };
         let first_rows = (0..settings.height).step_by(rows as usize);
         let tiles = first_rows
@@ -263,6 +270,10 @@ impl<'g> Renderer<'g> {
                 Lighting::TwoPass(direct, indirect) => {
                     direct.record(&mut frame, &tile, &film.shadow);
                     indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+                }
+                Lighting::Map(map, path) => {
+                    map.iter().for_each(|map| map.record(&mut frame, &tile));
+                    path.iter().for_each(|path| path.record(&mut frame, &path_parameters));
                 }
                 Lighting::Path(path) => path.record(&mut frame, &path_parameters),
             }
@@ -349,12 +360,15 @@ struct Kernels {
 
 impl Kernels {
     fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
-        let path_traced = settings.technique == Technique::Path;
-        let paths = path_traced || features.has("indirect");
+        let has = |name| features.has(name);
+        // The map shows all that Lambertian surfaces reflect.
+        let rest = has("photon_map") && has("glossy");
+        let paths = settings.technique == Technique::Path || has("indirect") || rest;
+        let two_pass = settings.technique.is_two_pass();
         let ((direct, primary), ((map, film), (cache, path))) = rayon::join(
             || {
                 rayon::join(
-                    || (!path_traced).then(|| direct::Kernels::new(gpu, features, constants, settings)).transpose(),
+                    || two_pass.then(|| direct::Kernels::new(gpu, features, constants, settings)).transpose(),
                     || Primary::new(gpu, features, constants),
                 )
             },
@@ -430,7 +444,7 @@ fn new_film(
         position: optional(&buffers.position_samples)?,
         shadow: match lighting {
             Lighting::TwoPass(direct, _) => direct.films(gpu, film, pixels, &buffers.counters)?,
-            Lighting::Path(_) => Vec::new(),
+            Lighting::Map(..) | Lighting::Path(_) => Vec::new(),
         },
     })
 }
