@@ -4,7 +4,7 @@
 
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
-import package::lib::grid::{GridShape, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
+import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
 @if(!photon_map) import package::lib::math::{PI, basis};
 @if(photon_map) import package::lib::math::{PI, basis, oct_decode16};
 @if(photon_map) import package::lib::point::{Point, SURFACE_VECTORS};
@@ -122,32 +122,43 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
     return vec4f(vec3f(sum) * (irradiance_pass.step / (PI * limit * share)), radius);
 }
 
-// The share of the disc that is surface, seen from the point: at edges and in corners the photons lie on less than the whole
-// disc, and an estimate that does not know would be too dark there (boundary bias; Hey and Purgathofer 2002 look at the
-// geometry too). Each probe goes from the point over its place in the disc, and down to the surface. The search ellipsoid is a
-// quarter of the radius high, so surfaces farther off do not count.
+// The area of the surface within the search ellipsoid, as seen from the point, over that of the disc: at edges and in corners
+// the photons lie on less than the whole disc, and an estimate that does not know would be too dark there (boundary bias; Hey
+// and Purgathofer 2002 look at the geometry too). Each probe goes from the point over its place in the disc, and down to the
+// surface; 0 where none met any.
 fn covered(position: vec3f, normal: vec3f, radius: f32) -> f32 {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
     let turn = uniform_from_bits(hash3(bits.z, bits.y, bits.x));
+    // The ellipsoid is as high as that.
+    let height = radius * inverseSqrt(1.0 + NORMAL_STRETCH);
     var found = 0u;
+    var slant = 0.0;
     for (var j = 0u; j < PROBES; j++) {
         // A spiral of equal areas by the golden angle.
-        let distance = radius * sqrt((f32(j) + 0.5) / f32(PROBES));
+        let part = (f32(j) + 0.5) / f32(PROBES);
+        let distance = radius * sqrt(part);
         let angle = 2.0 * PI * fract(turn + f32(j) * 0.61803399);
         let across = frame * vec3f(distance * cos(angle), distance * sin(angle), 0.0);
-        let above = position + across + (0.25 * radius) * normal;
+        let above = position + across + height * normal;
         let there = Ray(origin, 0.0, above - origin, 1.0);
-        let down = Ray(above, 0.0, -normal, 0.5 * radius);
+        // Half of the ellipsoid's height at that place.
+        let reach = height * sqrt(1.0 - part);
+        let down = Ray(above, height - reach, -normal, height + reach);
         let seed = hash1(bits.x + j);
         if trace_occluded(there, seed) { continue; }
         let hit = trace_closest(down, seed);
         if hit.triangle == NO_HIT { continue; }
         let corners = triangle_corners(hit.triangle);
         let across_hit = cross(corners[1] - corners[0], corners[2] - corners[0]);
-        let cosine = dot(across_hit, normal);
-        found += u32(2.0 * cosine * cosine >= dot(across_hit, across_hit));
+        let cosine = abs(dot(normalize(across_hit), normal));
+        if cosine * cosine >= COMPATIBLE_COSINE_SQUARED {
+            found++;
+            slant += 1.0 / cosine;
+        }
     }
-    return f32(found) / f32(PROBES);
+    if found == 0u { return 0.0; }
+    // (n + 1) / (found + 1) is without bias for one over the share, as n / found is not.
+    return slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u));
 }
