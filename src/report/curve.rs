@@ -99,7 +99,7 @@ impl Comparison {
 
 /// The mean ratio (geometric) of what two techniques have, run by run; none where fewer than two pairs have it.
 pub fn ratio(ours: &[Curve], theirs: &[Curve], value: impl Fn(&Curve) -> Option<f64>) -> Option<Interval> {
-    let ratio = |(a, b): (&Curve, &Curve)| Some((value(a)? / value(b)?).ln());
+    let ratio = |(a, b): (&Curve, &Curve)| Some(value(a)? / value(b)?);
     let ratios: Vec<f64> = ours.iter().zip(theirs).filter_map(ratio).collect();
-    (ratios.len() >= 2).then(|| Interval::of_mean(&ratios).map(f64::exp))
+    (ratios.len() >= 2).then(|| Interval::of_geometric_mean(&ratios))
 }

@@ -9,29 +9,21 @@ use serde::Serialize;
 use crate::gpu::DeviceInfo;
 use crate::settings::{Settings, Technique};
 use crate::statistics::Rays;
-use crate::{Image, Result};
+use crate::{Error, Image, Result};
 
 use super::classes::Classes;
-use super::curve::{Comparison, Curve, ratio};
+use super::curve::{Comparison, Curve};
 use super::interval::Interval;
 use super::metrics::{Measures, RELMSE_FLOOR};
-use super::reference::{Reference, variance};
+use super::reference::Reference;
 use super::run::{Run, Snapshot};
+use super::verdict::{Verdict, advice, brightness, verdict};
 
 /// Runs of a technique that intervals need: the jackknife leaves one out, and a variance needs two.
 pub const LEAST_REPEATS: usize = 3;
 
 /// What the others are compared with: the technique that traces every shadow ray.
-const BASELINE: Technique = Technique::TwoPass;
-
-/// A technique's light is called too strong or too weak from here on: less does not change an 8-bit code of mid grey.
-const BRIGHTNESS: f64 = 0.005;
-
-/// A technique is called biased where so much of its error is bias: less is lost in the noise of the picture.
-const BIAS_SHARE: f64 = 0.1;
-
-/// An error is not told from the reference's own where it is less than so many times that.
-const ABOVE_FLOOR: f64 = 2.0;
+pub(super) const BASELINE: Technique = Technique::TwoPass;
 
 /// A report.
 #[derive(Clone, Debug, Serialize)]
@@ -83,7 +75,7 @@ pub struct TechniqueReport {
     pub notes: Vec<String>,
     /// Where the time goes: means over the runs.
     pub time: TimeReport,
-    /// The power of time with which relMSE falls: -1 for unbiased sampling, less set-up.
+    /// The power of the time after set-up with which relMSE falls: -1 for independent unbiased samples.
     pub slope: Option<Interval>,
     /// Mean radiance over the reference's at the last budget, less 1.
     pub brightness: Interval,
@@ -104,27 +96,6 @@ pub struct TimeReport {
     pub compile: f64,
     /// On the device, by kernel and entry point, until the last budget.
     pub passes: BTreeMap<String, f64>,
-}
-
-/// What the error of a technique is made of.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Verdict {
-    /// The greater part, or what must be known.
-    pub kind: VerdictKind,
-    /// In a sentence.
-    pub text: String,
-}
-
-/// See [`Verdict`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum VerdictKind {
-    /// The image is wrong however long it is rendered.
-    Bias,
-    /// The error goes away with time.
-    Noise,
-    /// The error is no greater than the reference's.
-    Reference,
 }
 
 /// The images of all runs at a budget.
@@ -216,36 +187,24 @@ impl Report {
         let row = |(run, snapshot): &(&Run, &Snapshot)| Row::new(run, snapshot, reference, mask.as_deref());
         let rows = snapshots.par_iter().map(row).collect::<Result<Vec<_>>>()?;
 
-        let of = |technique: Technique| runs.iter().filter(move |run| run.settings.technique == technique);
-        let present = |technique: &Technique| of(*technique).any(|run| !run.snapshots.is_empty());
-        let present: Vec<Technique> = Technique::ALL.into_iter().filter(present).collect();
-        let curves = |technique: Technique| -> Vec<Curve> {
-            let curve = |run: &Run| {
-                let own = rows.iter().filter(|row| row.is_of(run));
-                Curve::new(own.map(|row| (row.time, row.measures.relmse)))
-            };
-            of(technique).filter(|run| !run.snapshots.is_empty()).map(curve).collect()
-        };
-        let curves: Vec<Vec<Curve>> = present.iter().map(|technique| curves(*technique)).collect();
-        let techniques: Vec<TechniqueReport> = present
-            .par_iter()
-            .zip(&curves)
-            .filter_map(|(technique, curves)| {
-                let runs: Vec<&Run> = of(*technique).collect();
-                TechniqueReport::new(&runs, curves, &rows, reference)
-            })
-            .collect();
-        let baseline = present.iter().position(|technique| *technique == BASELINE);
-        let others = present.iter().zip(&curves).filter(|(technique, _)| **technique != BASELINE);
-        let comparisons = baseline.map_or(Vec::new(), |baseline| {
-            let compare = |(technique, ours): (&Technique, &Vec<Curve>)| {
-                let Comparison { time, error_ratio, error, time_ratio } = Comparison::new(ours, &curves[baseline]);
-                ComparisonReport { technique: *technique, time, error_ratio, relmse: error, time_ratio }
-            };
-            others.map(compare).collect()
-        });
+        let mut entrants = Vec::new();
+        let mut late = Vec::new();
+        for technique in Technique::ALL {
+            let own: Vec<&Run> = runs.iter().filter(|run| run.settings.technique == technique).collect();
+            match Entrant::new(&own, &rows, reference) {
+                Some(entrant) => entrants.push(entrant),
+                None if own.is_empty() => {}
+                None => late.push(technique),
+            }
+        }
+        if entrants.is_empty() {
+            return Err(Error::Usage(
+                "no technique has an image within the longest of --budgets: give longer ones".into(),
+            ));
+        }
+        let comparisons = compare(&entrants);
         let map_left_out = runs.iter().find_map(|run| run.map_left_out.as_deref());
-        let advice = advice(&techniques, &present, &curves, &comparisons, map_left_out);
+        let advice = advice(&entrants, &late, &comparisons, map_left_out);
         Ok(Report {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
@@ -257,7 +216,7 @@ impl Report {
                 standard_error: reference.standard_error(),
                 relmse: reference.floor(),
             },
-            techniques,
+            techniques: entrants.into_iter().map(|entrant| entrant.report).collect(),
             comparisons,
             classes,
             overhead: Overhead::default(),
@@ -306,10 +265,16 @@ impl Row {
     }
 }
 
-impl TechniqueReport {
-    /// None where no budget has an image of every run.
-    fn new(runs: &[&Run], curves: &[Curve], rows: &[Row], reference: &Reference) -> Option<TechniqueReport> {
-        let budgets = runs[0].snapshots.iter().map(|snapshot| snapshot.budget);
+/// A technique with an image of every run at one budget at least.
+pub(super) struct Entrant {
+    pub report: TechniqueReport,
+    /// relMSE of each run.
+    pub curves: Vec<Curve>,
+}
+
+impl Entrant {
+    fn new(runs: &[&Run], rows: &[Row], reference: &Reference) -> Option<Entrant> {
+        let budgets = runs.first()?.snapshots.iter().map(|snapshot| snapshot.budget);
         let snapshots: Vec<(SnapshotReport, Vec<&Image>)> = budgets
             .filter_map(|budget| {
                 let all = runs.iter().flat_map(|run| &run.snapshots);
@@ -328,8 +293,13 @@ impl TechniqueReport {
             let seconds = |run: &Run| run.statistics.time.passes.get(name).copied().unwrap_or(0.0);
             passes.entry(name.clone()).or_insert_with(|| mean(&seconds));
         }
-        let slopes: Option<Vec<f64>> = curves.iter().map(Curve::slope).collect();
-        Some(TechniqueReport {
+        let curve = |run: &Run, from: f64| {
+            let own = rows.iter().filter(|row| row.is_of(run));
+            Curve::new(own.map(|row| (row.time - from, row.measures.relmse)))
+        };
+        // Set-up is no sampling.
+        let slopes: Option<Vec<f64>> = runs.iter().map(|run| curve(run, run.setup).slope()).collect();
+        let report = TechniqueReport {
             settings: runs[0].settings.clone(),
             left_out: runs[0].statistics.left_out.clone(),
             notes: runs[0].statistics.notes.clone(),
@@ -343,16 +313,34 @@ impl TechniqueReport {
             brightness,
             verdict,
             snapshots: snapshots.into_iter().map(|(report, _)| report).collect(),
-        })
+        };
+        Some(Entrant { report, curves: runs.iter().map(|run| curve(run, 0.0)).collect() })
     }
+
+    pub fn technique(&self) -> Technique {
+        self.report.settings.technique
+    }
+}
+
+/// Each technique against the baseline, where that is there.
+fn compare(entrants: &[Entrant]) -> Vec<ComparisonReport> {
+    let Some(baseline) = entrants.iter().find(|entrant| entrant.technique() == BASELINE) else { return Vec::new() };
+    let others = entrants.iter().filter(|entrant| entrant.technique() != BASELINE);
+    let compare = |entrant: &Entrant| {
+        let Comparison { time, error_ratio, error, time_ratio } = Comparison::new(&entrant.curves, &baseline.curves);
+        ComparisonReport { technique: entrant.technique(), time, error_ratio, relmse: error, time_ratio }
+    };
+    others.map(compare).collect()
 }
 
 impl SnapshotReport {
     fn new(budget: f64, rows: &[&Row], images: &[&Image], reference: &Reference) -> SnapshotReport {
-        let mean = |f: &dyn Fn(&Row) -> f64| Interval::of_mean(&rows.iter().map(|row| f(row)).collect::<Vec<_>>());
+        let values = |f: &dyn Fn(&Row) -> f64| rows.iter().map(|row| f(row)).collect::<Vec<_>>();
+        let mean = |f: &dyn Fn(&Row) -> f64| Interval::of_mean(&values(f));
+        let error = |f: &dyn Fn(&Row) -> f64| Interval::of_geometric_mean(&values(f));
         let part = |index: usize| {
             let parts: Option<Vec<f64>> = rows.iter().map(|row| row.parts.map(|parts| parts[index])).collect();
-            parts.filter(|parts| parts.iter().all(|x| x.is_finite())).map(|parts| Interval::of_mean(&parts))
+            parts.filter(|parts| parts.iter().all(|x| x.is_finite())).map(|parts| Interval::of_geometric_mean(&parts))
         };
         let products = products(images, &reference.image);
         let floor = reference.floor().unwrap_or(0.0);
@@ -371,11 +359,11 @@ impl SnapshotReport {
             budget,
             time: mean(&|row| row.time),
             samples: mean(&|row| f64::from(row.samples)),
-            rmse: mean(&|row| row.measures.rmse),
-            relmse: mean(&|row| row.measures.relmse),
-            mae: mean(&|row| row.measures.mae),
-            p99: mean(&|row| row.measures.p99),
-            flip: mean(&|row| row.measures.flip),
+            rmse: error(&|row| row.measures.rmse),
+            relmse: error(&|row| row.measures.relmse),
+            mae: error(&|row| row.measures.mae),
+            p99: error(&|row| row.measures.p99),
+            flip: error(&|row| row.measures.flip),
             bias: Interval::jackknife(images.len(), |without| split(without).0),
             variance: Interval::jackknife(images.len(), |without| split(without).1),
             relmse_boundary: part(0),
@@ -395,7 +383,7 @@ impl SnapshotReport {
 }
 
 /// The channels of an image whose size and channels are known to be right: [`Row::new`] has measured it.
-fn channels(image: &Image) -> impl Iterator<Item = (&'static str, &[f32])> {
+pub(super) fn channels(image: &Image) -> impl Iterator<Item = (&'static str, &[f32])> {
     ["R", "G", "B"].into_iter().filter_map(|name| Some((name, image.channel(name)?)))
 }
 
@@ -422,111 +410,4 @@ fn masked_relmse(image: &Image, reference: &Image, mask: &[bool], inside: bool) 
     let within = differences.iter().zip(mask.iter().cycle()).filter(|(_, m)| **m == inside);
     let (sum, count) = within.fold((0.0, 0u32), |(sum, count), (d, _)| (sum + d * d, count + 1));
     sum / f64::from(count)
-}
-
-/// Mean radiance over the reference's, less 1.
-fn brightness(images: &[&Image], reference: &Reference) -> Interval {
-    let sum = |image: &Image| -> f64 { channels(image).flat_map(|(_, samples)| samples).map(|x| f64::from(*x)).sum() };
-    let truth = sum(&reference.image);
-    if truth == 0.0 {
-        let any = images.iter().any(|image| sum(image) != 0.0);
-        let value = if any { f64::INFINITY } else { 0.0 };
-        return Interval { value, low: value, high: value };
-    }
-    let ratios: Vec<f64> = images.iter().map(|image| sum(image) / truth - 1.0).collect();
-    let interval = Interval::of_mean(&ratios);
-    let variances = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
-    let error = variances.flatten().map(|v| f64::from(*v)).sum::<f64>().sqrt() / truth;
-    // The reference's sum is one of very many independent pixels: 97.5 % quantile of the normal distribution.
-    let half = (interval.high - interval.value).hypot(1.959_964 * error);
-    Interval { low: interval.value - half, high: interval.value + half, ..interval }
-}
-
-fn verdict(last: &SnapshotReport, brightness: &Interval, floor: Option<f64>) -> Verdict {
-    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
-    let error = last.relmse.value;
-    let share = |part: f64| (part / error).clamp(0.0, 1.0);
-    if !brightness.holds(0.0) && brightness.value.abs() >= BRIGHTNESS {
-        let (word, sign) = if brightness.value > 0.0 { ("strong", 1.0) } else { ("weak", -1.0) };
-        let mut ends = [sign * brightness.low, sign * brightness.high];
-        ends.sort_by(f64::total_cmp);
-        let [low, high] = ends.map(percent);
-        let text = format!("biased: its light is too {word} by {} ({low} to {high})", percent(brightness.value.abs()));
-        return Verdict { kind: VerdictKind::Bias, text };
-    }
-    if floor.is_some_and(|floor| error < ABOVE_FLOOR * floor) {
-        let text = "as near as the reference can tell".to_owned();
-        return Verdict { kind: VerdictKind::Reference, text };
-    }
-    let bias = share(last.bias.value);
-    if last.bias.low > 0.0 && bias >= BIAS_SHARE {
-        let part = if floor.is_some() { "" } else { ", or the reference's, whose error is not known" };
-        let text = format!("biased: {} of relMSE stays however long it renders{part}", percent(bias));
-        return Verdict { kind: VerdictKind::Bias, text };
-    }
-    let text = format!("noise: {} of relMSE differs from run to run", percent(share(last.variance.value)));
-    Verdict { kind: VerdictKind::Noise, text }
-}
-
-/// Which technique to use, and why.
-fn advice(
-    techniques: &[TechniqueReport],
-    present: &[Technique],
-    curves: &[Vec<Curve>],
-    comparisons: &[ComparisonReport],
-    map_left_out: Option<&str>,
-) -> String {
-    let biased = |technique: Technique| {
-        let report = techniques.iter().find(|report| report.settings.technique == technique);
-        report.is_none_or(|report| report.verdict.kind == VerdictKind::Bias)
-    };
-    let mut candidates: Vec<usize> = (0..present.len()).filter(|i| !biased(present[*i])).collect();
-    if candidates.is_empty() {
-        return "No technique is free of bias here: see what the error of each is made of.".to_owned();
-    }
-    // An error that two reach, where there are two, in every run.
-    let reached = |i: usize| curves[i].iter().map(|curve| curve.last().1).fold(0.0, f64::max);
-    let mut errors: Vec<f64> = candidates.iter().map(|i| reached(*i)).collect();
-    errors.sort_by(f64::total_cmp);
-    let target = round_up(errors[1.min(errors.len() - 1)]);
-    let time = |i: usize| -> Option<f64> {
-        let times: Option<Vec<f64>> = curves[i].iter().map(|curve| curve.time_at(target)).collect();
-        let times = times?;
-        Some((times.iter().map(|time| time.ln()).sum::<f64>() / times.len() as f64).exp())
-    };
-    candidates.retain(|i| time(*i).is_some());
-    candidates.sort_by(|a, b| time(*a).partial_cmp(&time(*b)).unwrap_or(std::cmp::Ordering::Equal));
-    let best = candidates[0];
-    let found = format!("relMSE {target:.0e} in {:.2} s", time(best).unwrap_or(f64::NAN));
-    let other = candidates[1..].iter().find(|i| present[**i] == BASELINE).or(candidates.get(1));
-    let sooner = other.and_then(|other| {
-        let ratio = ratio(&curves[*other], &curves[best], |curve| curve.time_at(target))?;
-        Some((present[*other], ratio))
-    });
-    let mut text = match sooner {
-        Some((other, Interval { value, low, high })) if low > 1.0 => format!(
-            "Use {}: it reaches {found}, {value:.2} times sooner than {other} ({low:.2} to {high:.2} times).",
-            present[best]
-        ),
-        Some((other, Interval { low, high, .. })) => format!(
-            "{} reaches {found}, but {other} may be as soon ({low:.2} to {high:.2} times as long).",
-            present[best]
-        ),
-        None => format!("Use {}: it alone reaches {found}.", present[best]),
-    };
-    if let Some(reason) = map_left_out {
-        let _ = write!(text, " Shadow photons are left out of this scene ({reason})");
-        let cost = comparisons.iter().find(|comparison| comparison.technique == Technique::ShadowPhotons);
-        if let Some(Interval { value, .. }) = cost.and_then(|comparison| comparison.time_ratio) {
-            let _ = write!(text, "; {} took {value:.2} times the time of {BASELINE}", Technique::ShadowPhotons);
-        }
-        text.push('.');
-    }
-    text
-}
-
-/// The next of 1, 2 and 5 times a power of ten.
-fn round_up(x: f64) -> f64 {
-    let power = 10f64.powf(x.max(f64::MIN_POSITIVE).log10().floor());
-    [1.0, 2.0, 5.0].map(|digit| digit * power).into_iter().find(|rounded| *rounded >= x).unwrap_or(10.0 * power)
 }

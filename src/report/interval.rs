@@ -25,6 +25,14 @@ impl Interval {
         Interval::around(mean, (squares / (n * (n - 1.0))).sqrt(), values.len() - 1)
     }
 
+    /// As [`Interval::of_mean`] of the logarithms, where there are: of positive values that differ by factors.
+    pub fn of_geometric_mean(values: &[f64]) -> Interval {
+        if values.iter().any(|x| *x <= 0.0) {
+            return Interval::of_mean(values);
+        }
+        Interval::of_mean(&values.iter().map(|x| x.ln()).collect::<Vec<_>>()).map(f64::exp)
+    }
+
     /// What `estimate` makes of `count` independent things, at least three, all but the one that it is told to leave
     /// out: the jackknife's interval.
     pub fn jackknife(count: usize, estimate: impl Fn(Option<usize>) -> f64) -> Interval {

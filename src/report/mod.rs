@@ -9,3 +9,4 @@ pub mod page;
 pub mod plot;
 pub mod reference;
 pub mod run;
+pub mod verdict;

@@ -10,7 +10,7 @@ use crate::fingerprint::fingerprint;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
 
-use super::metrics::RELMSE_FLOOR;
+use super::metrics::{self, RELMSE_FLOOR};
 use super::run::{Subject, colour};
 
 /// Halves are saved this often, and at first sooner, as a small image is soon good enough.
@@ -42,9 +42,15 @@ impl Reference {
     /// Reads an image of any format that [`Image::read`] knows.
     ///
     /// # Errors
-    /// As [`Image::read`].
+    /// As [`Image::read`]; [`Error::Input`] too where it has no colour, or a number that is not finite.
     pub fn read(path: &Path) -> Result<Reference> {
-        Ok(Reference { image: Image::read(path)? })
+        let image = Image::read(path)?;
+        // What cannot be compared with itself can be compared with nothing: better known before anything is rendered.
+        metrics::rmse(&image, &image).map_err(|error| match error {
+            Error::Input { place, problem, .. } => Error::input(path, place, problem),
+            other => other,
+        })?;
+        Ok(Reference { image })
     }
 
     /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`

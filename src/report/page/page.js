@@ -49,20 +49,20 @@ element("advice").textContent = report.advice;
 
 fill(
   "techniques",
-  ["technique", "time", "spp", "relMSE", "RMSE", "FLIP", "slope", "set-up", "compilation", "error"],
+  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation"],
   report.techniques.map((technique) => {
     const last = technique.snapshots.at(-1);
     return [
       technique.settings.technique,
+      technique.verdict.text,
       `${digits(last.time.value)} s`,
       digits(last.samples.value),
       interval(last.relmse),
-      interval(last.rmse),
       interval(last.flip),
       interval(technique.slope),
+      interval(technique.brightness, percent),
       `${digits(technique.time.setup)} s`,
       `${digits(technique.time.compile)} s`,
-      technique.verdict.text,
     ];
   }),
 );
@@ -164,7 +164,7 @@ function paint(index) {
       ? heat(1 + Math.log10(Math.max(1e-9, gain * relative(index, pixel))) / 2)
       : [0, 1, 2].map((c) => code(gain * x[c * pixels + pixel]));
     const tint = overlay && CLASSES[classMap[pixel]][1];
-    if (tint) colour = colour.map((value, c) => 0.55 * value + 0.45 * tint[c]);
+    if (tint) colour = colour.map((value, c) => 0.65 * value + 0.35 * tint[c]);
     image.data.set([...colour, 255], 4 * pixel);
   }
   context.putImageData(image, 0, 0);
@@ -325,7 +325,6 @@ viewer.addEventListener("keydown", (event) => {
 });
 
 for (const id of ["left", "right"]) data.views.forEach((item, index) => element(id).add(new Option(item.name, index)));
-// The last of the first technique beside the last of the last one, or the reference where there is but one.
 element("left").value = data.views.length - 1;
 element("right").value = 0;
 element("classes").disabled = !classMap;
