@@ -5,6 +5,7 @@
 pub mod bvh;
 pub mod error;
 pub mod film;
+pub mod fingerprint;
 pub mod gpu;
 pub mod needs;
 pub mod passes;

@@ -205,6 +205,8 @@ impl Default for Settings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
+    /// Samples a pixel that a render ended by time never reaches. A power of two keeps those of a pixel well stratified.
+    pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: what a class word has room for.
     pub const MAX_NEAREST: u32 = 511;
     /// Most light points of a boundary point.

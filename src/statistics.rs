@@ -132,19 +132,17 @@ pub struct Stratum {
     pub wrong: u64,
 }
 
-impl Stratum {
-    /// Wilson's score interval of the share of wrong ones at 95 %: its centre and its half width.
-    fn wilson(&self) -> (f64, f64) {
-        // 97.5 % quantile of the normal distribution.
-        const Z: f64 = 1.959_964;
-        if self.audited == 0 {
-            return (0.5, 0.5);
-        }
-        let n = self.audited as f64;
-        let p = self.wrong as f64 / n;
-        let scale = 1.0 + Z * Z / n;
-        ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
+/// Wilson's score interval at 95 % of a share, of which `part` of `whole` were found: its centre and its half width.
+pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
+    // 97.5 % quantile of the normal distribution.
+    const Z: f64 = 1.959_964;
+    if whole == 0 {
+        return (0.5, 0.5);
     }
+    let n = whole as f64;
+    let p = part as f64 / n;
+    let scale = 1.0 + Z * Z / n;
+    ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
 }
 
 impl Audits {
@@ -157,7 +155,7 @@ impl Audits {
             audits.audited += stratum.audited;
             audits.wrong += stratum.wrong;
             audits.miss_bias += stratum.share * stratum.wrong as f64 / stratum.audited.max(1) as f64;
-            let (c, h) = stratum.wilson();
+            let (c, h) = wilson(stratum.wrong, stratum.audited);
             centre += stratum.share * c;
             half += (stratum.share * h).powi(2);
         }

@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use penumbra::report::metrics;
+use penumbra::report::metrics::Measures;
 use penumbra::{Error, Image, Result};
-use serde::Serialize;
 
 use super::options::finite;
 use super::{Ending, print, print_json, say};
@@ -31,23 +30,16 @@ fn limit(text: &str) -> std::result::Result<f64, String> {
     finite(text).and_then(|x| if x >= 0.0 { Ok(x) } else { Err("it must be 0 or more".into()) })
 }
 
-#[derive(Serialize)]
-struct Measures {
-    rmse: f64,
-    relmse: f64,
-    mae: f64,
-    flip: f64,
-}
-
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let image = Image::read(&arguments.image)?;
     let reference = Image::read(&arguments.reference)?;
-    let measures = measure(&image, &reference).map_err(|error| arguments.name_files(error))?;
+    let measures = Measures::new(&image, &reference).map_err(|error| arguments.name_files(error))?;
     if arguments.json {
         print_json(&measures)?;
     } else {
-        let Measures { rmse, relmse, mae, flip } = measures;
-        print(&format!("RMSE    {rmse:.4e}\nrelMSE  {relmse:.4e}\nMAE     {mae:.4e}\nFLIP    {flip:.4e}\n"))?;
+        let Measures { rmse, relmse, mae, p99, flip } = measures;
+        let lines = [("RMSE", rmse), ("relMSE", relmse), ("MAE", mae), ("p99", p99), ("FLIP", flip)];
+        print(&lines.map(|(name, value)| format!("{name:<8}{value:.4e}\n")).concat())?;
     }
     match arguments.max_relmse {
         Some(limit) if measures.relmse > limit => {
@@ -57,15 +49,6 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
         _ => Ok(Ending::Done),
     }
-}
-
-fn measure(image: &Image, reference: &Image) -> Result<Measures> {
-    Ok(Measures {
-        rmse: metrics::rmse(image, reference)?,
-        relmse: metrics::relmse(image, reference)?,
-        mae: metrics::mae(image, reference)?,
-        flip: metrics::flip(image, reference)?,
-    })
 }
 
 impl Arguments {

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use penumbra::gpu::{DeviceChoice, Gpu};
 use penumbra::scene::ImportOptions;
 use penumbra::tables::camera::CameraUniform;
 use penumbra::{Aov, Camera, Error, Result, Scene, Settings, Technique};
@@ -55,12 +56,74 @@ impl SceneOptions {
 }
 
 #[derive(Args)]
+pub struct DeviceOptions {
+    /// Device: best, software, an index or a part of a name of `penumbra devices`
+    #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
+    device: DeviceChoice,
+}
+
+impl DeviceOptions {
+    /// As [`Gpu::open`].
+    pub fn open(&self) -> Result<Gpu> {
+        Gpu::open(&self.device)
+    }
+}
+
+/// The settings of one render.
+#[derive(Args)]
 #[command(next_help_heading = "Image")]
-pub struct SettingsOptions {
+pub struct RenderOptions {
     /// How light is computed
     #[arg(long, value_name = "T", default_value_t = Settings::default().technique, value_parser = techniques())]
     technique: Technique,
 
+    #[arg(
+        long,
+        value_name = "SAMPLES",
+        help = format!("Samples a pixel [default: {}]", Settings::default().spp)
+    )]
+    pub spp: Option<u32>,
+
+    /// Channels beside the picture, for .exr: a list with commas, or all [default: none]
+    #[arg(long, value_name = "LIST", long_help = AovList::help())]
+    aov: Option<AovList>,
+
+    #[command(flatten)]
+    settings: SettingsOptions,
+}
+
+impl RenderOptions {
+    /// As [`SettingsOptions::check`].
+    pub fn check(&self) -> Result<()> {
+        self.complete(self.settings.settings_of_aspect(1.0)).check()
+    }
+
+    /// As [`SettingsOptions::settings`].
+    pub fn settings(&self, camera: &Camera) -> Result<Settings> {
+        let settings = self.complete(self.settings.settings_of_aspect(CameraUniform::aspect(camera)));
+        settings.check()?;
+        Ok(settings)
+    }
+
+    fn complete(&self, settings: Settings) -> Settings {
+        Settings {
+            technique: self.technique,
+            spp: self.spp.unwrap_or(settings.spp),
+            aovs: self.aov.clone().unwrap_or_default().0,
+            ..settings
+        }
+    }
+
+    /// Channels beside the picture are asked for.
+    pub fn has_aovs(&self) -> bool {
+        self.aov.is_some()
+    }
+}
+
+/// The settings that the renders of one scene share, whatever the technique.
+#[derive(Args)]
+#[command(next_help_heading = "Image")]
+pub struct SettingsOptions {
     /// Width in pixels [default: the height times the camera's aspect ratio]
     #[arg(long, value_name = "PIXELS")]
     width: Option<u32>,
@@ -71,13 +134,6 @@ pub struct SettingsOptions {
         help = format!("Height in pixels [default: {}, or the width over the aspect ratio]", Settings::default().height)
     )]
     height: Option<u32>,
-
-    #[arg(
-        long,
-        value_name = "SAMPLES",
-        help = format!("Samples a pixel [default: {}]", Settings::default().spp)
-    )]
-    pub spp: Option<u32>,
 
     /// Seed of all random choices: the same seed on the same device gives the same bits
     #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
@@ -111,10 +167,6 @@ pub struct SettingsOptions {
     /// Factor on the power of every light
     #[arg(long, value_name = "X", default_value_t = Settings::default().light_scale)]
     light_scale: f32,
-
-    /// Channels beside the picture, for .exr: a list with commas, or all [default: none]
-    #[arg(long, value_name = "LIST", long_help = AovList::help())]
-    aov: Option<AovList>,
 
     /// Visibility photons emitted from each light
     #[arg(long, value_name = "N", default_value_t = Settings::default().photons, help_heading = "Visibility map")]
@@ -187,10 +239,8 @@ impl SettingsOptions {
             }
         };
         Settings {
-            technique: self.technique,
             width,
             height,
-            spp: self.spp.unwrap_or(defaults.spp),
             seed: self.seed,
             photons: self.photons,
             nearest: self.nearest,
@@ -205,17 +255,13 @@ impl SettingsOptions {
             accuracy: self.accuracy,
             gather_rays: self.gather_rays,
             light_scale: self.light_scale,
-            aovs: self.aov.clone().unwrap_or_default().0,
+            ..defaults
         }
-    }
-
-    /// Channels beside the picture are asked for.
-    pub fn has_aovs(&self) -> bool {
-        self.aov.is_some()
     }
 }
 
-fn techniques() -> impl TypedValueParser<Value = Technique> {
+/// One of the techniques, by name.
+pub fn techniques() -> impl TypedValueParser<Value = Technique> {
     let values = Technique::ALL.map(|technique| {
         PossibleValue::new(technique.name()).help(match technique {
             Technique::Path => "path tracing with next-event estimation: the reference",
@@ -260,4 +306,9 @@ pub fn finite<T: FromStr<Err = std::num::ParseFloatError> + Into<f64> + Copy>(
 ) -> std::result::Result<T, String> {
     let number: T = text.parse().map_err(|problem: std::num::ParseFloatError| problem.to_string())?;
     if number.into().is_finite() { Ok(number) } else { Err("it must be finite".into()) }
+}
+
+/// A number above 0.
+pub fn positive(text: &str) -> std::result::Result<f64, String> {
+    finite(text).and_then(|x| if x > 0.0 { Ok(x) } else { Err("it must be more than 0".into()) })
 }

@@ -6,7 +6,7 @@ use penumbra::needs::{Item, Needs};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
-use super::options::{SceneOptions, SettingsOptions};
+use super::options::{RenderOptions, SceneOptions};
 use super::{Ending, print, print_json};
 
 #[derive(clap::Args)]
@@ -16,7 +16,7 @@ pub struct Arguments {
     scene: SceneOptions,
 
     #[command(flatten)]
-    settings: SettingsOptions,
+    settings: RenderOptions,
 
     /// Print JSON: kept and left_out, each with name, reason and cost
     #[arg(long, help_heading = "Output")]

@@ -6,11 +6,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use penumbra::film::{self, View};
-use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::gpu::Gpu;
 use penumbra::{Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;
-use super::options::{SceneOptions, SettingsOptions, finite};
+use super::options::{DeviceOptions, RenderOptions, SceneOptions, finite, positive};
 use super::progress::{Display, Goal, mega};
 use super::{Ending, json, say};
 
@@ -41,25 +41,19 @@ pub struct Arguments {
     quiet: bool,
 
     #[command(flatten)]
-    settings: SettingsOptions,
+    settings: RenderOptions,
 
     /// Take samples until the run has lasted so long; --spp is then only a limit, and has no default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Device: best, software, an index or a part of a name of `penumbra devices`
-    #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
-    device: DeviceChoice,
+    #[command(flatten)]
+    device: DeviceOptions,
 }
 
 fn budget(text: &str) -> std::result::Result<Duration, String> {
-    let seconds = finite::<f64>(text)?;
-    let duration = Duration::try_from_secs_f64(seconds).map_err(|problem| problem.to_string())?;
-    if duration.is_zero() { Err("it must be more than 0".into()) } else { Ok(duration) }
+    Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
 }
-
-/// Samples that `--time` ends long before. A power of two keeps the samples of a pixel well stratified.
-const UNLIMITED_SPP: u32 = 1 << 24;
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
@@ -139,14 +133,14 @@ impl Arguments {
         thread::scope(|scope| {
             let device = scope.spawn(|| {
                 let start = Instant::now();
-                Gpu::open(&self.device).map(|gpu| (gpu, timed(start)))
+                self.device.open().map(|gpu| (gpu, timed(start)))
             });
             let start = Instant::now();
             let (scene, camera) = self.scene.load()?;
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if self.time.is_some() && self.settings.spp.is_none() {
-                settings.spp = UNLIMITED_SPP;
+                settings.spp = Settings::UNLIMITED_SPP;
             }
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
             Ok(Opened { scene, camera, settings, gpu, import, start })

@@ -3,8 +3,44 @@
 //! All measures are over the root channels `R`, `G` and `B`. Their errors are [`Error::Input`] with the file `image` or
 //! `reference` (callers that know the paths put them there) and the channel at fault as the place.
 
+use serde::Serialize;
+
 use crate::film::{Image, View};
 use crate::{Error, Result};
+
+/// What is added to r^2 in relMSE, so that black pixels do not decide it alone (Rousselle et al. 2011).
+pub(super) const RELMSE_FLOOR: f64 = 0.01;
+
+/// All measures of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Measures {
+    /// See [`rmse`].
+    pub rmse: f64,
+    /// See [`relmse`].
+    pub relmse: f64,
+    /// See [`mae`].
+    pub mae: f64,
+    /// See [`p99`].
+    pub p99: f64,
+    /// See [`flip`].
+    pub flip: f64,
+}
+
+impl Measures {
+    /// Measures `image`.
+    ///
+    /// # Errors
+    /// As [`rmse`].
+    pub fn new(image: &Image, reference: &Image) -> Result<Measures> {
+        Ok(Measures {
+            rmse: rmse(image, reference)?,
+            relmse: relmse(image, reference)?,
+            mae: mae(image, reference)?,
+            p99: p99(image, reference)?,
+            flip: flip(image, reference)?,
+        })
+    }
+}
 
 /// Root of the mean of (x - r)^2 over pixels and channels of linear radiance.
 ///
@@ -19,7 +55,7 @@ pub fn rmse(image: &Image, reference: &Image) -> Result<f64> {
 /// # Errors
 /// As [`rmse`].
 pub fn relmse(image: &Image, reference: &Image) -> Result<f64> {
-    mean(image, reference, |x, r| (x - r) * (x - r) / (r * r + 0.01))
+    mean(image, reference, |x, r| (x - r) * (x - r) / (r * r + RELMSE_FLOOR))
 }
 
 /// Mean of |x - r| over pixels and channels of linear radiance.
@@ -28,6 +64,18 @@ pub fn relmse(image: &Image, reference: &Image) -> Result<f64> {
 /// As [`rmse`].
 pub fn mae(image: &Image, reference: &Image) -> Result<f64> {
     mean(image, reference, |x, r| (x - r).abs())
+}
+
+/// 99th percentile of |x - r| over pixels and channels of linear radiance: the smallest that 99 % do not exceed.
+///
+/// # Errors
+/// As [`rmse`].
+pub fn p99(image: &Image, reference: &Image) -> Result<f64> {
+    let pairs = check(image, reference)?;
+    let difference = |(x, r): (&f32, &f32)| (f64::from(*x) - f64::from(*r)).abs();
+    let mut all: Vec<f64> = pairs.iter().flat_map(|(x, r)| x.iter().zip(*r).map(difference)).collect();
+    let rank = (all.len() * 99).div_ceil(100) - 1;
+    Ok(*all.select_nth_unstable_by(rank, f64::total_cmp).1)
 }
 
 /// Mean LDR-FLIP (Andersson et al. 2020), 0 (the same) to 1, of both images as 8-bit sRGB under the

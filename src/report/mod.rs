@@ -1,3 +1,12 @@
-//! Measures of images against a reference.
+//! Measures of images against a reference, and reports of error against run time.
 
+pub mod classes;
+pub mod curve;
+pub mod document;
+pub mod interval;
 pub mod metrics;
+pub mod page;
+pub mod plot;
+pub mod reference;
+pub mod run;
+pub mod verdict;

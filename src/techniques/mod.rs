@@ -230,9 +230,17 @@ impl<'g> Renderer<'g> {
     /// # Errors
     /// [`crate::Error::Computation`] where a kernel met the loop budget, and those of [`Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
+        self.render_at_most(u32::MAX)
+    }
+
+    /// As [`Renderer::render_batch`], of no more than `limit` samples a pixel, at least one: for those short of time.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_batch`].
+    pub fn render_at_most(&mut self, limit: u32) -> Result<Progress> {
         let start = Instant::now();
         let width = self.settings.width;
-        let most = most_layers(self.rows, &self.settings);
+        let most = most_layers(self.rows, &self.settings).min(limit.max(1));
         let missing = self.settings.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
         // The first sample of each pixel is the pilot.

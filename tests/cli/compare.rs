@@ -37,13 +37,14 @@ fn measures_are_those_of_arithmetic() {
     };
     assert_near("rmse", 0.25);
     assert_near("mae", 0.25);
+    assert_near("p99", 0.25);
     assert_near("relmse", 0.0625 / 0.26);
     let flip = measures["flip"].as_f64().unwrap();
     assert!(flip > 0.0 && flip < 1.0, "{flip}");
 
     let text = compare("", [&image, &reference]);
     let text = &text.assert_done().stdout;
-    for line in ["RMSE    2.5000e-1", "relMSE  2.4038e-1", "MAE     2.5000e-1", "FLIP    "] {
+    for line in ["RMSE    2.5000e-1", "relMSE  2.4038e-1", "MAE     2.5000e-1", "p99     2.5000e-1", "FLIP    "] {
         assert!(text.contains(line), "{text}");
     }
 }

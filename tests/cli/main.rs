@@ -5,6 +5,7 @@ mod compare;
 mod plan;
 mod program;
 mod render;
+mod report;
 mod scenes;
 mod schema;
 mod usage;

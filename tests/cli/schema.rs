@@ -1,14 +1,15 @@
-//! JSON against the tables of `docs/statistics.md`, which are read here, so that they cannot go stale.
+//! JSON against the tables of `docs`, which are read here, so that they cannot go stale.
 
 use serde_json::Value;
 
-const DOCUMENT: &str = include_str!("../../docs/statistics.md");
+const DOCUMENT: &str = concat!(include_str!("../../docs/statistics.md"), "\n", include_str!("../../docs/report.md"));
 
 /// The rows of a section's table: key and type.
 fn table(section: &str) -> Vec<(&'static str, &'static str)> {
     let heading = format!("\n## {section}\n");
     let text = DOCUMENT.split_once(&heading).unwrap_or_else(|| panic!("no section {section}")).1;
-    let text = text.split_once("\n## ").map_or(text, |(text, _)| text);
+    let end = ["\n## ", "\n# "].iter().filter_map(|heading| text.find(heading)).min();
+    let text = &text[..end.unwrap_or(text.len())];
     let row = |line: &'static str| {
         let mut cells = line.strip_prefix("| `")?.split(" | ");
         Some((cells.next()?.trim_end_matches('`'), cells.next()?))
@@ -39,16 +40,29 @@ fn is_of_type(value: &Value, name: &str) -> bool {
         "text" => value.is_string(),
         "boolean" => value.is_boolean(),
         "integer or null" => value.is_u64() || value.is_null(),
+        "number or null" => value.is_number() || value.is_null(),
         "any" => true,
-        _ => panic!("{name} is no type of docs/statistics.md"),
+        _ => panic!("{name} is no type of the documents"),
     }
 }
 
-/// The list or object that a key with `[]` or `*` lies in is there and empty.
+/// A list or object that the key lies in is there and empty, wherever there is one.
 fn is_empty(json: &Value, key: &str) -> bool {
-    let Some((path, _)) = key.split_once("[]").or_else(|| key.split_once(".*")) else { return false };
-    let value = path.split('.').fold(json, |value, name| &value[name]);
-    value.as_array().is_some_and(Vec::is_empty) || value.as_object().is_some_and(|members| members.is_empty())
+    let mut values = vec![json];
+    for part in key.split('.') {
+        let name = part.trim_end_matches("[]");
+        if name == "*" {
+            return values.iter().all(|value| value.as_object().is_some_and(|members| members.is_empty()));
+        }
+        values = values.into_iter().map(|value| &value[name]).collect();
+        if part.ends_with("[]") && values.iter().all(|value| value.is_array()) {
+            values = values.into_iter().flat_map(|value| value.as_array().unwrap()).collect();
+            if values.is_empty() {
+                return true;
+            }
+        }
+    }
+    false
 }
 
 /// `json` has the keys of the section's table with their types, and no others.
@@ -57,8 +71,9 @@ pub fn assert_documented(section: &str, json: &Value) {
     let table = table(section);
     let mut found = Vec::new();
     leaves(json, String::new(), &mut found);
-    let matches = |documented: &str, key: &str| match documented.strip_suffix('*') {
-        Some(prefix) => key.starts_with(prefix),
+    // What may be null instead of an object is then there as a key without members.
+    let matches = |documented: &str, key: &str| match documented.strip_suffix(".*") {
+        Some(prefix) => key.strip_prefix(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')),
         None => key == documented,
     };
     for (key, value) in &found {
@@ -74,7 +89,7 @@ pub fn assert_documented(section: &str, json: &Value) {
 
 #[test]
 fn faults_are_found() {
-    let good = serde_json::json!({"rmse": 0.0, "relmse": 1, "mae": 0.5, "flip": 0.0});
+    let good = serde_json::json!({"rmse": 0.0, "relmse": 1, "mae": 0.5, "p99": 1, "flip": 0.0});
     assert_documented("Comparison", &good);
     for (key, value) in [("mae", Value::Null), ("mae", "0".into()), ("psnr", 1.into())] {
         let mut bad = good.clone();

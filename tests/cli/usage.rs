@@ -10,7 +10,9 @@ use crate::program::{Answer, BOX, folder, penumbra, run};
 fn help_and_version_are_answers() {
     let version = run("--version", &[]);
     assert_eq!(version.assert_done().stdout, concat!("penumbra ", env!("CARGO_PKG_VERSION"), "\n"));
-    for arguments in ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help"] {
+    for arguments in
+        ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help", "report --help"]
+    {
         let answer = run(arguments, &[]);
         answer.assert_done();
         assert!(answer.stdout.contains("Usage: penumbra") && answer.stderr.is_empty(), "{answer:?}");
@@ -101,6 +103,13 @@ fn wrong_usage_names_the_option() {
         ("compare a.exr", "<REFERENCE>"),
         ("compare a.exr b.exr --max-relmse -1", "--max-relmse"),
         ("compare a.exr b.exr --max-relmse nan", "--max-relmse"),
+        ("report no-scene.glb", "--output"),
+        ("report no-scene.glb -o x --techniques path,radiosity", "radiosity"),
+        ("report no-scene.glb -o x --budgets 1,0", "--budgets"),
+        ("report no-scene.glb -o x --budgets 1,,2", "--budgets"),
+        ("report no-scene.glb -o x --repeats 2", "--repeats"),
+        ("report no-scene.glb -o x --reference-error 0", "--reference-error"),
+        ("report no-scene.glb -o x --width 0", "--width"),
         ("devices now", "now"),
         ("paint", "paint"),
     ] {

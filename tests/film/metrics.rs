@@ -1,7 +1,7 @@
 //! Metrics against values worked out by hand and by the authors' own tools.
 
 use penumbra::film::Image;
-use penumbra::report::metrics::{flip, mae, relmse, rmse};
+use penumbra::report::metrics::{flip, mae, p99, relmse, rmse};
 
 /// An image whose pixels are `colour(x, y)`.
 fn image(width: u32, height: u32, colour: impl Fn(u32, u32) -> [f32; 3]) -> Image {
@@ -23,6 +23,15 @@ fn measures_are_what_their_formulas_say() {
     let expected = (1.0 / 0.01 + 1.0 / 1.01 + 4.0 / 1.01) / 6.0;
     // Rounding of six terms in f64.
     assert!((relmse(&x, &r).unwrap() - expected).abs() < 1e-13);
+}
+
+#[test]
+fn the_percentile_is_the_smallest_that_99_of_100_do_not_exceed() {
+    // Differences 1 to 300, each once: 297 of them are 297 at most.
+    let x = image(10, 10, |x, y| [0, 1, 2].map(|c| ((x + 10 * y) * 3 + c + 1) as f32));
+    assert_eq!(p99(&x, &image(10, 10, |_, _| [0.0; 3])).unwrap(), 297.0);
+    let one = image(1, 1, |_, _| [1.0, 2.0, 7.0]);
+    assert_eq!(p99(&one, &image(1, 1, |_, _| [0.0; 3])).unwrap(), 7.0);
 }
 
 #[test]
@@ -73,7 +82,7 @@ fn flip_is_that_of_its_authors() {
 #[test]
 fn an_image_is_no_way_from_itself() {
     let x = image(40, 30, |x, y| [x as f32, y as f32 * 0.01, 1e8]);
-    for metric in [rmse, relmse, mae, flip] {
+    for metric in [rmse, relmse, mae, p99, flip] {
         assert_eq!(metric(&x, &x).unwrap(), 0.0);
     }
 }
@@ -88,7 +97,7 @@ fn what_cannot_be_compared_is_named() {
     broken.channels[1].samples[4] = f32::NAN;
     let empty = image(0, 0, |_, _| [0.0; 3]);
 
-    for metric in [rmse, relmse, mae, flip] {
+    for metric in [rmse, relmse, mae, p99, flip] {
         let error = |x: &Image, r: &Image| metric(x, r).unwrap_err().to_string();
         assert_eq!(error(&good, &other), "image: file: is 3 x 2 pixels, the reference 2 x 3");
         assert_eq!(error(&good, &grey), "reference: G: there is no such channel");

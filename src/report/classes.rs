@@ -1,0 +1,171 @@
+//! How well photons tell lit, shadowed and boundary points apart: their classes against true visibility.
+
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::settings::{Aov, Settings, Technique};
+use crate::{Error, Image, Result};
+
+use super::interval::Interval;
+use super::run::Subject;
+
+/// Light points that tell what a point's true visibility is, as DESIGN has it.
+const LIGHT_POINTS: u32 = 256;
+
+/// Classes are left out where there are more points: the truth about them would take a thousand million rays.
+const MOST_POINTS: u64 = 1 << 22;
+
+/// The visibility of each light through the middle of each pixel, from all shadow rays.
+pub struct Truth(Image);
+
+/// Classes of the points of one technique, through the middle of each pixel.
+#[derive(Clone, Debug, Serialize)]
+pub struct Classes {
+    /// The technique.
+    pub technique: Technique,
+    /// Points: with some of the light in front of the surface.
+    pub points: u64,
+    /// Those classed lit.
+    pub lit: Confusion,
+    /// Those classed shadowed.
+    pub shadowed: Confusion,
+    /// Those classed boundary.
+    pub boundary: Confusion,
+    /// Those classed unknown.
+    pub unknown: Confusion,
+    /// Penumbra points that are boundary or unknown over all boundary and unknown points.
+    pub fill: Interval,
+    /// Points classed lit or shadowed whose visibility is not 1 or 0, over all points.
+    pub miss: Interval,
+    /// The mean over all points of |V - c| where the class decides.
+    pub miss_bias: Interval,
+    /// The class of each pixel by the codes of [`Aov::Shadow`]: boundary or unknown where that is so for any light,
+    /// else lit where it is for any.
+    #[serde(skip)]
+    pub map: Vec<u8>,
+}
+
+/// Points of one class by what is true.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Confusion {
+    /// V = 0.
+    pub hidden: u64,
+    /// 0 < V < 1.
+    pub penumbra: u64,
+    /// V = 1.
+    pub seen: u64,
+}
+
+impl Confusion {
+    fn total(&self) -> u64 {
+        self.hidden + self.penumbra + self.seen
+    }
+}
+
+impl Truth {
+    /// Asks all shadow rays, or reads what `folder` has; none where there are too many points.
+    ///
+    /// # Errors
+    /// As [`Reference::make`](super::reference::Reference::make).
+    pub fn make(subject: &Subject<'_>, folder: &Path) -> Result<Option<Truth>> {
+        let Settings { width, height, .. } = *subject.settings;
+        if u64::from(width) * u64::from(height) * subject.scene.lights.len() as u64 > MOST_POINTS {
+            return Ok(None);
+        }
+        let file = folder.join("visibility.exr");
+        if file.exists() {
+            return Ok(Some(Truth(Image::read(&file)?)));
+        }
+        let settings = Settings { shadow_samples: LIGHT_POINTS, ..one_sample(subject, Technique::TwoPass) };
+        let image = render(subject, &settings)?.0;
+        fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
+        image.write_exr(&file)?;
+        Ok(Some(Truth(image)))
+    }
+}
+
+impl Classes {
+    /// Classes the points of a technique; none where it has no visibility map.
+    ///
+    /// # Errors
+    /// As [`crate::Renderer::new`].
+    pub fn new(subject: &Subject<'_>, technique: Technique, truth: &Truth) -> Result<Option<Classes>> {
+        let (image, map) = render(subject, &one_sample(subject, technique))?;
+        if !map {
+            return Ok(None);
+        }
+        let mut counts = [Confusion::default(); CODES];
+        // Of |V - c| over the decided points.
+        let (mut sum, mut squares) = (0.0, 0.0);
+        let mut map = vec![0; image.pixels()];
+        for channel in &image.channels {
+            let Some(light) = channel.name.strip_suffix(".class") else { continue };
+            let Some(visibility) = truth.0.channel(&format!("{light}.visibility")) else { continue };
+            for ((class, visibility), shown) in channel.samples.iter().zip(visibility).zip(&mut map) {
+                let (class, visibility) = ((*class as usize).min(CODES - 1), f64::from(*visibility));
+                let count = &mut counts[class];
+                *match visibility {
+                    v if v <= 0.0 => &mut count.hidden,
+                    v if v < 1.0 => &mut count.penumbra,
+                    _ => &mut count.seen,
+                } += 1;
+                let wrong = match class {
+                    LIT => 1.0 - visibility,
+                    SHADOWED => visibility,
+                    _ => 0.0,
+                };
+                sum += wrong;
+                squares += wrong * wrong;
+                if PRECEDENCE[class] > PRECEDENCE[usize::from(*shown)] {
+                    *shown = class as u8;
+                }
+            }
+        }
+        let [_, lit, shadowed, boundary, unknown] = counts;
+        let points: u64 = counts[LIT..].iter().map(Confusion::total).sum();
+        let missed = lit.hidden + lit.penumbra + shadowed.penumbra + shadowed.seen;
+        let n = points.max(1) as f64;
+        let mean = sum / n;
+        // The mean of so many is normally distributed: 97.5 % quantile.
+        let half = 1.959_964 * ((squares / n - mean * mean).max(0.0) / n).sqrt();
+        Ok(Some(Classes {
+            technique,
+            points,
+            lit,
+            shadowed,
+            boundary,
+            unknown,
+            fill: Interval::of_share(boundary.penumbra + unknown.penumbra, boundary.total() + unknown.total()),
+            miss: Interval::of_share(missed, points),
+            miss_bias: Interval { value: mean, low: (mean - half).max(0.0), high: mean + half },
+            map,
+        }))
+    }
+
+    /// Pixels where shadow rays are asked.
+    pub fn mask(&self) -> Vec<bool> {
+        self.map.iter().map(|class| usize::from(*class) > SHADOWED).collect()
+    }
+}
+
+/// Codes of [`Aov::Shadow`].
+const LIT: usize = 1;
+const SHADOWED: usize = 2;
+const CODES: usize = 5;
+
+/// Which class shows where lights differ, by code.
+const PRECEDENCE: [u8; CODES] = [0, 2, 1, 4, 3];
+
+/// Settings for one sample through the middle of each pixel, direct light alone, with the photons' verdicts.
+fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
+    Settings { technique, spp: 1, max_bounces: 0, aovs: vec![Aov::Shadow], ..subject.settings.clone() }
+}
+
+/// The image, and whether there was a visibility map.
+fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
+    let mut renderer = subject.renderer(settings)?;
+    renderer.render_batch()?;
+    Ok((renderer.image()?, renderer.needs().features.has("visibility_map")))
+}

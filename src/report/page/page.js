@@ -1,0 +1,349 @@
+"use strict";
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const { report, width, height, scale } = data;
+const element = (id) => document.getElementById(id);
+
+// ---- tables
+
+const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
+const percent = (x) => `${digits(100 * x)} %`;
+
+/** An estimate over its interval. */
+function interval(value, format = digits) {
+  const cell = document.createElement("td");
+  if (value === null) {
+    cell.textContent = "–";
+    return cell;
+  }
+  cell.append(format(value.value));
+  const range = document.createElement("small");
+  range.textContent = `${format(value.low)} to ${format(value.high)}`;
+  cell.append(range);
+  return cell;
+}
+
+function fill(id, names, rows) {
+  const table = element(id);
+  const line = (cells, tag, parent) => {
+    const row = parent.insertRow();
+    for (const value of cells) {
+      let cell = value;
+      if (!(value instanceof Node)) {
+        cell = document.createElement(tag);
+        cell.textContent = value;
+        cell.className = tag === "td" && String(value).includes(" ") && !/^[\d.]/.test(value) ? "text" : "";
+      }
+      row.append(cell);
+    }
+  };
+  line(names, "th", table.createTHead());
+  const body = table.createTBody();
+  rows.forEach((cells) => line(cells, "td", body));
+}
+
+const { reference, device } = report;
+const error = reference.standard_error === null ? "of unknown error" : `with a standard error of ${percent(reference.standard_error)}`;
+element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Numbers in small are 95 % intervals over the runs.`;
+element("advice").textContent = report.advice;
+
+fill(
+  "techniques",
+  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation"],
+  report.techniques.map((technique) => {
+    const last = technique.snapshots.at(-1);
+    return [
+      technique.settings.technique,
+      technique.verdict.text,
+      `${digits(last.time.value)} s`,
+      digits(last.samples.value),
+      interval(last.relmse),
+      interval(last.flip),
+      interval(technique.slope),
+      interval(technique.brightness, percent),
+      `${digits(technique.time.setup)} s`,
+      `${digits(technique.time.compile)} s`,
+    ];
+  }),
+);
+fill(
+  "comparisons",
+  ["technique", "at time", "error ratio", "at relMSE", "time ratio"],
+  report.comparisons.map((row) => [row.technique, `${digits(row.time)} s`, interval(row.error_ratio), digits(row.relmse), interval(row.time_ratio)]),
+);
+fill(
+  "snapshots",
+  ["technique", "budget", "time", "spp", "relMSE", "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "FLIP", "shadow rays", "all rays"],
+  report.techniques.flatMap((technique) =>
+    technique.snapshots.map((s) => [
+      technique.settings.technique,
+      `${s.budget} s`,
+      interval(s.time),
+      digits(s.samples.value),
+      ...[s.relmse, s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99, s.flip].map((x) => interval(x)),
+      s.rays.shadow.toLocaleString("en"),
+      s.rays.total.toLocaleString("en"),
+    ]),
+  ),
+);
+element("classification").hidden = report.classes.length === 0;
+fill(
+  "confusion",
+  ["technique", "class", "hidden", "penumbra", "seen", "fill", "miss", "miss bias"],
+  report.classes.flatMap((classes) =>
+    ["lit", "shadowed", "boundary", "unknown"].map((name, i) => {
+      const { hidden, penumbra, seen } = classes[name];
+      const whole = i ? ["", "", ""] : [interval(classes.fill, percent), interval(classes.miss, percent), interval(classes.miss_bias)];
+      return [i ? "" : classes.technique, name, hidden, penumbra, seen, ...whole];
+    }),
+  ),
+);
+
+// ---- images
+
+const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+
+/** Radiance of a view: a number for every half, decoded once. */
+const halves = Float32Array.from({ length: 65536 }, (_, h) => {
+  const exponent = (h >> 10) & 31;
+  const fraction = h & 1023;
+  const size = exponent === 31 ? (fraction ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024);
+  return (h & 32768 ? -size : size) * scale;
+});
+const decoded = new Map();
+function radiance(index) {
+  if (!decoded.has(index)) {
+    const words = new Uint16Array(bytes(data.views[index].pixels).buffer);
+    decoded.set(index, Float32Array.from(words, (word) => halves[word]));
+  }
+  return decoded.get(index);
+}
+
+const classMap = data.classes && bytes(data.classes);
+const CLASSES = [
+  ["dark", null],
+  ["lit", [230, 159, 0]],
+  ["shadowed", [0, 90, 200]],
+  ["boundary", [213, 40, 0]],
+  ["unknown", [204, 121, 167]],
+];
+const pixels = width * height;
+const srgb = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
+// Steps finer than a display's.
+const CODES = Uint8ClampedArray.from({ length: 4097 }, (_, i) => Math.round(255 * srgb(i / 4096)));
+const code = (x) => CODES[x > 0 ? Math.min(4096, Math.round(4096 * x)) : 0];
+
+/** Black, blue, green, yellow, white for 0 to 1, each brighter than the one before. */
+const HEAT = [[0, 0, 0], [40, 40, 190], [0, 160, 120], [240, 220, 40], [255, 255, 255]];
+function heat(x) {
+  const at = Math.min(0.9999, Math.max(0, x)) * (HEAT.length - 1);
+  const i = Math.floor(at);
+  return HEAT[i].map((low, c) => low + (at - i) * (HEAT[i + 1][c] - low));
+}
+
+/** Relative error of a pixel, as relMSE counts it; a hundredth and less is black and a hundred per cent is white. */
+function relative(index, pixel) {
+  const [x, r] = [radiance(index), radiance(0)];
+  let sum = 0;
+  for (let at = pixel; at < 3 * pixels; at += pixels) sum += (x[at] - r[at]) ** 2 / (r[at] ** 2 + 0.01) / 3;
+  return Math.sqrt(sum);
+}
+
+/** A view as it is shown. */
+function paint(index) {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [width, height];
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(width, height);
+  const x = radiance(index);
+  const gain = 2 ** Number(element("exposure").value);
+  const asError = element("mode").value === "error";
+  const overlay = element("classes").checked && classMap;
+  for (let pixel = 0; pixel < pixels; pixel++) {
+    let colour = asError
+      ? heat(1 + Math.log10(Math.max(1e-9, gain * relative(index, pixel))) / 2)
+      : [0, 1, 2].map((c) => code(gain * x[c * pixels + pixel]));
+    const tint = overlay && CLASSES[classMap[pixel]][1];
+    if (tint) colour = colour.map((value, c) => 0.65 * value + 0.35 * tint[c]);
+    image.data.set([...colour, 255], 4 * pixel);
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+// ---- viewer
+
+const viewer = element("viewer");
+const view = { zoom: 1, x: 0, y: 0, cursor: null };
+let painted = [];
+const ratio = () => window.devicePixelRatio || 1;
+const chosen = () => [Number(element("left").value), Number(element("right").value)];
+const wiper = () => Number(element("wiper").value);
+
+/** The parts of the canvas, in its pixels: one for both images, or one each, side by side or above each other. */
+function panes() {
+  const [w, h] = [viewer.width, viewer.height];
+  if (element("layout").value === "wiper") return [[0, 0, w, h]];
+  return w >= h ? [[0, 0, w / 2, h], [w / 2, 0, w / 2, h]] : [[0, 0, w, h / 2], [0, h / 2, w, h / 2]];
+}
+
+function repaint() {
+  const [left, right] = chosen();
+  painted = left === right ? Array(2).fill(paint(left)) : [paint(left), paint(right)];
+  const stops = Number(element("exposure").value);
+  element("stops").textContent = `${stops > 0 ? "+" : ""}${stops} EV`;
+  draw();
+}
+
+function draw() {
+  const context = viewer.getContext("2d");
+  context.clearRect(0, 0, viewer.width, viewer.height);
+  context.imageSmoothingEnabled = false;
+  const wiping = element("layout").value === "wiper";
+  const parts = panes();
+  painted.forEach((image, side) => {
+    const [x, y, w, h] = parts[wiping ? 0 : side];
+    const line = wiping ? wiper() * w : 0;
+    context.save();
+    context.beginPath();
+    context.rect(wiping && side ? x + line : x, y, wiping ? (side ? w - line : line) : w, h);
+    context.clip();
+    context.drawImage(image, x + view.x, y + view.y, width * view.zoom, height * view.zoom);
+    if (view.cursor) {
+      context.strokeStyle = "#fff";
+      context.strokeRect(x + view.x + view.cursor[0] * view.zoom, y + view.y + view.cursor[1] * view.zoom, view.zoom, view.zoom);
+    }
+    context.restore();
+  });
+  context.fillStyle = "#fff";
+  if (wiping) context.fillRect(wiper() * viewer.width - ratio(), 0, 2 * ratio(), viewer.height);
+  else context.fillRect(...(parts[1][0] ? [parts[1][0] - ratio(), 0, 2 * ratio(), viewer.height] : [0, parts[1][1] - ratio(), viewer.width, 2 * ratio()]));
+}
+
+function fit() {
+  const [, , w, h] = panes()[0];
+  view.zoom = Math.min(w / width, h / height);
+  view.x = (w - width * view.zoom) / 2;
+  view.y = (h - height * view.zoom) / 2;
+  draw();
+}
+
+function zoom(factor, [x, y]) {
+  const next = Math.min(64, Math.max(0.05, view.zoom * factor));
+  view.x = x - ((x - view.x) * next) / view.zoom;
+  view.y = y - ((y - view.y) * next) / view.zoom;
+  view.zoom = next;
+  draw();
+}
+
+function pan(x, y) {
+  view.x += x;
+  view.y += y;
+  draw();
+}
+
+/** A pointer's place on the canvas and within its pane. */
+function place(event) {
+  const box = viewer.getBoundingClientRect();
+  const at = [(event.clientX - box.left) * ratio(), (event.clientY - box.top) * ratio()];
+  const pane = panes().findLast(([x, y]) => at[0] >= x && at[1] >= y) ?? [0, 0];
+  return { at, within: [at[0] - pane[0], at[1] - pane[1]] };
+}
+
+function point(cursor) {
+  const inside = cursor[0] >= 0 && cursor[1] >= 0 && cursor[0] < width && cursor[1] < height;
+  view.cursor = inside ? cursor : null;
+  draw();
+  if (!inside) {
+    element("readout").textContent = "";
+    return;
+  }
+  const pixel = cursor[1] * width + cursor[0];
+  const value = (index) => [0, 1, 2].map((c) => digits(radiance(index)[c * pixels + pixel])).join(" ");
+  const [left, right] = chosen();
+  const shown = [...new Set([left, right, 0])];
+  const lines = shown.map((index) => `${data.views[index].name}: ${value(index)}${index ? `, off by ${percent(relative(index, pixel))}` : ""}`);
+  const name = classMap ? `, ${CLASSES[classMap[pixel]][0]}` : "";
+  element("readout").textContent = [`pixel ${cursor[0]}, ${cursor[1]}${name}`, ...lines].join("\n");
+}
+
+const setWiper = (share) => {
+  element("wiper").value = Math.min(1, Math.max(0, share));
+  draw();
+};
+
+let drag = null;
+viewer.addEventListener("pointerdown", (event) => {
+  const { at } = place(event);
+  const wiping = element("layout").value === "wiper" && Math.abs(at[0] - wiper() * viewer.width) < 12 * ratio();
+  drag = { wiping, x: event.clientX, y: event.clientY };
+  viewer.setPointerCapture(event.pointerId);
+});
+viewer.addEventListener("pointermove", (event) => {
+  const { at, within } = place(event);
+  if (drag?.wiping) setWiper(at[0] / viewer.width);
+  else if (drag) {
+    pan((event.clientX - drag.x) * ratio(), (event.clientY - drag.y) * ratio());
+    [drag.x, drag.y] = [event.clientX, event.clientY];
+  }
+  point([Math.floor((within[0] - view.x) / view.zoom), Math.floor((within[1] - view.y) / view.zoom)]);
+});
+for (const type of ["pointerup", "pointercancel"]) viewer.addEventListener(type, () => (drag = null));
+viewer.addEventListener(
+  "wheel",
+  (event) => {
+    event.preventDefault();
+    zoom(2 ** (-event.deltaY / 300), place(event).within);
+  },
+  { passive: false },
+);
+viewer.addEventListener("keydown", (event) => {
+  const [, , w, h] = panes()[0];
+  const middle = [w / 2, h / 2];
+  const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  const exposure = (stops) => {
+    element("exposure").value = Number(element("exposure").value) + stops;
+    repaint();
+  };
+  const actions = {
+    "+": () => zoom(1.25, middle),
+    "=": () => zoom(1.25, middle),
+    "-": () => zoom(0.8, middle),
+    0: fit,
+    "[": () => setWiper(wiper() - 0.05),
+    "]": () => setWiper(wiper() + 0.05),
+    ",": () => exposure(-0.5),
+    ".": () => exposure(0.5),
+  };
+  if (arrow && event.shiftKey) {
+    const from = view.cursor ?? [width >> 1, height >> 1];
+    point([Math.min(width - 1, Math.max(0, from[0] + arrow[0])), Math.min(height - 1, Math.max(0, from[1] + arrow[1]))]);
+  } else if (arrow) pan(-40 * arrow[0] * ratio(), -40 * arrow[1] * ratio());
+  else if (actions[event.key] && !event.ctrlKey && !event.metaKey) actions[event.key]();
+  else return;
+  event.preventDefault();
+});
+
+for (const id of ["left", "right"]) data.views.forEach((item, index) => element(id).add(new Option(item.name, index)));
+element("left").value = data.views.length - 1;
+element("right").value = 0;
+element("classes").disabled = !classMap;
+for (const id of ["left", "right", "mode", "classes", "exposure"]) element(id).addEventListener("input", repaint);
+element("wiper").addEventListener("input", draw);
+element("layout").addEventListener("input", fit);
+element("fit").addEventListener("click", fit);
+element("controls").addEventListener("submit", (event) => event.preventDefault());
+if (classMap) {
+  for (const [name, tint] of CLASSES.filter(([, tint]) => tint)) {
+    const swatch = document.createElement("span");
+    swatch.className = "swatch";
+    swatch.style.background = `rgb(${tint})`;
+    element("legend").append(swatch, name);
+  }
+}
+new ResizeObserver(() => {
+  viewer.width = viewer.clientWidth * ratio();
+  viewer.height = viewer.clientHeight * ratio();
+  fit();
+}).observe(viewer);
+repaint();

@@ -1,0 +1,257 @@
+//! The plots of a report, as SVG.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::settings::Technique;
+use crate::{Error, Result};
+
+use super::document::{Report, SnapshotReport, TechniqueReport};
+use super::interval::Interval;
+
+/// Pixels.
+const SIZE: (u32, u32) = (760, 460);
+
+/// Okabe and Ito's colours, which people with any colour vision tell apart on dark and on light.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(140, 140, 140),
+];
+
+/// Room around the data of a logarithmic axis, as a factor.
+const MARGIN: f64 = 1.3;
+
+/// relMSE against seconds, with a band over the runs, and the reference's own error as the floor.
+///
+/// # Errors
+/// [`Error::Output`] where the drawing fails.
+pub fn error_over_time(report: &Report) -> Result<String> {
+    let curves: Vec<_> = report
+        .techniques
+        .iter()
+        .map(|technique| {
+            let slope = technique.slope.map_or(String::new(), |slope| format!(", slope {:.2}", slope.value));
+            Series::new(technique, slope, |snapshot| snapshot.time.value)
+        })
+        .collect();
+    draw("error.svg", |area| logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), report.reference.relmse))
+}
+
+/// relMSE against the rays that ask for visibility: shadow rays, audits and photons. `path` has none of its own.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn error_over_rays(report: &Report) -> Result<String> {
+    let rays = |snapshot: &SnapshotReport| (snapshot.rays.shadow + snapshot.rays.audit + snapshot.rays.photon) as f64;
+    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::Path;
+    let techniques = report.techniques.iter().filter(own);
+    let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
+    draw("rays.svg", |area| {
+        let names = ["shadow rays, audits and photons", "relMSE"];
+        logarithmic(area, &curves, names, None, report.reference.relmse)
+    })
+}
+
+/// Where the time of each technique goes, until its last snapshot.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn time_by_pass(report: &Report) -> Result<String> {
+    let bars: Vec<(String, Vec<(String, f64)>)> = report.techniques.iter().map(bar).collect();
+    // The longest parts have a colour each, the rest the last one's.
+    let mut totals: BTreeMap<&str, f64> = BTreeMap::new();
+    for (name, seconds) in bars.iter().flat_map(|(_, parts)| parts) {
+        *totals.entry(name).or_default() += seconds;
+    }
+    let mut names: Vec<(&str, f64)> = totals.into_iter().collect();
+    names.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut names: Vec<&str> = names.into_iter().map(|(name, _)| name).collect();
+    let kept = names.len().min(COLOURS.len() - 1);
+    let others = names.split_off(kept);
+    if !others.is_empty() {
+        names.push("other passes");
+    }
+    let colour = |name: &str| names.iter().position(|n| *n == name).unwrap_or(names.len() - 1);
+    let longest = bars.iter().map(|(_, parts)| parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
+
+    draw("passes.svg", |area| {
+        let count = bars.len();
+        let mut chart = ChartBuilder::on(area)
+            .margin(12)
+            .x_label_area_size(40)
+            .y_label_area_size(130)
+            // Room for the legend above the bars.
+            .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -1.2..count as f64)?;
+        chart
+            .configure_mesh()
+            .disable_y_mesh()
+            .disable_y_axis()
+            .y_labels(0)
+            .x_desc("seconds")
+            .label_style(text_style())
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(BLACK.mix(0.15))
+            .draw()?;
+        for (index, (technique, parts)) in bars.iter().enumerate() {
+            let row = (count - 1 - index) as f64;
+            let mut from = 0.0;
+            let mut parts: Vec<_> = parts.iter().map(|(name, seconds)| (colour(name), *seconds)).collect();
+            parts.sort_by_key(|part| part.0);
+            for (colour, seconds) in parts {
+                let corners = [(from, row + 0.2), (from + seconds, row + 0.8)];
+                chart.draw_series([Rectangle::new(corners, COLOURS[colour].filled())])?;
+                from += seconds;
+            }
+            let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
+            area.draw_text(technique, &text_style().into_text_style(area), (x - 125, y - 8))?;
+        }
+        for (index, name) in names.iter().enumerate() {
+            let (x, y) = (150 + 85 * index as i32, SIZE.1 as i32 - 75);
+            area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[index].filled()))?;
+            area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
+        }
+        Ok(())
+    })
+}
+
+/// The parts of a technique's time: set-up, passes by kernel, and what the host spends beside them.
+fn bar(technique: &TechniqueReport) -> (String, Vec<(String, f64)>) {
+    let mut parts: BTreeMap<String, f64> = BTreeMap::new();
+    for (pass, seconds) in &technique.time.passes {
+        let kernel = pass.split('/').next().unwrap_or(pass);
+        *parts.entry(kernel.to_owned()).or_default() += seconds;
+    }
+    let passes: f64 = parts.values().sum();
+    let whole = technique.snapshots.last().map_or(0.0, |snapshot| snapshot.time.value);
+    let compile = technique.time.compile;
+    parts.insert("compilation".to_owned(), compile);
+    parts.insert("host".to_owned(), (whole - passes - compile).max(0.0));
+    (technique.settings.technique.to_string(), parts.into_iter().collect())
+}
+
+/// One line of a plot.
+struct Series {
+    name: String,
+    colour: RGBColor,
+    /// x, and y with its band.
+    points: Vec<(f64, Interval)>,
+}
+
+impl Series {
+    fn new(technique: &TechniqueReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
+        let of = technique.settings.technique;
+        let index = Technique::ALL.iter().position(|technique| *technique == of).unwrap_or(0);
+        Series {
+            name: format!("{of}{suffix}"),
+            colour: COLOURS[index % COLOURS.len()],
+            points: technique.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
+        }
+    }
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
+
+/// A drawing on white.
+fn draw(file: &str, content: impl FnOnce(&Area<'_>) -> Drawn) -> Result<String> {
+    let mut text = String::new();
+    let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+    let drawn = || -> Drawn {
+        area.fill(&WHITE)?;
+        content(&area)?;
+        Ok(area.present()?)
+    };
+    drawn().map_err(|problem| Error::output(file, problem))?;
+    drop(area);
+    Ok(text)
+}
+
+fn text_style() -> (&'static str, i32) {
+    ("sans-serif", 13)
+}
+
+/// A plot of positive numbers on logarithmic axes, with a power law and a floor to compare with.
+fn logarithmic(
+    area: &Area<'_>,
+    series: &[Series],
+    [x_name, y_name]: [&str; 2],
+    power: Option<f64>,
+    floor: Option<f64>,
+) -> Drawn {
+    let floor = floor.filter(|floor| *floor > 0.0);
+    let points = || series.iter().flat_map(|series| &series.points);
+    let x = axis(points().map(|(x, _)| *x));
+    let y = axis(points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]).chain(floor));
+    let mut chart = ChartBuilder::on(area)
+        .margin(12)
+        .x_label_area_size(44)
+        .y_label_area_size(64)
+        .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
+    chart
+        .configure_mesh()
+        .x_desc(x_name)
+        .y_desc(y_name)
+        .label_style(text_style())
+        .x_label_formatter(&number)
+        .y_label_formatter(&number)
+        .light_line_style(BLACK.mix(0.05))
+        .bold_line_style(BLACK.mix(0.15))
+        .draw()?;
+    if let Some(floor) = floor {
+        let line = [(x.start, floor), (x.end, floor)];
+        chart
+            .draw_series(DashedLineSeries::new(line, 6, 4, BLACK.stroke_width(1)))?
+            .label("reference's own error")
+            .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK));
+    }
+    if let Some((power, (from, error))) = power.zip(series.first().and_then(|series| series.points.first())) {
+        // As far as the plot goes.
+        let to = x.end.min(from * (y.start / error.value).powf(1.0 / power));
+        let line = [(*from, error.value), (to, error.value * (to / from).powf(power))];
+        chart
+            .draw_series(DashedLineSeries::new(line, 2, 4, BLACK.mix(0.6).stroke_width(1)))?
+            .label(format!("power {power}"))
+            .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK.mix(0.6)));
+    }
+    for Series { name, colour, points } in series {
+        let inside = |value: f64| value.clamp(y.start, y.end);
+        let upper = points.iter().map(|(x, y)| (*x, inside(y.high)));
+        let lower = points.iter().rev().map(|(x, y)| (*x, inside(y.low)));
+        chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.2).filled())])?;
+        let line = points.iter().map(|(x, y)| (*x, y.value));
+        let own = *colour;
+        chart
+            .draw_series(LineSeries::new(line, colour.stroke_width(2)).point_size(3))?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], own.stroke_width(2)));
+    }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK.mix(0.3))
+        .label_font(text_style())
+        .draw()?;
+    Ok(())
+}
+
+/// From below the least to above the greatest.
+fn axis(values: impl Iterator<Item = f64>) -> Range<f64> {
+    let usable = values.filter(|x| x.is_finite() && *x > 0.0);
+    let (low, high) = usable.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), x| (low.min(x), high.max(x)));
+    // Any axis will do where there is nothing to show.
+    if low <= high { low / MARGIN..high * MARGIN } else { 0.1..10.0 }
+}
+
+/// As short as can be.
+fn number(x: &f64) -> String {
+    if (1e-2..1e4).contains(x) { format!("{}", (x * 1e6).round() / 1e6) } else { format!("{x:.0e}") }
+}

@@ -1,0 +1,225 @@
+//! What images are compared with: a given image, or one made by path tracing in two independent halves, whose
+//! difference says how far it is from the truth.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::film::Metadata;
+use crate::fingerprint::fingerprint;
+use crate::settings::{Settings, Technique};
+use crate::{Error, Image, Renderer, Result};
+
+use super::metrics::{self, RELMSE_FLOOR};
+use super::run::{Subject, colour};
+
+/// Halves are saved this often, and at first sooner, as a small image is soon good enough.
+const SAVE: Duration = Duration::from_secs(10);
+const FIRST_SAVE: Duration = Duration::from_millis(250);
+
+/// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
+const FIRST_SEED: u32 = 1 << 31;
+
+const SAMPLES: &str = "samplesPerPixel";
+const SESSIONS: &str = "penumbra:sessions";
+
+/// A reference and, where it is known, its own error.
+pub struct Reference {
+    /// `R`, `G` and `B`; `variance.R` and so on, the variance of the pixel's mean, where that is known.
+    pub image: Image,
+}
+
+/// How far a reference in the making is.
+#[derive(Clone, Copy, Debug)]
+pub struct Making {
+    /// Samples a pixel of both halves.
+    pub samples: u32,
+    /// See [`Reference::standard_error`].
+    pub standard_error: f64,
+}
+
+impl Reference {
+    /// Reads an image of any format that [`Image::read`] knows.
+    ///
+    /// # Errors
+    /// As [`Image::read`]; [`Error::Input`] too where it has no colour, or a number that is not finite.
+    pub fn read(path: &Path) -> Result<Reference> {
+        let image = Image::read(path)?;
+        // What cannot be compared with itself can be compared with nothing: better known before anything is rendered.
+        metrics::rmse(&image, &image).map_err(|error| match error {
+            Error::Input { place, problem, .. } => Error::input(path, place, problem),
+            other => other,
+        })?;
+        Ok(Reference { image })
+    }
+
+    /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`
+    /// has of it. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the process be
+    /// killed. `tell` hears of each save.
+    ///
+    /// # Errors
+    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written, [`Error::Input`] where a file in it
+    /// is damaged.
+    pub fn make(
+        subject: &Subject<'_>,
+        folder: &Path,
+        target: f64,
+        stop: &dyn Fn() -> bool,
+        tell: &mut dyn FnMut(Making),
+    ) -> Result<Option<Reference>> {
+        let mut halves = [Half::open(folder, 0)?, Half::open(folder, 1)?];
+        if let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) {
+            let reference = Reference::of_halves(a, b)?;
+            if reference.standard_error() <= Some(target) {
+                return Ok(Some(reference));
+            }
+        }
+        fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
+        let mut renderers = Vec::new();
+        for half in &mut halves {
+            renderers.push(half.renderer(subject)?);
+        }
+        let mut wait = FIRST_SAVE;
+        loop {
+            let start = Instant::now();
+            while start.elapsed() < wait && !stop() {
+                for renderer in &mut renderers {
+                    renderer.render_batch()?;
+                }
+            }
+            wait = (2 * wait).min(SAVE);
+            if renderers[0].samples() == 0 {
+                return Ok(None);
+            }
+            let [a, b] = [halves[0].save(&renderers[0])?, halves[1].save(&renderers[1])?];
+            let reference = Reference::of_halves(&a, &b)?;
+            let standard_error = reference.standard_error().unwrap_or(0.0);
+            tell(Making { samples: reference.samples().unwrap_or(0), standard_error });
+            if standard_error <= target {
+                return Ok(Some(reference));
+            }
+            if stop() {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// The mean of both, and a quarter of their squared difference: what the variance of that mean is expected to be.
+    fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
+        let mut image = Image::new(a.width, a.height);
+        let merge = |a: &[f32], b: &[f32], f: fn(f64, f64) -> f64| -> Vec<f32> {
+            a.iter().zip(b).map(|(a, b)| f(f64::from(*a), f64::from(*b)) as f32).collect()
+        };
+        for name in ["R", "G", "B"] {
+            let find = |half: &Image| half.channel(name).map(<[f32]>::to_vec).ok_or_else(|| lacks("half", name));
+            let (a, b) = (find(a)?, find(b)?);
+            image.add_channel(name, merge(&a, &b, |a, b| 0.5 * (a + b)));
+            image.add_channel(variance(name), merge(&a, &b, |a, b| 0.25 * (a - b) * (a - b)));
+        }
+        let samples = integer(a, SAMPLES) + integer(b, SAMPLES);
+        image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
+        image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
+        Ok(Reference { image })
+    }
+
+    /// Samples a pixel, where the file says.
+    pub fn samples(&self) -> Option<u32> {
+        u32::try_from(integer(&self.image, SAMPLES)).ok().filter(|samples| *samples > 0)
+    }
+
+    /// Root of the mean variance of its pixels, over its mean radiance; none where its variance is not known.
+    pub fn standard_error(&self) -> Option<f64> {
+        let variance = self.mean(|_, variance| variance)?;
+        let radiance = self.mean(|r, _| r)?;
+        // A black reference without variance is exact.
+        Some(if variance == 0.0 { 0.0 } else { variance.sqrt() / radiance })
+    }
+
+    /// The relMSE that the truth itself would have against it: no curve is to be believed below.
+    pub fn floor(&self) -> Option<f64> {
+        self.mean(|r, variance| variance / (r * r + RELMSE_FLOOR))
+    }
+
+    /// The mean over pixels and channels; none where the variance is not known.
+    fn mean(&self, f: impl Fn(f64, f64) -> f64) -> Option<f64> {
+        let mut sum = 0.0;
+        for name in ["R", "G", "B"] {
+            let (r, variance) = (self.image.channel(name)?, self.image.channel(&variance(name))?);
+            sum += r.iter().zip(variance).map(|(r, v)| f(f64::from(*r), f64::from(*v))).sum::<f64>();
+        }
+        Some(sum / (3 * self.image.pixels()) as f64)
+    }
+}
+
+/// The folder below `cache` for what belongs to a scene as it is seen with these settings.
+pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
+    let Settings { width, height, max_bounces, light_scale, .. } = subject.settings;
+    cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
+}
+
+/// One of two independent halves: what is on the disk, and what is rendered on top of it.
+struct Half {
+    index: u32,
+    file: PathBuf,
+    saved: Option<Image>,
+    /// Renderers so far: each has a seed of its own, so that it brings new samples.
+    sessions: u32,
+}
+
+impl Half {
+    fn open(folder: &Path, index: u32) -> Result<Half> {
+        let file = folder.join(format!("half-{index}.exr"));
+        let saved = file.exists().then(|| Image::read(&file)).transpose()?;
+        let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;
+        Ok(Half { index, file, saved, sessions })
+    }
+
+    fn renderer<'g>(&mut self, subject: &Subject<'g>) -> Result<Renderer<'g>> {
+        let seed = FIRST_SEED + 2 * self.sessions + self.index;
+        self.sessions += 1;
+        subject.renderer(&Settings {
+            technique: Technique::Path,
+            seed,
+            spp: Settings::UNLIMITED_SPP,
+            aovs: Vec::new(),
+            ..subject.settings.clone()
+        })
+    }
+
+    /// Writes and returns the mean of what was saved before the renderer began and of what it has.
+    fn save(&self, renderer: &Renderer<'_>) -> Result<Image> {
+        let mut image = colour(renderer.image()?);
+        let new = renderer.samples() as i32;
+        let old = self.saved.as_ref().map_or(0, |saved| integer(saved, SAMPLES));
+        if let Some(saved) = &self.saved {
+            let share = f64::from(old) / f64::from(old + new);
+            for channel in &mut image.channels {
+                let before = saved.channel(&channel.name).ok_or_else(|| lacks(&self.file, &channel.name))?;
+                for (x, before) in channel.samples.iter_mut().zip(before) {
+                    *x = (share * f64::from(*before) + (1.0 - share) * f64::from(*x)) as f32;
+                }
+            }
+        }
+        image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(old + new));
+        image.metadata.insert(SESSIONS.to_owned(), Metadata::Int(self.sessions as i32));
+        image.write_exr(&self.file)?;
+        Ok(image)
+    }
+}
+
+/// The channel that has the variance of another.
+pub(super) fn variance(channel: &str) -> String {
+    format!("variance.{channel}")
+}
+
+/// An attribute, 0 where it is not there.
+fn integer(image: &Image, name: &str) -> i32 {
+    match image.metadata.get(name) {
+        Some(Metadata::Int(value)) => *value,
+        _ => 0,
+    }
+}
+
+fn lacks(file: impl AsRef<Path>, channel: &str) -> Error {
+    Error::input(file, channel, "there is no such channel; delete the file")
+}

@@ -1,0 +1,152 @@
+//! What the error of a technique is made of, and which technique to use.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use crate::Image;
+use crate::settings::Technique;
+
+use super::curve::ratio;
+use super::document::{BASELINE, ComparisonReport, Entrant, SnapshotReport, channels};
+use super::interval::Interval;
+use super::reference::{Reference, variance};
+
+/// A technique's light is called too strong or too weak from here on: less does not change an 8-bit code of mid grey.
+const BRIGHTNESS: f64 = 0.005;
+
+/// A technique is called biased where so much of its error is bias: less is lost in the noise of the picture.
+const BIAS_SHARE: f64 = 0.1;
+
+/// An error is not told from the reference's own where it is less than so many times that.
+const ABOVE_FLOOR: f64 = 2.0;
+
+/// What the error of a technique is made of.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verdict {
+    /// The greater part, or what must be known.
+    pub kind: VerdictKind,
+    /// In a sentence.
+    pub text: String,
+}
+
+/// See [`Verdict`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VerdictKind {
+    /// The image is wrong however long it is rendered.
+    Bias,
+    /// The error goes away with time.
+    Noise,
+    /// The error is no greater than the reference's.
+    Reference,
+}
+
+/// Mean radiance over the reference's, less 1.
+pub(super) fn brightness(images: &[&Image], reference: &Reference) -> Interval {
+    let sum = |image: &Image| -> f64 { channels(image).flat_map(|(_, samples)| samples).map(|x| f64::from(*x)).sum() };
+    let truth = sum(&reference.image);
+    if truth == 0.0 {
+        let any = images.iter().any(|image| sum(image) != 0.0);
+        let value = if any { f64::INFINITY } else { 0.0 };
+        return Interval { value, low: value, high: value };
+    }
+    let ratios: Vec<f64> = images.iter().map(|image| sum(image) / truth - 1.0).collect();
+    let interval = Interval::of_mean(&ratios);
+    let variances = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
+    let error = variances.flatten().map(|v| f64::from(*v)).sum::<f64>().sqrt() / truth;
+    // The reference's sum is one of very many independent pixels: 97.5 % quantile of the normal distribution.
+    let half = (interval.high - interval.value).hypot(1.959_964 * error);
+    Interval { low: interval.value - half, high: interval.value + half, ..interval }
+}
+
+pub(super) fn verdict(last: &SnapshotReport, brightness: &Interval, floor: Option<f64>) -> Verdict {
+    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
+    let error = last.relmse.value;
+    let [bias, noise] = [last.bias.value.max(0.0), last.variance.value.max(0.0)];
+    // Of what is not the reference's own; of nothing at all where there is none.
+    let share = |part: f64| if part > 0.0 { part / (bias + noise) } else { 0.0 };
+    if !brightness.holds(0.0) && brightness.value.abs() >= BRIGHTNESS {
+        let (word, sign) = if brightness.value > 0.0 { ("strong", 1.0) } else { ("weak", -1.0) };
+        let mut ends = [sign * brightness.low, sign * brightness.high];
+        ends.sort_by(f64::total_cmp);
+        let [low, high] = ends.map(percent);
+        let text = format!("biased: its light is too {word} by {} ({low} to {high})", percent(brightness.value.abs()));
+        return Verdict { kind: VerdictKind::Bias, text };
+    }
+    if floor.is_some_and(|floor| error < ABOVE_FLOOR * floor) {
+        let text = "as near as the reference can tell".to_owned();
+        return Verdict { kind: VerdictKind::Reference, text };
+    }
+    if last.bias.low > 0.0 && share(bias) >= BIAS_SHARE {
+        let part = if floor.is_some() { "" } else { ", or is the reference's, whose error is not known" };
+        let text = format!("biased: {} of the error stays however long it renders{part}", percent(share(bias)));
+        return Verdict { kind: VerdictKind::Bias, text };
+    }
+    let text = format!("noise: {} of the error differs from run to run", percent(share(noise)));
+    Verdict { kind: VerdictKind::Noise, text }
+}
+
+/// Which technique to use, and why. `late` have no image in time.
+pub(super) fn advice(
+    entrants: &[Entrant],
+    late: &[Technique],
+    comparisons: &[ComparisonReport],
+    map_left_out: Option<&str>,
+) -> String {
+    let mut text = best(entrants);
+    for technique in late {
+        let _ = write!(text, " {technique} has no image in time in every run.");
+    }
+    if let Some(reason) = map_left_out {
+        let _ = write!(text, " Shadow photons are left out of this scene ({reason})");
+        let cost = comparisons.iter().find(|comparison| comparison.technique == Technique::ShadowPhotons);
+        if let Some(Interval { value, .. }) = cost.and_then(|comparison| comparison.time_ratio) {
+            let _ = write!(text, "; {} took {value:.2} times the time of {BASELINE}", Technique::ShadowPhotons);
+        }
+        text.push('.');
+    }
+    text
+}
+
+/// The technique that is soonest at an error that another reaches too.
+fn best(entrants: &[Entrant]) -> String {
+    let unbiased = entrants.iter().filter(|entrant| entrant.report.verdict.kind != VerdictKind::Bias);
+    // What all of its runs reach.
+    let reached = |entrant: &Entrant| entrant.curves.iter().map(|curve| curve.last().1).fold(0.0, f64::max);
+    let mut errors: Vec<f64> = unbiased.clone().map(reached).collect();
+    errors.sort_by(f64::total_cmp);
+    let Some(error) = errors.get(1).or(errors.first()) else {
+        return "No technique is free of bias here: see what the error of each is made of.".to_owned();
+    };
+    let target = round_up(*error);
+    let time = |entrant: &Entrant| {
+        let times: Option<Vec<f64>> = entrant.curves.iter().map(|curve| curve.time_at(target)).collect();
+        times.map(|times| Interval::of_geometric_mean(&times).value)
+    };
+    let mut ranked: Vec<(&Entrant, f64)> = unbiased.filter_map(|entrant| Some((entrant, time(entrant)?))).collect();
+    ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let (best, seconds) = ranked[0];
+    let found = format!("{} reaches relMSE {target:.0e} in {seconds:.2} s", best.technique());
+    let other = ranked[1..].iter().find(|(other, _)| other.technique() == BASELINE).or(ranked.get(1));
+    let compared = other.and_then(|(other, _)| {
+        let ratio = ratio(&other.curves, &best.curves, |curve| curve.time_at(target))?;
+        Some((other.technique(), ratio))
+    });
+    match compared {
+        Some((other, Interval { value, low, high })) if low > 1.0 => {
+            let technique = best.technique();
+            format!("Use {technique}: {found}, {value:.2} times sooner than {other} ({low:.2} to {high:.2}).")
+        }
+        Some((other, Interval { low, high, .. })) => {
+            format!("{found}; {other} may be as soon: it takes {low:.2} to {high:.2} times as long.")
+        }
+        None => format!("Use {}: {found}.", best.technique()),
+    }
+}
+
+/// The next of 1, 2 and 5 times a power of ten.
+fn round_up(x: f64) -> f64 {
+    let power = 10f64.powf(x.max(f64::MIN_POSITIVE).log10().floor());
+    [1.0, 2.0, 5.0].map(|digit| digit * power).into_iter().find(|rounded| *rounded >= x).unwrap_or(10.0 * power)
+}

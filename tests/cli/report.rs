@@ -1,0 +1,253 @@
+//! `penumbra report`: what it writes, and the reference that it makes, keeps and takes up again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use penumbra::Image;
+use penumbra::film::Metadata;
+use serde_json::Value;
+
+use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::schema;
+
+/// Settings that are quick: few photons, a small image.
+const SMALL: &str = "--width 24 --height 16 --photons 4096 --repeats 3";
+
+/// Reports on the box in `folder`, with the cache beside.
+fn report(folder: &Path, arguments: &str) -> Answer {
+    let arguments = format!("report --device {} {SMALL} {arguments}", device());
+    run(&arguments, &[&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join("report")])
+}
+
+fn read_json(folder: &Path) -> Value {
+    serde_json::from_slice(&fs::read(folder.join("report/report.json")).unwrap()).unwrap()
+}
+
+/// The files of that name in the folders of the cache.
+fn cached(folder: &Path, name: &str) -> Vec<PathBuf> {
+    let folders = fs::read_dir(folder.join("cache")).unwrap();
+    folders.map(|entry| entry.unwrap().path().join(name)).filter(|path| path.exists()).collect()
+}
+
+fn samples(half: &Path) -> i32 {
+    match Image::read(half).unwrap().metadata["samplesPerPixel"] {
+        Metadata::Int(samples) => samples,
+        ref other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn everything_is_written_and_as_documented() {
+    let folder = folder();
+    let folder = folder.path();
+    let arguments = "--techniques shadow-photons,path --budgets 2,1 --reference-error 0.1";
+    let answer = report(folder, arguments);
+    answer.assert_done();
+    assert!(answer.stdout.is_empty() && answer.stderr.contains("reference: "), "{answer:?}");
+    let json = read_json(folder);
+    schema::assert_documented("Report", &json);
+    assert!(json["reference"]["standard_error"].as_f64().unwrap() <= 0.1);
+    assert_eq!(json["comparisons"], serde_json::json!([]), "two-pass is not there");
+    assert_eq!(json["classes"][0]["technique"], "shadow-photons");
+    let class = &json["classes"][0];
+    let points: u64 = ["lit", "shadowed", "boundary", "unknown"]
+        .iter()
+        .flat_map(|name| ["hidden", "penumbra", "seen"].map(|truth| class[name][truth].as_u64().unwrap()))
+        .sum();
+    assert_eq!(class["points"].as_u64().unwrap(), points);
+
+    let csv = fs::read_to_string(folder.join("report/report.csv")).unwrap();
+    let columns = csv.lines().next().unwrap().split(',').count();
+    assert!(csv.lines().all(|line| line.split(',').count() == columns), "{csv}");
+    let seeds = |technique: &str| {
+        let lines = csv.lines().filter(|line| line.starts_with(technique));
+        lines.map(|line| line.split(',').nth(1).unwrap()).collect::<std::collections::BTreeSet<_>>().len()
+    };
+    assert_eq!((seeds("path,"), seeds("two-pass,")), (3, 0));
+    for plot in ["error", "rays", "passes"] {
+        let svg = fs::read_to_string(folder.join(format!("report/{plot}.svg"))).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{svg}");
+    }
+    let page = fs::read_to_string(folder.join("report/report.html")).unwrap();
+    // The namespace of SVG is a name; it is not fetched.
+    assert!(!page.replace("http://www.w3.org/2000/svg", "").contains("://"), "the page needs a network");
+    assert!(!page.contains("{{"), "a part of the page is missing");
+
+    // What was made can be given, and knows its own error then too.
+    let given = folder.join("report/reference.exr");
+    let kept = folder.join("given.exr");
+    fs::copy(&given, &kept).unwrap();
+    let arguments = format!("--quiet --techniques path --budgets 1 --reference {}", kept.display());
+    let answer = report(folder, &arguments);
+    assert_eq!(answer.assert_done().stderr, "");
+    assert_eq!(read_json(folder)["reference"], json["reference"]);
+}
+
+#[test]
+fn a_reference_is_taken_up_again_and_made_anew_for_another_view() {
+    let folder = folder();
+    let folder = folder.path();
+    let make = |arguments: &str| {
+        report(folder, &format!("--quiet --techniques path --budgets 1 {arguments}")).assert_done();
+        [0, 1].map(|half| cached(folder, &format!("half-{half}.exr")))
+    };
+    let [first, second] = make("--reference-error 0.5");
+    assert_eq!((first.len(), second.len()), (1, 1));
+    let early = samples(&first[0]);
+    assert!(Image::read(&first[0]).unwrap().channels != Image::read(&second[0]).unwrap().channels);
+    let before = fs::read(&first[0]).unwrap();
+    make("--reference-error 0.5");
+    assert!(fs::read(&first[0]).unwrap() == before, "a reference that is good enough was changed");
+    // A tenth of the error takes a hundred times the samples, if not less for Sobol points.
+    make("--reference-error 0.05");
+    assert!(samples(&first[0]) > early);
+    let [first, _] = make("--reference-error 0.5 --light-scale 2");
+    assert_eq!(first.len(), 2);
+}
+
+#[test]
+fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
+    let folder = folder();
+    let folder = folder.path();
+    let refuse = |image: &Image, words: &[&str]| {
+        let file = folder.join("bad.exr");
+        image.write_exr(&file).unwrap();
+        let answer = report(folder, &format!("--reference {}", file.display()));
+        answer.assert_refused(3, &[&["bad.exr"], words].concat());
+    };
+    let mut image = Image::new(24, 16);
+    image.add_channel("R", vec![1.0; 24 * 16]);
+    refuse(&image, &["G"]);
+    image.add_channel("G", vec![1.0; 24 * 16]);
+    image.add_channel("B", vec![f32::NAN; 24 * 16]);
+    refuse(&image, &["B", "NaN"]);
+    let mut small = Image::new(8, 8);
+    for name in ["R", "G", "B"] {
+        small.add_channel(name, vec![1.0; 64]);
+    }
+    refuse(&small, &["8 x 8", "24 x 16"]);
+
+    let file = folder.join("file");
+    fs::write(&file, "").unwrap();
+    run("report", &[&BOX, &"-o", &file]).assert_refused(3, &[file.to_str().unwrap()]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_the_reference() {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    let folder = folder();
+    let folder = folder.path();
+    // An error that is never reached.
+    let arguments = format!("report --device {} {SMALL} --reference-error 1e-9", device());
+    let mut child = penumbra(&arguments, &[&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join("report")])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("reference: ") {
+        assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    stderr.read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+    assert!(samples(&cached(folder, "half-0.exr")[0]) > 0);
+    assert!(!folder.join("report/report.json").exists());
+}
+
+/// A script that does with the page what a person does, and leaves what it saw in the page.
+const VISITOR: &str = r#"<script>
+const faults = [];
+addEventListener("error", (event) => faults.push(event.message));
+addEventListener("load", () => setTimeout(() => {
+  const find = (id) => document.getElementById(id);
+  const choose = (id, value) => { find(id).value = value; find(id).dispatchEvent(new Event("input")); };
+  const press = (key, shiftKey = false) => find("viewer").dispatchEvent(new KeyboardEvent("keydown", { key, shiftKey }));
+  const middle = () => {
+    const { width, height } = find("viewer");
+    // A little off the corner where four pixels meet.
+    return [...find("viewer").getContext("2d").getImageData(width / 2 + 4, height / 2 + 4, 1, 1).data].join(" ");
+  };
+  const seen = { tables: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
+  choose("exposure", 0);
+  choose("left", 1);
+  choose("right", 0);
+  choose("wiper", 1);
+  seen.shown.left = middle();
+  choose("wiper", 0);
+  seen.shown.right = middle();
+  choose("exposure", -3);
+  seen.shown.darker = middle();
+  choose("mode", "error");
+  seen.shown.error = middle();
+  press("]");
+  press("]");
+  seen.wiper = find("wiper").value;
+  press("ArrowDown", true);
+  seen.readout = find("readout").textContent;
+  choose("layout", "pair");
+  press("+");
+  document.body.innerHTML = "";
+  const outcome = document.createElement("pre");
+  outcome.id = "outcome";
+  outcome.textContent = JSON.stringify({ ...seen, faults });
+  document.body.append(outcome);
+}, 500));
+</script>"#;
+
+#[test]
+fn the_page_works_in_a_browser() {
+    let Some(browser) = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| {
+        std::process::Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success())
+    }) else {
+        println!("left out: the page in a browser, as there is no Chromium");
+        return;
+    };
+    let folder = folder();
+    let folder = folder.path();
+    report(folder, "--quiet --techniques shadow-photons --budgets 2,4 --reference-error 0.2").assert_done();
+    let page = fs::read_to_string(folder.join("report/report.html")).unwrap();
+    let visited = folder.join("visited.html");
+    fs::write(&visited, page.replace("</body>", &format!("{VISITOR}</body>"))).unwrap();
+    let output = std::process::Command::new(browser)
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000", "--dump-dom"])
+        .arg(format!("--user-data-dir={}", folder.join("profile").display()))
+        .arg(format!("file://{}", visited.display()))
+        .output()
+        .unwrap();
+    let document = String::from_utf8(output.stdout).unwrap();
+    let outcome = document.split_once("<pre id=\"outcome\">").and_then(|(_, rest)| rest.split_once("</pre>"));
+    let Some((outcome, _)) = outcome else { panic!("the page is not done: {document:.2000}") };
+    let seen: Value = serde_json::from_str(outcome).unwrap();
+    assert_eq!(seen["faults"], serde_json::json!([]));
+    let budgets = read_json(folder)["techniques"][0]["snapshots"].as_array().unwrap().len();
+    // Each with a line of names; a line for each class.
+    assert_eq!(seen["tables"], serde_json::json!([2, 1 + budgets, 5]));
+
+    // The display's codes of the middle pixel, from the files.
+    let image = Image::read(folder.join("report/reference.exr")).unwrap();
+    let middle = |gain: f32| {
+        let code = |name: &str| {
+            let x = gain * image.channel(name).unwrap()[8 * 24 + 12];
+            let coded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+            (255.0 * coded.clamp(0.0, 1.0)).round() as i32
+        };
+        ["R", "G", "B"].map(code)
+    };
+    let shown = |name: &str| -> Vec<i32> {
+        seen["shown"][name].as_str().unwrap().split(' ').map(|code| code.parse().unwrap()).collect()
+    };
+    for (name, gain) in [("right", 1.0), ("darker", 0.125)] {
+        // Halves have 11 bits: a code more or less.
+        let near = shown(name).iter().zip(middle(gain)).all(|(found, expected)| (found - expected).abs() <= 1);
+        assert!(near, "{name}: {:?}, not {:?}", shown(name), middle(gain));
+    }
+    assert_ne!(shown("left"), shown("right"));
+    assert_eq!(shown("error")[..3], [0, 0, 0], "the reference is no way from itself");
+    assert_eq!(seen["wiper"], "0.1");
+    let readout = seen["readout"].as_str().unwrap();
+    assert!(readout.starts_with("pixel 12, 9") && readout.contains("reference: "), "{readout}");
+}

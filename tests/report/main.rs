@@ -1,0 +1,8 @@
+//! What reports say: intervals, curves, and faults that are planted and must be named.
+
+#[path = "../common/device.rs"]
+mod device;
+
+mod curves;
+mod intervals;
+mod planted;

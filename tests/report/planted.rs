@@ -1,0 +1,105 @@
+//! Faults that are planted in renders of the box, and must be named for what they are.
+
+use std::path::Path;
+
+use penumbra::report::document::{Report, TechniqueReport};
+use penumbra::report::reference::Reference;
+use penumbra::report::run::{Run, Snapshot, Subject};
+use penumbra::report::verdict::VerdictKind;
+use penumbra::scene::ImportOptions;
+use penumbra::{Image, Renderer, Scene, Settings, Technique};
+
+use crate::device::gpu;
+
+const REPEATS: u32 = 5;
+
+/// A run of a fixed number of samples, whatever time it takes, with what `plant` makes of its image.
+fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image)) -> Run {
+    let mut renderer = Renderer::new(subject.gpu, subject.scene.clone(), subject.camera, &settings).unwrap();
+    let snapshots = [(1.0, 16), (4.0, 64)].map(|(budget, samples)| {
+        while renderer.samples() < samples {
+            renderer.render_at_most(samples - renderer.samples()).unwrap();
+        }
+        let mut image = renderer.image().unwrap();
+        plant(settings.seed, &mut image);
+        Snapshot { budget, time: budget, samples, rays: renderer.statistics().unwrap().rays, image }
+    });
+    let statistics = renderer.statistics().unwrap();
+    Run { settings, setup: 0.5, snapshots: snapshots.into(), statistics, map_left_out: None, time: 4.0 }
+}
+
+/// Multiplies each pixel of the image's colour by a factor.
+fn scale(image: &mut Image, factor: impl Fn(u32, u32) -> f32) {
+    let width = image.width;
+    for channel in image.channels.iter_mut().filter(|channel| ["R", "G", "B"].contains(&channel.name.as_str())) {
+        for (i, x) in channel.samples.iter_mut().enumerate() {
+            *x *= factor(i as u32 % width, i as u32 / width);
+        }
+    }
+}
+
+/// -1 or 1, as if by chance.
+fn sign(seed: u32, x: u32, y: u32) -> f32 {
+    // The finaliser of MurmurHash3, which mixes all bits.
+    let mut h = (seed * 65_536 + y * 256 + x).wrapping_mul(0x9e37_79b9);
+    h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
+    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
+    if (h ^ (h >> 16)) & 1 == 0 { 1.0 } else { -1.0 }
+}
+
+#[test]
+fn planted_bias_and_noise_are_named() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/box.glb");
+    let scene = Scene::load(&file, &ImportOptions::default()).unwrap();
+    let camera = scene.cameras[0].clone();
+    let settings = Settings { width: 32, height: 32, ..Settings::default() };
+    let subject = Subject { gpu: gpu(), scene: &scene, camera: &camera, settings: &settings };
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    // Its error is a sixth of that of 64 samples.
+    let reference = Reference::make(&subject, folder.path(), 0.01, &|| false, &mut |_| {}).unwrap().unwrap();
+    assert!(reference.standard_error().unwrap() <= 0.01);
+
+    let mut runs = Vec::new();
+    for seed in 0..REPEATS {
+        // The techniques are but names here: all of them render alike, and unlike only in what is planted.
+        let rendered = |technique: Technique, light_scale: f32, plant: &dyn Fn(u32, &mut Image)| {
+            let path = Settings { technique: Technique::Path, seed, spp: 64, light_scale, ..settings.clone() };
+            let mut run = run(&subject, path, plant);
+            run.settings.technique = technique;
+            run
+        };
+        runs.push(rendered(Technique::Path, 1.0, &|_, _| {}));
+        runs.push(rendered(Technique::TwoPass, 1.02, &|_, _| {}));
+        let noise = |seed: u32, image: &mut Image| scale(image, |x, y| 1.0 + 0.3 * sign(seed, x, y));
+        runs.push(rendered(Technique::ShadowPhotons, 1.0, &noise));
+        // The same in every run, and as much light added as taken away.
+        let pattern = |_: u32, image: &mut Image| scale(image, |x, y| 1.0 + 0.1 * sign(12, x, y));
+        runs.push(rendered(Technique::VisibilityEstimate, 1.0, &pattern));
+    }
+    let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
+    let of = |technique: Technique| -> &TechniqueReport {
+        report.techniques.iter().find(|report| report.settings.technique == technique).unwrap()
+    };
+    for technique in &report.techniques {
+        println!("{}: {}", technique.settings.technique, technique.verdict.text);
+    }
+    println!("{}", report.advice);
+
+    let plain = of(Technique::Path);
+    assert_eq!(plain.verdict.kind, VerdictKind::Noise, "{}", plain.verdict.text);
+    let strong = of(Technique::TwoPass);
+    assert_eq!(strong.verdict.kind, VerdictKind::Bias);
+    assert!(strong.verdict.text.contains("its light is too strong by 2."), "{}", strong.verdict.text);
+    assert!(strong.brightness.holds(0.02), "{:?}", strong.brightness);
+    let noisy = of(Technique::ShadowPhotons);
+    assert_eq!(noisy.verdict.kind, VerdictKind::Noise, "{}", noisy.verdict.text);
+    let last = |technique: &TechniqueReport| technique.snapshots.last().unwrap().clone();
+    // Noise of 0.3 r adds 0.09 r^2 to every square, most of which is there over r^2 + 0.01.
+    assert!(last(noisy).variance.low > last(plain).variance.high + 0.03);
+    let wrong = of(Technique::VisibilityEstimate);
+    assert_eq!(wrong.verdict.kind, VerdictKind::Bias);
+    assert!(wrong.verdict.text.contains("however long"), "{}", wrong.verdict.text);
+    // As above: 0.01 r^2 / (r^2 + 0.01).
+    assert!(last(wrong).bias.low > 0.003 && last(wrong).bias.high < 0.01, "{:?}", last(wrong).bias);
+    assert!(report.advice.starts_with("Use path"), "{}", report.advice);
+}
