@@ -9,6 +9,7 @@ mod options;
 mod plan;
 mod progress;
 mod render;
+mod table1;
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -36,6 +37,8 @@ enum Command {
     Devices(devices::Arguments),
     /// Measure how far an image is from a reference
     Compare(compare::Arguments),
+    /// Render the paper's two scenes by its four techniques, and print its table beside what they took
+    Table1(table1::Arguments),
 }
 
 const EXIT_CODES: &str = "\
@@ -68,6 +71,7 @@ pub fn run() -> ExitCode {
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Table1(arguments) => table1::run(&arguments),
     };
     match ending {
         Ok(Ending::Done) => ExitCode::SUCCESS,

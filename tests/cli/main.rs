@@ -7,6 +7,7 @@ mod program;
 mod render;
 mod scenes;
 mod schema;
+mod table1;
 mod usage;
 #[cfg(unix)]
 mod with_vulkan;

@@ -10,7 +10,9 @@ use crate::program::{Answer, BOX, folder, penumbra, run};
 fn help_and_version_are_answers() {
     let version = run("--version", &[]);
     assert_eq!(version.assert_done().stdout, concat!("penumbra ", env!("CARGO_PKG_VERSION"), "\n"));
-    for arguments in ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help"] {
+    for arguments in
+        ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help", "table1 -h"]
+    {
         let answer = run(arguments, &[]);
         answer.assert_done();
         assert!(answer.stdout.contains("Usage: penumbra") && answer.stderr.is_empty(), "{answer:?}");
@@ -102,6 +104,9 @@ fn wrong_usage_names_the_option() {
         ("compare a.exr b.exr --max-relmse -1", "--max-relmse"),
         ("compare a.exr b.exr --max-relmse nan", "--max-relmse"),
         ("devices now", "now"),
+        ("table1 --width 0", "--width"),
+        ("table1 --spp 0", "--spp"),
+        ("table1 sphere.glb", "sphere.glb"),
         ("paint", "paint"),
     ] {
         run(arguments, &[]).assert_refused(2, &[word]);
