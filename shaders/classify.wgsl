@@ -5,6 +5,7 @@ import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR, GridShape, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, counted_distance, decode_verdict, load_cell_record, load_photon, nearest, no_verdict, reach_guess, row_photons, rows_about, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
+@if(visibility_estimate) import package::lib::photon::asks_shadow_rays;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED, COUNTER_NEAR, COUNTER_NEAR_AUDITED};
@@ -62,6 +63,7 @@ var<workgroup> group_audits: atomic<u32>;
 // Decided points near boundaries; above 16 bits, those of them that are audited.
 var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
+@if(visibility_estimate) var<workgroup> group_asked: atomic<u32>;
 
 // Classes by the verdicts on whole cells; the slots that have none are queued for `query`.
 @compute @workgroup_size(64)
@@ -471,7 +473,7 @@ fn same_surface(a: Point, b: Point) -> bool {
     return dot(normal, oct_decode16(b.normal)) >= DILATE_COSINE && abs(dot(v, normal)) <= DILATE_SLOPE * length(v);
 }
 
-// Counts the classes, and queues the slots that shadow rays are for: boundary and unknown points, and audits.
+// Counts the classes, and queues the slots that shadow rays are for: those that ask them, and audits.
 @compute @workgroup_size(64)
 fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let slot = group_index(group, groups) * CLASSIFY_GROUP + lane;
@@ -480,11 +482,13 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         atomicStore(&group_unknown, 0u);
         atomicStore(&group_audits, 0u);
         atomicStore(&group_near, 0u);
+        @if(visibility_estimate) { atomicStore(&group_asked, 0u); }
     }
     workgroupBarrier();
     var rank = 0u;
     var class_ = CLASS_DARK;
     var audited = false;
+    @if(visibility_estimate) var asked = false;
     if slot < classify_pass.slot_count {
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
@@ -505,6 +509,10 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
                 if is_near(word) { atomicAdd(&group_near, 1u + (u32(audited) << 16u)); }
             }
             if audited { rank = atomicAdd(&group_audits, 1u); }
+            @if(visibility_estimate) {
+                asked = asks_shadow_rays(word);
+                if asked { rank = atomicAdd(&group_asked, 1u); }
+            }
         }
     }
     workgroupBarrier();
@@ -512,7 +520,8 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     let unknown_here = atomicLoad(&group_unknown);
     let boundaries = classes_here >> 24u;
     if lane == 0u {
-        let length = boundaries + unknown_here;
+        @if(visibility_estimate) let length = atomicLoad(&group_asked);
+        @if(!visibility_estimate) let length = boundaries + unknown_here;
         if length > 0u { group_base = atomicAdd(&queue_lengths[BOUNDARY_QUEUE], length); }
         let audits = atomicLoad(&group_audits);
         if audits > 0u {
@@ -530,8 +539,11 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }
     workgroupBarrier();
-    if class_ == CLASS_BOUNDARY { boundary_queue[group_base + rank] = slot; }
-    if class_ == CLASS_UNKNOWN { boundary_queue[group_base + boundaries + rank] = slot; }
+    @if(visibility_estimate) { if asked { boundary_queue[group_base + rank] = slot; } }
+    @if(!visibility_estimate) {
+        if class_ == CLASS_BOUNDARY { boundary_queue[group_base + rank] = slot; }
+        if class_ == CLASS_UNKNOWN { boundary_queue[group_base + boundaries + rank] = slot; }
+    }
     if audited { audit_queue[audit_base + rank] = slot; }
 }
 

@@ -56,13 +56,13 @@ fn store_shadows(light: u32, first: Ray, first_hit: Hit, first_found: SurfaceHit
     // What the light's range takes is told by the whole way.
     let emitted = flux / max(flux_window(light, distance), 1e-20);
     for (var rays = 0u; ; rays++) {
-        let on = Ray(offset_origin(found.position, -found.surface.geometric_normal), 0.0, first.direction, FAR_AWAY);
+        let on = Ray(offset_origin(found.triangle_position, -found.triangle_normal), 0.0, first.direction, FAR_AWAY);
         let hit = trace_closest(on, seed);
         if hit.triangle == NO_HIT || traversal_overrun { return rays + 1u; }
         found = surface_at(hit, on);
         distance += hit.t;
         if any(found.surface.albedo > vec3f(0.0)) {
-            store(found.position, found.surface.geometric_normal, emitted * flux_window(light, distance), lot, true);
+            store(found.triangle_position, found.triangle_normal, emitted * flux_window(light, distance), lot, true);
         }
     }
     return 0u;
@@ -109,7 +109,7 @@ fn flux(
             stores &= bounce > 0u;
             if bounce == 0u { rays += store_shadows(light, here, hit, found, flux, lots.x, bounce_seed); }
         }
-        if stores { store(found.position, found.surface.geometric_normal, flux, lots.x, false); }
+        if stores { store(found.triangle_position, found.triangle_normal, flux, lots.x, false); }
         if bounce >= flux_pass.max_bounces { break; }
         // The first bounce of all rays together is as even as the rays themselves.
         let u = sobol2(ray, hash3(seed, bounce, 3u));

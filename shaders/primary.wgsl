@@ -58,7 +58,7 @@ fn primary(
         }
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
-        @if(aov_position) { position = vec4f(found.position, hit.t * camera.cosine); }
+        @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
     }
     points[i] = point;
     radiance_direct[i] = direct;

@@ -16,7 +16,8 @@ import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(indirect && glossy && mesh_lights) import package::lib::sampling::mis_weight;
 import package::lib::constants::INVALID_POINT;
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
-import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, class_of, class_visibility, class_illumination, class_shadow};
+import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
+@if(aov_shadow) import package::lib::photon::{class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
 @if(glossy) import package::lib::camera::view_direction;
 
@@ -89,8 +90,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     // The visibility that is taken for granted: the class, or the photons' guess.
     var granted = class_visibility(word);
     if decided { granted = f32(class_ == CLASS_LIT); }
-    @if(visibility_estimate) let traced = class_illumination(word) + class_shadow(word) == 0u;
-    @if(!visibility_estimate) let traced = !decided;
+    let traced = asks_shadow_rays(word);
 
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)

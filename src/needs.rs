@@ -72,7 +72,13 @@ impl Needs {
         let (on, why) = vertices(m.vertex_colours);
         needs.decide("vertex_colours", on, why, "every vertex is white", &per_triangle(32));
         let (on, why) = vertices(m.smooth_normals);
-        needs.decide("smooth_normals", on, why, "every triangle is flat", "normal interpolation in every surface");
+        needs.decide(
+            "smooth_normals",
+            on,
+            why,
+            "every triangle is flat",
+            "normals interpolated, and points moved to the smooth surface, at every hit",
+        );
 
         let some_lights = |n: usize| (n > 0, count(n, "light"));
         for (feature, number) in [
@@ -269,13 +275,7 @@ impl Facts {
             facts.unlit += usize::from(m.unlit);
         }
         facts.vertex_colours = scene.vertices.iter().any(|v| v.colour != glam::Vec4::ONE);
-        facts.smooth_normals = scene.triangles.iter().any(|t| {
-            let corners = t.vertices.map(|v| &scene.vertices[v as usize]);
-            let [a, b, c] = corners.map(|v| v.position);
-            let flat = (b - a).cross(c - a).normalize_or_zero();
-            // 1e-4: normals that files store of flat faces are as far off as their decimals and their packing.
-            corners.iter().any(|v| v.normal != glam::Vec3::ZERO && v.normal.dot(flat) < 1.0 - 1e-4)
-        });
+        facts.smooth_normals = scene.triangles.iter().any(|triangle| !scene.is_flat(triangle));
         for light in &scene.lights {
             match &light.kind {
                 LightKind::Mesh { material, .. } => {

@@ -15,6 +15,7 @@ struct Surface {
     @if(glossy) dielectric: vec2f,
     // Width of the GGX distribution: roughness squared.
     @if(glossy) alpha: f32,
+    // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth surface.
     geometric_normal: vec3f,
     shading_normal: vec3f,
     // Unit, towards the viewer.

@@ -92,6 +92,13 @@ fn class_visibility(word: u32) -> f32 {
     return f32(word >> 21u) / 2047.0;
 }
 
+// Whether shadow rays tell what the light point sees: where the photons do not decide or, where their own visibility is
+// shown, where there are none.
+fn asks_shadow_rays(word: u32) -> bool {
+    @if(visibility_estimate) { return class_of(word) == CLASS_UNKNOWN && class_illumination(word) + class_shadow(word) == 0u; }
+    @else { return class_of(word) == CLASS_BOUNDARY || class_of(word) == CLASS_UNKNOWN; }
+}
+
 // The word of a decided point in a cell that has photons of both kinds in reach. The visibility of a decided point says
 // nothing that its class does not: one step off it marks these.
 fn near_word(word: u32) -> u32 {

@@ -4,11 +4,11 @@ import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::bsdf::Surface;
 
 struct Point {
+    // Where rays leave from.
     position: vec3f,
-    // The geometric normal on the viewer's side (oct_encode16), or INVALID_POINT.
+    // The surface's geometric normal on the viewer's side (oct_encode16), or INVALID_POINT.
     normal: u32,
 }
-
 
 // Vectors that a surface takes in the array `surfaces`.
 @if(glossy) const SURFACE_VECTORS: u32 = 3u;

@@ -208,7 +208,11 @@ fn material_texels(words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
 
 // A point of a surface as a ray meets it.
 struct SurfaceHit {
+    // Where rays leave from; on the triangle, or over it where that stands for a piece of a smooth surface.
     position: vec3f,
+    // The same point on the triangle, to the last bits, and the triangle's normal on the side of the ray's origin.
+    triangle_position: vec3f,
+    triangle_normal: vec3f,
     // Radiance emitted (or shown, where unlit) towards the ray's origin.
     emission: vec3f,
     // The surface reflects nothing: it is unlit.
@@ -218,8 +222,24 @@ struct SurfaceHit {
     surface: Surface,
 }
 
-// The surface at a hit. The normals face the ray's origin; the position lies on the triangle to the last bits, as
-// it is computed from the corners and not along the ray.
+// Corners' normals beyond 45 degrees from the triangle's make no smooth surface of it: photons so far apart are of two
+// surfaces as well, and a cube whose corners' normals are averaged would cast the shadows of a ball.
+@if(smooth_normals) const SMOOTH_COSINE = 0.70710678;
+
+// The offset from a point of a triangle, of those weights, to the smooth surface that the triangle stands for: towards
+// the planes through the corners across their normals, where those are over it. From the triangle itself rays to a light
+// near the horizon would meet its neighbours, and shadows have its edges (Hanika 2021, Ray Tracing Gems II, chapter 4,
+// whose offsets from the planes come, summed with weights whose moments about the point are 0, to this).
+@if(smooth_normals)
+fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, normals: array<vec3f, 3>) -> vec3f {
+    return weights.x * min(dot(position - corners[0], normals[0]), 0.0) * -normals[0]
+        + weights.y * min(dot(position - corners[1], normals[1]), 0.0) * -normals[1]
+        + weights.z * min(dot(position - corners[2], normals[2]), 0.0) * -normals[2];
+}
+
+// The surface at a hit. The normals face the ray's origin; the position on the triangle is computed from the corners and
+// not along the ray. Of a triangle that stands for a piece of a smooth surface, the surface's own normal is the
+// corners', interpolated: by the triangle's, whole triangles along the terminator would be black.
 fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let corners = triangle_corners(hit.triangle);
     let w = 1.0 - hit.u - hit.v;
@@ -228,7 +248,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let position = corners[0] + hit.u * e1 + hit.v * e2;
     let outward = normalize(cross(e1, e2));
     let front = dot(outward, ray.direction) <= 0.0;
-    let geometric_normal = select(-outward, outward, front);
+    let triangle_normal = select(-outward, outward, front);
 
     let first = load_surface_record(hit.triangle * surface_stride);
     let material = (first.w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
@@ -236,12 +256,21 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let m1 = bitcast<vec4f>(load_material_record(material + 1u));
     let words = load_material_record(material + 4u);
 
-    var shading_normal = geometric_normal;
+    var leaving = position;
+    var geometric_normal = triangle_normal;
+    var shading_normal = triangle_normal;
     @if(smooth_normals) {
         if (first.w & SURFACE_FLAT) == 0u {
-            let n = w * oct_decode16(first.x) + hit.u * oct_decode16(first.y) + hit.v * oct_decode16(first.z);
+            let side = select(-1.0, 1.0, front);
+            let normals = array(side * oct_decode16(first.x), side * oct_decode16(first.y), side * oct_decode16(first.z));
+            let n = w * normals[0] + hit.u * normals[1] + hit.v * normals[2];
             // Opposite normals at the corners may sum to nothing.
-            if dot(n, n) > 1e-12 { shading_normal = select(-normalize(n), normalize(n), front); }
+            if dot(n, n) > 1e-12 { shading_normal = normalize(n); }
+            let least = min(dot(normals[0], triangle_normal), min(dot(normals[1], triangle_normal), dot(normals[2], triangle_normal)));
+            if least > SMOOTH_COSINE {
+                geometric_normal = shading_normal;
+                leaving += smooth_offset(position, vec3f(w, hit.u, hit.v), corners, normals);
+            }
         }
     }
     var base = m0.xyz;
@@ -302,7 +331,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         }
     }
     if !unlit && !front && (words.x & MATERIAL_DOUBLE_SIDED) == 0u { emission = vec3f(0.0); }
-    return SurfaceHit(position, emission, unlit, base, surface);
+    return SurfaceHit(leaving, position, triangle_normal, emission, unlit, base, surface);
 }
 
 // The normal of a normal map, on the outer side.

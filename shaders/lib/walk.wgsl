@@ -170,8 +170,8 @@ fn spread_along(pdf: f32, distance: f32) -> f32 {
 @if(mesh_lights)
 fn met_light(vertex: Vertex, chosen: BsdfSample, throughput: vec3f, hit: Hit, found: SurfaceHit, bounce: u32, light_samples: u32) -> vec3f {
     let emitter = emitter_of(hit.triangle, vertex.position);
-    let offset = found.position - vertex.position;
-    let cosine = abs(dot(found.surface.geometric_normal, chosen.direction));
+    let offset = found.triangle_position - vertex.position;
+    let cosine = abs(dot(found.triangle_normal, chosen.direction));
     if emitter.density <= 0.0 || cosine <= 0.0 { return throughput; }
     let pdf = emitter.density * dot(offset, offset) / cosine;
     @if(indirect) {

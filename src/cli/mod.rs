@@ -10,6 +10,7 @@ mod plan;
 mod progress;
 mod render;
 mod report;
+mod table1;
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -39,6 +40,8 @@ enum Command {
     Compare(compare::Arguments),
     /// Compare techniques: error against run time, against a reference
     Report(Box<report::Arguments>),
+    /// Render the paper's two scenes by its four techniques, and print its table beside what they took
+    Table1(table1::Arguments),
 }
 
 const EXIT_CODES: &str = "\
@@ -72,6 +75,7 @@ pub fn run() -> ExitCode {
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Table1(arguments) => table1::run(&arguments),
     };
     match ending {
         Ok(Ending::Done) => ExitCode::SUCCESS,

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crate::{Error, Result};
 
 /// What an encoder can fail with.
-type Problem = Box<dyn std::error::Error + Send + Sync>;
+pub(super) type Problem = Box<dyn std::error::Error + Send + Sync>;
 
 /// Replaces the file at `path` by what `write` writes: into a temporary file of the same folder, which is synced to
 /// the disk and renamed. Whatever fails, the old file stays as it was and no temporary one is left. A symbolic link

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::atomic::Problem;
 use super::tone_map::linear_from_srgb;
 use super::{Image, View, read_file, write_atomically};
 use crate::{Error, Result};
@@ -15,21 +16,26 @@ impl Image {
     /// # Errors
     /// [`Error::Output`] where `R`, `G` or `B` is missing or the file cannot be written; the old file then stays.
     pub fn write_png(&self, path: impl AsRef<Path>, view: View, exposure_ev: f32) -> Result<()> {
-        let path = path.as_ref();
-        let bytes = self
-            .display(view, exposure_ev)
-            .map_err(|name| Error::output(path, format!("there is no channel {name}")))?;
-        write_atomically(path, |file| {
-            let mut encoder = png::Encoder::new(file, self.width, self.height);
-            encoder.set_depth(png::BitDepth::Eight);
-            encoder.set_color(png::ColorType::Rgb);
-            if view != View::Raw {
-                encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
-            }
-            let mut writer = encoder.write_header()?;
-            writer.write_image_data(&bytes)?;
-            Ok(writer.finish()?)
-        })
+        write_atomically(path, |file| self.encode_png(file, view, exposure_ev))
+    }
+
+    /// The bytes of [`write_png`](Self::write_png), to any writer.
+    pub(crate) fn encode_png(
+        &self,
+        to: impl std::io::Write,
+        view: View,
+        exposure_ev: f32,
+    ) -> std::result::Result<(), Problem> {
+        let bytes = self.display(view, exposure_ev).map_err(|name| format!("there is no channel {name}"))?;
+        let mut encoder = png::Encoder::new(to, self.width, self.height);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_color(png::ColorType::Rgb);
+        if view != View::Raw {
+            encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&bytes)?;
+        Ok(writer.finish()?)
     }
 
     /// Pixels of 8-bit RGB, row by row from the top; the name of a missing channel as the error.

@@ -62,7 +62,7 @@ pub const FEATURES: &[&str] = &[
     "vertex_colours",
     // Scene: some material has a normal texture.
     "normal_maps",
-    // Scene: some vertex has a normal, so that shading and geometric normals differ.
+    // Scene: some triangle stands for a piece of a smooth surface.
     "smooth_normals",
     // Scene: some material reflects other than as a Lambertian.
     "glossy",

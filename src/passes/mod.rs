@@ -41,7 +41,7 @@ shared_struct! {
 shared_struct! {
     /// A point to be lit; see `shaders/lib/point.wgsl`.
     pub struct Point {
-        /// Position, normalised.
+        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it stands for.
         pub position: [f32; 3],
         /// Octahedral geometric normal on the viewer's side, or [`INVALID_POINT`].
         pub normal: u32,

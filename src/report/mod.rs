@@ -1,4 +1,4 @@
-//! Measures of images against a reference, and reports of error against run time.
+//! Measures of images against a reference, reports of error against run time, and the paper's table.
 
 pub mod classes;
 pub mod curve;
@@ -9,4 +9,5 @@ pub mod page;
 pub mod plot;
 pub mod reference;
 pub mod run;
+pub mod table1;
 pub mod verdict;

@@ -5,6 +5,9 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+use base64::Engine;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+
 use super::json::Json;
 use crate::{Error, Result};
 
@@ -104,38 +107,19 @@ fn decode_data(data: &str) -> std::result::Result<Vec<u8>, &'static str> {
         return Err("data URI with a parameter that has no value");
     }
     if is_base64 {
-        decode_base64(payload).ok_or("invalid base64")
+        BASE64.decode(payload).map_err(|_| "invalid base64")
     } else {
         percent_decode(payload).ok_or("invalid percent-encoding")
     }
 }
 
-/// RFC 4648 section 4; padding may be left out.
-fn decode_base64(text: &str) -> Option<Vec<u8>> {
-    let text = text.trim_end_matches('=').as_bytes();
-    // A single left-over character holds 6 bits, which is no byte.
-    if text.len() % 4 == 1 {
-        return None;
-    }
-    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
-    for group in text.chunks(4) {
-        let mut bits = 0u32;
-        for &c in group {
-            let digit = match c {
-                b'A'..=b'Z' => c - b'A',
-                b'a'..=b'z' => c - b'a' + 26,
-                b'0'..=b'9' => c - b'0' + 52,
-                b'+' => 62,
-                b'/' => 63,
-                _ => return None,
-            };
-            bits = bits << 6 | u32::from(digit);
-        }
-        bits <<= 6 * (4 - group.len());
-        bytes.extend_from_slice(&bits.to_be_bytes()[1..group.len()]);
-    }
-    Some(bytes)
-}
+/// Base64 as files in the wild have it: padding may be left out, and the bits behind the last byte are anything.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &base64::alphabet::STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true),
+);
 
 /// RFC 3986 section 2.1.
 fn percent_decode(text: &str) -> Option<Vec<u8>> {

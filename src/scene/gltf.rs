@@ -39,7 +39,15 @@ impl Scene {
     /// JSON pointer (for the .glb container, the byte) at fault.
     pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
         let bytes = container::read_file(path).map_err(|e| Error::input(path, "file", e))?;
-        let (text, bin) = container::chunks(&bytes, path)?;
+        Scene::from_bytes(&bytes, path, options)
+    }
+
+    /// As [`Scene::load`], of a file that is in memory: `path` names it in errors, and what it refers to lies beside that.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn from_bytes(bytes: &[u8], path: &Path, options: &ImportOptions) -> Result<Scene> {
+        let (text, bin) = container::chunks(bytes, path)?;
         let value =
             serde_json::from_slice(text).map_err(|e| Error::input(path, "file", format!("invalid JSON: {e}")))?;
         let root = Json::root(&value, path);

@@ -45,6 +45,15 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// The triangle has no shading normals, or they are its own.
+    pub fn is_flat(&self, triangle: &Triangle) -> bool {
+        let corners = triangle.vertices.map(|v| &self.vertices[v as usize]);
+        let [a, b, c] = corners.map(|v| v.position);
+        let flat = (b - a).cross(c - a).normalize_or_zero();
+        // 1e-4: normals that files store of flat faces are as far off as their decimals and their packing.
+        corners.iter().any(|v| v.normal == Vec3::ZERO) || corners.iter().all(|v| v.normal.dot(flat) >= 1.0 - 1e-4)
+    }
+
     /// Multiplies the power of every light by `factor`, at least 0. Light seen directly changes with it.
     pub fn scale_lights(&mut self, factor: f32) {
         self.materials.iter_mut().for_each(|material| material.emissive *= factor);

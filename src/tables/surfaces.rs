@@ -46,7 +46,7 @@ impl Layout {
     }
 }
 
-/// Bit of a triangle's material word: it has no shading normals.
+/// Bit of a triangle's material word: it is flat, and its corners' normals say nothing.
 pub(crate) const FLAT: u32 = 1 << 31;
 
 impl SurfaceTables {
@@ -86,7 +86,7 @@ impl SurfaceTables {
 
 fn push_triangle(records: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle, layout: &Layout) {
     let corners = triangle.vertices.map(|v| scene.vertices[v as usize]);
-    let flat = corners.iter().any(|c| c.normal == Vec3::ZERO);
+    let flat = scene.is_flat(triangle);
     let [n0, n1, n2] = corners.map(|c| if flat { 0 } else { oct_encode16(c.normal) });
     records.push([n0, n1, n2, triangle.material | if flat { FLAT } else { 0 }]);
     if layout.uv.is_some() {

@@ -34,6 +34,8 @@ pub(super) struct Kernels {
     shadow: Shadow,
     shade: Shade,
     map: Option<MapKernels>,
+    /// They audit.
+    audit: bool,
 }
 
 impl Kernels {
@@ -49,7 +51,8 @@ impl Kernels {
             },
             || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
-        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map: map.transpose()? })
+        let audit = features.has("audit");
+        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map: map.transpose()?, audit })
     }
 }
 
@@ -64,6 +67,8 @@ pub(super) struct Direct {
     words: u32,
     settings: Settings,
     dilate: u32,
+    /// Of a decided point; 0 where nothing is audited.
+    audit_probability: f32,
 }
 
 struct Passes {
@@ -118,7 +123,8 @@ impl Direct {
         totals: &mut Totals,
     ) -> Result<Direct> {
         let Shared { gpu, scene, tables, .. } = *shared;
-        let Kernels { classify, shadow, shade, map } = kernels;
+        let Kernels { classify, shadow, shade, map, audit } = kernels;
+        let audit_probability = if audit { settings.audit } else { 0.0 };
         let lights = scene.lights.len() as u32;
         let words = settings.shadow_samples.div_ceil(32);
         let lights_in_chunk = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words)).clamp(1, lights.max(1));
@@ -136,14 +142,15 @@ impl Direct {
         let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
         let bound = passes.bind(shared, &buffers, map.as_ref(), dilate)?;
-        Ok(Direct { buffers, map, passes, bound, lights, lights_in_chunk, words, settings: settings.clone(), dilate })
+        let settings = settings.clone();
+        Ok(Direct { buffers, map, passes, bound, lights, lights_in_chunk, words, settings, dilate, audit_probability })
     }
 
     /// Adds the direct light of every light to the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, films: &[ShadowFilm]) {
         for first_light in (0..self.lights).step_by(self.lights_in_chunk as usize) {
             let lights = self.lights_in_chunk.min(self.lights - first_light);
-            let audit_probability = self.settings.audit;
+            let audit_probability = self.audit_probability;
             let chunk = Chunk { first_light, lights, dilate: self.dilate, audit_probability };
             let group = self.passes.shadow.workgroup_size();
             self.bound.classify.record(frame, &self.buffers.classify, tile, &chunk, group);

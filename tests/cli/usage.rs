@@ -11,7 +11,7 @@ fn help_and_version_are_answers() {
     let version = run("--version", &[]);
     assert_eq!(version.assert_done().stdout, concat!("penumbra ", env!("CARGO_PKG_VERSION"), "\n"));
     for arguments in
-        ["--help", "-h", "help", "render --help", "plan -h", "devices --help", "compare --help", "report --help"]
+        ["--help", "help", "render --help", "plan -h", "devices --help", "compare --help", "report --help", "table1 -h"]
     {
         let answer = run(arguments, &[]);
         answer.assert_done();
@@ -111,6 +111,9 @@ fn wrong_usage_names_the_option() {
         ("report no-scene.glb -o x --reference-error 0", "--reference-error"),
         ("report no-scene.glb -o x --width 0", "--width"),
         ("devices now", "now"),
+        ("table1 --width 0", "--width"),
+        ("table1 --spp 0", "--spp"),
+        ("table1 sphere.glb", "sphere.glb"),
         ("paint", "paint"),
     ] {
         run(arguments, &[]).assert_refused(2, &[word]);

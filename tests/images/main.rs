@@ -9,3 +9,4 @@ mod setup;
 #[path = "../common/shared_files.rs"]
 mod shared_files;
 mod table;
+mod table1;

@@ -26,6 +26,7 @@ struct Setup<'a> {
     nearest: u32,
     exact_counts: bool,
     paper_counting: bool,
+    visibility_estimate: bool,
     tile: Tile,
     chunk: Chunk,
 }
@@ -35,12 +36,25 @@ impl<'a> Setup<'a> {
         let count = points.len() as u32;
         let tile = Tile { width: count, height: 1, pixel_count: count, point_count: count, ..Tile::default() };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
-        Setup { photons, points, lights: 1, shape, nearest, exact_counts: true, paper_counting: false, tile, chunk }
+        Setup {
+            photons,
+            points,
+            lights: 1,
+            shape,
+            nearest,
+            exact_counts: true,
+            paper_counting: false,
+            visibility_estimate: false,
+            tile,
+            chunk,
+        }
     }
 
     fn run(&self, gpu: &Gpu) -> Outcome {
-        let features: Features =
-            device_features(gpu).with("paper_counting", self.paper_counting).with("visibility_map", true);
+        let features: Features = device_features(gpu)
+            .with("paper_counting", self.paper_counting)
+            .with("visibility_estimate", self.visibility_estimate)
+            .with("visibility_map", true);
         let photons = gpu.upload("test/photons", self.photons).unwrap();
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
         tile.points = gpu.upload("test/points", self.points).unwrap();
@@ -203,4 +217,32 @@ fn queues_hold_what_the_classes_say() {
         let deviation = (outcome.audit_queue.len() - near) as f64 - 0.25 * n;
         assert!(deviation.abs() < 5.0 * (n * 0.25 * 0.75).sqrt(), "{deviation} of {n}");
     }
+}
+
+/// Where the photons' own visibility is shown, boundaries ask no shadow rays: only points without any photon do.
+#[test]
+fn the_estimate_asks_only_where_there_are_no_photons() {
+    let gpu = gpu();
+    let room = Room::new(0.05);
+    let mut photons = room.photons(20_000, 0, &mut Random(8));
+    // A part of the room that no photon reaches.
+    photons.retain(|photon| photon.position[0] < 0.3);
+    let points = room.points(150, 100);
+    let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
+    let mut setup = Setup::new(&photons, &points, shape, 50);
+    let every = setup.run(gpu);
+    setup.visibility_estimate = true;
+    let outcome = setup.run(gpu);
+    assert!(outcome.words == every.words, "the classes are others");
+    assert_eq!(outcome.counters, every.counters);
+    let asked = |word: u32| {
+        let found = Classified::new(word);
+        found.class == Class::Unknown && found.n_i + found.n_s == 0
+    };
+    let mut queue = outcome.boundary_queue;
+    queue.sort_unstable();
+    let expected: Vec<u32> = (0..points.len() as u32).filter(|slot| asked(outcome.words[*slot as usize])).collect();
+    assert!(expected.len() > 100 && every.boundary_queue.len() > expected.len() + 100, "nothing to tell apart");
+    assert_eq!(queue, expected);
+    assert_eq!(outcome.arguments[4..7], [(queue.len() as u32).div_ceil(128), 1, 1]);
 }

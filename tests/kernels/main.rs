@@ -19,4 +19,5 @@ mod shade;
 mod shadow;
 mod stage;
 mod statistics;
+mod terminator;
 mod traverse;

@@ -38,11 +38,15 @@ enum Fault {
     Colours,
     /// Shading normals are the geometric ones.
     Flat,
+    /// Rays leave from the triangle, not from the smooth surface that it stands for.
+    Facets,
+    /// The surface's own normal is the triangle's.
+    FacetNormals,
     /// The distance for the depth.
     Depth,
 }
 
-const FAULTS: [Fault; 10] = [
+const FAULTS: [Fault; 12] = [
     Fault::Backs,
     Fault::Facing,
     Fault::Planes,
@@ -52,6 +56,8 @@ const FAULTS: [Fault; 10] = [
     Fault::Filter,
     Fault::Colours,
     Fault::Flat,
+    Fault::Facets,
+    Fault::FacetNormals,
     Fault::Depth,
 ];
 
@@ -133,6 +139,9 @@ fn cameras() -> [Camera; 2] {
 /// What a pixel shows.
 struct Seen {
     position: DVec3,
+    /// Where its rays leave from, and how far roundings of normals may move that.
+    leaving: DVec3,
+    moved: f64,
     distance: f64,
     depth: f64,
     /// Cosine between the ray and the surface's normal.
@@ -227,12 +236,30 @@ impl Oracle<'_> {
         let weights = [1.0 - crossing.u - crossing.v, crossing.u, crossing.v];
         let front = crossing.normal.dot(direction) < 0.0;
         let faced = |n: DVec3| if front || self.fault == Fault::Facing { n } else { -n };
+        let position = origin + direction * crossing.t;
+        let (mut leaving, mut geometric, mut moved) = (position, crossing.normal, 0.0);
         let mut shading = crossing.normal;
         if corners[0].normal != Vec3::ZERO && self.fault != Fault::Flat {
             shading = (0..3).map(|i| weights[i] * corners[i].normal.as_dvec3()).sum::<DVec3>().normalize();
             // At the rim the normal is bent towards the viewer, by how much is left to the pass.
             if faced(shading).dot(-direction) < 2e-3 {
                 return Err(());
+            }
+            // The sum of the projections to the tangent planes that are over the point (Hanika 2021). From inside, the
+            // ball is hollow: they are under it.
+            let projections = (0..3).map(|i| {
+                let (corner, normal) = (corners[i].position.as_dvec3(), faced(corners[i].normal.as_dvec3()));
+                let from_corner = position - corner;
+                weights[i] * (from_corner - normal * from_corner.dot(normal).min(0.0))
+            });
+            if self.fault != Fault::Facets {
+                leaving += projections.sum::<DVec3>();
+                let size =
+                    (0..3).map(|i| corners[i].position.distance(corners[(i + 1) % 3].position)).fold(0.0, f32::max);
+                moved = NORMAL * f64::from(size);
+            }
+            if self.fault != Fault::FacetNormals {
+                geometric = shading;
             }
         }
         let mut base = material.base_colour.as_dvec4() * self.texel(&material.base_colour_texture, crossing)?;
@@ -249,11 +276,13 @@ impl Oracle<'_> {
             emission = material.emissive.as_dvec3() * self.texel(&material.emissive_texture, crossing)?.truncate();
         }
         Ok(Seen {
-            position: origin + direction * crossing.t,
+            position,
+            leaving,
+            moved,
             distance: crossing.t,
             depth: crossing.t * if self.fault == Fault::Depth { 1.0 } else { cosine },
             cosine: crossing.normal.dot(direction).abs(),
-            geometric: faced(crossing.normal),
+            geometric: faced(geometric),
             shading: faced(shading),
             emission,
             base,
@@ -386,7 +415,7 @@ fn same(outcome: &Outcome, i: usize, seen: &Option<Seen>) -> bool {
     let lit = if seen.unlit {
         point[i] == [0, 0, 0, INVALID_POINT]
     } else {
-        near(vector(point).truncate(), seen.position, tolerance)
+        near(vector(point).truncate(), seen.leaving, tolerance + seen.moved)
             && near(oct_decode(point[i][3], 16), seen.geometric, NORMAL)
     };
     let reflected = if seen.unlit { DVec3::ZERO } else { seen.base };

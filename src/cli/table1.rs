@@ -1,0 +1,76 @@
+//! `penumbra table1`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use penumbra::film;
+use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::report::table1::{Comparison, Options, SCENES, TECHNIQUES, notes, page};
+use penumbra::{Result, Technique};
+
+use super::progress::{Display, Goal};
+use super::{Ending, print, say};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    /// Write a page with the images side by side, which needs no other file
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    html: Option<PathBuf>,
+
+    /// Print the table and errors only
+    #[arg(long, help_heading = "Output")]
+    quiet: bool,
+
+    /// Width and height in pixels [default: about the paper's]
+    #[arg(long, value_name = "PIXELS", help_heading = "Image")]
+    width: Option<u32>,
+
+    /// Samples a pixel, of every technique [default: about the paper's]
+    #[arg(long, value_name = "SAMPLES", help_heading = "Image")]
+    spp: Option<u32>,
+
+    /// Count photons without regard to their normals, as the paper does
+    #[arg(long, help_heading = "Visibility map")]
+    paper_counting: bool,
+
+    /// Device: best, software, an index or a part of a name of `penumbra devices`
+    #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
+    device: DeviceChoice,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let Arguments { width, spp, paper_counting, .. } = *arguments;
+    let options = Options { width, spp, paper_counting };
+    SCENES[0].settings(Technique::Path, &options).check()?;
+    arguments.html.iter().try_for_each(film::check_target)?;
+    let gpu = Gpu::open(&arguments.device)?;
+    let mut comparisons = Vec::new();
+    for scene in &SCENES {
+        let render = |technique| {
+            let settings = scene.settings(technique, &options);
+            if !arguments.quiet {
+                say(format_args!("{}: {technique}, {} spp, on {}", scene.title, settings.spp, gpu.info.name));
+            }
+            let mut display = None;
+            scene.render(&gpu, &settings, |progress| {
+                // Not before: its clock would count the time that compiling takes.
+                let goal = Goal { spp: settings.spp, deadline: None };
+                display.get_or_insert_with(|| Display::new(goal, arguments.quiet)).update(progress);
+            })
+        };
+        let [path, all, some, none] = TECHNIQUES;
+        let comparison = Comparison::new(scene, [render(path)?, render(all)?, render(some)?, render(none)?])?;
+        print(&(comparison.text() + "\n"))?;
+        comparisons.push(comparison);
+    }
+    print(&(notes(&options).join("\n") + "\n"))?;
+    if let Some(path) = &arguments.html {
+        let page = page(&comparisons, &options)?;
+        film::write_atomically(path, |file| Ok(file.write_all(page.as_bytes())?))?;
+        if !arguments.quiet {
+            say(format_args!("wrote {}", path.display()));
+        }
+    }
+    Ok(Ending::Done)
+}

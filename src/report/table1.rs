@@ -1,0 +1,379 @@
+//! Table 1 of the paper again: its two scenes by its four techniques at its settings, beside its own figures.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::film::View;
+use crate::gpu::Gpu;
+use crate::scene::ImportOptions;
+use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
+
+use super::metrics;
+
+/// The paper's techniques, in the order of its table.
+pub const TECHNIQUES: [Technique; 4] =
+    [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons, Technique::VisibilityEstimate];
+
+/// Width and height of the images in pixels. The paper does not say; but a path sends a shadow ray and another ray from
+/// every surface that it meets, so its images have (rays in all - 2 shadow rays) / samples pixels: 132,000 and 117,000.
+const SIDE: u32 = 350;
+
+/// A scene of the paper, with what the paper says of it.
+pub struct PaperScene {
+    /// The paper's name of it.
+    pub title: &'static str,
+    file: &'static str,
+    bytes: &'static [u8],
+    /// Photons that the light emits.
+    photons: u32,
+    nearest: u32,
+    /// Samples a pixel of the path-traced reference.
+    reference_spp: u32,
+    /// Samples a pixel of the other techniques.
+    spp: u32,
+    /// Photons in the paper's map.
+    paper_photons: &'static str,
+    figures: [Figures; 4],
+}
+
+/// A row of the paper's table.
+struct Figures {
+    time: &'static str,
+    shadow_rays: u64,
+    rays: u64,
+}
+
+/// The scenes of the paper. Samples of the techniques that are not references: those at which two-pass rendering, with
+/// one shadow ray a point, comes to the paper's number of shadow rays within 7 %.
+pub const SCENES: [PaperScene; 2] = [
+    PaperScene {
+        title: "Marble sphere",
+        file: "sphere.glb",
+        bytes: include_bytes!("../../scenes/sphere.glb"),
+        // The paper counts the photons in its map. Of those that the light sends all around, one in six meets the scene.
+        photons: 190_000,
+        nearest: 30,
+        reference_spp: 100,
+        spp: 4,
+        paper_photons: "33,000 photons, 3,420 of them shadow photons",
+        figures: [
+            Figures { time: "2100 s", shadow_rays: 8_574_150, rays: 30_325_200 },
+            Figures { time: "31 s", shadow_rays: 248_259, rays: 452_185 },
+            Figures { time: "28 s", shadow_rays: 13_104, rays: 246_718 },
+            Figures { time: "28 s", shadow_rays: 0, rays: 234_001 },
+        ],
+    },
+    PaperScene {
+        title: "Box scene",
+        file: "box.glb",
+        bytes: include_bytes!("../../scenes/box.glb"),
+        // Its map has indirect photons too, and the paper does not say how many.
+        photons: 176_000,
+        nearest: 50,
+        reference_spp: 1000,
+        spp: 24,
+        paper_photons: "176,000 photons, direct and indirect, and 10,690 shadow photons",
+        figures: [
+            Figures { time: "16 h", shadow_rays: 269_361_500, rays: 656_126_500 },
+            Figures { time: "915 s", shadow_rays: 2_033_070, rays: 3_073_938 },
+            Figures { time: "847 s", shadow_rays: 182_556, rays: 1_226_560 },
+            Figures { time: "843 s", shadow_rays: 0, rays: 1_044_132 },
+        ],
+    },
+];
+
+/// Where a table departs from the paper's settings.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Width and height of the images in pixels; none: the paper's.
+    pub width: Option<u32>,
+    /// Samples a pixel of every technique; none: the paper's.
+    pub spp: Option<u32>,
+    /// Count photons without regard to their normals, as the paper does.
+    pub paper_counting: bool,
+}
+
+impl PaperScene {
+    /// Settings of a technique: the paper's, which has neither audits nor dilation.
+    pub fn settings(&self, technique: Technique, options: &Options) -> Settings {
+        let path = technique == Technique::Path;
+        let side = options.width.unwrap_or(SIDE);
+        Settings {
+            technique,
+            width: side,
+            height: side,
+            spp: options.spp.unwrap_or(if path { self.reference_spp } else { self.spp }),
+            // Another one for the reference: with the same random numbers the noise of both would be much the same.
+            seed: u32::from(path),
+            photons: self.photons,
+            nearest: self.nearest,
+            shadow_samples: 1,
+            dilate: Some(0),
+            audit: 0.0,
+            paper_counting: options.paper_counting,
+            // The reference states its own noise.
+            aovs: if path { vec![Aov::Direct, Aov::Variance] } else { vec![Aov::Direct] },
+            ..Settings::default()
+        }
+    }
+
+    /// Renders the scene, with `after_batch` told how far it is.
+    ///
+    /// # Errors
+    /// Those of [`Renderer`].
+    pub fn render(&self, gpu: &Gpu, settings: &Settings, after_batch: impl FnMut(&Progress)) -> Result<Render> {
+        // A driver compiles kernels when they first run: not a part of the time that is compared.
+        self.render_once(gpu, &Settings { width: 8, height: 8, spp: 1, ..settings.clone() }, |_| ())?;
+        self.render_once(gpu, settings, after_batch)
+    }
+
+    fn render_once(&self, gpu: &Gpu, settings: &Settings, mut after_batch: impl FnMut(&Progress)) -> Result<Render> {
+        let scene = Scene::from_bytes(self.bytes, Path::new(self.file), &ImportOptions::default())?;
+        let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
+        let mut renderer = Renderer::new(gpu, scene, &camera, settings)?;
+        while renderer.samples() < settings.spp {
+            after_batch(&renderer.render_batch()?);
+        }
+        Ok(Render { image: renderer.image()?, statistics: renderer.statistics()? })
+    }
+}
+
+/// A scene by one technique.
+pub struct Render {
+    /// The picture.
+    pub image: Image,
+    /// What it took.
+    pub statistics: Statistics,
+}
+
+/// A scene by all four.
+pub struct Comparison {
+    scene: &'static PaperScene,
+    renders: [Render; 4],
+    relmse: [f64; 4],
+    relmse_direct: [f64; 3],
+}
+
+impl Comparison {
+    /// Of renders in the order of [`TECHNIQUES`], with their relMSE against the first.
+    ///
+    /// # Errors
+    /// Those of [`metrics::relmse`].
+    pub fn new(scene: &'static PaperScene, renders: [Render; 4]) -> Result<Comparison> {
+        let reference = &renders[0].image;
+        let direct = direct_light(reference);
+        let mut relmse = [own_relmse(reference)?; 4];
+        let mut relmse_direct = [0.0; 3];
+        for (i, Render { image, .. }) in renders[1..].iter().enumerate() {
+            relmse[i + 1] = metrics::relmse(image, reference)?;
+            relmse_direct[i] = metrics::relmse(&direct_light(image), &direct)?;
+        }
+        Ok(Comparison { scene, renders, relmse, relmse_direct })
+    }
+
+    /// relMSE of direct light against that of `path`, of the other three of [`TECHNIQUES`].
+    pub fn relmse_direct(&self) -> [f64; 3] {
+        self.relmse_direct
+    }
+
+    /// relMSE by technique, in the order of [`TECHNIQUES`]: of `path` its own noise, of the others their difference from it.
+    pub fn relmse(&self) -> [f64; 4] {
+        self.relmse
+    }
+
+    /// 1 - shadow rays over those of `two-pass`, in the order of [`TECHNIQUES`]; none for what is not compared.
+    pub fn reductions(&self) -> [Option<f64>; 4] {
+        reductions(std::array::from_fn(|i| self.renders[i].statistics.rays.shadow))
+    }
+
+    /// The table, in columns of text.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}\n", self.headline());
+        let table =
+            [["", "paper", "", "", "", "here", "", "", "", "", ""].map(str::to_owned), COLUMNS.map(str::to_owned)];
+        let rows: Vec<_> = table.into_iter().chain(self.cells()).collect();
+        let widths: [usize; 11] = std::array::from_fn(|c| rows.iter().map(|row| row[c].len()).max().unwrap_or(0));
+        for row in rows {
+            let mut line = format!("{:1$}", row[0], widths[0]);
+            for (cell, width) in row[1..].iter().zip(&widths[1..]) {
+                let _ = write!(line, "  {cell:>width$}");
+            }
+            let _ = writeln!(text, "{}", line.trim_end());
+        }
+        text
+    }
+
+    fn headline(&self) -> String {
+        let [path, _, shadow, _] = &self.renders;
+        let Settings { width, height, spp, nearest, .. } = shadow.statistics.settings;
+        let sum = |count: fn(&crate::statistics::LightPhotons) -> u64| {
+            grouped(shadow.statistics.photons.iter().map(count).sum())
+        };
+        format!(
+            "{}: {width} x {height} pixels, {} spp ({spp} without paths), k {nearest}; of {} photons emitted {} \
+             illumination and {} shadow photons stored (the paper: {})",
+            self.scene.title,
+            path.statistics.settings.spp,
+            sum(|p| p.emitted),
+            sum(|p| p.illumination),
+            sum(|p| p.shadow),
+            self.scene.paper_photons
+        )
+    }
+
+    /// The cells under [`COLUMNS`].
+    fn cells(&self) -> [[String; 11]; 4] {
+        let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let (paper, here) = (reductions(self.scene.figures.each_ref().map(|row| row.shadow_rays)), self.reductions());
+        std::array::from_fn(|i| {
+            let figures = &self.scene.figures[i];
+            let Statistics { rays, time, .. } = &self.renders[i].statistics;
+            [
+                TECHNIQUES[i].name().to_owned(),
+                figures.time.to_owned(),
+                grouped(figures.shadow_rays),
+                grouped(figures.rays),
+                percent(paper[i]),
+                format!("{:.2} s", time.bvh + time.render),
+                grouped(rays.shadow),
+                grouped(rays.total),
+                percent(here[i]),
+                format!("{:.1e}", self.relmse[i]),
+                i.checked_sub(1).map_or("-".to_owned(), |i| format!("{:.1e}", self.relmse_direct[i])),
+            ]
+        })
+    }
+
+    fn html(&self) -> Result<String> {
+        let mut html = format!("<h2>{}</h2>\n<p>{}</p>\n<div class=\"images\">\n", self.scene.title, self.headline());
+        for (technique, render) in TECHNIQUES.iter().zip(&self.renders) {
+            let mut png = Vec::new();
+            let Image { width, height, .. } = render.image;
+            render.image.encode_png(&mut png, View::default(), 0.0).map_err(|e| Error::output("the page", e))?;
+            let data = STANDARD.encode(png);
+            let _ = writeln!(
+                html,
+                "<figure><img src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" \
+                 alt=\"{title} by {technique}\"><figcaption>{technique}</figcaption></figure>",
+                title = self.scene.title
+            );
+        }
+        html += "</div>\n<table>\n<tr><th></th><th colspan=\"4\">paper</th><th colspan=\"6\">here</th></tr>\n";
+        let row = |kind: &str, cells: &[String]| {
+            let cells: Vec<_> = cells.iter().map(|cell| format!("<{kind}>{cell}</{kind}>")).collect();
+            format!("<tr>{}</tr>\n", cells.concat())
+        };
+        html += &row("th", &COLUMNS.map(str::to_owned));
+        html.extend(self.cells().iter().map(|cells| row("td", cells)));
+        html += "</table>\n";
+        Ok(html)
+    }
+}
+
+const COLUMNS: [&str; 11] = [
+    "technique",
+    "time",
+    "shadow rays",
+    "all rays",
+    "reduction",
+    "time",
+    "shadow rays",
+    "all rays",
+    "reduction",
+    "relMSE",
+    "direct",
+];
+
+/// How to read the tables, a sentence a line.
+pub fn notes(options: &Options) -> Vec<&'static str> {
+    vec![
+        "Time: hierarchy, photons and all samples of one run; kernels were compiled before.",
+        "Reduction: 1 - shadow rays over those of two-pass.",
+        "relMSE: against path, of all light and of direct light; of path itself the noise that its samples show, which the \
+         others' numbers contain.",
+        if options.paper_counting {
+            "Photons are counted without regard to their normals, as in the paper."
+        } else {
+            "Photons are counted by their normals; --paper-counting counts them as the paper does."
+        },
+        "There are no audits and no dilation: the paper has neither.",
+    ]
+}
+
+/// One self-contained page of all scenes, their four images side by side.
+///
+/// # Errors
+/// [`Error::Output`] where an image has no picture.
+pub fn page(comparisons: &[Comparison], options: &Options) -> Result<String> {
+    let mut html = String::from(HEAD);
+    if let Some(Render { statistics, .. }) = comparisons.first().map(|comparison| &comparison.renders[0]) {
+        let device = statistics.device.name.replace('&', "&amp;").replace('<', "&lt;");
+        let _ = writeln!(html, "<p>Penumbra {}, on {device}.</p>", statistics.version);
+    }
+    for comparison in comparisons {
+        html += &comparison.html()?;
+    }
+    for note in notes(options) {
+        let _ = writeln!(html, "<p>{note}</p>");
+    }
+    html += "</body>\n</html>\n";
+    Ok(html)
+}
+
+const HEAD: &str = "<!DOCTYPE html>
+<html lang=\"en\">
+<head>
+<meta charset=\"utf-8\">
+<title>Table 1 again</title>
+<style>
+body { font: 15px/1.5 sans-serif; max-width: 1460px; margin: 2em auto; padding: 0 1em; }
+.images { display: grid; grid-template-columns: repeat(4, 1fr); gap: 8px; }
+figure { margin: 0; }
+img { width: 100%; height: auto; }
+table { border-collapse: collapse; margin: 1em 0; font-variant-numeric: tabular-nums; }
+th, td { padding: 2px 12px; text-align: right; border-bottom: 1px solid #ccc; }
+th:first-child, td:first-child { text-align: left; }
+</style>
+</head>
+<body>
+<h1>Table 1 again</h1>
+<p>Jensen and Christensen, <i>Efficiently rendering shadows using the photon map</i> (1995).</p>
+";
+
+/// The image of direct light alone, where the image has its channels.
+fn direct_light(image: &Image) -> Image {
+    let mut direct = Image::new(image.width, image.height);
+    for name in ["R", "G", "B"] {
+        if let Some(samples) = image.channel(&format!("direct.{name}")) {
+            direct.add_channel(name, samples.to_vec());
+        }
+    }
+    direct
+}
+
+/// The mean of variance / (r^2 + 0.01): what [`metrics::relmse`] of an image is on average against one without noise.
+fn own_relmse(image: &Image) -> Result<f64> {
+    let channel =
+        |name: &str| image.channel(name).ok_or_else(|| Error::input("reference", name, "there is no such channel"));
+    let mut sum = 0.0;
+    for name in ["R", "G", "B"] {
+        let pairs = channel(name)?.iter().zip(channel(&format!("variance.{name}"))?);
+        sum += pairs.map(|(&r, &variance)| f64::from(variance) / (f64::from(r).powi(2) + 0.01)).sum::<f64>();
+    }
+    Ok(sum / (3 * image.pixels()) as f64)
+}
+
+fn reductions([_, all, some, none]: [u64; 4]) -> [Option<f64>; 4] {
+    let reduction = |rays: u64| (all > 0).then(|| 1.0 - rays as f64 / all as f64);
+    [None, None, reduction(some), reduction(none)]
+}
+
+/// A number with its thousands apart.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let groups: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
+    groups.join(",")
+}
