@@ -26,6 +26,8 @@ pub struct Statistics {
     pub points: Points,
     /// Photons by light.
     pub photons: Vec<LightPhotons>,
+    /// What indirect light is made of.
+    pub indirect: Indirect,
     /// What audits found.
     pub audits: Audits,
     /// Samples that were not finite, and left out of the image.
@@ -49,7 +51,7 @@ pub struct Statistics {
 pub struct Rays {
     /// From the camera.
     pub camera: u64,
-    /// From lights, straight through the scene.
+    /// Of photons: from lights, and on through the scene.
     pub photon: u64,
     /// To lights, for boundary points.
     pub shadow: u64,
@@ -106,6 +108,21 @@ pub struct LightPhotons {
     pub shadow: u64,
     /// Photons that audits added.
     pub healed: u64,
+}
+
+/// The global map and the irradiance cache.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Indirect {
+    /// Rays whose photons carry flux, of all lights together.
+    pub emitted: u64,
+    /// Photons of the global map.
+    pub photons: u64,
+    /// Those of them that carry more than a photon's word holds, and lost the rest.
+    pub cut: u64,
+    /// Places where irradiance is precomputed.
+    pub places: u64,
+    /// Irradiance records.
+    pub records: u64,
 }
 
 /// What audits found about the decided points.
@@ -191,7 +208,7 @@ pub struct Times {
 pub struct Memory {
     /// The scene's tables: BVH, surfaces, textures, lights.
     pub scene: u64,
-    /// Photons and grid.
+    /// Photons, their grids, irradiance records.
     pub photons: u64,
     /// Points, classes, radiance, film.
     pub frame: u64,

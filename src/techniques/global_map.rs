@@ -9,6 +9,7 @@ use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
 };
 use crate::settings::Settings;
+use crate::statistics::Indirect;
 
 use super::direct::Shared;
 use super::totals::Totals;
@@ -65,6 +66,12 @@ impl GlobalMap {
         };
         let extent = extent(scene);
         let photons = trace(flux_photons, seed)?;
+        let mut counts = Indirect {
+            emitted: u64::from(photons.emitted),
+            photons: u64::from(photons.count),
+            cut: photons.cut,
+            ..Indirect::default()
+        };
         let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
@@ -73,6 +80,7 @@ impl GlobalMap {
             let shape = place_grid(extent, places.count);
             let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
             let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
+            counts.places = u64::from(precomputed.places.count);
             totals.photon_bytes += precomputed.bytes;
             irradiance = Some(precomputed);
         }
@@ -81,6 +89,7 @@ impl GlobalMap {
             totals.photon_bytes += map.bytes;
             show = Some(kernels.irradiance.bind_show(gpu, tile, tables, &map, photons.step)?);
         }
+        totals.indirect = counts;
         Ok(GlobalMap { irradiance, show })
     }
 

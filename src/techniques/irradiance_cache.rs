@@ -81,7 +81,7 @@ impl IrradianceCache {
         for spacing in SPACINGS {
             cache.fill(with, spacing, totals)?;
         }
-        totals.cache_records = cache.heads.len() as u64;
+        totals.indirect.records = cache.heads.len() as u64;
         totals.photon_bytes += cache.values.bytes;
         Ok(cache)
     }

@@ -18,7 +18,7 @@ use crate::passes::primary::{BoundPrimary, Primary};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
-use crate::statistics::{Counter, Statistics};
+use crate::statistics::{self, Counter, Statistics};
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
@@ -203,7 +203,7 @@ impl<'g> Renderer<'g> {
         }
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene);
+        let notes = notes(&scene, settings, &totals.indirect);
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
@@ -417,10 +417,19 @@ pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }
 
-fn notes(scene: &Scene) -> Vec<String> {
+fn notes(scene: &Scene, settings: &Settings, indirect: &statistics::Indirect) -> Vec<String> {
     let mut notes = Vec::new();
     if scene.triangles.is_empty() {
         notes.push("the scene has no triangles: the image is empty".to_owned());
+    }
+    let wanted = u64::from(settings.flux_photons);
+    // Rounding by light takes a few rays; less than half are left only where the device has no room.
+    if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
+        let emitted = indirect.emitted;
+        notes.push(format!("the photons of {emitted} rays fill the device's largest buffer: not {wanted} carry flux"));
+    }
+    if indirect.cut > 0 {
+        notes.push(format!("{} photons carry more flux than they can hold: indirect light is too dark", indirect.cut));
     }
     notes
 }

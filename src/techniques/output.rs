@@ -153,6 +153,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
         rays: totals.rays(),
         points: totals.points(),
         photons: totals.photons.clone(),
+        indirect: totals.indirect,
         audits: totals.audits(),
         not_finite: totals.get(Counter::NotFinite),
         time: Times {

@@ -1,6 +1,6 @@
 //! Counts and times of a render, added up from what the kernels count.
 
-use crate::statistics::{Audits, Counter, LightPhotons, Points, Rays, Stratum};
+use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
 /// Sums over all samples so far.
@@ -11,7 +11,7 @@ pub(super) struct Totals {
     pub photons: Vec<LightPhotons>,
     pub photon_rays: u64,
     pub gather_rays: u64,
-    pub cache_records: u64,
+    pub indirect: Indirect,
     pub bvh_depth: u32,
     pub time_bvh: f64,
     pub time_compile: f64,
