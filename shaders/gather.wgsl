@@ -4,8 +4,7 @@
 // mean of the distances (`record`).
 // In: points and surfaces, and which of them want records. Out: `record_heads`, `record_values`; see lib/record.
 
-import package::lib::bsdf::bsdf_diffuse;
-@if(glossy) import package::lib::bsdf::residual_chance;
+import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::camera::pixel_size;
 import package::lib::dispatch::{dispatch_groups, group_index};
@@ -51,7 +50,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(9) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Of a ray whose diffuse light a look-up has brought: what is left is what the surface reflects beyond it.
+// Of a ray for which a look-up has brought the diffuse part: what is left is a metal's reflection.
 const FOLLOW_RESIDUAL = 0x80000000u;
 const GATHER_GROUP = 64u;
 // Distance of what a ray did not meet.
@@ -106,12 +105,9 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             var follow = 0u;
             var follows = true;
             if spread_along(leaving.pdf, hit.t) >= known.radius {
-                brought = vec4f(bsdf_diffuse(found.surface) * known.value, hit.t);
-                follows = false;
-                @if(glossy) {
-                    follow = FOLLOW_RESIDUAL;
-                    follows = uniform_from_bits(hash2(leaving.seed, 0x676c6f73u + id)) < residual_chance(found.surface);
-                }
+                brought = vec4f(bsdf_seen_afar(found.surface) * known.value, hit.t);
+                follow = FOLLOW_RESIDUAL;
+                follows = reflects_more(found.surface);
             }
             if follows {
                 let at = atomicAdd(&follow_count[0], 1u);
@@ -142,12 +138,8 @@ fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     vertex.position = found.position;
     vertex.surface = found.surface;
     vertex.sample_index = leaving.stratum;
-    var throughput = vec3f(1.0);
-    @if(glossy) {
-        vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u;
-        if vertex.residual { throughput /= residual_chance(found.surface); }
-    }
-    let start = PathStart(throughput, 1u, spread_along(leaving.pdf, words.x));
+    @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
+    let start = PathStart(vec3f(1.0), 1u, spread_along(leaving.pdf, words.x));
     let brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
     gathered[id] = vec4f(gathered[id].xyz + brought.indirect, words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);

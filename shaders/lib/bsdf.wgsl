@@ -104,11 +104,23 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @else { return vec3f(0.0); }
 }
 
-// How often a path goes on for what a surface reflects beyond its diffuse part: always on metals, seldom where that is the
-// few hundredths of a dielectric.
-@if(glossy)
-fn residual_chance(s: Surface) -> f32 {
-    return clamp(2.0 * max(s.f0.x, max(s.f0.y, s.f0.z)), 0.1, 1.0);
+// Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
+@if(glossy) const DIELECTRIC = 0.2;
+
+// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal.
+fn reflects_more(s: Surface) -> bool {
+    @if(glossy) { return max(s.f0.x, max(s.f0.y, s.f0.z)) > DIELECTRIC; }
+    @else { return false; }
+}
+
+// What light of all directions together is reflected of, where a path ends: of a dielectric layer the hemispherical mean of
+// Schlick's term over what the base does not reflect, as if it were spread like the base's. Traced, its highlights of small
+// lights would be found by few rays, each as bright as the light.
+fn bsdf_seen_afar(s: Surface) -> vec3f {
+    @if(glossy) {
+        if !reflects_more(s) { return (s.albedo + (1.0 - s.albedo) * (s.f0 + (vec3f(s.f90) - s.f0) / 21.0)) / PI; }
+    }
+    return bsdf_diffuse(s);
 }
 
 // The BSDF, per steradian; 0 for directions that the surface does not face.

@@ -7,8 +7,7 @@
 
 import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample};
 @if(glossy && (global_map || (indirect && mesh_lights))) import package::lib::bsdf::bsdf_residual;
-@if(global_map) import package::lib::bsdf::bsdf_diffuse;
-@if(global_map && glossy) import package::lib::bsdf::residual_chance;
+@if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 @if(global_map) import package::lib::irradiance::irradiance_near;
 import package::lib::light::{BEYOND_SCENE, choose_light, light_sample, shadow_ray};
@@ -143,16 +142,11 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
         @if(global_map) {
             let known = irradiance_near(vertex.position, vertex.surface.geometric_normal);
             let wide = spread >= known.radius;
-            if wide { radiance.indirect += throughput * bsdf_diffuse(vertex.surface) * known.value; }
-            @if(glossy) {
-                vertex.residual = wide;
-                if wide {
-                    let chance = residual_chance(vertex.surface);
-                    if uniform_from_bits(hash3(vertex.seed, 0x676c6f73u, vertex.sample_index)) >= chance { break; }
-                    throughput /= chance;
-                }
+            if wide {
+                radiance.indirect += throughput * bsdf_seen_afar(vertex.surface) * known.value;
+                if !reflects_more(vertex.surface) { break; }
             }
-            @if(!glossy) { if wide { break; } }
+            @if(glossy) { vertex.residual = wide; }
         }
     }
     return radiance;

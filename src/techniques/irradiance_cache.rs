@@ -20,7 +20,7 @@ use super::totals::Totals;
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
 /// Largest radius of a record in pixels: farther apart the gradients leave out what lies between.
-const LARGEST_RADIUS_PIXELS: f32 = 48.0;
+const LARGEST_RADIUS_PIXELS: f32 = 20.0;
 
 pub(super) struct CacheKernels {
     gather: Gather,
