@@ -113,14 +113,23 @@ fn reflects_more(s: Surface) -> bool {
     @else { return false; }
 }
 
-// What light of all directions together is reflected of, where a path ends: of a dielectric layer the hemispherical mean of
-// Schlick's term over what the base does not reflect, as if it were spread like the base's. Traced, its highlights of small
-// lights would be found by few rays, each as bright as the light.
+// What of the irradiance of the geometric surface is reflected towards one direction, where a path ends. A dielectric layer
+// reflects the hemispherical mean of Schlick's term, 1/21 of its range, as if spread like the base's light; and it keeps from
+// the base its mean at the lower of two angles, 11/126 of the range (both means weighted by the cosine). Traced, its highlights
+// of small lights would be found by few rays, each as bright as the light. A bent shading normal turns away from part of the
+// light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
+    let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
     @if(glossy) {
-        if !reflects_more(s) { return (s.albedo + (1.0 - s.albedo) * (s.f0 + (vec3f(s.f90) - s.f0) / 21.0)) / PI; }
+        if !reflects_more(s) {
+            // As in `transmission`, a rough layer reflects less at grazing angles.
+            let rough = 1.0 - 0.9 * s.alpha;
+            let layer = s.f0 + (vec3f(s.f90) - s.f0) * (rough / 21.0);
+            let kept = s.dielectric.x + (s.dielectric.y - s.dielectric.x) * (rough * 11.0 / 126.0);
+            return (s.albedo * (1.0 - kept) + layer) * facing;
+        }
     }
-    return bsdf_diffuse(s);
+    return s.albedo * facing;
 }
 
 // The BSDF, per steradian; 0 for directions that the surface does not face.
