@@ -4,6 +4,7 @@ mod bsdf;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
+mod features;
 mod film;
 mod grid;
 mod house;

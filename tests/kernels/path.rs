@@ -6,6 +6,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::bvh::Bvh;
 use penumbra::film::Image;
+use penumbra::gpu::Features;
 use penumbra::passes::path::{Path, PathParameters};
 use penumbra::passes::primary::Primary;
 use penumbra::passes::{Tile, TileBuffers};
@@ -71,7 +72,7 @@ pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
 
 /// What a render gives: red of direct and of indirect light and position, of each sample of each pixel, in layers of
 /// pixels; and the counters.
-struct Rendered {
+pub struct Rendered {
     direct: Vec<[f32; 4]>,
     indirect: Vec<[f32; 4]>,
     counters: Vec<u32>,
@@ -84,13 +85,25 @@ impl Rendered {
         all.map(|(d, i)| f64::from(d[0]) + f64::from(i[0]))
     }
 
-    fn all(&self) -> impl Iterator<Item = f64> + Clone {
+    pub fn all(&self) -> impl Iterator<Item = f64> + Clone {
         self.pixel(0, 1)
     }
 }
 
 /// Renders a square image of `size` pixels a side by the passes themselves, `spp` samples a pixel at once.
-fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
+fn render(scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
+    render_with(scene, camera, size, spp, max_bounces, |features| features)
+}
+
+/// As [`render`]; `changed` has the last word on the features.
+pub fn render_with(
+    mut scene: Scene,
+    camera: &Camera,
+    size: u32,
+    spp: u32,
+    max_bounces: u32,
+    changed: impl Fn(Features) -> Features,
+) -> Rendered {
     let gpu = gpu();
     let settings = Settings { width: size, height: size, technique: Technique::Path, ..Settings::default() };
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
@@ -98,7 +111,7 @@ fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u
     scene.reorder_triangles(&bvh.order);
     let needs = penumbra::needs::Needs::new(&scene, &settings);
     let device = device_features(gpu);
-    let features = device.names().fold(needs.features.clone(), |features, name| features.with(name, true));
+    let features = device.names().fold(changed(needs.features), |features, name| features.with(name, true));
     let tables = SceneTables::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
     let constants = tables.constants();
     let primary = Primary::new(gpu, &features, &constants).unwrap();
@@ -109,7 +122,7 @@ fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u
     let indirect = gpu.poisoned::<[f32; 4]>("test/indirect", point_count as usize).unwrap();
     buffers.radiance_indirect = Some(indirect);
     let primary = primary.bind(gpu, &buffers, &tables).unwrap();
-    let bound = path.bind(gpu, &buffers, &tables).unwrap();
+    let bound = path.bind(gpu, &buffers, &[&tables]).unwrap();
     let tile = Tile {
         width: size,
         height: size,

@@ -1,6 +1,6 @@
 //! Pass `photons` against a loop over all triangles along the same rays.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::Settings;
 use penumbra::bvh::Bvh;
 use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
@@ -8,7 +8,8 @@ use penumbra::needs::Needs;
 use penumbra::passes::grid::Photon;
 use penumbra::passes::photons::Photons;
 use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+    AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
+    Texture, TextureImage, TextureSlot, Triangle, Vertex, Wrap,
 };
 use penumbra::tables::SceneTables;
 
@@ -18,6 +19,10 @@ use crate::rooms::{Rectangle, Room, photon_normal};
 const PLAIN: u32 = 0;
 const DOUBLE_SIDED: u32 = 1;
 const EMISSIVE: u32 = 2;
+const MASKED: u32 = 3;
+
+/// Alphas of the masked material's 4 x 4 texels; its cutoff is a half.
+const HOLES: [u8; 16] = [0, 255, 100, 200, 130, 40, 255, 0, 255, 120, 0, 140, 90, 255, 200, 30];
 
 fn material(double_sided: bool, emissive: Vec3) -> Material {
     Material { metallic: 0.0, emissive, double_sided, ..Material::default() }
@@ -36,11 +41,31 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
         materials: vec![material(false, Vec3::ZERO), material(true, Vec3::ZERO), material(false, Vec3::ONE)],
         ..Scene::default()
     };
+    if materials.contains(&MASKED) {
+        let texture = TextureSlot { texture: 0, uv_set: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
+        scene.materials.push(Material {
+            alpha: AlphaMode::Mask { cutoff: 0.5 },
+            base_colour_texture: Some(texture),
+            ..material(true, Vec3::ZERO)
+        });
+        let texels = HOLES.map(|alpha| [255, 255, 255, alpha]).into();
+        scene.images = vec![TextureImage { name: String::new(), width: 4, height: 4, texels }];
+        let (wrap, filter, space) = ([Wrap::Clamp; 2], Filter::Nearest, ColourSpace::Srgb);
+        scene.textures = vec![Texture { image: 0, wrap, filter, space }];
+    }
     let mut emitters = Vec::new();
     for (slot, at) in bvh.order.iter().enumerate() {
         let first = scene.vertices.len() as u32;
-        let vertex = |position: &Vec3| Vertex { position: *position, ..Vertex::default() };
-        scene.vertices.extend(corners[*at as usize].iter().map(vertex));
+        // The two triangles of a rectangle, in turn.
+        let last = if at % 2 == 0 { [Vec2::X, Vec2::ONE] } else { [Vec2::ONE, Vec2::Y] };
+        let uvs = [Vec2::ZERO, last[0], last[1]];
+        let vertex = |(position, uv): (&Vec3, Vec2)| Vertex {
+            position: *position,
+            uv: [uv; 2],
+            colour: Vec4::ONE,
+            ..Vertex::default()
+        };
+        scene.vertices.extend(corners[*at as usize].iter().zip(uvs).map(vertex));
         let material = materials[*at as usize];
         let light = if material == EMISSIVE { 0 } else { NO_LIGHT };
         scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
@@ -143,6 +168,17 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
         if inside.abs() < 1e-5 && diagonal {
             return None;
         }
+        if triangle.material == MASKED {
+            let uvs = triangle.vertices.map(|v| scene.vertices[v as usize].uv[0].as_dvec2());
+            let texel = (uvs[0] + u * (uvs[1] - uvs[0]) + v * (uvs[2] - uvs[0])) * 4.0;
+            if inside > 0.0 && (texel - texel.round()).abs().min_element() < 1e-4 {
+                return None;
+            }
+            let at = texel.clamp(DVec2::ZERO, DVec2::splat(3.5)).as_uvec2();
+            if HOLES[(at.x + 4 * at.y) as usize] < 128 {
+                continue;
+            }
+        }
         if inside > 0.0 && t > 1e-7 {
             let double_sided = scene.materials[triangle.material as usize].double_sided;
             let faces = determinant > 0.0;
@@ -236,6 +272,30 @@ fn photons_are_those_of_a_loop_over_all_triangles() {
         traced.photons.push(Photon { word: dropped.word ^ fault, ..dropped });
         assert_eq!(compare(&scene, &traced).1, 1, "fault {fault:x}");
         traced.photons.pop();
+    }
+}
+
+/// Through the holes of a mask photons pass as if nothing were there, and the rest of it stops them: what is behind is lit
+/// here and shadowed there. A mask that stops all, and one that stops nothing, are seen.
+#[test]
+fn holes_of_masks_let_photons_through() {
+    let v = Vec3::new;
+    let light = LightKind::Point { position: v(0.1, 0.6, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
+    let square = |y: f32, half: f32| Rectangle(v(-half, y, -half), v(0.0, 0.0, 2.0 * half), v(2.0 * half, 0.0, 0.0));
+    let (scene, bvh) = scene(&[(square(0.0, 0.7), PLAIN), (square(0.3, 0.35), MASKED)], vec![light]);
+    let traced = trace(&scene, bvh, 20_000, 10);
+    let (extra, missing, doubtful) = compare(&scene, &traced);
+    assert_eq!(missing, 0);
+    assert!(doubtful < 200 && extra <= 2 * doubtful, "{doubtful} in doubt, {extra} more");
+    let [lit, shadow] = traced.stored[0];
+    assert!(lit > 1000 && shadow > 500, "{lit} lit, {shadow} shadow photons");
+    for alpha in [AlphaMode::Opaque, AlphaMode::Mask { cutoff: 1.1 }] {
+        let (mut other, bvh) = self::scene(
+            &[(square(0.0, 0.7), PLAIN), (square(0.3, 0.35), MASKED)],
+            scene.lights.iter().map(|light| light.kind.clone()).collect(),
+        );
+        other.materials[MASKED as usize].alpha = alpha;
+        assert!(compare(&scene, &trace(&other, bvh, 20_000, 10)).1 > 500, "{alpha:?} is not seen");
     }
 }
 

@@ -529,3 +529,77 @@ fn tiles_and_layers_are_the_whole() {
     assert!(valid.len() > 300 && outside.is_empty(), "{outside:?} of {}", valid.len());
     assert!(valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4, "half a pixel aside is not seen");
 }
+
+/// A normal map in its tangent frame, metallic and roughness of a texture, and a base colour that the second set of
+/// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
+#[test]
+fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
+    let slot = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+    let material = Material {
+        base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
+        metallic: 0.8,
+        roughness: 0.9,
+        specular: 0.6,
+        specular_colour: Vec3::new(1.0, 0.9, 0.8),
+        normal_scale: 0.7,
+        base_colour_texture: slot(0, 1),
+        metallic_roughness_texture: slot(1, 0),
+        normal_texture: slot(2, 0),
+        ..surface(0.5, 0.0)
+    };
+    // Its diagonals are off the middle of the image.
+    let quad = square(DVec3::new(0.1, 0.0, 0.0), 0.5 * DVec3::X, 0.4 * DVec3::Y);
+    let mut scene = scene(&[(quad, material.clone())], Vec::new());
+    let image =
+        |texels: Vec<[u8; 4]>| TextureImage { name: String::new(), width: texels.len() as u32, height: 1, texels };
+    // The first set of coordinates finds black, the second white.
+    scene.images =
+        vec![image(vec![[0, 0, 0, 255], [255; 4]]), image(vec![[7, 100, 150, 255]]), image(vec![[170, 70, 210, 255]])];
+    let texture = |image, space| Texture { image, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, space };
+    scene.textures =
+        vec![texture(0, ColourSpace::Srgb), texture(1, ColourSpace::Linear), texture(2, ColourSpace::Linear)];
+    let tangent = Vec4::new(0.6, 0.8, 0.0, -1.0);
+    for vertex in &mut scene.vertices {
+        vertex.uv = [Vec2::new(0.2, 0.5), Vec2::new(0.8, 0.5)];
+        vertex.tangent = tangent;
+    }
+    let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
+    let stage = Stage::new(scene, &view, [1, 1], Technique::TwoPass, |features| features);
+    for feature in ["glossy", "uv1", "normal_maps", "textures"] {
+        assert!(stage.features.has(feature), "{feature}");
+    }
+    let gpu = gpu();
+    let pass = Primary::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
+    let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
+    let bound = pass.bind(gpu, &buffers, &stage.tables).unwrap();
+    let mut frame = gpu.frame("test");
+    bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
+    frame.submit().unwrap();
+    let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces, 3).unwrap();
+    let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());
+
+    let m = |x: f32| f64::from(x);
+    let base = material.base_colour.truncate().as_dvec3();
+    let (roughness, metallic) = (m(material.roughness) * 100.0 / 255.0, m(material.metallic) * 150.0 / 255.0);
+    let dielectric = (0.5f64 / 2.5).powi(2) * material.specular_colour.as_dvec3() * m(material.specular);
+    let f0 = dielectric.lerp(base, metallic);
+    let f90 = m(material.specular) * (1.0 - metallic) + metallic;
+    let near = |got: f64, expected: f64| (got - expected).abs() < COLOUR;
+    assert!((a.truncate() - base * (1.0 - metallic)).abs().max_element() < COLOUR, "albedo {a}");
+    assert!((b.truncate() - f0).abs().max_element() < COLOUR && near(b.w, f90), "f0 {b}, expected {f0} and {f90}");
+    assert!(near(c.x, dielectric.max_element()) && near(c.y, m(material.specular)), "dielectric {c}");
+    assert!(near(c.z, roughness * roughness), "alpha {c}");
+
+    let texel = DVec3::new(170.0, 70.0, 210.0) / 255.0 * 2.0 - 1.0;
+    let normal = |scale: f64, handedness: f64| {
+        let tangent = tangent.truncate().as_dvec3();
+        let bitangent = DVec3::Z.cross(tangent) * handedness;
+        (texel.x * scale * tangent + texel.y * scale * bitangent + texel.z * DVec3::Z).normalize()
+    };
+    let got = oct_decode(packed[0][3], 16);
+    let scale = m(material.normal_scale);
+    assert!((got - normal(scale, -1.0)).abs().max_element() < NORMAL, "normal {got}, expected {}", normal(scale, -1.0));
+    for (fault, wrong) in [("scale", normal(1.0, -1.0)), ("handedness", normal(scale, 1.0)), ("none", DVec3::Z)] {
+        assert!((got - wrong).abs().max_element() > 100.0 * NORMAL, "the test does not see the fault {fault}");
+    }
+}

@@ -1,0 +1,183 @@
+//! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
+
+use std::collections::BTreeSet;
+
+use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
+use penumbra::gpu::{Features, compose};
+use penumbra::needs::Needs;
+use penumbra::scene::{
+    AlphaMode, ColourSpace, Filter, LightKind, Material, Scene, Texture, TextureImage, TextureSlot, Wrap,
+};
+use penumbra::{Aov, Settings, Technique};
+use rayon::prelude::*;
+
+use crate::light::{Corners, cube, sphere, square};
+use crate::path::{camera, render_with, scene, surface};
+use crate::stage::hash1;
+
+/// A choice for each of some thirty properties of a scene, its settings and the device.
+#[derive(Clone, Copy)]
+struct Choice(u32);
+
+/// Choices by chance: of two properties each of the four combinations is in one of four, so that 64 leave one out of
+/// the two thousand with a probability of 2e-5.
+fn choices() -> impl ParallelIterator<Item = Choice> {
+    (0..64u32).into_par_iter().map(|i| Choice(hash1(i)))
+}
+
+impl Choice {
+    fn has(self, property: u32) -> bool {
+        self.0 >> property & 1 != 0
+    }
+
+    fn scene(self) -> Scene {
+        let slot = |uv_set| Some(TextureSlot { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let plain = surface(0.5, 0.0);
+        // One in four has no light at all.
+        let dark = self.has(29) && self.has(30);
+        let lamp = surface(0.0, if dark { 0.0 } else { 1.0 });
+        let panel = |i: f64| square(DVec3::new(0.1 * i, 0.0, 0.0), 0.04 * DVec3::X, 0.04 * DVec3::Y);
+        let mut meshes: Vec<(Vec<Corners>, Material)> = vec![(panel(-5.0), plain.clone())];
+        let materials = [
+            Material { metallic: 1.0, ..plain.clone() },
+            Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
+            Material { unlit: true, ..plain.clone() },
+            Material { base_colour_texture: slot(0), ..plain.clone() },
+            Material { base_colour_texture: slot(1), ..plain.clone() },
+            Material { normal_texture: slot(0), ..plain },
+            lamp.clone(),
+            Material { emissive_texture: slot(0), ..lamp.clone() },
+        ];
+        for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
+            meshes.push((panel(f64::from(i) - 4.0), material));
+        }
+        if self.has(8) {
+            meshes.push((cube(DVec3::Y, 0.1), lamp));
+        }
+        let (position, direction, intensity) = (Vec3::Z, Vec3::NEG_Z, Vec3::ONE);
+        let range = f32::INFINITY;
+        let punctual = [
+            LightKind::Point { position, intensity, range },
+            LightKind::Spot { position, direction, intensity, cos_inner: 0.9, cos_outer: 0.8, range },
+            LightKind::Directional { direction, irradiance: Vec3::ONE },
+        ];
+        let punctual = (9..).zip(punctual).filter(|(i, _)| self.has(*i) && !dark).map(|(_, light)| light).collect();
+        let mut scene = scene(&meshes, punctual);
+        scene.images = vec![TextureImage { name: String::new(), width: 1, height: 1, texels: vec![[255; 4]] }];
+        let wrap = [Wrap::Repeat; 2];
+        scene.textures = vec![Texture { image: 0, wrap, filter: Filter::Linear, space: ColourSpace::Srgb }];
+        if self.has(12) {
+            scene.vertices[0].colour = Vec4::splat(0.5);
+        }
+        if self.has(13) {
+            scene.vertices[..3].iter_mut().for_each(|vertex| vertex.normal = Vec3::new(0.6, 0.0, 0.8));
+        }
+        scene
+    }
+
+    fn features(self) -> Features {
+        let techniques = Technique::ALL;
+        let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
+        let settings = Settings {
+            technique: techniques[(self.0 >> 14 & 15) as usize % techniques.len()],
+            audit: if self.has(18) { 1.0 } else { 0.0 },
+            paper_counting: self.has(19),
+            max_bounces: if self.has(20) { 64 } else { 0 },
+            cache: self.has(21),
+            aovs: aovs.filter(|(i, _)| self.has(*i)).map(|(_, aov)| aov).collect(),
+            ..Settings::default()
+        };
+        let needs = Needs::new(&self.scene(), &settings);
+        needs.features.with("texture_loads", self.has(27)).with("interleave", self.has(28))
+    }
+}
+
+fn kernels() -> impl Iterator<Item = &'static (&'static str, &'static str)> {
+    compose::SHADERS.iter().filter(|(path, _)| !path.starts_with("lib/"))
+}
+
+/// Whether a render of those features runs the kernel.
+fn runs(kernel: &str, features: &Features) -> bool {
+    match kernel {
+        "photons" | "grid" => features.has("visibility_map"),
+        "flux" | "irradiance" => features.has("global_map"),
+        "gather" | "cache" => features.has("irradiance_cache"),
+        _ => true,
+    }
+}
+
+/// Every kernel composes to what naga takes, without a device, for sets of features that scenes and settings ask for by
+/// chance; each feature is in some of them and out of others. An error where two features meet would be seen.
+#[test]
+fn reachable_features_compose() {
+    let sets: BTreeSet<Features> = choices().map(Choice::features).collect();
+    for feature in compose::FEATURES {
+        let (with, without): (Vec<_>, Vec<_>) = sets.iter().partition(|set| set.has(feature));
+        assert!(!with.is_empty() && !without.is_empty(), "{feature}: in {} sets of {}", with.len(), sets.len());
+    }
+    let wrong = |kernel: &str, source: &str| -> Vec<String> {
+        let errors = sets.par_iter().filter(|set| runs(kernel, set)).filter_map(|set| {
+            let names: Vec<_> = set.names().collect();
+            compose::compose_source(kernel, source, set).err().map(|error| format!("{}: {error}", names.join(" ")))
+        });
+        errors.collect()
+    };
+    for (kernel, source) in kernels() {
+        let running = sets.iter().filter(|set| runs(kernel, set)).count();
+        assert!(running >= 8, "{kernel} runs with {running} of {} sets", sets.len());
+        let wrong = wrong(kernel, source);
+        assert!(wrong.is_empty(), "{kernel}: {} of {} sets, {}", wrong.len(), sets.len(), wrong[0]);
+    }
+    let fault = "@compute @workgroup_size(1) fn nothing() { @if(uv1 && !glossy) { let x: u32 = 1.0; } }";
+    let found = wrong("fault", fault).len();
+    assert!(found > 0 && found < sets.len(), "a fault where two features meet is in {found} of {} sets", sets.len());
+}
+
+/// A scene that needs hardly anything, rendered with the code for all that scenes can have, is the same image: colours
+/// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
+#[test]
+fn features_that_are_not_needed_change_nothing() {
+    const FORCED: [&str; 13] = [
+        "textures",
+        "uv1",
+        "vertex_colours",
+        "normal_maps",
+        "smooth_normals",
+        "glossy",
+        "alpha_test",
+        "unlit",
+        "point_lights",
+        "spot_lights",
+        "directional_lights",
+        "emitter_pairs",
+        "emissive_textures",
+    ];
+    let room = || {
+        let lamp = square(DVec3::new(0.0, 0.45, 0.0), 0.2 * DVec3::X, 0.2 * DVec3::Z);
+        let walls = crate::path::inside_out(cube(DVec3::ZERO, 0.5));
+        let ball = sphere(DVec3::new(0.1, -0.3, 0.0), 0.15, 6);
+        scene(&[(walls, surface(0.6, 0.0)), (ball, surface(0.8, 0.0)), (lamp, surface(0.0, 5.0))], Vec::new())
+    };
+    let view = camera(DVec3::new(0.0, 0.1, 0.45), DVec3::new(0.0, -0.3, -1.0), 1.2);
+    let image = |forced: &[&'static str]| {
+        let rendered = render_with(room(), &view, 24, 16, 4, |features| {
+            forced.iter().fold(features, |features, feature| {
+                assert!(!features.has(feature), "{feature} is needed: nothing is forced");
+                features.with(feature, true)
+            })
+        });
+        rendered.all().collect::<Vec<f64>>()
+    };
+    let trimmed = image(&[]);
+    let differing = |other: &[f64]| {
+        let differs = |(a, b): &(&f64, &f64)| (*a - *b).abs() > 1e-4 * a.abs().max(0.1);
+        trimmed.iter().zip(other).filter(differs).count()
+    };
+    let forced = differing(&image(&FORCED));
+    println!("{forced} of {} samples differ", trimmed.len());
+    assert!(trimmed.len() == 24 * 24 * 16 && trimmed.iter().any(|sample| *sample > 0.1));
+    // Roundings that turn a path are some in a hundred thousand; another sequence of random numbers turns nearly all.
+    assert!(forced * 1000 < trimmed.len(), "{forced} of {} samples differ", trimmed.len());
+    let shifted: Vec<f64> = trimmed.iter().map(|sample| sample * 1.001).collect();
+    assert!(differing(&shifted) * 2 > trimmed.len(), "a tenth of a percent is not seen");
+}
