@@ -5,8 +5,10 @@ mod classify;
 #[path = "../common/device.rs"]
 mod device;
 mod film;
+mod flux;
 mod grid;
 mod house;
+mod irradiance;
 mod kit;
 mod light;
 mod path;

@@ -109,7 +109,7 @@ fn render(mut scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u
     let indirect = gpu.poisoned::<[f32; 4]>("test/indirect", point_count as usize).unwrap();
     buffers.radiance_indirect = Some(indirect);
     let primary = primary.bind(gpu, &buffers, &tables).unwrap();
-    let bound = path.bind(gpu, &buffers, &tables).unwrap();
+    let bound = path.bind(gpu, &buffers, &[&tables]).unwrap();
     let tile = Tile {
         width: size,
         height: size,
