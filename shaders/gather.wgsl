@@ -193,7 +193,9 @@ fn record(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
             @if(smooth_normals || normal_maps) {
                 let middle = (f32(j) + 0.5) / f32(rings);
-                turning -= ray.xyz * sqrt(middle / (1.0 - middle));
+                // Light from where the normal turns to gains by the tangent; `across` is the axis of that turn, n_i x n (Ward
+                // and Heckbert's minus sign goes with n x n_i).
+                turning += ray.xyz * sqrt(middle / (1.0 - middle));
             }
             sum += ray.xyz;
             inverse_distances += 1.0 / distance;

@@ -1,8 +1,10 @@
 //! All light: direct light by photons or shadow rays, the rest by paths, against the path tracer and an independent one.
 
+use glam::DVec3;
 use penumbra::{Aov, Image, Settings, Technique};
 
-use crate::setup::{deviation, mean_and_error, reference_file, render, scene_file};
+use crate::meshes::{camera, cube, inside_out, scene, square, surface};
+use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
     let [width, height] = size;
@@ -41,5 +43,58 @@ fn the_box_is_the_references() {
         let (mean, error) = mean_and_error(&image, channel);
         let off = (mean - expected).abs();
         assert!(off < 3e-3 * expected + 3.0 * error, "{channel}: {mean} +- {error}, expected {expected}");
+    }
+}
+
+/// A closed room with a cube in it and a square light under its ceiling: the mean is the path tracer's with the irradiance cache and
+/// without it. One percent is what 65,536 rays of photons, whose irradiance all points share, may be off, and first-order
+/// interpolation between records.
+#[test]
+fn the_cache_is_the_path_tracers_light() {
+    let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
+    let meshes = [
+        (inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)),
+        (cube(DVec3::new(-0.2, -0.3501, -0.1), 0.15), surface(0.5, 0.0)),
+        (lamp, surface(0.0, 5.0)),
+    ];
+    let view = camera(DVec3::new(0.3, 0.0, 0.45), DVec3::new(-0.5, -0.3, -1.0), 1.2);
+    let of = |technique, cache, spp| {
+        let settings = Settings { cache, ..settings(technique, [64, 64], spp, 64) };
+        mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
+    };
+    let paths = of(Technique::Path, false, 256);
+    for cache in [true, false] {
+        let (mean, error) = of(Technique::ShadowPhotons, cache, 32);
+        let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + 0.01 * paths.0);
+        println!("cache {cache}: {mean} +- {error}, paths {paths:?}");
+        assert!(off(mean) < 1.0, "cache {cache}: {mean} +- {error}, paths {paths:?}");
+        assert!(off(1.04 * mean) > 1.0, "cache {cache}: four percent too much would pass");
+    }
+}
+
+/// A room is divided by a wall 1e-5 thick, and the light is on the other side of it: none comes through, by records or by
+/// paths. Without the wall there is some.
+#[test]
+#[ignore = "look-ups find places of the lit side's floor and walls from behind the wall"]
+fn no_light_leaks_through_thin_walls() {
+    let lamp = square(DVec3::new(-0.25, 0.45, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1);
+    let side = |x: f64, facing: f64| square(DVec3::X * x, DVec3::Y * 0.5 * facing, DVec3::Z * 0.5);
+    let wall = [side(-0.5e-5, -1.0), side(0.5e-5, 1.0)].concat();
+    let room = (inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0));
+    let view = camera(DVec3::new(0.45, 0.1, 0.4), DVec3::new(-1.0, -0.4, -0.9), 1.3);
+    let of = |walled: bool, cache| {
+        let mut meshes = vec![room.clone(), (lamp.clone(), surface(0.0, 5.0))];
+        meshes.extend(walled.then(|| (wall.clone(), surface(0.7, 0.0))));
+        let mut settings = Settings { cache, ..settings(Technique::ShadowPhotons, [48, 48], 4, 64) };
+        settings.aovs = vec![Aov::Indirect];
+        let (image, _) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
+        let light = image.channel("indirect.G").unwrap();
+        light.iter().map(|v| f64::from(*v)).sum::<f64>() / light.len() as f64
+    };
+    for cache in [true, false] {
+        let (open, behind) = (of(false, cache), of(true, cache));
+        println!("cache {cache}: {behind} behind the wall, {open} without it");
+        assert!(open > 0.01, "no wall, and no light: the test sees nothing");
+        assert_eq!(behind, 0.0, "cache {cache}: {} of the light without the wall", behind / open);
     }
 }

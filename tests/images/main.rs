@@ -4,6 +4,8 @@
 mod device;
 mod direct;
 mod indirect;
+#[path = "../common/meshes.rs"]
+mod meshes;
 mod models;
 mod setup;
 #[path = "../common/shared_files.rs"]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use penumbra::scene::ImportOptions;
-use penumbra::{Image, Renderer, Scene, Settings, Statistics};
+use penumbra::{Camera, Image, Renderer, Scene, Settings, Statistics};
 
 pub use crate::device::gpu;
 
@@ -25,7 +25,12 @@ pub fn reference_file(name: &str) -> Option<PathBuf> {
 pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
     let scene = Scene::load(file, &ImportOptions { default_light: true, ..ImportOptions::default() }).unwrap();
     let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
-    let mut renderer = Renderer::new(gpu(), scene, &camera, settings).unwrap();
+    render_scene(scene, &camera, settings)
+}
+
+/// As [`render`], of a scene that is there.
+pub fn render_scene(scene: Scene, camera: &Camera, settings: &Settings) -> (Image, Statistics) {
+    let mut renderer = Renderer::new(gpu(), scene, camera, settings).unwrap();
     while renderer.samples() < settings.spp {
         renderer.render_batch().unwrap();
     }

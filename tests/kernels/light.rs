@@ -10,9 +10,8 @@ use penumbra::tables::LightTables;
 use penumbra::tables::lights::is_closed;
 
 use crate::kit::{device_features, gpu};
+pub use crate::meshes::{Corners, cube, square};
 use crate::statistics::{Random, chi_square, z_test};
-
-pub type Corners = [DVec3; 3];
 
 /// Radiance of the mesh lights: channels that differ, of which the tests look at the red and the ratio to the others.
 const RADIANCE: Vec3 = Vec3::new(1.0, 2.0, 4.0);
@@ -110,11 +109,6 @@ fn run_with(
     got
 }
 
-pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
-    let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
-    vec![[a, b, c], [a, c, d]]
-}
-
 fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize, usize) -> bool) -> Vec<Corners> {
     // Corners are computed once each and in f32, so that neighbours share them bit by bit.
     let corner = |i: usize, j: usize| {
@@ -126,17 +120,6 @@ fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize,
         .flat_map(|(i, j)| {
             let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
             [[a, b, c], [a, c, d]]
-        })
-        .collect()
-}
-
-pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-    (0..3)
-        .flat_map(|i| {
-            let [n, s, t] = [axes[i], axes[(i + 1) % 3], axes[(i + 2) % 3]].map(|a| a * half);
-            // Counter-clockwise seen from outside: s x t points along n.
-            [square(centre + n, s, t), square(centre - n, t, s)].concat()
         })
         .collect()
 }

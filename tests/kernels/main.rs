@@ -1,15 +1,21 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
 mod bsdf;
+mod cache;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
 mod features;
 mod film;
+mod flux;
+mod gather;
 mod grid;
 mod house;
+mod irradiance;
 mod kit;
 mod light;
+#[path = "../common/meshes.rs"]
+mod meshes;
 mod path;
 mod photon_lights;
 mod photons;

@@ -3,72 +3,22 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 use penumbra::bvh::Bvh;
 use penumbra::film::Image;
 use penumbra::gpu::Features;
 use penumbra::passes::path::{Path, PathParameters};
 use penumbra::passes::primary::Primary;
 use penumbra::passes::{Tile, TileBuffers};
-use penumbra::scene::{
-    Camera, EmitterTriangle, ImportOptions, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
-};
+use penumbra::scene::{Camera, ImportOptions, LightKind, Scene};
 use penumbra::settings::{Settings, Technique};
 use penumbra::statistics::Counter;
 use penumbra::tables::SceneTables;
 
 use crate::kit::{device_features, gpu};
-use crate::light::{Corners, cube, form_factor, material, sphere, square};
+use crate::light::{cube, form_factor, sphere, square};
+pub use crate::meshes::{camera, inside_out, scene, surface};
 use crate::statistics::{mean_and_error, z_test};
-
-/// A surface that reflects the share `albedo` and emits `emission`.
-pub fn surface(albedo: f32, emission: f32) -> Material {
-    Material {
-        base_colour: Vec3::splat(albedo).extend(1.0),
-        emissive: Vec3::splat(emission),
-        // Lambertian: no specular part at all.
-        specular: 0.0,
-        ..material(false)
-    }
-}
-
-/// A scene of meshes of one material each, emissive ones being lights, and punctual lights.
-pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
-    let mut scene = Scene::default();
-    for (triangles, material) in meshes {
-        let light = if material.emissive == Vec3::ZERO { NO_LIGHT } else { scene.lights.len() as u32 };
-        let mut emitters = Vec::new();
-        for corners in triangles {
-            let first = scene.vertices.len() as u32;
-            scene.vertices.extend(corners.map(|c| Vertex {
-                position: c.as_vec3(),
-                normal: Vec3::ZERO,
-                tangent: Vec4::ZERO,
-                uv: [Vec2::ZERO; 2],
-                colour: Vec4::ONE,
-            }));
-            emitters.push(EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: material.emissive });
-            let vertices = [first, first + 1, first + 2];
-            scene.triangles.push(Triangle { vertices, material: scene.materials.len() as u32, light });
-        }
-        if light != NO_LIGHT {
-            let kind = LightKind::Mesh { material: scene.materials.len() as u32, emitters };
-            scene.lights.push(Light { name: String::new(), kind });
-        }
-        scene.materials.push(material.clone());
-    }
-    scene.lights.extend(punctual.into_iter().map(|kind| Light { name: String::new(), kind }));
-    scene
-}
-
-pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
-    let backward = -towards.normalize();
-    let up = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
-    let right = up.cross(backward).normalize();
-    let axes = [right, backward.cross(right), backward].map(|a| a.as_vec3());
-    let projection = Projection::Perspective { yfov, aspect: None };
-    Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
-}
 
 /// What a render gives: red of direct and of indirect light and position, of each sample of each pixel, in layers of
 /// pixels; and the counters.
@@ -148,10 +98,6 @@ pub fn render_with(
     let results = rendered.direct.iter().chain(&rendered.indirect);
     assert!(results.flatten().all(|v| v.is_finite()), "poison or worse in the radiance");
     rendered
-}
-
-pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
-    triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
 }
 
 /// In a closed room that emits 1 and reflects the share a everywhere, the radiance is 1 + a + a^2 + ... = 1 / (1 - a)

@@ -1,0 +1,78 @@
+//! Scenes of triangles for tests: squares, cubes, rooms, and cameras in them.
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use penumbra::scene::{
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+};
+
+pub type Corners = [DVec3; 3];
+
+pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
+    let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
+    vec![[a, b, c], [a, c, d]]
+}
+
+pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    (0..3)
+        .flat_map(|i| {
+            let [n, s, t] = [axes[i], axes[(i + 1) % 3], axes[(i + 2) % 3]].map(|a| a * half);
+            // Counter-clockwise seen from outside: s x t points along n.
+            [square(centre + n, s, t), square(centre - n, t, s)].concat()
+        })
+        .collect()
+}
+
+pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
+    triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
+}
+
+/// A surface that reflects the share `albedo` and emits `emission`.
+pub fn surface(albedo: f32, emission: f32) -> Material {
+    Material {
+        base_colour: Vec3::splat(albedo).extend(1.0),
+        emissive: Vec3::splat(emission),
+        metallic: 0.0,
+        // Lambertian: no specular part at all.
+        specular: 0.0,
+        ..Material::default()
+    }
+}
+
+/// A scene of meshes of one material each, emissive ones being lights, and punctual lights.
+pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
+    let mut scene = Scene::default();
+    for (triangles, material) in meshes {
+        let light = if material.emissive == Vec3::ZERO { NO_LIGHT } else { scene.lights.len() as u32 };
+        let mut emitters = Vec::new();
+        for corners in triangles {
+            let first = scene.vertices.len() as u32;
+            scene.vertices.extend(corners.map(|c| Vertex {
+                position: c.as_vec3(),
+                normal: Vec3::ZERO,
+                tangent: Vec4::ZERO,
+                uv: [Vec2::ZERO; 2],
+                colour: Vec4::ONE,
+            }));
+            emitters.push(EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: material.emissive });
+            let vertices = [first, first + 1, first + 2];
+            scene.triangles.push(Triangle { vertices, material: scene.materials.len() as u32, light });
+        }
+        if light != NO_LIGHT {
+            let kind = LightKind::Mesh { material: scene.materials.len() as u32, emitters };
+            scene.lights.push(Light { name: String::new(), kind });
+        }
+        scene.materials.push(material.clone());
+    }
+    scene.lights.extend(punctual.into_iter().map(|kind| Light { name: String::new(), kind }));
+    scene
+}
+
+pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
+    let backward = -towards.normalize();
+    let up = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
+    let right = up.cross(backward).normalize();
+    let axes = [right, backward.cross(right), backward].map(|a| a.as_vec3());
+    let projection = Projection::Perspective { yfov, aspect: None };
+    Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
+}

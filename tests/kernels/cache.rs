@@ -1,0 +1,315 @@
+//! Pass `cache` against interpolation in f64 over all records that reach a point's block of the image.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3, Vec4};
+use penumbra::gpu::Features;
+use penumbra::gpu::buffer::{POISON, whole_rows};
+use penumbra::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
+use penumbra::passes::gather::RecordHead;
+use penumbra::passes::path::GROUP;
+use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+
+use crate::kit::{device_features, gpu};
+use crate::rooms::{point, point_normal};
+use crate::stage::oct_encode;
+use crate::statistics::Random;
+
+/// Pixels of a block's side.
+const BLOCK: f64 = 8.0;
+
+/// Records that together weigh less do not speak well enough for a point.
+const ENOUGH: f64 = 0.3;
+
+/// A record, and the part of the image that it reaches.
+#[derive(Clone)]
+struct Record {
+    head: RecordHead,
+    irradiance: DVec3,
+    /// By channel.
+    translation: [DVec3; 3],
+    rotation: [DVec3; 3],
+    reach: Option<[[f32; 2]; 2]>,
+}
+
+struct Setup {
+    /// Of the image that blocks are cut from.
+    size: [u32; 2],
+    tile: Tile,
+    points: Vec<Point>,
+    albedos: Vec<Vec3>,
+    records: Vec<Record>,
+    features: Features,
+}
+
+struct Outcome {
+    wanted: Vec<u32>,
+    uncovered: Vec<u32>,
+    radiance: Vec<[f32; 4]>,
+}
+
+/// Points in a slab and records among them; of the points some are nothing and some are black.
+fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, random: &mut Random) -> Setup {
+    let slab = |random: &mut Random| (random.point() * DVec3::new(0.5, 0.5, 0.01)).as_vec3();
+    let about_z = |random: &mut Random| {
+        let tilt = [0.0, 0.1, 0.5][(random.uniform() * 3.0) as usize];
+        (DVec3::Z + tilt * random.direction()).normalize()
+    };
+    let count = tile.point_count as usize;
+    let points = (0..count)
+        .map(|_| {
+            let place = point(slab(random), Vec3::Z);
+            if random.uniform() < 0.05 { Point { normal: INVALID_POINT, ..place } } else { place }
+        })
+        .collect();
+    let albedos =
+        (0..count).map(|_| if random.uniform() < 0.05 { Vec3::ZERO } else { random.point().abs().as_vec3() }).collect();
+    let records = (0..record_count)
+        .map(|_| {
+            let head = RecordHead {
+                position: slab(random).to_array(),
+                size: (0.02 + 0.2 * random.uniform()) as f32,
+                normal: about_z(random).as_vec3().to_array(),
+                distance: 1.0,
+            };
+            // Gradients of up to ten times the irradiance over the unit: some are clamped.
+            let mut vectors = || [0; 3].map(|_| (random.point() * 10.0).as_vec3().as_dvec3());
+            let (translation, rotation) = (vectors(), vectors());
+            let irradiance = random.point().abs().as_vec3().as_dvec3();
+            let low = [0; 2].map(|_| random.uniform() as f32 * 1.2 - 0.2);
+            let reach = [low, low.map(|from| from + random.uniform() as f32 * 0.7)];
+            let reach = (random.uniform() < 0.9).then_some(reach);
+            Record { head, irradiance, translation, rotation, reach }
+        })
+        .collect();
+    Setup { size, tile, points, albedos, records, features: features.with("indirect", true) }
+}
+
+/// The point's shading normal: another than its surface's.
+fn shading_normal(i: usize) -> DVec3 {
+    let turn = i as f64 * 0.37;
+    DVec3::new(0.2 * turn.cos(), 0.2 * turn.sin(), 1.0).normalize()
+}
+
+impl Setup {
+    fn bent(&self) -> bool {
+        self.features.has("smooth_normals") || self.features.has("normal_maps")
+    }
+
+    fn run(&self) -> Outcome {
+        let count = self.points.len();
+        let vectors = if self.bent() { 6 } else { 3 };
+        let mut values = vec![[f32::NAN; 4]; whole_rows(self.records.len() * vectors)];
+        for (values, record) in values.chunks_mut(vectors).zip(&self.records) {
+            for c in 0..3 {
+                values[c] = record.translation[c].as_vec3().extend(record.irradiance[c] as f32).to_array();
+                if self.bent() {
+                    values[3 + c] = record.rotation[c].as_vec3().extend(0.0).to_array();
+                }
+            }
+        }
+        let values = gpu().upload("test/values", &values).unwrap();
+        let heads: Vec<RecordHead> = self.records.iter().map(|record| record.head).collect();
+        let reach = |head: &RecordHead| {
+            self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
+        };
+        let tables = RecordTables::new(gpu(), &heads, &values, self.size, reach).unwrap();
+        let mut tile = TileBuffers::new(gpu(), &self.features, self.tile.point_count, true).unwrap();
+        let mut surfaces = Vec::new();
+        for (i, albedo) in self.albedos.iter().enumerate() {
+            surfaces.push(albedo.extend(f32::from_bits(oct_encode(shading_normal(i)))));
+            if self.features.has("glossy") {
+                surfaces.extend([Vec4::NAN; 2]);
+            }
+        }
+        tile.points = gpu().upload("test/points", &self.points).unwrap();
+        tile.surfaces = gpu().upload("test/surfaces", &surfaces).unwrap();
+        tile.radiance_indirect = Some(gpu().poisoned::<[f32; 4]>("test/radiance", count + 3).unwrap());
+        let mut buffers = CacheBuffers::new(gpu(), self.tile.point_count).unwrap();
+        buffers.uncovered_points = gpu().poisoned::<u32>("test/uncovered", count + 3).unwrap();
+        buffers.uncovered_arguments = gpu().poisoned::<u32>("test/arguments", 4).unwrap();
+        let pass = Cache::new(gpu(), &self.features).unwrap();
+        let bound = pass.bind(gpu(), &tile, &buffers, &tables).unwrap();
+        let mut frame = gpu().frame("test");
+        bound.record_place(&mut frame, &buffers, &self.tile);
+        bound.record_interpolate(&mut frame, &buffers, &self.tile);
+        frame.submit().unwrap();
+        let mut radiance: Vec<[f32; 4]> = gpu().read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
+        let beyond = radiance.split_off(count);
+        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind the points");
+        let queued = gpu().read::<u32>(&buffers.uncovered_count, 1).unwrap()[0];
+        let mut uncovered: Vec<u32> = gpu().read(&buffers.uncovered_points, count + 3).unwrap();
+        let beyond = uncovered.split_off(queued as usize);
+        assert!(beyond.iter().all(|word| *word == POISON), "queued behind {queued}");
+        uncovered.sort_unstable();
+        let [x, y, z, beyond]: [u32; 4] = gpu().read::<[u32; 4]>(&buffers.uncovered_arguments, 1).unwrap()[0];
+        let groups = queued.div_ceil(GROUP);
+        assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
+        Outcome { wanted: wanted(gpu(), &buffers).unwrap(), uncovered, radiance }
+    }
+
+    /// Irradiance and weight at a point, and how far rounding may take either.
+    fn expected(&self, i: usize) -> (DVec3, f64, f64, f64) {
+        let Tile { width, height, first_row, pixel_count, .. } = self.tile;
+        let pixel = i as u32 % pixel_count;
+        let film = [(pixel % width, width), (first_row + pixel / width, height)];
+        // The block's span along each axis, in blocks.
+        let block = [0, 1].map(|axis| {
+            let (at, of) = film[axis];
+            let most = (f64::from(self.size[axis]) / BLOCK).ceil() - 1.0;
+            ((f64::from(at) + 0.5) / f64::from(of) * f64::from(self.size[axis]) / BLOCK).floor().min(most)
+        });
+        let reaches = |record: &&Record| {
+            record.reach.is_some_and(|[low, high]| {
+                (0..2).all(|axis| {
+                    let blocks = f64::from(self.size[axis]) / BLOCK;
+                    let [low, high] = [low, high].map(|end| f64::from(end[axis]) * blocks);
+                    // What ends before the image, reaches its first blocks: a corner's coordinate is clamped.
+                    low.max(0.0) < block[axis] + 1.0 && high.max(0.0) >= block[axis]
+                })
+            })
+        };
+        let x = Vec3::from(self.points[i].position).as_dvec3();
+        let n = point_normal(oct_encode(shading_normal(i)));
+        let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+        // Errors of the weight, and of the sum.
+        let (mut off, mut sum_off) = (0.0, 0.0);
+        for Record { head, irradiance, translation, rotation, .. } in self.records.iter().filter(reaches) {
+            let side = Vec3::from(head.normal).as_dvec3();
+            let offset = x - Vec3::from(head.position).as_dvec3();
+            let off_plane = offset.dot((n + side) / 2.0);
+            let distance = (offset.length_squared() + 99.0 * off_plane.powi(2)).sqrt() / f64::from(head.size);
+            // 20 degrees.
+            let turned = ((1.0 - n.dot(side)).max(0.0) / (1.0 - 20f64.to_radians().cos())).sqrt();
+            let w = (1.0 - distance.max(turned)).max(0.0);
+            // Of coordinates in f32, and of the root of the small difference of cosines, which is 3e-4 at least.
+            let w_off = 1e-5 + 3e-6 / turned.max(2e-3);
+            if distance.max(turned) > 1.0 + w_off {
+                continue;
+            }
+            let mut change = DVec3::from([0, 1, 2].map(|c| translation[c].dot(offset)));
+            if self.bent() {
+                change += DVec3::from([0, 1, 2].map(|c| rotation[c].dot(side.cross(n))));
+            }
+            let told = *irradiance + change.clamp(-*irradiance, *irradiance);
+            sum += w * told;
+            weight += w;
+            off += w_off;
+            sum_off += w_off * told.max_element() + w * 2e-5;
+        }
+        let mean = if weight > 0.0 { sum / weight } else { DVec3::ZERO };
+        let error = (sum_off + off * mean.max_element()) / (weight - off).max(1e-9);
+        (mean, weight, off, error)
+    }
+
+    /// Points whose light, or place in a list, is not what it should be; and those that were in doubt.
+    fn compare(&self, outcome: &Outcome) -> (usize, usize) {
+        let (mut wrong, mut doubtful) = (0, 0);
+        for i in 0..self.points.len() {
+            let is_in = |list: &[u32]| list.binary_search(&(i as u32)).is_ok();
+            let (wanted, uncovered) = (is_in(&outcome.wanted), is_in(&outcome.uncovered));
+            let got = outcome.radiance[i].map(f64::from);
+            let light = DVec3::new(got[0], got[1], got[2]);
+            if self.points[i].normal == INVALID_POINT || self.albedos[i] == Vec3::ZERO {
+                wrong += usize::from(wanted || uncovered || light != DVec3::ZERO || got[3] != 1.0);
+                continue;
+            }
+            let (irradiance, weight, off, error) = self.expected(i);
+            if (weight - ENOUGH).abs() <= off || (off > 0.0 && weight <= 2.0 * off) {
+                doubtful += 1;
+                continue;
+            }
+            let covered = weight > 0.0;
+            let right = self.albedos[i].as_dvec3() * irradiance / PI;
+            let lists = wanted == (weight < ENOUGH) && uncovered != covered;
+            let lit = (light - right).abs().max_element() <= error + 1e-6 && got[3] == f64::from(u8::from(covered));
+            wrong += usize::from(!(lists && lit));
+        }
+        (wrong, doubtful)
+    }
+}
+
+fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) -> Tile {
+    let pixel_count = width * rows;
+    Tile { width, height, first_row, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
+}
+
+/// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks, several
+/// samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are those of brute
+/// force, with and without rotational gradients and glossy surfaces.
+#[test]
+fn light_is_that_of_all_records_in_reach() {
+    let plain = device_features(gpu());
+    let bent = plain.clone().with("smooth_normals", true).with("glossy", true);
+    let mut random = Random(6);
+    let whole = [70, 45];
+    let cases = [
+        (whole, tile_of(whole, 0, 45, 2), 500, plain.clone()),
+        (whole, tile_of(whole, 20, 13, 1), 500, bent.clone()),
+        // The image of one pixel for eight.
+        (whole, tile_of([9, 6], 0, 6, 1), 500, plain.clone()),
+        ([63, 1], tile_of([63, 1], 0, 1, 1), 40, bent.clone()),
+        ([64, 1], tile_of([64, 1], 0, 1, 1), 40, plain.clone()),
+        ([5, 13], tile_of([5, 13], 0, 13, 1), 1, plain.clone()),
+        ([1, 1], tile_of([1, 1], 0, 1, 1), 0, plain.clone()),
+        ([9, 9], Tile { point_count: 0, ..tile_of([9, 9], 0, 9, 1) }, 10, bent),
+    ];
+    let (mut checked, mut doubts, mut listed, mut queued) = (0, 0, 0, 0);
+    for (size, tile, records, features) in cases {
+        let setup = setup(size, tile, records, features, &mut random);
+        let outcome = setup.run();
+        let (wrong, doubtful) = setup.compare(&outcome);
+        assert_eq!(wrong, 0, "{size:?}, {tile:?}");
+        checked += setup.points.len();
+        doubts += doubtful;
+        listed += outcome.wanted.len();
+        queued += outcome.uncovered.len();
+    }
+    println!("{checked} points, {doubts} in doubt, {listed} want records, {queued} are uncovered");
+    assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
+}
+
+/// The comparison sees records that are moved, that are turned, whose gradients are left out or not bounded, that reach farther
+/// or are missing.
+#[test]
+fn the_comparison_sees_planted_faults() {
+    let features = device_features(gpu()).with("smooth_normals", true);
+    let mut setup = setup([64, 64], tile_of([64, 64], 0, 64, 1), 400, features, &mut Random(9));
+    let outcome = setup.run();
+    assert_eq!(setup.compare(&outcome).0, 0);
+    let right = setup.records.clone();
+    let faults: [(&str, fn(&mut Record)); 7] = [
+        ("moved", |r| r.head.position[0] += 0.01),
+        ("turned", |r| r.head.normal = (Vec3::from(r.head.normal) + Vec3::X * 0.1).normalize().to_array()),
+        ("no translational gradient", |r| r.translation = [DVec3::ZERO; 3]),
+        ("no rotational gradient", |r| r.rotation = [DVec3::ZERO; 3]),
+        ("wider", |r| r.head.size *= 1.1),
+        ("seen nowhere", |r| r.reach = None),
+        ("channels exchanged", |r| r.translation.swap(0, 1)),
+    ];
+    for (name, fault) in faults {
+        setup.records = right.clone();
+        setup.records.iter_mut().for_each(fault);
+        let wrong = setup.compare(&outcome).0;
+        assert!(wrong > 1000, "{name}: {wrong} points are wrong");
+        setup.records = right.clone();
+        fault(&mut setup.records[0]);
+        println!("{name}: {wrong}, of one record {}", setup.compare(&outcome).0);
+    }
+}
+
+/// More points than 65,535 workgroups have, and no record: each wants one, and each is queued, once.
+#[test]
+fn every_point_is_listed_past_the_dispatch_limit() {
+    let size = [2050, 2049];
+    let tile = tile_of(size, 0, size[1], 1);
+    let count = tile.point_count as usize;
+    assert!(count > 65_535 * 64);
+    let points = vec![point(Vec3::ZERO, Vec3::Z); count];
+    let albedos = vec![Vec3::ONE; count];
+    let features = device_features(gpu()).with("indirect", true);
+    let outcome = Setup { size, tile, points, albedos, records: Vec::new(), features }.run();
+    assert!(outcome.wanted.iter().copied().eq(0..count as u32));
+    assert!(outcome.uncovered.iter().copied().eq(0..count as u32));
+    assert!(outcome.radiance.iter().flatten().all(|v| *v == 0.0));
+}

@@ -1,0 +1,406 @@
+//! Pass `flux`: photons bring all of the lights' power to the surfaces, and no more, in words that keep its mean.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3, Vec4};
+use penumbra::gpu::{Kernel, Resources, buffer::POISON, compose};
+use penumbra::passes::flux::Flux;
+use penumbra::passes::grid::Photon;
+use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::settings::Technique;
+
+use crate::kit::{device_features, gpu};
+use crate::light::{Corners, cube, form_factor, sphere, square};
+use crate::path::{camera, inside_out, scene, surface};
+use crate::stage::Stage;
+use crate::statistics::{Random, chi_square, z_test};
+
+const SEED: u32 = 7;
+
+fn stage(scene: Scene) -> Stage {
+    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::ShadowPhotons, |features| features)
+}
+
+/// A room of edge 1 whose walls reflect the share `albedo`.
+fn room(albedo: f32) -> (Vec<Corners>, Material) {
+    (inside_out(cube(DVec3::ZERO, 0.5)), surface(albedo, 0.0))
+}
+
+fn point_light(position: Vec3, intensity: Vec3) -> LightKind {
+    LightKind::Point { position, intensity, range: f32::INFINITY }
+}
+
+/// Steps of flux that a photon's word tells, by channel.
+pub fn steps(word: u32) -> DVec3 {
+    DVec3::from([14, 19, 24].map(|at| f64::from((word >> at & 31) << (3 * (word >> 29 & 3)))))
+}
+
+struct Traced {
+    photons: Vec<Photon>,
+    emitted: u32,
+    rays: u64,
+    step: f64,
+}
+
+impl Traced {
+    fn new(stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
+        let pass = Flux::new(gpu(), &stage.features, &stage.tables.constants()).unwrap();
+        let traced = pass.trace(gpu(), &stage.tables, &stage.tables.lights, rays, max_bounces, SEED).unwrap();
+        assert_eq!(traced.cut, 0);
+        let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
+        Traced { photons, emitted: traced.emitted, rays: traced.rays, step: traced.step }
+    }
+
+    /// Power of the photons that a test asks for, by channel.
+    fn power(&self, asked: impl Fn(DVec3) -> bool) -> DVec3 {
+        let asked = self.photons.iter().filter(|p| asked(Vec3::from(p.position).as_dvec3()));
+        asked.map(|p| steps(p.word)).sum::<DVec3>() * self.step
+    }
+
+    /// Standard error of a sum by the rounding of words: half a step at most, of 8 where a channel has up to 8 units.
+    fn rounding(&self) -> f64 {
+        (self.photons.len() as f64).sqrt() * 4.0 * self.step
+    }
+}
+
+/// In a closed room that absorbs the share 1 - a, what the photons leave at the walls, (1 - a) of their flux, is what
+/// the light emits: a box and a sphere, from a point light and from the walls themselves. Paths have n bounces with chance
+/// a^n (1 - a): a ray's share wavers by sqrt(a).
+#[test]
+fn closed_rooms_keep_their_energy() {
+    let ball = |albedo, emission| (inside_out(sphere(DVec3::ZERO, 0.5, 8)), surface(albedo, emission));
+    let light = || vec![point_light(Vec3::new(0.1, 0.2, -0.1), Vec3::ONE)];
+    // 0.99 takes a hundred bounces a ray: fewer rays.
+    for (albedo, rays) in [(0.5, 1 << 15), (0.9, 1 << 15), (0.99, 1 << 13)] {
+        let glowing = (room(albedo).0, surface(albedo, 0.3));
+        for (name, scene) in [
+            ("box", scene(&[room(albedo)], light())),
+            ("sphere", scene(&[ball(albedo, 0.0)], light())),
+            ("glowing box", scene(&[glowing], Vec::new())),
+        ] {
+            let stage = stage(scene);
+            let emitted = stage.tables.lights.lights[0].power;
+            // Beyond 4000 bounces a path goes on with a chance of 1e-18.
+            let traced = Traced::new(&stage, rays, 4000);
+            assert_eq!(traced.emitted, rays);
+            assert_eq!(traced.rays, traced.photons.len() as u64, "{name}, {albedo}: rays that left the room");
+            let absorbed = (1.0 - f64::from(albedo)) * traced.power(|_| true);
+            let error = emitted * (f64::from(albedo) / f64::from(rays)).sqrt();
+            for channel in 0..3 {
+                z_test(absorbed[channel], error, emitted, 27).unwrap_or_else(|e| panic!("{name}, {albedo}: {e}"));
+            }
+            z_test(1.06 * absorbed.x, error, emitted, 27).expect_err("six percent too much");
+        }
+    }
+}
+
+/// Walls of another albedo in each channel: each keeps its energy, though the strongest decides how far a photon goes. Where one
+/// reflects nothing its flux is all in the first photons.
+#[test]
+fn colours_keep_their_energy() {
+    let albedo = Vec3::new(0.0, 0.5, 0.9);
+    let (walls, mut material) = room(0.0);
+    material.base_colour = albedo.extend(1.0);
+    let stage = stage(scene(&[(walls, material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+    let emitted = stage.tables.lights.lights[0].power;
+    let traced = Traced::new(&stage, 1 << 15, 4000);
+    let absorbed = (DVec3::ONE - albedo.as_dvec3()) * traced.power(|_| true);
+    let survival = f64::from(albedo.z);
+    for channel in 0..3 {
+        // Of N photons of a path, N > k with chance p^k, the k-th carries r^k: the sum (1 - r^N) / (1 - r), or N.
+        let a = f64::from(albedo[channel]);
+        let r = a / survival;
+        let power_mean = |r: f64| r * (1.0 - survival) / (1.0 - survival * r);
+        let variance = match channel {
+            2 => survival,
+            _ => ((1.0 - a) / (1.0 - r)).powi(2) * (power_mean(r * r) - power_mean(r).powi(2)),
+        };
+        let error = emitted * (variance / f64::from(traced.emitted)).sqrt() + traced.rounding();
+        z_test(absorbed[channel], error, emitted, 3).unwrap_or_else(|e| panic!("channel {channel}: {e}"));
+        z_test(0.97 * absorbed[channel], error, emitted, 3).expect_err("three percent too little");
+    }
+}
+
+/// What reflects nothing stores nothing, and ends the path: black walls, and unlit ones.
+#[test]
+fn black_and_unlit_walls_store_nothing() {
+    let (walls, black) = room(0.0);
+    let unlit = Material { unlit: true, ..surface(0.8, 0.0) };
+    for material in [black, unlit] {
+        let stage = stage(scene(&[(walls.clone(), material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+        let traced = Traced::new(&stage, 1000, 64);
+        assert_eq!((traced.photons.len(), traced.emitted, traced.rays), (0, 1000, 1000));
+    }
+}
+
+/// At most `max_bounces` bounces come before a photon: one photon a ray at 0; in all a ray leaves the sum of a^k.
+#[test]
+fn bounces_are_bounded() {
+    const ALBEDO: f32 = 0.9;
+    let stage = stage(scene(&[room(ALBEDO)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+    let a = f64::from(ALBEDO);
+    for max_bounces in [0, 1, 3] {
+        let traced = Traced::new(&stage, 1 << 14, max_bounces);
+        let n = f64::from(traced.emitted);
+        let count = traced.photons.len() as f64;
+        assert!(count <= n * f64::from(max_bounces + 1) && traced.rays == traced.photons.len() as u64);
+        let sum = |term: fn(f64) -> f64| (0..=max_bounces).map(|k| term(f64::from(k)) * a.powi(k as i32)).sum::<f64>();
+        let (mean, square) = (sum(|_| 1.0), sum(|k| 2.0 * k + 1.0));
+        if max_bounces == 0 {
+            assert_eq!(traced.photons.len() as u32, traced.emitted);
+        } else {
+            let error = (n * (square - mean * mean)).sqrt();
+            z_test(count, error, n * mean, 2).unwrap();
+            z_test(count - n * a.powi(max_bounces as i32), error, n * mean, 2).expect_err("one bounce less");
+        }
+    }
+}
+
+/// Three lights of one colour each, of powers as 1 to 40: first hits bring each light's power by its closed form, the two sides
+/// of a mesh half of it each.
+#[test]
+fn every_light_sends_its_power() {
+    // It reflects: what reaches it of the others is stored there.
+    let lamp = Material { emissive: Vec3::X * 0.5, double_sided: true, ..surface(0.5, 0.0) };
+    let panel = square(DVec3::new(0.0, 0.1, 0.0), DVec3::Z * 0.1, DVec3::X * 0.2);
+    let (inner, outer) = (0.9f32, 0.6f32);
+    let spot = LightKind::Spot {
+        position: Vec3::new(0.3, 0.3, 0.3),
+        direction: Vec3::new(-0.6, 0.0, -0.8),
+        intensity: Vec3::Z * 2.0,
+        cos_inner: inner,
+        cos_outer: outer,
+        range: f32::INFINITY,
+    };
+    let point = point_light(Vec3::new(-0.2, 0.3, 0.1), Vec3::Y * 0.8);
+    let scene = scene(&[(panel, lamp), room(0.5)], vec![point, spot]);
+    let traced = Traced::new(&stage(scene), 1 << 16, 0);
+    let arrived = traced.power(|_| true);
+    // Radiance times pi times area, both sides; intensity over the sphere; and over the spot's cone, between the cones the
+    // square of a ramp in the cosine.
+    let (i, o) = (f64::from(inner), f64::from(outer));
+    let cone = [3.0, 5.0].map(|power| ((1.0 - i) + (i - o) / power) / (1.0 - o));
+    let expected = [2.0 * 0.5 * PI * 0.08, 0.8 * 4.0 * PI, 2.0 * 2.0 * PI * (1.0 - o) * cone[0]];
+    for (channel, expected) in expected.into_iter().enumerate() {
+        let sent = traced.photons.iter().filter(|p| steps(p.word)[channel] > 0.0).count() as f64;
+        assert!(sent > 200.0, "{sent} photons are no test");
+        // All rays of a mesh of one radiance and of a point light carry the same, those of a spot light by its falloff.
+        let spread = if channel == 2 { (cone[1] / cone[0].powi(2) - 1.0).sqrt() } else { 0.0 };
+        let error = expected * spread / sent.sqrt() + 8.0 * 0.5 * traced.step * sent.sqrt();
+        z_test(arrived[channel], error, expected, 4).unwrap_or_else(|e| panic!("channel {channel}: {e}"));
+        z_test(1.06 * arrived[channel], error, expected, 4).expect_err("six percent too much");
+        if channel == 0 {
+            let above = traced.power(|p| p.y > 0.1)[0];
+            let error = expected * 0.5 / sent.sqrt() + error;
+            z_test(above, error, expected / 2.0, 4).unwrap();
+            z_test(expected, error, expected / 2.0, 4).expect_err("all of it on one side");
+        }
+    }
+}
+
+/// A point light in the middle of a room whose corners are out of its range: what arrives is its windowed irradiance, summed
+/// over the walls.
+#[test]
+fn ranges_take_their_part() {
+    let range = 0.7;
+    let light = LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: range as f32 };
+    let traced = Traced::new(&stage(scene(&[room(0.5)], vec![light])), 1 << 15, 0);
+    const N: usize = 200;
+    let at = |k: usize| (k as f64 + 0.5) / N as f64 - 0.5;
+    let irradiance = |k: usize| {
+        let d = DVec3::new(at(k % N), at(k / N), 0.5).length();
+        (1.0 - (d / range).powi(4)).max(0.0) * 0.5 / d.powi(3)
+    };
+    let expected = 6.0 * (0..N * N).map(irradiance).sum::<f64>() / (N * N) as f64;
+    // Shares from 0 to 1 waver by a half at most.
+    let error = 4.0 * PI * 0.5 / f64::from(traced.emitted).sqrt() + traced.rounding();
+    z_test(traced.power(|_| true).x, error, expected, 1).unwrap();
+    z_test(4.0 * PI, error, expected, 1).expect_err("no window");
+}
+
+/// A slanted sun on a floor: irradiance times area times cosine.
+#[test]
+fn suns_send_their_irradiance() {
+    let direction = DVec3::new(0.3, -0.8, 0.1).normalize();
+    let light = LightKind::Directional { direction: direction.as_vec3(), irradiance: Vec3::splat(3.0) };
+    let floor = square(DVec3::ZERO, DVec3::Z * 0.4, DVec3::X * 0.3);
+    let traced = Traced::new(&stage(scene(&[(floor, surface(0.5, 0.0))], vec![light])), 1 << 15, 4);
+    let expected = 3.0 * 0.48 * -direction.y;
+    let hits = traced.photons.len() as f64;
+    let missed = 1.0 - hits / f64::from(traced.emitted);
+    let error = expected * (missed / hits).sqrt() + traced.rounding();
+    z_test(traced.power(|_| true).y, error, expected, 1).unwrap();
+    z_test(traced.power(|_| true).y * 1.05, error, expected, 1).expect_err("five percent too much");
+}
+
+/// Photons of a square light lie on the floor as the irradiance by Lambert's formula, and none on the ceiling behind it.
+#[test]
+fn photons_lie_as_light_does() {
+    let panel = square(DVec3::new(0.1, 0.3, 0.0), DVec3::X * 0.15, DVec3::Z * 0.1);
+    let stage = stage(scene(&[(panel.clone(), surface(0.0, 1.0)), room(0.5)], Vec::new()));
+    let traced = Traced::new(&stage, 1 << 16, 0);
+    assert_eq!(traced.photons.len() as u32, traced.emitted);
+    assert!(traced.photons.iter().all(|p| p.position[1] < 0.3), "photons behind the light");
+    const CELLS: usize = 10;
+    let mut counts = vec![0u64; CELLS * CELLS];
+    for photon in traced.photons.iter().filter(|p| p.position[1] < -0.499) {
+        let cell = |x: f32| ((x + 0.5) * CELLS as f32).clamp(0.0, CELLS as f32 - 1.0) as usize;
+        counts[cell(photon.position[2]) * CELLS + cell(photon.position[0])] += 1;
+    }
+    let expected = |moved: f64| -> Vec<f64> {
+        let light = panel.iter().map(|t| t.map(|corner| corner + DVec3::X * moved)).collect::<Vec<_>>();
+        // Means over a cell by midpoints; flux of all is pi times the area 0.06.
+        let at = |k: usize, n: usize| (k as f64 + 0.5) / n as f64 - 0.5;
+        let mean = |cell: usize| {
+            let place = |k: usize| {
+                let x = at(cell % CELLS * 4 + k % 4, 4 * CELLS);
+                DVec3::new(x, -0.5, at(cell / CELLS * 4 + k / 4, 4 * CELLS))
+            };
+            (0..16).map(|k| form_factor(&light, false, place(k), DVec3::Y, true)).sum::<f64>() / 16.0
+        };
+        let all = f64::from(traced.emitted) / (PI * 0.06 * (CELLS * CELLS) as f64);
+        (0..CELLS * CELLS).map(|cell| mean(cell) * all).collect()
+    };
+    chi_square(&counts, &expected(0.0), 1).unwrap();
+    chi_square(&counts, &expected(0.1), 1).expect_err("a light that is moved");
+}
+
+/// Rays of the kernel alone.
+struct Request {
+    first: u32,
+    count: u32,
+    max_bounces: u32,
+    inverse_unit: f32,
+    stored: u32,
+    room: usize,
+}
+
+/// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and counts.
+fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 4]) {
+    let composed = compose::compose("flux", &stage.features).unwrap();
+    let constants = composed.overrides(&stage.tables.constants());
+    let kernel = Kernel::new(gpu(), &composed, &constants, &[]).unwrap();
+    let photons = gpu().poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
+    let counts = gpu().buffer::<[u32; 4]>("test/counts", 1).unwrap();
+    let ray_table = gpu().upload("test/rays", &[0, rays]).unwrap();
+    let own =
+        Resources::new().with("flux_photons", &photons).with("flux_counts", &counts).with("flux_rays", &ray_table);
+    let bound = kernel.bind(gpu(), "flux", &[&own, &stage.tables]).unwrap();
+    let Request { first, count, max_bounces, inverse_unit, stored, .. } = *request;
+    let mut frame = gpu().frame("test");
+    frame.run(&bound, count, &[first, count, 1, SEED, max_bounces, stored, inverse_unit.to_bits(), 0]);
+    frame.submit().unwrap();
+    let counts = gpu().read::<[u32; 4]>(&counts, 1).unwrap()[0];
+    assert_eq!(counts[1], 0, "traversals that gave up");
+    (gpu().read(&photons, request.room).unwrap(), counts)
+}
+
+/// The photons depend on their rays alone: batches of no ray, of one and about a workgroup, each behind the photons of those
+/// before, bring those that the pass brings in its own, which has to grow its buffer for them. Nothing else is written.
+#[test]
+fn batches_do_not_show() {
+    let stage = stage(scene(&[room(0.9)], vec![point_light(Vec3::new(0.2, 0.1, 0.3), Vec3::ONE)]));
+    // Two batches of the pass, and room at first for four photons a ray where there are ten.
+    let rays = (1 << 15) + 77;
+    let traced = Traced::new(&stage, rays, 64);
+    assert!(traced.photons.len() > 8 * rays as usize);
+    let unit = stage.tables.lights.lights[0].power / f64::from(rays);
+    let room = 14 * rays as usize;
+    let mut request =
+        Request { first: 0, count: 0, max_bounces: 64, inverse_unit: (1.0 / unit) as f32, stored: 0, room };
+    let mut collected = Vec::new();
+    for count in [0, 1, 63, 64, 65, 1000, 30_001, rays - 31_194] {
+        request.count = count;
+        let (photons, [stored, _, _, cut]) = run(&stage, rays, &request);
+        assert_eq!(cut, 0);
+        let (first, end) = (request.stored as usize, (request.stored + stored) as usize);
+        assert!(stored >= count && photons[first..end].iter().flatten().all(|word| *word != POISON));
+        let others = photons[..first].iter().chain(&photons[end..]);
+        assert!(others.flatten().all(|word| *word == POISON), "{count} rays wrote elsewhere");
+        collected.extend_from_slice(&photons[first..end]);
+        request.first += count;
+        request.stored += stored;
+    }
+    assert_eq!(request.first, rays);
+    let mut by_pass: Vec<[u32; 4]> = bytemuck::cast_slice(&traced.photons).to_vec();
+    by_pass.sort_unstable();
+    collected.sort_unstable();
+    assert!(by_pass == collected, "{} photons of the pass, {} of the batches", by_pass.len(), collected.len());
+    collected.pop();
+    assert!(by_pass != collected, "a photon that is lost");
+}
+
+/// More rays than 65,535 workgroups have are all traced; photons that find no room are counted all the same, and so are
+/// those that carry more than a word holds, which is what remains of them.
+#[test]
+fn what_has_no_room_is_counted() {
+    let stage = stage(scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+    let count = 65_535 * 64 + 65;
+    let power = stage.tables.lights.lights[0].power;
+    // A thousand units a photon.
+    let inverse_unit = (1000.0 * f64::from(count) / power) as f32;
+    let request = Request { first: 0, count, max_bounces: 0, inverse_unit, stored: 0, room: 1000 };
+    let (photons, counts) = run(&stage, count, &request);
+    assert_eq!(counts, [count, 0, count, count]);
+    assert!(photons.iter().all(|photon| steps(photon[3]) == DVec3::splat(31.0 * 512.0)));
+    let request = Request { inverse_unit: inverse_unit / 4.0, count: 64, ..request };
+    let (photons, counts) = run(&stage, count, &request);
+    assert_eq!(counts, [64, 0, 64, 0]);
+    assert!(photons[..64].iter().all(|photon| steps(photon[3]).x < 31.0 * 512.0));
+}
+
+/// A word's steps are the flux in 31sts of the least power of 8 that holds it, up by chance so that the mean over the lots
+/// is the flux itself; normal and sign are left alone.
+#[test]
+fn words_keep_the_mean_of_flux() {
+    const LOTS: usize = 64;
+    let mut random = Random(3);
+    // The ends of the exponents, and fluxes of all sizes; the other channels are weaker.
+    let largest = [0.0, 1e-9, 0.03, 1.0, 1.0001, 8.0, 8.001, 64.0, 64.01, 511.0, 512.0];
+    let mut fluxes: Vec<DVec3> = largest.map(|f| DVec3::new(f, f, f * 0.5)).to_vec();
+    fluxes.extend((0..1000).map(|_| {
+        let size = 512.0 * (-9.0 * random.uniform()).exp();
+        DVec3::new(size * random.uniform(), size, size * random.uniform().powi(4))
+    }));
+    let items = fluxes.len() * LOTS;
+    let lot = |i: usize| ((i % LOTS) as f32 + 0.5) / LOTS as f32;
+    let asked: Vec<Vec4> = (0..items).map(|i| fluxes[i / LOTS].as_vec3().extend(lot(i))).collect();
+    // A normal's code, and whether it is a shadow photon's.
+    let marks: Vec<[u32; 2]> =
+        (0..items).map(|i| [(random.uniform() * 16384.0) as u32, (i / LOTS % 2) as u32]).collect();
+    let source = include_str!("shaders/flux_word.wgsl");
+    let composed = compose::compose_source("flux_word", source, &device_features(gpu())).unwrap();
+    let kernel = Kernel::new(gpu(), &composed, &[("count", items as f64)], &[]).unwrap();
+    let asked = gpu().upload("test/asked", &asked).unwrap();
+    let marked = gpu().upload("test/marks", &marks).unwrap();
+    let words = gpu().poisoned::<[u32; 4]>("test/words", items).unwrap();
+    let own = Resources::new().with("asked", &asked).with("marks", &marked).with("words", &words);
+    let bound = kernel.bind(gpu(), "encode", &[&own]).unwrap();
+    let mut frame = gpu().frame("test");
+    frame.run(&bound, items as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let words: Vec<[u32; 4]> = gpu().read(&words, items).unwrap();
+    // Half of the step between lots, and sums of up to 32 in f32, which err by 2e-6.
+    const MOST_OFF: f64 = 0.5 / LOTS as f64 + 4e-6;
+    let mut blind = 0;
+    for (flux, (words, marks)) in fluxes.iter().zip(words.chunks(LOTS).zip(marks.chunks(LOTS))) {
+        let flux = flux.as_vec3().as_dvec3();
+        let scale = [1.0, 8.0, 64.0, 512.0].into_iter().find(|scale| flux.max_element() <= *scale).unwrap();
+        let exact = flux * 31.0 / scale;
+        for (word, mark) in words.iter().zip(marks) {
+            assert_eq!((word[0] & 0x3fff, word[0] >> 31), (mark[0], mark[1]));
+            let told = steps(word[0]);
+            let sign = if mark[1] == 1 { -1.0 } else { 1.0 };
+            assert_eq!(DVec3::from([1, 2, 3].map(|c| f64::from(word[c] as i32))), told * sign);
+            let off = (told / scale - exact).abs();
+            assert!(off.max_element() < 1.0 + 4e-6, "{flux}: {told}");
+        }
+        let off = |words: &[[u32; 4]]| {
+            let mean = words.iter().map(|word| steps(word[0]) / scale).sum::<DVec3>() / words.len() as f64;
+            (mean - exact).abs().max_element()
+        };
+        assert!(off(words) <= MOST_OFF, "{flux}: the mean is off by {} steps", off(words));
+        blind += usize::from(off(&words[LOTS / 2..=LOTS / 2]) <= MOST_OFF);
+    }
+    assert!(blind < fluxes.len() / 5, "{blind} words to the nearest step pass for a mean");
+}

@@ -1,0 +1,493 @@
+//! Pass `irradiance`: density estimates against brute force over photons made by hand, and against the irradiance that they
+//! stand for; and the look-up of the nearest place.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+use penumbra::gpu::{Bindings, Kernel, Resources, buffer::POISON, compose};
+use penumbra::passes::Point;
+use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
+use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
+use penumbra::settings::Technique;
+
+use crate::flux::steps;
+use crate::kit::gpu;
+use crate::path::{camera, scene, surface};
+use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal};
+use crate::stage::{Crossing, Stage, crossings, hash};
+use crate::statistics::{mean_and_error, z_test};
+
+/// What the kernel writes where there is nothing to be told.
+const FAR: f32 = 1e30;
+
+/// Probes of a disc.
+const PROBES: u32 = 16;
+
+/// A photon that carries `flux` steps in each channel, at exponent 0.
+pub fn carrying(position: Vec3, normal: Vec3, flux: [u32; 3]) -> Photon {
+    let [r, g, b] = flux;
+    let photon = photon(position, normal, 0, false);
+    Photon { word: photon.word | r << 14 | g << 19 | b << 24, ..photon }
+}
+
+/// Rectangles as a scene of one material.
+fn stage(rectangles: &[Rectangle]) -> Stage {
+    let triangles = rectangles.iter().flat_map(|Rectangle(p, a, b)| {
+        let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
+        [[p, q, r], [p, r, s]]
+    });
+    let light = penumbra::scene::LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY };
+    let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
+    let view = camera(DVec3::ZERO, DVec3::X, 1.0);
+    Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| features)
+}
+
+/// The kernels, and the scene that probes meet.
+struct Bench {
+    stage: Stage,
+    grid: Grid,
+    kernel: Kernel,
+}
+
+/// Places in the order of their cells, and what is told there: irradiance, and the radius of the disc.
+struct Told {
+    places: Vec<Photon>,
+    irradiances: Vec<[f32; 4]>,
+}
+
+impl Bench {
+    fn new(rectangles: &[Rectangle]) -> Bench {
+        let stage = stage(rectangles);
+        let composed = compose::compose("irradiance", &stage.features).unwrap();
+        let mut constants = stage.tables.constants().to_vec();
+        constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
+        let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
+        Bench { grid: Grid::sorting_only(gpu(), &stage.features).unwrap(), kernel, stage }
+    }
+
+    fn sort(&self, photons: &[Photon], shape: GridShape) -> SortedPhotons {
+        let buffer = gpu().upload("test/photons", photons).unwrap();
+        self.grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap()
+    }
+
+    /// Runs the kernel by itself, its output poisoned: behind the places' it must stay so.
+    fn tell(&self, map: &SortedPhotons, places: &SortedPhotons, step: f32) -> Told {
+        const BEYOND: usize = 5;
+        let count = places.count as usize;
+        let irradiances = gpu().poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
+        let own = Resources::new().with("places", &places.sorted).with("irradiances", &irradiances);
+        let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.tables]).unwrap();
+        let shape: [u32; 8] = bytemuck::cast(map.shape);
+        let mut parameters = [0; 12];
+        parameters[..8].copy_from_slice(&shape);
+        parameters[8..10].copy_from_slice(&[places.count, step.to_bits()]);
+        let mut frame = gpu().frame("test");
+        frame.run(&bound, places.count, &parameters);
+        frame.submit().unwrap();
+        let mut irradiances: Vec<[f32; 4]> = gpu().read(&irradiances, count + BEYOND).unwrap();
+        let beyond = irradiances.split_off(count);
+        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} places");
+        assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} places");
+        Told { places: gpu().read(&places.sorted, count).unwrap(), irradiances }
+    }
+}
+
+const BOUNDS: (Vec3, Vec3) = (Vec3::splat(-0.5), Vec3::splat(0.5));
+
+/// What brute force says of a place.
+struct Expected {
+    /// Steps over the disc's area, before they are divided by the share of it that is surface.
+    density: DVec3,
+    radius: f64,
+    /// It hangs on rounding which photons count.
+    doubtful: bool,
+}
+
+fn cell_at(shape: &GridShape, position: Vec3) -> [i64; 3] {
+    [0, 1, 2].map(|axis| {
+        let cell = (position[axis] - shape.origin[axis]) * shape.inverse_cell;
+        (cell.floor() as i64).clamp(0, i64::from(shape.size[axis]) - 1)
+    })
+}
+
+/// The disc is what holds k photons at the density of 27 cells, nine of them on a surface; no wider than a cell. Photons
+/// count within an ellipsoid a quarter as high, of normals within 45 degrees.
+fn brute_force(photons: &[Photon], shape: &GridShape, place: &Photon) -> Expected {
+    let x = Vec3::from(place.position);
+    let n = photon_normal(place.word);
+    let here = cell_at(shape, x);
+    let about = |p: &&Photon| {
+        let there = cell_at(shape, Vec3::from(p.position));
+        (0..3).all(|axis| (there[axis] - here[axis]).abs() <= 1)
+    };
+    let crowd = photons.iter().filter(about).count().max(1);
+    let reach = (f64::from(IRRADIANCE_NEAREST) * 9.0 / (PI * crowd as f64)).sqrt().min(1.0);
+    let radius = reach * f64::from(shape.cell);
+    let mut expected = Expected { density: DVec3::ZERO, radius, doubtful: false };
+    for p in photons {
+        let v = (Vec3::from(p.position) - x).as_dvec3();
+        let distance = (v.length_squared() + 15.0 * v.dot(n).powi(2)).sqrt();
+        let excess = photon_normal(p.word).dot(n) - 0.5f64.sqrt();
+        // Differences of coordinates up to 1 and normals decoded in f32: within 1e-6.
+        expected.doubtful |= (distance - radius).abs() < 2e-6 || (distance < radius && excess.abs() < 1e-5);
+        if distance <= radius && excess > 0.0 {
+            let sign = if p.word >> 31 == 1 { -1.0 } else { 1.0 };
+            expected.density += sign * steps(p.word) / (PI * radius * radius);
+        }
+    }
+    expected
+}
+
+/// The area of the surface in the search ellipsoid over that of the disc, by probes; none where that hangs on rounding.
+fn covered(stage: &Stage, place: &Photon, radius: f64) -> Option<f64> {
+    let position = Vec3::from(place.position);
+    let n = photon_normal(place.word);
+    let x = position.as_dvec3();
+    // Two tangents (Duff et al. 2017).
+    let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    let tangents =
+        [DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y)];
+    let [i, j, k] = position.to_array().map(f32::to_bits);
+    let turn = f64::from(hash(&[k, j, i]) >> 8) / f64::from(1 << 24);
+    let height = radius / 4.0;
+    let (mut found, mut slant) = (0, 0.0);
+    for probe in 0..PROBES {
+        let part = (f64::from(probe) + 0.5) / f64::from(PROBES);
+        let distance = radius * part.sqrt();
+        let angle = TAU * (turn + f64::from(probe) * 0.61803399);
+        let above = x + distance * (angle.cos() * tangents[0] + angle.sin() * tangents[1]) + height * n;
+        // Rays start 1e-5 to 3e-5 above the surface.
+        let origin = x + 2e-5 * n;
+        let length = (above - origin).length();
+        let there = crossings(&stage.scene, origin, (above - origin) / length);
+        let down = crossings(&stage.scene, above, -n);
+        // The ellipsoid's part over and under the place of the probe.
+        let half = height * (1.0 - part).sqrt();
+        let ways = [(&there, 0.0, length), (&down, height - half, height + half)];
+        let hits = ways.map(|(all, start, end)| {
+            // Too near to an end of the way, or to an edge of a triangle a tenth wide at least, to tell.
+            let at_end = |c: &Crossing| (c.t - start).abs().min((c.t - end).abs()) < 1e-5;
+            let doubtful = |c: &Crossing| at_end(c) || (c.inside.abs() < 1e-4 && c.t > start && c.t < end);
+            let first = all.iter().find(|c| c.t > start && c.t < end && c.inside > 0.0);
+            if all.iter().any(doubtful) { None } else { Some(first.map(|c| c.normal.dot(n).abs())) }
+        });
+        let (blocked, lands) = (hits[0]?.is_some(), hits[1]?);
+        let Some(cosine) = lands.filter(|_| !blocked) else { continue };
+        if (cosine - 0.5f64.sqrt()).abs() < 1e-5 {
+            return None;
+        }
+        if cosine > 0.5f64.sqrt() {
+            found += 1;
+            slant += 1.0 / cosine;
+        }
+    }
+    // Without bias for one over the share.
+    let share = slant / f64::from(found.max(1)) * f64::from(found + 1) / f64::from(PROBES + 1);
+    Some(if found == 0 { 0.0 } else { share })
+}
+
+/// A floor and a wall at its side, a cube that stands on the floor.
+fn corner_and_cube() -> Vec<Rectangle> {
+    let v = Vec3::new;
+    let mut rectangles = vec![
+        Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0)),
+        Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 1.0, 0.0), v(0.0, 0.0, 1.0)),
+    ];
+    let half = 0.15;
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let n = Vec3::AXES[axis] * sign * half;
+            let (a, b) = (Vec3::AXES[(axis + 1) % 3] * half * sign, Vec3::AXES[(axis + 2) % 3] * half);
+            rectangles.push(Rectangle(v(0.1, -0.5 + half, 0.1) + n - a - b, a * 2.0, b * 2.0));
+        }
+    }
+    rectangles
+}
+
+fn on(rectangle: &Rectangle, random: &mut Random) -> Vec3 {
+    rectangle.0 + rectangle.1 * random.unit() + rectangle.2 * random.unit()
+}
+
+/// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, places about a
+/// workgroup, on surfaces, at edges and corners and in the open, in grids of cells that are full and that are not.
+#[test]
+fn estimates_are_those_of_brute_force() {
+    let rectangles = corner_and_cube();
+    let bench = Bench::new(&rectangles);
+    let mut random = Random(2);
+    let somewhere = |random: &mut Random| {
+        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
+        let tilt = if random.unit() < 0.7 { 0.0 } else { random.unit() };
+        (on(rectangle, random), (rectangle.normal() + tilt * random.direction()).normalize())
+    };
+    let (mut checked, mut doubts, mut partly) = (0, 0, 0);
+    for (photon_count, place_count) in [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (20_000, 400)] {
+        let photons: Vec<Photon> = (0..photon_count)
+            .map(|_| {
+                let (position, normal) = somewhere(&mut random);
+                let photon = photon(position, normal, 0, false);
+                Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
+            })
+            .collect();
+        let places: Vec<Photon> = (0..place_count)
+            .map(|_| {
+                let (position, normal) = somewhere(&mut random);
+                photon(position, normal, 0, false)
+            })
+            .collect();
+        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
+        let step = 1e-4f32;
+        let told = bench.tell(
+            &bench.sort(&photons, shape),
+            &bench.sort(&places, place_grid((BOUNDS, 3.0), place_count)),
+            step,
+        );
+        for (place, [r, g, b, radius]) in told.places.iter().zip(&told.irradiances) {
+            let expected = brute_force(&photons, &shape, place);
+            checked += 1;
+            let Some(share) = covered(&bench.stage, place, expected.radius).filter(|_| !expected.doubtful) else {
+                doubts += 1;
+                continue;
+            };
+            let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
+            if share == 0.0 {
+                assert_eq!((value, *radius), (DVec3::ZERO, FAR), "{place:?}");
+                continue;
+            }
+            let right = expected.density * f64::from(step) / share;
+            // Sums are whole numbers: what is left are a square and some quotients in f32, and 3.1416 for pi.
+            let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
+            assert!(agrees(right), "{place:?}: {value}, expected {right}");
+            assert!((f64::from(*radius) - expected.radius).abs() < 1e-5 * expected.radius);
+            if right != DVec3::ZERO {
+                assert!(!agrees(right * 16.0 / 17.0), "a probe more");
+                partly += u32::from(!agrees(right * share));
+            }
+        }
+    }
+    println!("{checked} places, {doubts} in doubt, {partly} partly covered");
+    assert!(doubts * 5 < checked && partly > 50);
+}
+
+/// A surface that photons cover evenly, and places on it.
+struct Lit {
+    name: &'static str,
+    /// All there is; photons lie on those that `lit` chooses of a rectangle's number and a position.
+    rectangles: Vec<Rectangle>,
+    lit: fn(usize, Vec3) -> bool,
+    /// Where the places are, on the first rectangle.
+    place: fn(Vec3) -> bool,
+    /// Whether a part of their discs is missing.
+    cut: bool,
+}
+
+/// Photons of an even irradiance tell that irradiance in the mean, in the open, at an edge, in a corner, beside a cube, and on a wall
+/// that is thin: also where the disc hangs over the edge. Without the share of the disc that is surface they would not.
+#[test]
+fn even_light_is_even() {
+    let v = Vec3::new;
+    let floor = Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    let under = Rectangle(v(-0.5, -0.5 - 1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
+    let outside_cube = |i: usize, p: Vec3| i > 0 || (p.x - 0.1).abs().max((p.z - 0.1).abs()) > 0.15;
+    let cases = [
+        Lit {
+            name: "open floor",
+            rectangles: vec![floor],
+            lit: |_, _| true,
+            place: |p| p.x.abs().max(p.z.abs()) < 0.3,
+            cut: false,
+        },
+        Lit {
+            name: "edge",
+            rectangles: vec![floor],
+            lit: |_, _| true,
+            place: |p| p.x > 0.4 && p.z.abs() < 0.3,
+            cut: true,
+        },
+        Lit {
+            name: "corner",
+            rectangles: corner_and_cube(),
+            lit: outside_cube,
+            place: |p| p.x < -0.42 && p.z < 0.0,
+            cut: true,
+        },
+        Lit {
+            name: "beside a cube",
+            rectangles: corner_and_cube(),
+            lit: outside_cube,
+            place: |p| (0.15..0.22).contains(&(p.x - 0.1).abs().max((p.z - 0.1).abs())),
+            cut: true,
+        },
+        Lit {
+            name: "lit side of a thin wall",
+            rectangles: vec![floor, under],
+            lit: |i, _| i == 0,
+            place: |p| p.x.abs() < 0.3,
+            cut: false,
+        },
+    ];
+    const MAPS: usize = 64;
+    const DENSITY: f32 = 3000.0;
+    const PLACES: u32 = 256;
+    const STEP: f32 = 1e-3;
+    let mut random = Random(5);
+    for case in cases {
+        let bench = Bench::new(&case.rectangles);
+        let area: f32 = case.rectangles.iter().map(Rectangle::area).sum();
+        let (mut told, mut uncorrected) = (Vec::new(), Vec::new());
+        for _ in 0..MAPS {
+            let mut photons = Vec::new();
+            for (i, rectangle) in case.rectangles.iter().enumerate() {
+                let count = (rectangle.area() * DENSITY) as usize;
+                let positions = (0..count).map(|_| on(rectangle, &mut random)).filter(|p| (case.lit)(i, *p));
+                photons.extend(positions.map(|p| carrying(p, rectangle.normal(), [31, 20, 1])));
+            }
+            let floor = &case.rectangles[0];
+            let tries = std::iter::repeat_with(|| on(floor, &mut random)).filter(|p| (case.place)(*p));
+            let places: Vec<Photon> =
+                tries.take(PLACES as usize).map(|p| photon(p, floor.normal(), 0, false)).collect();
+            let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
+            let map = bench.sort(&photons, shape);
+            let of = bench.tell(&map, &bench.sort(&places, place_grid((BOUNDS, area), PLACES)), STEP);
+            let n = f64::from(PLACES);
+            told.push(of.irradiances.iter().map(|told| f64::from(told[0])).sum::<f64>() / n);
+            if case.cut {
+                let density = |place| brute_force(&photons, &shape, place).density.x;
+                uncorrected.push(of.places.iter().map(density).sum::<f64>() * f64::from(STEP) / n);
+            }
+        }
+        let expected = f64::from(DENSITY) * 31.0 * f64::from(STEP);
+        let (mean, error) = mean_and_error(told.iter().copied());
+        println!("{}: {:.4} +- {:.4}", case.name, mean / expected, error / expected);
+        z_test(mean, error, expected, 5).unwrap_or_else(|e| panic!("{}: {e}", case.name));
+        z_test(1.05 * mean, error, expected, 5).expect_err("five percent too much");
+        if case.cut {
+            let (mean, error) = mean_and_error(uncorrected.iter().copied());
+            println!("  uncorrected {:.4} +- {:.4}", mean / expected, error / expected);
+            z_test(mean, error, expected, 5).expect_err("without the share that is surface");
+        }
+    }
+}
+
+/// The other side of a thin wall is dark: nothing of the lit side comes through.
+#[test]
+fn thin_walls_let_nothing_through() {
+    let v = Vec3::new;
+    let top = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
+    let under = Rectangle(v(-0.5, -1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
+    let bench = Bench::new(&[top, under]);
+    let mut random = Random(8);
+    let photons: Vec<Photon> = (0..3000).map(|_| carrying(on(&top, &mut random), Vec3::Y, [31; 3])).collect();
+    let places: Vec<Photon> = (0..200)
+        .map(|i| {
+            let side = if i % 2 == 0 { &top } else { &under };
+            photon(on(side, &mut random), side.normal(), 0, false)
+        })
+        .collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
+    let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 2.0), 200)), 1.0);
+    for (place, told) in told.places.iter().zip(&told.irradiances) {
+        assert_eq!(told[0] > 0.0, photon_normal(place.word).y > 0.0, "{place:?}: {told:?}");
+    }
+}
+
+/// A look-up tells what its table holds for the nearest place of the point's surface where that is within half a cell; else that of
+/// some place of the surface not two cells away, or nothing. The table holds what the kernel wrote.
+#[test]
+fn look_ups_find_the_nearest_place() {
+    let rectangles = corner_and_cube();
+    let bench = Bench::new(&rectangles);
+    let mut random = Random(4);
+    let somewhere = |random: &mut Random| {
+        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
+        (on(rectangle, random), rectangle.normal())
+    };
+    let photons: Vec<Photon> = (0..5000)
+        .map(|_| {
+            let (position, normal) = somewhere(&mut random);
+            carrying(position, normal, [random.word() % 32, random.word() % 32, random.word() % 32])
+        })
+        .collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let map = bench.sort(&photons, shape);
+    let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.tables.constants()).unwrap();
+    for (place_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
+        let places: Vec<Photon> = (0..place_count)
+            .map(|_| {
+                let (position, normal) = somewhere(&mut random);
+                photon(position, normal, 0, false)
+            })
+            .collect();
+        let points: Vec<Point> = (0..point_count)
+            .map(|_| {
+                let (position, normal) = somewhere(&mut random);
+                // Points on surfaces, above them, and outside of the grid.
+                let off = [0.0, 0.0, 0.05, 0.5][random.word() as usize % 4];
+                point(position + off * random.direction(), normal)
+            })
+            .collect();
+        let shape = place_grid((BOUNDS, 3.0), place_count);
+        let told = bench.tell(&map, &bench.sort(&places, shape), 1.0);
+        let by_place: std::collections::HashMap<[u32; 4], [f32; 4]> =
+            told.places.iter().map(|p| bytemuck::cast(*p)).zip(told.irradiances.iter().copied()).collect();
+        let sorted = bench.sort(&places, shape);
+        let sorted_places: Vec<[u32; 4]> = gpu().read(&sorted.sorted, place_count as usize).unwrap();
+        let known = pass.precompute(gpu(), &bench.stage.tables, &map, sorted, 1.0).unwrap();
+        let read = |entry: &str, count: usize| -> Vec<[f32; 4]> {
+            let source = include_str!("shaders/irradiance_near.wgsl");
+            let composed = compose::compose_source("irradiance_near", source, &bench.stage.features).unwrap();
+            let kernel = Kernel::new(gpu(), &composed, &[("count", count as f64)], &[]).unwrap();
+            let asked = gpu().upload("test/asked", &points).unwrap();
+            let found = gpu().poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
+            let own = Resources::new().with("asked", &asked).with("found", &found);
+            let bound = kernel.bind(gpu(), entry, &[&own, &known as &dyn Bindings]).unwrap();
+            let mut frame = gpu().frame("test");
+            frame.run(&bound, count as u32, &[0u32; 0]);
+            frame.submit().unwrap();
+            let mut found: Vec<[f32; 4]> = gpu().read(&found, count + 1).unwrap();
+            assert!(found.pop().unwrap().iter().all(|v| v.to_bits() == POISON));
+            found
+        };
+        for (place, held) in sorted_places.iter().zip(read("dump", place_count as usize)) {
+            assert_eq!(by_place[place], held, "{place:?}");
+        }
+        let found = read("near", points.len());
+        let cell = f64::from(shape.cell);
+        // What a point may be told.
+        let allowed = |point: &Point| -> Vec<[f32; 4]> {
+            let (x, n) = (Vec3::from(point.position).as_dvec3(), point_normal(point.normal));
+            let mut near: Vec<(f64, f64, [f32; 4])> = places
+                .iter()
+                .filter(|p| photon_normal(p.word).dot(n) > 0.5f64.sqrt())
+                .map(|p| {
+                    let d = Vec3::from(p.position).as_dvec3() - x;
+                    let counted = (d.length_squared() + 15.0 * d.dot(n).powi(2)).sqrt();
+                    (counted, d.abs().max_element(), by_place[&bytemuck::cast::<Photon, [u32; 4]>(*p)])
+                })
+                .collect();
+            near.sort_by(|a, b| a.0.total_cmp(&b.0));
+            // Cells are told apart in f32: half a cell less a little.
+            match near.first() {
+                Some((counted, offset, _)) if *offset < 0.4999 * cell => {
+                    near.iter().filter(|p| p.0 < counted + 1e-6).map(|p| p.2).collect()
+                }
+                _ => {
+                    let others = near.iter().filter(|p| p.1 < 1.5001 * cell).map(|p| p.2);
+                    others.chain([[0.0, 0.0, 0.0, FAR]]).collect()
+                }
+            }
+        };
+        let wrong =
+            |found: &[[f32; 4]]| points.iter().zip(found).filter(|(p, told)| !allowed(p).contains(told)).count();
+        assert_eq!(wrong(&found), 0, "{place_count} places");
+        let certain = points.iter().filter(|p| allowed(p).len() == 1).count();
+        if place_count == 1000 {
+            assert!(certain > points.len() / 3, "{certain} of {} points are told for sure", points.len());
+            let mut turned = found.clone();
+            turned.rotate_left(1);
+            assert!(wrong(&turned) > certain / 2, "answers for the wrong points");
+        }
+    }
+}

@@ -1,0 +1,25 @@
+// What the irradiance map tells at given points, and what its table holds.
+
+import package::lib::dispatch::group_index;
+import package::lib::irradiance::{irradiance_near, load_irradiance};
+import package::lib::math::oct_decode16;
+import package::lib::point::Point;
+
+override count: u32;
+
+@group(0) @binding(0) var<storage, read> asked: array<Point>;
+@group(0) @binding(1) var<storage, read_write> found: array<vec4f>;
+
+@compute @workgroup_size(64)
+fn near(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= count { return; }
+    let known = irradiance_near(asked[i].position, oct_decode16(asked[i].normal));
+    found[i] = vec4f(known.value, known.radius);
+}
+
+@compute @workgroup_size(64)
+fn dump(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < count { found[i] = load_irradiance(i); }
+}
