@@ -180,6 +180,15 @@ impl Settings {
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
 
+    /// The image goes to the truth as samples go on.
+    pub fn is_unbiased(&self) -> bool {
+        match self.technique {
+            Technique::Path | Technique::TwoPass => true,
+            Technique::ShadowPhotons => self.audit > 0.0,
+            Technique::VisibilityEstimate => false,
+        }
+    }
+
     /// Checks every range.
     ///
     /// # Errors

@@ -17,7 +17,7 @@ use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
 use super::totals::Totals;
-use super::visibility_map::{MapKernels, VisibilityMap};
+use super::visibility_map::{AuditPhotons, MapKernels, VisibilityMap};
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
@@ -91,6 +91,10 @@ struct Bound {
 pub(super) struct ShadowFilm(Plane);
 
 impl ShadowFilm {
+    pub fn plane(&self) -> &Plane {
+        &self.0
+    }
+
     /// Class of the first sample; means of visibility, n_i and n_s.
     pub fn read(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
         let mut means = self.0.means(gpu, samples)?;
@@ -189,6 +193,19 @@ impl Direct {
         if map.heal(shared.gpu, due, totals)? {
             self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
         }
+        Ok(())
+    }
+
+    /// What audits have left so far.
+    pub fn audit_photons(&self, gpu: &Gpu) -> Result<AuditPhotons> {
+        self.map.as_ref().map_or(Ok(AuditPhotons::default()), |map| map.audit_photons(gpu))
+    }
+
+    /// Puts back what audits had left in a map that has nothing of it.
+    pub fn restore(&mut self, shared: &Shared<'_>, photons: &AuditPhotons, totals: &mut Totals) -> Result<()> {
+        let Some(map) = &mut self.map else { return Ok(()) };
+        map.restore(shared.gpu, photons, totals)?;
+        self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
         Ok(())
     }
 

@@ -49,6 +49,27 @@ pub(super) struct VisibilityMap {
     heal_count: Buffer,
 }
 
+/// What audits have left.
+#[derive(Default)]
+pub(super) struct AuditPhotons {
+    /// Photons that were added to the map.
+    pub added: Vec<Photon>,
+    /// Photons that came since.
+    pub left: u32,
+    /// Those of them that there was room for.
+    pub kept: Vec<Photon>,
+}
+
+impl AuditPhotons {
+    /// From the words of `added` and `kept`; none where there are too few, too many, or such as no audit leaves.
+    pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<AuditPhotons> {
+        let photons: &[Photon] = bytemuck::try_cast_slice(words).ok()?;
+        let (added, kept) = photons.split_at_checked(added)?;
+        let fits = added.len() <= HEAL_ROOM as usize && kept.len() == left.min(HEAL_BATCH) as usize;
+        fits.then(|| AuditPhotons { added: added.to_vec(), left, kept: kept.to_vec() })
+    }
+}
+
 impl VisibilityMap {
     /// Traces the photons of every light and sorts them.
     pub fn new(
@@ -115,6 +136,30 @@ impl VisibilityMap {
         self.room -= added;
         self.grid = self.kernel.build(gpu, &self.photons, self.count, self.grid.lights, self.shape)?;
         Ok(true)
+    }
+
+    /// What audits have left so far.
+    pub fn audit_photons(&self, gpu: &Gpu) -> Result<AuditPhotons> {
+        let all: Vec<Photon> = gpu.read(&self.photons, self.count as usize)?;
+        let added = (HEAL_ROOM - self.room) as usize;
+        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        Ok(AuditPhotons {
+            added: all[all.len() - added..].to_vec(),
+            left,
+            kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
+        })
+    }
+
+    /// Puts back what audits had left, in a map that has nothing of it.
+    pub fn restore(&mut self, gpu: &Gpu, photons: &AuditPhotons, totals: &mut Totals) -> Result<()> {
+        for batch in photons.added.chunks(HEAL_BATCH as usize) {
+            gpu.write(&self.heal_photons, batch);
+            gpu.write(&self.heal_count, &[batch.len() as u32]);
+            self.heal(gpu, true, totals)?;
+        }
+        gpu.write(&self.heal_photons, &photons.kept);
+        gpu.write(&self.heal_count, &[photons.left]);
+        Ok(())
     }
 
     pub fn grid(&self) -> &PhotonGrid {
