@@ -1,7 +1,7 @@
 //! Renders that are written to a file and taken up again, bit for bit as if they had never stopped.
 //!
 //! The photons of the map are traced anew, as their seed says; what the file holds is what samples have left: the sums
-//! of the film, the photons that audits added, and the counts.
+//! of the film, the photons that audits added, the cells that points asked about, and the counts.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,13 +13,13 @@ use crate::fingerprint::{digest, fingerprint};
 use crate::{Error, Result};
 
 use super::totals::Totals;
-use super::visibility_map::AuditPhotons;
+use super::visibility_map::MapState;
 use super::{Lighting, Renderer, direct};
 
 /// How every file begins; the number rises with the form.
 const MAGIC: &[u8] = b"penumbra checkpoint 1\n";
 
-/// What follows, as JSON, after its length of 8 bytes; then come the words of the film and of the photons.
+/// What follows, as JSON, after its length of 8 bytes; then come the words of the film and of the map.
 #[derive(Serialize, Deserialize)]
 struct Header {
     version: String,
@@ -49,12 +49,11 @@ impl Renderer<'_> {
         for plane in self.planes() {
             words.extend(plane.state(self.gpu)?);
         }
-        let photons = match &self.lighting {
-            Lighting::Direct(direct, _) => direct.audit_photons(self.gpu)?,
-            Lighting::Path(_) => AuditPhotons::default(),
+        let map = match &self.lighting {
+            Lighting::Direct(direct, _) => direct.map_state(self.gpu)?,
+            Lighting::Path(_) => MapState::default(),
         };
-        words.extend_from_slice(bytemuck::cast_slice(&photons.added));
-        words.extend_from_slice(bytemuck::cast_slice(&photons.kept));
+        words.extend(map.words());
         let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -63,8 +62,8 @@ impl Renderer<'_> {
             batches: self.batches,
             totals: self.totals.clone(),
             map_left_out: left_out.map(|item| item.reason.clone()),
-            added: photons.added.len(),
-            left: photons.left,
+            added: map.added.len(),
+            left: map.left,
             digest: digest(bytemuck::cast_slice(&words)),
         };
         write_atomically(path, |file| {
@@ -114,10 +113,12 @@ impl Renderer<'_> {
             plane.restore(self.gpu, state);
             rest = others;
         }
-        let photons = AuditPhotons::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
+        let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
         if let Lighting::Direct(direct, _) = &mut self.lighting {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            direct.restore(&direct::Shared { gpu, scene, tables, tile }, &photons, &mut self.totals)?;
+            if !direct.restore(&direct::Shared { gpu, scene, tables, tile }, &map, &mut self.totals)? {
+                return Err(damaged());
+            }
         }
         self.samples = header.samples;
         self.batches = header.batches;

@@ -17,7 +17,7 @@ use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
 use super::totals::Totals;
-use super::visibility_map::{AuditPhotons, MapKernels, VisibilityMap};
+use super::visibility_map::{MapKernels, MapState, VisibilityMap};
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
@@ -196,17 +196,17 @@ impl Direct {
         Ok(())
     }
 
-    /// What audits have left so far.
-    pub fn audit_photons(&self, gpu: &Gpu) -> Result<AuditPhotons> {
-        self.map.as_ref().map_or(Ok(AuditPhotons::default()), |map| map.audit_photons(gpu))
+    /// What samples have left in the map.
+    pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
+        self.map.as_ref().map_or(Ok(MapState::default()), |map| map.state(gpu))
     }
 
-    /// Puts back what audits had left in a map that has nothing of it.
-    pub fn restore(&mut self, shared: &Shared<'_>, photons: &AuditPhotons, totals: &mut Totals) -> Result<()> {
-        let Some(map) = &mut self.map else { return Ok(()) };
-        map.restore(shared.gpu, photons, totals)?;
+    /// Puts back what samples had left in a map that has nothing of it; false where it is not of this map.
+    pub fn restore(&mut self, shared: &Shared<'_>, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        let Some(map) = &mut self.map else { return Ok(state.asked.is_empty()) };
+        let fits = map.restore(shared.gpu, state, totals)?;
         self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
-        Ok(())
+        Ok(fits)
     }
 
     /// Bytes of the buffers of the frame.

@@ -49,24 +49,35 @@ pub(super) struct VisibilityMap {
     heal_count: Buffer,
 }
 
-/// What audits have left.
+/// What samples have left in the map.
 #[derive(Default)]
-pub(super) struct AuditPhotons {
+pub(super) struct MapState {
     /// Photons that were added to the map.
     pub added: Vec<Photon>,
     /// Photons that came since.
     pub left: u32,
     /// Those of them that there was room for.
     pub kept: Vec<Photon>,
+    /// See [`PhotonGrid::asked_state`].
+    pub asked: Vec<u32>,
 }
 
-impl AuditPhotons {
-    /// From the words of `added` and `kept`; none where there are too few, too many, or such as no audit leaves.
-    pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<AuditPhotons> {
-        let photons: &[Photon] = bytemuck::try_cast_slice(words).ok()?;
-        let (added, kept) = photons.split_at_checked(added)?;
-        let fits = added.len() <= HEAL_ROOM as usize && kept.len() == left.min(HEAL_BATCH) as usize;
-        fits.then(|| AuditPhotons { added: added.to_vec(), left, kept: kept.to_vec() })
+impl MapState {
+    /// Everything but `left`, in order.
+    pub fn words(&self) -> Vec<u32> {
+        [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.asked].concat()
+    }
+
+    /// From [`MapState::words`]; none where there are too few, or more photons than audits leave.
+    pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<MapState> {
+        if added > HEAL_ROOM as usize {
+            return None;
+        }
+        let size = size_of::<Photon>() / 4;
+        let (first, rest) = words.split_at_checked(added * size)?;
+        let (then, asked) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
+        let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
+        Some(MapState { added: photons(first), left, kept: photons(then), asked: asked.to_vec() })
     }
 }
 
@@ -138,28 +149,29 @@ impl VisibilityMap {
         Ok(true)
     }
 
-    /// What audits have left so far.
-    pub fn audit_photons(&self, gpu: &Gpu) -> Result<AuditPhotons> {
+    /// What samples have left so far.
+    pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
         let all: Vec<Photon> = gpu.read(&self.photons, self.count as usize)?;
         let added = (HEAL_ROOM - self.room) as usize;
         let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
-        Ok(AuditPhotons {
+        Ok(MapState {
             added: all[all.len() - added..].to_vec(),
             left,
             kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
+            asked: self.grid.asked_state(gpu)?,
         })
     }
 
-    /// Puts back what audits had left, in a map that has nothing of it.
-    pub fn restore(&mut self, gpu: &Gpu, photons: &AuditPhotons, totals: &mut Totals) -> Result<()> {
-        for batch in photons.added.chunks(HEAL_BATCH as usize) {
+    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
+    pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        for batch in state.added.chunks(HEAL_BATCH as usize) {
             gpu.write(&self.heal_photons, batch);
             gpu.write(&self.heal_count, &[batch.len() as u32]);
             self.heal(gpu, true, totals)?;
         }
-        gpu.write(&self.heal_photons, &photons.kept);
-        gpu.write(&self.heal_count, &[photons.left]);
-        Ok(())
+        gpu.write(&self.heal_photons, &state.kept);
+        gpu.write(&self.heal_count, &[state.left]);
+        Ok(self.grid.restore_asked(gpu, &state.asked))
     }
 
     pub fn grid(&self) -> &PhotonGrid {
