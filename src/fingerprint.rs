@@ -22,7 +22,18 @@ pub fn fingerprint(scene: &Scene, rest: &impl Debug) -> String {
         let _ = write!(digest, "{name:?} {width} {height}");
         digest.0.write(texels.as_flattened());
     }
-    format!("{:032x}", digest.0.finish128().as_u128())
+    hexadecimal(&digest.0)
+}
+
+/// The same of bytes, to tell whether they are whole.
+pub fn digest(bytes: &[u8]) -> String {
+    let mut digest = SipHasher24::new();
+    digest.write(bytes);
+    hexadecimal(&digest)
+}
+
+fn hexadecimal(digest: &SipHasher24) -> String {
+    format!("{:032x}", digest.finish128().as_u128())
 }
 
 struct Digest(SipHasher24);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::gpu::DeviceInfo;
 use crate::settings::Settings;
@@ -96,7 +96,7 @@ pub struct Points {
 }
 
 /// Photons of a light.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LightPhotons {
     /// Name of the light.
     pub light: String,
@@ -111,7 +111,7 @@ pub struct LightPhotons {
 }
 
 /// The global map and the irradiance cache.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Indirect {
     /// Rays whose photons carry flux, of all lights together.
     pub emitted: u64,
@@ -164,22 +164,24 @@ pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
 
 impl Audits {
     /// The estimate from points that were audited with different probabilities. The intervals of the strata, which are
-    /// independent, are combined by the root of the sum of their squares.
+    /// independent, are combined as Zou and Donner (2008) do: each end lies away from the estimate by the root of the sum
+    /// of the squares of what the strata's ends do. Wilson's intervals lean towards 1/2, so adding up their centres would
+    /// lift the lower end above the truth where a stratum has no wrong points.
     pub fn new(strata: &[Stratum]) -> Self {
         let mut audits = Audits::default();
-        let (mut centre, mut half) = (0.0, 0.0);
+        let (mut below, mut above) = (0.0, 0.0);
         for stratum in strata.iter().filter(|s| s.share > 0.0) {
             audits.audited += stratum.audited;
             audits.wrong += stratum.wrong;
-            audits.miss_bias += stratum.share * stratum.wrong as f64 / stratum.audited.max(1) as f64;
-            let (c, h) = wilson(stratum.wrong, stratum.audited);
-            centre += stratum.share * c;
-            half += (stratum.share * h).powi(2);
+            let found = stratum.wrong as f64 / stratum.audited.max(1) as f64;
+            audits.miss_bias += stratum.share * found;
+            let (centre, half) = wilson(stratum.wrong, stratum.audited);
+            below += (stratum.share * (found - (centre - half))).powi(2);
+            above += (stratum.share * (centre + half - found)).powi(2);
         }
-        let half = half.sqrt();
         // Where none was wrong the interval reaches down to 0 but for rounding.
-        let low = if audits.wrong == 0 { 0.0 } else { (centre - half).max(0.0) };
-        audits.miss_bias_interval = [low, (centre + half).min(1.0)];
+        let low = if audits.wrong == 0 { 0.0 } else { (audits.miss_bias - below.sqrt()).max(0.0) };
+        audits.miss_bias_interval = [low, (audits.miss_bias + above.sqrt()).min(1.0)];
         audits
     }
 }

@@ -37,9 +37,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if arguments.json {
         print_json(&measures)?;
     } else {
-        let Measures { rmse, relmse, mae, p99, flip } = measures;
-        let lines = [("RMSE", rmse), ("relMSE", relmse), ("MAE", mae), ("p99", p99), ("FLIP", flip)];
-        print(&lines.map(|(name, value)| format!("{name:<8}{value:.4e}\n")).concat())?;
+        print(&text(&measures))?;
     }
     match arguments.max_relmse {
         Some(limit) if measures.relmse > limit => {
@@ -49,6 +47,13 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
         _ => Ok(Ending::Done),
     }
+}
+
+/// A line for each measure.
+pub fn text(measures: &Measures) -> String {
+    let Measures { rmse, relmse, mae, p99, flip } = measures;
+    let lines = [("RMSE", rmse), ("relMSE", relmse), ("MAE", mae), ("p99", p99), ("FLIP", flip)];
+    lines.map(|(name, value)| format!("{name:<8}{value:.4e}\n")).concat()
 }
 
 impl Arguments {

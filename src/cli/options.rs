@@ -1,14 +1,15 @@
 //! Options that several commands share. Every default is that of [`Settings`], so no number is written twice.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::report::reference::Reference;
 use penumbra::scene::ImportOptions;
 use penumbra::tables::camera::CameraUniform;
-use penumbra::{Aov, Camera, Error, Result, Scene, Settings, Technique};
+use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 
 #[derive(Args)]
 pub struct SceneOptions {
@@ -114,9 +115,19 @@ impl RenderOptions {
         }
     }
 
+    /// As [`Settings::is_unbiased`].
+    pub fn is_unbiased(&self) -> bool {
+        self.complete(self.settings.settings_of_aspect(1.0)).is_unbiased()
+    }
+
     /// Channels beside the picture are asked for.
     pub fn has_aovs(&self) -> bool {
         self.aov.is_some()
+    }
+
+    /// These are.
+    pub fn has_aov(&self, aov: Aov) -> bool {
+        self.aov.as_ref().is_some_and(|list| list.0.contains(&aov))
     }
 }
 
@@ -311,4 +322,15 @@ pub fn finite<T: FromStr<Err = std::num::ParseFloatError> + Into<f64> + Copy>(
 /// A number above 0.
 pub fn positive(text: &str) -> std::result::Result<f64, String> {
     finite(text).and_then(|x| if x > 0.0 { Ok(x) } else { Err("it must be more than 0".into()) })
+}
+
+/// The image to compare with, which must be of the settings' size.
+pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
+    let reference = Reference::read(path)?;
+    let (Image { width, height, .. }, own) = (&reference.image, [settings.width, settings.height]);
+    if [*width, *height] != own {
+        let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
+        return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));
+    }
+    Ok(reference)
 }

@@ -7,12 +7,15 @@ use std::time::{Duration, Instant};
 
 use penumbra::film::{self, View};
 use penumbra::gpu::Gpu;
-use penumbra::{Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
+use penumbra::report::estimate;
+use penumbra::report::metrics::Measures;
+use penumbra::report::reference::Reference;
+use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;
-use super::options::{DeviceOptions, RenderOptions, SceneOptions, finite, positive};
+use super::options::{DeviceOptions, RenderOptions, SceneOptions, finite, positive, read_reference};
 use super::progress::{Display, Goal, mega};
-use super::{Ending, json, say};
+use super::{Ending, compare, json, print, say};
 
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
@@ -36,6 +39,18 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     stats: Option<PathBuf>,
 
+    /// Image to compare with: prints what `penumbra compare` prints
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    reference: Option<PathBuf>,
+
+    /// Write what --resume needs, every minute and at the end
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    checkpoint: Option<PathBuf>,
+
+    /// Go on where the render stood that wrote --checkpoint, bit for bit as if it had not stopped
+    #[arg(long, requires = "checkpoint", help_heading = "Output")]
+    resume: bool,
+
     /// Print errors only
     #[arg(long, help_heading = "Output")]
     quiet: bool,
@@ -47,6 +62,10 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
+    /// Take samples until relMSE is estimated to be T or less, by variance and audits; --spp is as for --time
+    #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
+    noise: Option<f64>,
+
     #[command(flatten)]
     device: DeviceOptions,
 }
@@ -55,16 +74,25 @@ fn budget(text: &str) -> std::result::Result<Duration, String> {
     Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
 }
 
+/// A checkpoint is written this often: so much is lost at most.
+const CHECKPOINT: Duration = Duration::from_secs(60);
+
+/// The variance of fewer samples says little where light is rare.
+const LEAST_SAMPLES: u32 = 8;
+
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
     arguments.check()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
 
     let opened = arguments.load_and_open()?;
-    let Opened { scene, camera, settings, gpu, .. } = opened;
+    let Opened { scene, camera, settings, reference, gpu, .. } = opened;
     notes.say(&scene.notes);
     let mut renderer = Renderer::new(&gpu, scene, &camera, &settings)?;
     notes.say(renderer.notes());
+    if let Some(path) = arguments.checkpoint.as_ref().filter(|_| arguments.resume) {
+        renderer.resume(path)?;
+    }
 
     // Before this a signal ends the process: there is nothing to save yet.
     let interrupt = Interrupt::listen();
@@ -75,31 +103,45 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let mut display = Display::new(Goal { spp: settings.spp, deadline }, arguments.quiet);
     let mut batch = Instant::now();
+    let mut written = Instant::now();
+    let mut noise = Noise { limit: arguments.noise, due: LEAST_SAMPLES, estimate: None };
     while renderer.samples() < settings.spp {
         display.update(&renderer.render_batch()?);
         let took = batch.elapsed();
         batch = Instant::now();
         // Another batch, were it to take as long, would end too late.
-        if interrupt.raised() || deadline.is_some_and(|deadline| batch + took > deadline) {
+        let late = deadline.is_some_and(|deadline| batch + took > deadline);
+        if interrupt.raised() || late || noise.is_reached(&renderer)? {
             break;
+        }
+        if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
+            renderer.save_checkpoint(path)?;
+            written = Instant::now();
         }
     }
     drop(display);
     let stopped = interrupt.raised() && renderer.samples() < settings.spp;
     notes.say(renderer.notes());
 
-    let image = renderer.image()?;
+    let checkpointed = arguments.checkpoint.iter().try_for_each(|path| renderer.save_checkpoint(path));
+    let image = arguments.finished(renderer.image()?);
     let mut statistics = renderer.statistics()?;
     statistics.time.start = opened.start;
     statistics.time.import = opened.import;
     if !arguments.quiet {
         say(summary(&statistics, stopped));
+        if let Some(estimate) = noise.estimate {
+            say(format_args!("estimated relMSE {estimate:.2e}"));
+        }
     }
     let written = arguments.write(&image);
     statistics.notes = notes.said;
     statistics.time.total = started.elapsed().as_secs_f64();
     arguments.write_statistics(&statistics)?;
-    written?;
+    written.and(checkpointed)?;
+    if let Some(reference) = reference {
+        print(&compare::text(&Measures::new(&image, &reference.image)?))?;
+    }
     Ok(if stopped { Ending::Stopped } else { Ending::Done })
 }
 
@@ -108,6 +150,7 @@ struct Opened {
     scene: Scene,
     camera: Camera,
     settings: Settings,
+    reference: Option<Reference>,
     gpu: Gpu,
     import: f64,
     start: f64,
@@ -124,7 +167,12 @@ impl Arguments {
         if self.settings.has_aovs() && !self.output.iter().any(is_exr) {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
         }
-        self.stats.iter().try_for_each(film::check_target)
+        if self.noise.is_some() && !self.settings.is_unbiased() {
+            let problem =
+                "--noise needs a technique without bias, and audits where photons decide: nothing else tells the error";
+            return Err(Error::Usage(problem.into()));
+        }
+        self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)
     }
 
     /// Imports the scene while the device opens. A bad file is the error to report, whatever the device says.
@@ -139,12 +187,29 @@ impl Arguments {
             let (scene, camera) = self.scene.load()?;
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
-            if self.time.is_some() && self.settings.spp.is_none() {
+            if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
                 settings.spp = Settings::UNLIMITED_SPP;
             }
+            if self.adds_variance() {
+                settings.aovs.push(Aov::Variance);
+            }
+            let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-            Ok(Opened { scene, camera, settings, gpu, import, start })
+            Ok(Opened { scene, camera, settings, reference, gpu, import, start })
         })
+    }
+
+    /// `--noise` asks for the variance, and the user does not.
+    fn adds_variance(&self) -> bool {
+        self.noise.is_some() && !self.settings.has_aov(Aov::Variance)
+    }
+
+    /// The image without what only the estimate of its error needed.
+    fn finished(&self, mut image: Image) -> Image {
+        if self.adds_variance() {
+            image.channels.retain(|channel| !channel.name.starts_with("variance."));
+        }
+        image
     }
 
     /// Writes every output, also after one that fails: a render is not lost because one disk is full.
@@ -177,6 +242,25 @@ fn summary(statistics: &Statistics, stopped: bool) -> String {
         mega(rays.total, time.render),
         100.0 * points.boundary_share
     )
+}
+
+/// What `--noise` watches.
+struct Noise {
+    limit: Option<f64>,
+    /// The samples at which to look next: a look costs the time of reading the film.
+    due: u32,
+    estimate: Option<f64>,
+}
+
+impl Noise {
+    fn is_reached(&mut self, renderer: &Renderer<'_>) -> Result<bool> {
+        let samples = renderer.samples();
+        let Some(limit) = self.limit.filter(|_| samples >= self.due) else { return Ok(false) };
+        // A quarter more is an error of a quarter less.
+        self.due = samples + samples.div_ceil(4);
+        self.estimate = estimate::relmse(&renderer.image()?, &renderer.statistics()?);
+        Ok(self.estimate.is_some_and(|estimate| estimate <= limit))
+    }
 }
 
 /// Notes, each said once.

@@ -12,10 +12,11 @@ use penumbra::report::page::page;
 use penumbra::report::plot;
 use penumbra::report::reference::{Making, Reference, cache_folder};
 use penumbra::report::run::{Run, Subject};
+use penumbra::report::sweep::{self, Sweep};
 use penumbra::{Error, Result, Technique};
 
 use super::interrupt::Interrupt;
-use super::options::{DeviceOptions, SceneOptions, SettingsOptions, positive, techniques};
+use super::options::{DeviceOptions, SceneOptions, SettingsOptions, positive, read_reference, techniques};
 use super::{Ending, json, say};
 
 #[derive(clap::Args)]
@@ -44,6 +45,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = "Report")]
     repeats: usize,
 
+    /// Setting of the visibility map to sweep, photons or nearest, like photons=1e3..1e6; may be given several times
+    #[arg(long, value_name = "RANGE", help_heading = "Report")]
+    sweep: Vec<sweep::Range>,
+
     /// Image to compare with, with its variance in .exr if it has that (--aov variance) [default: made by path tracing]
     #[arg(long, value_name = "FILE", help_heading = "Reference")]
     reference: Option<PathBuf>,
@@ -71,13 +76,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let cache = arguments.cache()?;
     let (scene, camera) = arguments.scene.load()?;
     let settings = arguments.settings.settings(&camera)?;
-    let given = arguments.reference.as_deref().map(Reference::read).transpose()?;
-    if let (Some(Reference { image }), Some(path)) = (&given, &arguments.reference)
-        && (image.width, image.height) != (settings.width, settings.height)
-    {
-        let sizes = format!("{} x {} pixels, not {} x {}", image.width, image.height, settings.width, settings.height);
-        return Err(Error::input(path, "file", format!("is {sizes}; set --width and --height to its size")));
-    }
+    arguments.sweep.iter().try_for_each(|range| range.check(&settings))?;
+    let given = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
     let gpu = arguments.device.open()?;
     let subject = Subject { gpu: &gpu, scene: &scene, camera: &camera, settings: &settings };
     let folder = cache_folder(&cache, &subject);
@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         return Ok(Ending::Stopped);
     };
     let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
-    let asks = techniques.iter().any(|technique| technique.uses_visibility_map());
+    let asks = !arguments.sweep.is_empty() || techniques.iter().any(|technique| technique.uses_visibility_map());
     let truth = if asks { Truth::make(&subject, &folder)? } else { None };
 
     let started = Instant::now();
@@ -130,10 +130,24 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             classes.extend(Classes::new(&subject, *technique, truth)?);
         }
     }
+    let counted = started.elapsed();
+    let mut sweeps = Vec::new();
+    for range in &arguments.sweep {
+        let Some(truth) = &truth else {
+            return Err(Error::Usage("--sweep: there are too many lights and pixels to tell true visibility".into()));
+        };
+        let Some(sweep) = Sweep::new(&subject, range, &reference, truth, &stop)? else {
+            tell("stopped; nothing is written".to_owned());
+            return Ok(Ending::Stopped);
+        };
+        sweeps.push(sweep);
+    }
+    let resumed = Instant::now();
     let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
     let mut report = Report::new(&name, &gpu.info, &reference, &runs, classes)?;
-    let counted: f64 = runs.iter().map(|run| run.time).sum();
-    report.overhead = Overhead::new(counted, started.elapsed().as_secs_f64());
+    report.sweeps = sweeps;
+    let timed: f64 = runs.iter().map(|run| run.time).sum();
+    report.overhead = Overhead::new(timed, (counted + resumed.elapsed()).as_secs_f64());
 
     let [document, csv, html, error, rays, passes, image] = FILES.map(|name| arguments.output.join(name));
     let text = json(&report).map_err(|problem| Error::output(&document, problem))?;
@@ -143,6 +157,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     write(&error, &plot::error_over_time(&report)?)?;
     write(&rays, &plot::error_over_rays(&report)?)?;
     write(&passes, &plot::time_by_pass(&report)?)?;
+    for sweep in &report.sweeps {
+        write(&arguments.output.join(format!("sweep-{}.svg", sweep.setting.name())), &plot::sweep(sweep)?)?;
+    }
     reference.image.write_exr(&image)?;
     tell(format!("{}\nwrote {}", report.advice, html.display()));
     Ok(Ending::Done)

@@ -144,7 +144,7 @@ fn extension(path: &Path) -> String {
 }
 
 /// The bytes of a regular file: a pipe or a device could go on without end.
-fn read_file(path: &Path) -> Result<Vec<u8>> {
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
     let read = || {
         let kind = std::fs::metadata(path)?;
         if !kind.is_file() {

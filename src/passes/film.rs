@@ -113,6 +113,28 @@ impl Plane {
         Ok(sums.iter().zip(&compensations).map(mean).collect())
     }
 
+    /// Everything that was summed, as words: sums, then compensations.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
+        let mut words: Vec<u32> = gpu.read(&self.sums, self.state_words() / 2)?;
+        words.extend(gpu.read::<u32>(&self.compensations, self.state_words() / 2)?);
+        Ok(words)
+    }
+
+    /// Words of [`Plane::state`].
+    pub fn state_words(&self) -> usize {
+        2 * 4 * self.pixels as usize
+    }
+
+    /// Puts back what [`Plane::state`] gave.
+    pub fn restore(&self, gpu: &Gpu, state: &[u32]) {
+        let (sums, compensations) = state.split_at(self.state_words() / 2);
+        gpu.write(&self.sums, sums);
+        gpu.write(&self.compensations, compensations);
+    }
+
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         self.sums.bytes + self.compensations.bytes

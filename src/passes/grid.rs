@@ -184,6 +184,12 @@ struct AskedCells {
     judge: JudgeAsked,
 }
 
+impl AskedCells {
+    fn buffers(&self) -> [&Buffer; 4] {
+        [&self.codes, &self.places, &self.cells, &self.lengths]
+    }
+}
+
 shared_struct! {
     /// A cell that is asked about.
     pub struct AskedCell {
@@ -216,6 +222,33 @@ impl JudgeAsked {
 }
 
 impl PhotonGrid {
+    /// The cells that were asked about, as words. Which verdict decides a point decides how its photons were counted, and
+    /// so the noise of what shadow rays add.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn asked_state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
+        let mut words = Vec::new();
+        for buffer in self.asked.buffers() {
+            words.extend(gpu.read::<u32>(buffer, buffer.bytes as usize / 4)?);
+        }
+        Ok(words)
+    }
+
+    /// Puts back what [`PhotonGrid::asked_state`] gave; false, and nothing done, where it is not of this grid's size.
+    pub fn restore_asked(&self, gpu: &Gpu, mut words: &[u32]) -> bool {
+        let buffers = self.asked.buffers();
+        if words.len() as u64 * 4 != buffers.iter().map(|buffer| buffer.bytes).sum::<u64>() {
+            return false;
+        }
+        for buffer in buffers {
+            let (own, rest) = words.split_at(buffer.bytes as usize / 4);
+            gpu.write(buffer, own);
+            words = rest;
+        }
+        true
+    }
+
     /// The verdicts on the cells that points ask about.
     pub fn judge_asked(&self) -> JudgeAsked {
         self.asked.judge.clone()

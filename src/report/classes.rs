@@ -144,6 +144,11 @@ impl Classes {
         }))
     }
 
+    /// Boundary and unknown points over all.
+    pub fn boundary_share(&self) -> f64 {
+        (self.boundary.total() + self.unknown.total()) as f64 / self.points.max(1) as f64
+    }
+
     /// Pixels where shadow rays are asked.
     pub fn mask(&self) -> Vec<bool> {
         self.map.iter().map(|class| usize::from(*class) > SHADOWED).collect()

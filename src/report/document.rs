@@ -17,6 +17,7 @@ use super::interval::Interval;
 use super::metrics::{Measures, RELMSE_FLOOR};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
+use super::sweep::Sweep;
 use super::verdict::{Verdict, advice, brightness, verdict};
 
 /// Runs of a technique that intervals need: the jackknife leaves one out, and a variance needs two.
@@ -46,6 +47,8 @@ pub struct Report {
     pub comparisons: Vec<ComparisonReport>,
     /// The photons' classes, of the techniques that ask them.
     pub classes: Vec<Classes>,
+    /// What settings of the visibility map do.
+    pub sweeps: Vec<Sweep>,
     /// What the report took beside the runs.
     pub overhead: Overhead,
     /// Every image by itself.
@@ -219,6 +222,7 @@ impl Report {
             techniques: entrants.into_iter().map(|entrant| entrant.report).collect(),
             comparisons,
             classes,
+            sweeps: Vec::new(),
             overhead: Overhead::default(),
             rows,
         })

@@ -11,6 +11,7 @@ use crate::{Error, Result};
 
 use super::document::{Report, SnapshotReport, TechniqueReport};
 use super::interval::Interval;
+use super::sweep::{Sweep, SweepPoint};
 
 /// Pixels.
 const SIZE: (u32, u32) = (760, 460);
@@ -58,6 +59,27 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
         let names = ["shadow rays, audits and photons", "relMSE"];
         logarithmic(area, &curves, names, None, report.reference.relmse)
     })
+}
+
+/// What a setting of the visibility map does, over the law that boundaries follow at hard edges.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn sweep(sweep: &Sweep) -> Result<String> {
+    let exact = |value: f64| Interval { value, low: value, high: value };
+    let series = |name: &str, colour: RGBColor, quantity: &dyn Fn(&SweepPoint) -> Interval| {
+        let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(point)));
+        // Nothing has no place on a logarithmic axis.
+        Series { name: name.to_owned(), colour, points: points.filter(|(_, y)| y.value > 0.0).collect() }
+    };
+    let series = [
+        series("boundary share", COLOURS[0], &|point| exact(point.boundary_share)),
+        series("fill", COLOURS[1], &|point| point.fill),
+        series("miss", COLOURS[2], &|point| point.miss),
+        series("relMSE", COLOURS[3], &|point| exact(point.relmse)),
+    ];
+    let (setting, law) = (sweep.setting.name(), sweep.setting.law());
+    draw(&format!("sweep-{setting}.svg"), |area| logarithmic(area, &series, [setting, ""], Some(law), None))
 }
 
 /// Where the time of each technique goes, until its last snapshot.
@@ -214,7 +236,8 @@ fn logarithmic(
     }
     if let Some((power, (from, error))) = power.zip(series.first().and_then(|series| series.points.first())) {
         // As far as the plot goes.
-        let to = x.end.min(from * (y.start / error.value).powf(1.0 / power));
+        let edge = if power < 0.0 { y.start } else { y.end };
+        let to = x.end.min(from * (edge / error.value).powf(1.0 / power));
         let line = [(*from, error.value), (to, error.value * (to / from).powf(power))];
         chart
             .draw_series(DashedLineSeries::new(line, 2, 4, BLACK.mix(0.6).stroke_width(1)))?

@@ -18,6 +18,9 @@ const BRIGHTNESS: f64 = 0.005;
 /// A technique is called biased where so much of its error is bias: less is lost in the noise of the picture.
 const BIAS_SHARE: f64 = 0.1;
 
+/// An error so many times the least is plainly worse, where times do not tell techniques apart.
+const CLEARLY: f64 = 2.0;
+
 /// An error is not told from the reference's own where it is less than so many times that.
 const ABOVE_FLOOR: f64 = 2.0;
 
@@ -109,39 +112,43 @@ pub(super) fn advice(
     text
 }
 
-/// The technique that is soonest at an error that another reaches too.
+/// The technique that is soonest at an error that another reaches too, or that comes nearer than any other.
 fn best(entrants: &[Entrant]) -> String {
     let unbiased = entrants.iter().filter(|entrant| entrant.report.verdict.kind != VerdictKind::Bias);
     // What all of its runs reach.
     let reached = |entrant: &Entrant| entrant.curves.iter().map(|curve| curve.last().1).fold(0.0, f64::max);
-    let mut errors: Vec<f64> = unbiased.clone().map(reached).collect();
-    errors.sort_by(f64::total_cmp);
-    let Some(error) = errors.get(1).or(errors.first()) else {
+    let mut by_error: Vec<(&Entrant, f64)> = unbiased.map(|entrant| (entrant, reached(entrant))).collect();
+    by_error.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((nearest, least)) = by_error.first() else {
         return "No technique is free of bias here: see what the error of each is made of.".to_owned();
     };
-    let target = round_up(*error);
-    let time = |entrant: &Entrant| {
+    let common = by_error.get(1).map_or(*least, |(_, error)| *error);
+    let time = |entrant: &Entrant, target: f64| {
         let times: Option<Vec<f64>> = entrant.curves.iter().map(|curve| curve.time_at(target)).collect();
-        times.map(|times| Interval::of_geometric_mean(&times).value)
+        times.map_or(f64::INFINITY, |times| Interval::of_geometric_mean(&times).value)
     };
-    let mut ranked: Vec<(&Entrant, f64)> = unbiased.filter_map(|entrant| Some((entrant, time(entrant)?))).collect();
-    ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let (best, seconds) = ranked[0];
-    let found = format!("{} reaches relMSE {target:.0e} in {seconds:.2} s", best.technique());
-    let other = ranked[1..].iter().find(|(other, _)| other.technique() == BASELINE).or(ranked.get(1));
-    let compared = other.and_then(|(other, _)| {
-        let ratio = ratio(&other.curves, &best.curves, |curve| curve.time_at(target))?;
-        Some((other.technique(), ratio))
-    });
-    match compared {
-        Some((other, Interval { value, low, high })) if low > 1.0 => {
-            let technique = best.technique();
-            format!("Use {technique}: {found}, {value:.2} times sooner than {other} ({low:.2} to {high:.2}).")
-        }
-        Some((other, Interval { low, high, .. })) => {
-            format!("{found}; {other} may be as soon: it takes {low:.2} to {high:.2} times as long.")
-        }
-        None => format!("Use {}: {found}.", best.technique()),
+    let reaches =
+        |entrant: &Entrant, target: f64| format!("reaches relMSE {target:.0e} in {:.2} s", time(entrant, target));
+    let alone = || {
+        let target = round_up(*least);
+        format!("Use {}: it alone {}.", nearest.technique(), reaches(nearest, target))
+    };
+
+    let target = round_up(common);
+    let mut ranked: Vec<&Entrant> = by_error.iter().map(|(entrant, _)| *entrant).collect();
+    ranked.retain(|entrant| time(entrant, target).is_finite());
+    ranked.sort_by(|a, b| time(a, target).total_cmp(&time(b, target)));
+    let [best, others @ ..] = ranked.as_slice() else { return alone() };
+    let other = others.iter().find(|other| other.technique() == BASELINE).or(others.first());
+    let ratio = other.and_then(|other| ratio(&other.curves, &best.curves, |curve| curve.time_at(target)));
+    let (Some(other), Some(Interval { value, low, high })) = (other, ratio) else { return alone() };
+    let (best, found, other) = (best.technique(), reaches(best, target), other.technique());
+    if low > 1.0 {
+        format!("Use {best}: it {found}, {value:.2} times sooner than {other} ({low:.2} to {high:.2}).")
+    } else if common > CLEARLY * least {
+        alone()
+    } else {
+        format!("{best} {found}; {other} may be as soon: it takes {low:.2} to {high:.2} times as long.")
     }
 }
 

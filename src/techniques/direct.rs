@@ -17,7 +17,7 @@ use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
 use super::totals::Totals;
-use super::visibility_map::{MapKernels, VisibilityMap};
+use super::visibility_map::{MapKernels, MapState, VisibilityMap};
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
@@ -96,6 +96,10 @@ struct Bound {
 pub(super) struct ShadowFilm(Plane);
 
 impl ShadowFilm {
+    pub fn plane(&self) -> &Plane {
+        &self.0
+    }
+
     /// Class of the first sample; means of visibility, n_i and n_s.
     pub fn read(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
         let mut means = self.0.means(gpu, samples)?;
@@ -197,6 +201,19 @@ impl Direct {
             self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
         }
         Ok(())
+    }
+
+    /// What samples have left in the map.
+    pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
+        self.map.as_ref().map_or(Ok(MapState::default()), |map| map.state(gpu))
+    }
+
+    /// Puts back what samples had left in a map that has nothing of it; false where it is not of this map.
+    pub fn restore(&mut self, shared: &Shared<'_>, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        let Some(map) = &mut self.map else { return Ok(state.asked.is_empty()) };
+        let fits = map.restore(shared.gpu, state, totals)?;
+        self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
+        Ok(fits)
     }
 
     /// Bytes of the buffers of the frame.

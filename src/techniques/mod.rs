@@ -1,5 +1,6 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
+mod checkpoint;
 mod direct;
 mod global_map;
 mod irradiance_cache;
@@ -307,8 +308,15 @@ impl<'g> Renderer<'g> {
         if !self.needs.features.has("visibility_map") || asked || share <= PILOT_SHARE {
             return Ok(());
         }
-        let reason = format!("it does not pay: {:.0} % of the first points were boundary or unknown", 100.0 * share);
-        self.needs.leave_map_out(&reason);
+        self.leave_map_out(&format!(
+            "it does not pay: {:.0} % of the first points were boundary or unknown",
+            100.0 * share
+        ))
+    }
+
+    /// Goes on without the visibility map.
+    fn leave_map_out(&mut self, reason: &str) -> Result<()> {
+        self.needs.leave_map_out(reason);
         self.notes.push(format!("the visibility map is left out: {reason}; more --photons may help"));
         let start = Instant::now();
         let features = device_features(self.gpu, self.needs.features.clone());
@@ -322,6 +330,11 @@ impl<'g> Renderer<'g> {
             **old = direct;
         }
         Ok(())
+    }
+
+    /// All that is summed, in an order that the scene and the settings decide.
+    fn planes(&self) -> impl Iterator<Item = &Plane> {
+        self.tiles.iter().flat_map(|tile| tile.planes().chain(tile.shadow.iter().map(direct::ShadowFilm::plane)))
     }
 
     /// Samples a pixel so far.

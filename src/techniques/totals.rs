@@ -1,10 +1,12 @@
 //! Counts and times of a render, added up from what the kernels count.
 
+use serde::{Deserialize, Serialize};
+
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
 /// Sums over all samples so far.
-#[derive(Default)]
+#[derive(Clone, Default, Serialize, Deserialize)]
 pub(super) struct Totals {
     counters: [u64; Counter::COUNT],
     camera_rays: u64,
@@ -28,6 +30,14 @@ impl Totals {
             *sum += u64::from(*count);
         }
         self.camera_rays += points;
+    }
+
+    /// These, and the time that it took to come back to them.
+    pub fn after(mut self, resumed: &Totals) -> Totals {
+        self.time_bvh += resumed.time_bvh;
+        self.time_compile += resumed.time_compile;
+        self.time_render += resumed.time_render;
+        self
     }
 
     pub fn get(&self, counter: Counter) -> u64 {

@@ -49,6 +49,38 @@ pub(super) struct VisibilityMap {
     heal_count: Buffer,
 }
 
+/// What samples have left in the map.
+#[derive(Default)]
+pub(super) struct MapState {
+    /// Photons that were added to the map.
+    pub added: Vec<Photon>,
+    /// Photons that came since.
+    pub left: u32,
+    /// Those of them that there was room for.
+    pub kept: Vec<Photon>,
+    /// See [`PhotonGrid::asked_state`].
+    pub asked: Vec<u32>,
+}
+
+impl MapState {
+    /// Everything but `left`, in order.
+    pub fn words(&self) -> Vec<u32> {
+        [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.asked].concat()
+    }
+
+    /// From [`MapState::words`]; none where there are too few, or more photons than audits leave.
+    pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<MapState> {
+        if added > HEAL_ROOM as usize {
+            return None;
+        }
+        let size = size_of::<Photon>() / 4;
+        let (first, rest) = words.split_at_checked(added * size)?;
+        let (then, asked) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
+        let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
+        Some(MapState { added: photons(first), left, kept: photons(then), asked: asked.to_vec() })
+    }
+}
+
 impl VisibilityMap {
     /// Traces the photons of every light and sorts them.
     pub fn new(
@@ -115,6 +147,31 @@ impl VisibilityMap {
         self.room -= added;
         self.grid = self.kernel.build(gpu, &self.photons, self.count, self.grid.lights, self.shape)?;
         Ok(true)
+    }
+
+    /// What samples have left so far.
+    pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
+        let all: Vec<Photon> = gpu.read(&self.photons, self.count as usize)?;
+        let added = (HEAL_ROOM - self.room) as usize;
+        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        Ok(MapState {
+            added: all[all.len() - added..].to_vec(),
+            left,
+            kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
+            asked: self.grid.asked_state(gpu)?,
+        })
+    }
+
+    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
+    pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        for batch in state.added.chunks(HEAL_BATCH as usize) {
+            gpu.write(&self.heal_photons, batch);
+            gpu.write(&self.heal_count, &[batch.len() as u32]);
+            self.heal(gpu, true, totals)?;
+        }
+        gpu.write(&self.heal_photons, &state.kept);
+        gpu.write(&self.heal_count, &[state.left]);
+        Ok(self.grid.restore_asked(gpu, &state.asked))
     }
 
     pub fn grid(&self) -> &PhotonGrid {

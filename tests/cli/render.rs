@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use penumbra::Image;
 use penumbra::film::{Metadata, View};
+use penumbra::{Image, Technique};
 use serde_json::Value;
 
-use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::program::{Answer, BOX, STILL_LIFE, device, folder, penumbra, run};
 use crate::schema;
 
 /// Settings that are quick: few photons, a small image.
@@ -16,7 +16,11 @@ const SMALL: &str = "--width 24 --height 16 --photons 4096";
 
 /// Renders the box to `outputs` with `arguments`.
 fn render(arguments: &str, outputs: &[&Path]) -> Answer {
-    let mut command = penumbra(&format!("render --device {} {SMALL} {arguments}", device()), &[&BOX]);
+    render_scene(BOX, arguments, outputs)
+}
+
+fn render_scene(scene: &str, arguments: &str, outputs: &[&Path]) -> Answer {
+    let mut command = penumbra(&format!("render --device {} {SMALL} {arguments}", device()), &[&scene]);
     for output in outputs {
         command.arg("-o").arg(output);
     }
@@ -155,6 +159,100 @@ fn a_render_ends_by_time_or_by_samples() {
     };
     assert!(samples("--time 0.001") >= 1);
     assert_eq!(samples("--time 3600 --spp 2"), 2);
+}
+
+/// Renders of every technique that are stopped after each batch, against one that is not.
+#[test]
+fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
+    let folder = folder();
+    let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
+    let all = Technique::ALL.map(|technique| format!("--aov all --technique {technique}"));
+    // The map counts photons in another way where the classes are not asked for. In the still life so few photons are of
+    // no use, and the pilot leaves the map out.
+    let others = [(BOX, "--aov variance --nearest 511".to_owned()), (STILL_LIFE, "--aov variance".to_owned())];
+    for (scene, arguments) in all.map(|arguments| (BOX, arguments)).into_iter().chain(others) {
+        let arguments = format!("{arguments} --spp 20 --seed 3 --audit 0.25");
+        let render = |arguments: &str, output: &Path| render_scene(scene, arguments, &[output]);
+        render(&arguments, &whole).assert_done();
+        let stopped = format!("{arguments} --time 0.001 --checkpoint {} --stats {}", state.display(), stats.display());
+        render(&stopped, &parts).assert_done();
+        let mut stops = 0;
+        while read_json(&stats)["samples"] != 20 {
+            stops += 1;
+            render(&format!("{stopped} --resume"), &parts).assert_done();
+        }
+        assert!(stops >= 2, "{arguments}: never stopped");
+        let [whole, parts] = [&whole, &parts].map(|path| Image::read(path).unwrap());
+        for channel in &whole.channels {
+            let bits = |samples: &[f32]| samples.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            let same = bits(&channel.samples) == bits(parts.channel(&channel.name).unwrap());
+            assert!(same, "{arguments}: {} differs", channel.name);
+        }
+        let left_out = read_json(&stats)["left_out"].as_array().unwrap().contains(&"visibility_map".into());
+        assert!(left_out || scene == BOX, "the pilot kept the map");
+    }
+}
+
+#[test]
+fn checkpoints_of_something_else_are_refused() {
+    let folder = folder();
+    let [image, state] = ["a.png", "state"].map(|name| folder.path().join(name));
+    let checkpoint = format!("--checkpoint {}", state.display());
+    render(&format!("--spp 2 {checkpoint}"), &[&image]).assert_done();
+    let good = fs::read(&state).unwrap();
+    let resume = |arguments: &str| {
+        let arguments = format!("render --device {} {SMALL} --quiet {checkpoint} --resume {arguments} -o", device());
+        run(&arguments, &[&image, &BOX])
+    };
+    resume("--spp 2").assert_done();
+    for other in ["--spp 2 --seed 1", "--spp 4", "--spp 2 --max-bounces 0", "--spp 2 --light-scale 2"] {
+        resume(other).assert_refused(3, &["state", "--seed"]);
+    }
+    let arguments = format!("render --device {} {SMALL} --spp 2 --quiet {checkpoint} --resume -o", device());
+    run(&arguments, &[&image, &STILL_LIFE]).assert_refused(3, &["state", "another scene"]);
+
+    let version = String::from_utf8_lossy(&good).find("\"version\":\"").unwrap() + 11;
+    let mut other = good.clone();
+    other[version] ^= 1;
+    let mut flipped = good.clone();
+    *flipped.last_mut().unwrap() ^= 1;
+    let cases = [
+        (other, "version"),
+        (flipped, "damaged"),
+        (good[..good.len() - 4].to_vec(), "damaged"),
+        (good[..30].to_vec(), "damaged"),
+        (b"something else".to_vec(), "no checkpoint"),
+        (Vec::new(), "no checkpoint"),
+    ];
+    for (bytes, word) in cases {
+        fs::write(&state, bytes).unwrap();
+        resume("--spp 2").assert_refused(3, &["state", word]);
+    }
+    fs::remove_file(&state).unwrap();
+    resume("--spp 2").assert_refused(3, &["state"]);
+}
+
+#[test]
+fn noise_ends_a_render_and_a_reference_is_compared_with() {
+    let folder = folder();
+    let [reference, image] = ["reference.exr", "a.exr"].map(|name| folder.path().join(name));
+    render("--technique path --spp 1024 --seed 9", &[&reference]).assert_done();
+    for technique in ["path", "two-pass", "shadow-photons"] {
+        let arguments = format!("--noise 0.02 --technique {technique} --reference {}", reference.display());
+        let answer = render(&arguments, &[&image]);
+        answer.assert_done();
+        let word = |text: &str, before: &str| -> f64 {
+            text.split_once(before).unwrap().1.split_whitespace().next().unwrap().parse().unwrap()
+        };
+        let estimate = word(&answer.stderr, "estimated relMSE ");
+        let found = word(&answer.stdout, "relMSE ");
+        // What stratified samples make it less than that of independent ones, and what the reference adds.
+        assert!(estimate <= 0.02 && found < estimate, "{technique}: {found} for {estimate}");
+        assert!(found > 0.02 / 20.0, "{technique}: {found} is more than the samples that were asked for");
+        assert_eq!(channels(&Image::read(&image).unwrap()), ["A", "B", "G", "R"].into());
+        let compared = run("compare", &[&image, &reference]);
+        assert_eq!(answer.stdout, compared.assert_done().stdout);
+    }
 }
 
 #[cfg(unix)]

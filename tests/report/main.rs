@@ -4,5 +4,8 @@
 mod device;
 
 mod curves;
+mod honesty;
 mod intervals;
 mod planted;
+mod reference;
+mod setup;

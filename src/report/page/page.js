@@ -99,6 +99,15 @@ fill(
   ),
 );
 
+element("swept").hidden = report.sweeps.length === 0;
+fill(
+  "sweeps",
+  ["setting", "value", "boundary share", "fill", "miss", "relMSE", "shadow rays"],
+  report.sweeps.flatMap(({ setting, points }) =>
+    points.map((p) => [setting, p.value, percent(p.boundary_share), interval(p.fill, percent), interval(p.miss, percent), digits(p.relmse), p.shadow_rays.toLocaleString("en")]),
+  ),
+);
+
 // ---- images
 
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));

@@ -1,0 +1,32 @@
+//! Stated intervals hold the truth as often as they say.
+
+use penumbra::{Renderer, Settings};
+
+use crate::setup::{Box, gpu};
+
+/// What audits of a few points say of wrong classes, against an audit of every point, over many maps.
+#[test]
+fn audits_state_honest_intervals() {
+    const RENDERS: u32 = 100;
+    let Box { scene, camera } = Box::load();
+    // One sample, so that no audit mends the map that the other render has; few photons, so that classes are wrong.
+    let base =
+        Settings { width: 64, height: 64, spp: 1, max_bounces: 0, photons: 4096, nearest: 3, ..Settings::default() };
+    let audits = |seed: u32, audit: f32| {
+        let settings = Settings { seed, audit, ..base.clone() };
+        let mut renderer = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
+        renderer.render_batch().unwrap();
+        renderer.statistics().unwrap().audits
+    };
+    let (mut held, mut wrong) = (0, 0);
+    for seed in 0..RENDERS {
+        let truth = audits(seed, 1.0);
+        let stated = audits(seed, 1.0 / 64.0);
+        let [low, high] = stated.miss_bias_interval;
+        held += u32::from((low..=high).contains(&truth.miss_bias));
+        wrong += stated.wrong;
+    }
+    println!("{held} of {RENDERS} intervals hold the truth; {wrong} audits found a wrong class");
+    assert!(wrong > u64::from(RENDERS), "too few wrong classes to tell anything");
+    assert!((90..=99).contains(&held), "{held} of {RENDERS}");
+}

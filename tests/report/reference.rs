@@ -1,0 +1,75 @@
+//! The reference that a report makes, keeps and takes up again.
+
+use std::fs;
+
+use penumbra::report::metrics;
+use penumbra::report::reference::{Reference, cache_folder};
+use penumbra::{Image, Settings};
+
+use crate::setup::{Box, folder};
+
+#[test]
+fn a_reference_is_taken_up_again_and_knows_its_error() {
+    let scene = Box::load();
+    let settings = Settings { width: 24, height: 24, ..Settings::default() };
+    let subject = scene.subject(&settings);
+    let folder = folder();
+    let make = |target: f64| {
+        let mut saves = 0;
+        let made = Reference::make(&subject, folder.path(), target, &|| false, &mut |_| saves += 1);
+        (made.unwrap().unwrap(), saves)
+    };
+    let (early, saves) = make(0.2);
+    assert!(saves > 0 && early.standard_error().unwrap() <= 0.2);
+    let (again, saves) = make(0.2);
+    assert!(saves == 0 && again.image.channels == early.image.channels, "what was good enough was made anew");
+    let (late, _) = make(0.02);
+    assert!(late.samples() > early.samples() && late.standard_error().unwrap() <= 0.02);
+
+    // The early one's distance from one ten times better is what it says of itself. Both halves of 1728 values are its
+    // error's estimate: two in a hundred is a standard error of that, and fireflies make it several times as much.
+    let distance = metrics::relmse(&early.image, &late.image).unwrap();
+    let stated = early.floor().unwrap() - late.floor().unwrap();
+    assert!((distance / stated - 1.0).abs() < 0.25, "{distance} for {stated}");
+}
+
+#[test]
+fn stopped_makes_nothing_and_keeps_what_there_was() {
+    let scene = Box::load();
+    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let folder = folder();
+    let make = |stop: bool| {
+        Reference::make(&scene.subject(&settings), folder.path(), 1e-9, &|| stop, &mut |_| {}).unwrap().is_some()
+    };
+    assert!(!make(true));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    // Each half has samples of its own, or their difference would say nothing.
+    Reference::make(&scene.subject(&settings), folder.path(), 0.5, &|| false, &mut |_| {}).unwrap();
+    let [a, b] = ["half-0.exr", "half-1.exr"].map(|name| Image::read(folder.path().join(name)).unwrap());
+    assert_ne!(a.channels, b.channels);
+    assert!(!make(true));
+    assert_eq!(Image::read(folder.path().join("half-0.exr")).unwrap(), a);
+}
+
+#[test]
+fn another_scene_or_view_has_a_folder_of_its_own() {
+    let scene = Box::load();
+    let mut other = Box::load();
+    other.scene.vertices[0].position.x += 1e-6;
+    let mut turned = Box::load();
+    turned.camera.position.y += 1e-6;
+    let settings = Settings::default();
+    let folders = [
+        cache_folder("".as_ref(), &scene.subject(&settings)),
+        cache_folder("".as_ref(), &other.subject(&settings)),
+        cache_folder("".as_ref(), &turned.subject(&settings)),
+        cache_folder("".as_ref(), &scene.subject(&Settings { width: 511, ..settings.clone() })),
+        cache_folder("".as_ref(), &scene.subject(&Settings { max_bounces: 1, ..settings.clone() })),
+        cache_folder("".as_ref(), &scene.subject(&Settings { light_scale: 2.0, ..settings.clone() })),
+    ];
+    let different: std::collections::BTreeSet<_> = folders.iter().collect();
+    assert_eq!(different.len(), folders.len());
+    // What `path` does not ask.
+    let same = Settings { photons: 7, nearest: 8, audit: 0.0, seed: 9, ..settings.clone() };
+    assert_eq!(cache_folder("".as_ref(), &scene.subject(&same)), folders[0]);
+}

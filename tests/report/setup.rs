@@ -1,0 +1,31 @@
+//! The box, on the tests' device.
+
+use std::path::Path;
+
+use penumbra::report::run::Subject;
+use penumbra::scene::ImportOptions;
+use penumbra::{Camera, Scene, Settings};
+
+pub use crate::device::gpu;
+
+pub struct Box {
+    pub scene: Scene,
+    pub camera: Camera,
+}
+
+impl Box {
+    pub fn load() -> Self {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/box.glb");
+        let scene = Scene::load(&file, &ImportOptions::default()).unwrap();
+        Box { camera: scene.cameras[0].clone(), scene }
+    }
+
+    pub fn subject<'a>(&'a self, settings: &'a Settings) -> Subject<'a> {
+        Subject { gpu: gpu(), scene: &self.scene, camera: &self.camera, settings }
+    }
+}
+
+/// A folder that goes when it is dropped.
+pub fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
