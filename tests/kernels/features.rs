@@ -19,10 +19,10 @@ use crate::stage::hash1;
 #[derive(Clone, Copy)]
 struct Choice(u32);
 
-/// Choices by chance: of two properties each of the four combinations is in one of four, so that 64 leave one out of
-/// the two thousand with a probability of 2e-5.
+/// Choices by chance: of two properties each of the four combinations is in one of four, so that 128 leave one out of
+/// the two thousand with a probability of 2e-13.
 fn choices() -> impl ParallelIterator<Item = Choice> {
-    (0..64u32).into_par_iter().map(|i| Choice(hash1(i)))
+    (0..128u32).into_par_iter().map(|i| Choice(hash1(i)))
 }
 
 impl Choice {
