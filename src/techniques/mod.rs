@@ -65,7 +65,7 @@ enum Lighting {
     /// The two passes: direct light by the photons and shadow rays, indirect light where it is asked for.
     TwoPass(Box<Direct>, Indirect),
     /// The global map shown directly; what glossy surfaces reflect beyond their diffuse part by paths.
-    Map(Option<GlobalMap>, Option<BoundPath>),
+    Map(Option<Box<GlobalMap>>, Option<BoundPath>),
     /// All of it by paths.
     Path(BoundPath),
 }
@@ -186,7 +186,7 @@ impl<'g> Renderer<'g> {
                 let path = kernels.path.map(|path| path.bind(gpu, &buffers, &lit)).transpose()?;
                 match path {
                     Some(path) if !settings.technique.shows_map() => Lighting::Path(path),
-                    path => Lighting::Map(map, path),
+                    path => Lighting::Map(map.map(Box::new), path),
                 }
             }
         };

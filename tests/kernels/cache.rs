@@ -278,7 +278,8 @@ fn the_comparison_sees_planted_faults() {
     let outcome = setup.run();
     assert_eq!(setup.compare(&outcome).0, 0);
     let right = setup.records.clone();
-    let faults: [(&str, fn(&mut Record)); 7] = [
+    type Fault = fn(&mut Record);
+    let faults: [(&str, Fault); 7] = [
         ("moved", |r| r.head.position[0] += 0.01),
         ("turned", |r| r.head.normal = (Vec3::from(r.head.normal) + Vec3::X * 0.1).normalize().to_array()),
         ("no translational gradient", |r| r.translation = [DVec3::ZERO; 3]),
