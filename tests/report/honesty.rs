@@ -11,7 +11,7 @@ fn audits_state_honest_intervals() {
     let Box { scene, camera } = Box::load();
     // One sample, so that no audit mends the map that the other render has; few photons, so that classes are wrong.
     let base =
-        Settings { width: 64, height: 64, spp: 1, max_bounces: 0, photons: 4096, nearest: 3, ..Settings::default() };
+        Settings { width: 128, height: 128, spp: 1, max_bounces: 0, photons: 4096, nearest: 3, ..Settings::default() };
     let audits = |seed: u32, audit: f32| {
         let settings = Settings { seed, audit, ..base.clone() };
         let mut renderer = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
@@ -27,6 +27,6 @@ fn audits_state_honest_intervals() {
         wrong += stated.wrong;
     }
     println!("{held} of {RENDERS} intervals hold the truth; {wrong} audits found a wrong class");
-    assert!(wrong > u64::from(RENDERS), "too few wrong classes to tell anything");
+    assert!(wrong > u64::from(RENDERS), "too few wrong classes to tell anything: {wrong}");
     assert!((90..=99).contains(&held), "{held} of {RENDERS}");
 }
