@@ -4,7 +4,6 @@
 mod device;
 
 mod curves;
-mod honesty;
 mod intervals;
 mod planted;
 mod reference;

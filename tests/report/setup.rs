@@ -6,7 +6,7 @@ use penumbra::report::run::Subject;
 use penumbra::scene::ImportOptions;
 use penumbra::{Camera, Scene, Settings};
 
-pub use crate::device::gpu;
+use crate::device::gpu;
 
 pub struct Box {
     pub scene: Scene,
