@@ -4,6 +4,7 @@
 
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
+import package::lib::irradiance::encode_disc;
 import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
 @if(!photon_map) import package::lib::math::{PI, basis};
 @if(photon_map) import package::lib::math::{PI, basis, oct_decode16};
@@ -118,15 +119,25 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
     }
     let share = covered(position, normal, radius);
     // In gaps too narrow for any probe the area is anyone's guess.
-    if share == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
-    return vec4f(vec3f(sum) * (irradiance_pass.step / (PI * limit * share)), radius);
+    if share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
+    return vec4f(vec3f(sum) * (irradiance_pass.step / (PI * limit * share.area)), encode_disc(radius, share.clear));
 }
+
+struct Covered {
+    // Over that of the disc; 0 where no probe met any surface.
+    area: f32,
+    // How far from the point, in radii, there is no edge, wall or gap, as far as the probes tell.
+    clear: f32,
+}
+
+// A segment beyond that part of the radius is less than a probe, and may have been missed.
+const NEVER_BEYOND = 0.8;
 
 // The area of the surface within the search ellipsoid, as seen from the point, over that of the disc: at edges and in corners
 // the photons lie on less than the whole disc, and an estimate that does not know would be too dark there (boundary bias; Hey
 // and Purgathofer 2002 look at the geometry too). Each probe goes from the point over its place in the disc, and down to the
-// surface; 0 where none met any.
-fn covered(position: vec3f, normal: vec3f, radius: f32) -> f32 {
+// surface.
+fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
     let bits = bitcast<vec3u>(position);
@@ -158,7 +169,10 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> f32 {
             slant += 1.0 / cosine;
         }
     }
-    if found == 0u { return 0.0; }
+    if found == 0u { return Covered(0.0, 0.0); }
+    // A straight edge at x radii leaves out a segment of at most 0.5 (1 - x)^1.6 of the disc, and several edges together more.
+    let missing = f32(PROBES - found) / f32(PROBES);
+    let clear = clamp(1.0 - pow(2.0 * missing, 0.63), 0.0, NEVER_BEYOND);
     // (n + 1) / (found + 1) is without bias for one over the share, as n / found is not.
-    return slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u));
+    return Covered(slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u)), clear);
 }

@@ -21,6 +21,11 @@ fn load_irradiance(i: u32) -> vec4f {
     @else { return irradiance_table[i]; }
 }
 
+// Radius of a place's disc, and which part of it is clear of edges and walls: in the radius's eight last bits.
+fn encode_disc(radius: f32, clear: f32) -> f32 {
+    return bitcast<f32>((bitcast<u32>(radius) & 0xffffff00u) | u32(clear * 255.0));
+}
+
 // The place nearest to the point among those of its surface in the eight cells about it: of all within half a cell none is
 // missed.
 fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
@@ -48,5 +53,7 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     }
     if nearest_distance >= FAR { return Irradiance(vec3f(0.0), FAR); }
     let found = load_irradiance(nearest_place);
-    return Irradiance(found.xyz, found.w);
+    // Beyond an edge or a wall the place says nothing: behind a wall there may be no light, and so no place that is nearer.
+    let clear = found.w * f32(bitcast<u32>(found.w) & 255u) / 255.0;
+    return Irradiance(found.xyz, select(FAR, found.w, nearest_distance <= clear * clear));
 }

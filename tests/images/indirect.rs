@@ -75,7 +75,6 @@ fn the_cache_is_the_path_tracers_light() {
 /// A room is divided by a wall 1e-5 thick, and the light is on the other side of it: none comes through, by records or by
 /// paths. Without the wall there is some.
 #[test]
-#[ignore = "look-ups find places of the lit side's floor and walls from behind the wall"]
 fn no_light_leaks_through_thin_walls() {
     let lamp = square(DVec3::new(-0.25, 0.45, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1);
     let side = |x: f64, facing: f64| square(DVec3::X * x, DVec3::Y * 0.5 * facing, DVec3::Z * 0.5);
