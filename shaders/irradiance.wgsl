@@ -171,8 +171,9 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     }
     if found == 0u { return Covered(0.0, 0.0); }
     // A straight edge at x radii leaves out a segment of at most 0.5 (1 - x)^1.6 of the disc, and several edges together more.
-    let missing = f32(PROBES - found) / f32(PROBES);
-    let clear = clamp(1.0 - pow(2.0 * missing, 0.63), 0.0, NEVER_BEYOND);
+    // One probe more, for what lies between them.
+    let missing = f32(PROBES - found + 1u) / f32(PROBES);
+    let clear = select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), NEVER_BEYOND, found == PROBES);
     // (n + 1) / (found + 1) is without bias for one over the share, as n / found is not.
     return Covered(slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u)), clear);
 }
