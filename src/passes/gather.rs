@@ -47,10 +47,7 @@ pub const LEAST_RADIUS_PIXELS: u32 = 3;
 const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/gather.wgsl`.
-pub struct Gather {
-    kernel: Kernel,
-    strata: [u32; 2],
-}
+pub struct Gather(Kernel);
 
 /// The pass, bound, with its buffers.
 pub struct BoundGather {
@@ -66,22 +63,17 @@ pub struct BoundGather {
 }
 
 impl Gather {
-    /// Compiles the kernel for about `rays` rays a record.
+    /// Compiles the kernel.
     ///
     /// # Errors
     /// As [`Kernel::new`].
-    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], rays: u32) -> Result<Gather> {
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Gather> {
         let own = ["points", "surfaces", "counters"];
         let own: Vec<&str> = own.iter().chain(GatherBindings::NAMES).copied().collect();
-        Ok(Gather { kernel: kernel(gpu, "gather", features, constants, &own)?, strata: strata(rays) })
+        Ok(Gather(kernel(gpu, "gather", features, constants, &own)?))
     }
 
-    /// Rays of a record: those of whole strata.
-    pub fn rays(&self) -> u32 {
-        self.strata[0] * self.strata[1]
-    }
-
-    /// Binds it for up to `points` points of a tile at once, whose records' values go to `values`.
+    /// Binds it for records of about `rays` rays at points of a tile, whose values go to `values`.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
@@ -89,13 +81,15 @@ impl Gather {
         &self,
         gpu: &Gpu,
         tile: &TileBuffers,
-        points: u32,
+        rays: u32,
         values: &Buffer,
         scene: &[&dyn Bindings],
     ) -> Result<BoundGather> {
-        let rays = BATCH_RAYS.max(self.rays()) as usize;
-        let wanted = gpu.buffer::<u32>("penumbra/gather/wanted", points as usize)?;
-        let heads = gpu.buffer::<RecordHead>("penumbra/gather/record_heads", points as usize)?;
+        let strata = strata(rays);
+        let rays = BATCH_RAYS.max(strata[0] * strata[1]) as usize;
+        let points = tile.capacity() as usize;
+        let wanted = gpu.buffer::<u32>("penumbra/gather/wanted", points)?;
+        let heads = gpu.buffer::<RecordHead>("penumbra/gather/record_heads", points)?;
         let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
         let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
         let own = GatherBindings {
@@ -114,7 +108,7 @@ impl Gather {
             .with("counters", &tile.counters);
         let mut sets: Vec<&dyn Bindings> = vec![&own, &tile];
         sets.extend(scene);
-        let entry = |name: &str| self.kernel.bind(gpu, name, &sets);
+        let entry = |name: &str| self.0.bind(gpu, name, &sets);
         Ok(BoundGather {
             gather: entry("gather")?,
             arrange_follow: entry("arrange_follow")?,
@@ -124,7 +118,7 @@ impl Gather {
             heads,
             follow_count,
             follow_arguments,
-            strata: self.strata,
+            strata,
         })
     }
 }
@@ -141,6 +135,11 @@ pub struct GatherSettings {
 }
 
 impl BoundGather {
+    /// Rays of a record: those of whole strata.
+    pub fn rays(&self) -> u32 {
+        self.strata[0] * self.strata[1]
+    }
+
     /// Makes records at the tile's points `wanted`; their values follow those of `before` records. Their heads.
     ///
     /// # Errors

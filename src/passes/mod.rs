@@ -108,6 +108,11 @@ impl TileBuffers {
         })
     }
 
+    /// Points that they have room for, at least.
+    pub fn capacity(&self) -> u32 {
+        (self.points.bytes / size_of::<Point>() as u64) as u32
+    }
+
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
         let optional = [&self.radiance_indirect, &self.albedo_samples, &self.normal_samples, &self.position_samples];

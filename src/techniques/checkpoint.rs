@@ -14,7 +14,7 @@ use crate::{Error, Result};
 
 use super::totals::Totals;
 use super::visibility_map::MapState;
-use super::{Lighting, Renderer, direct};
+use super::{Renderer, direct};
 
 /// How every file begins; the number rises with the form.
 const MAGIC: &[u8] = b"penumbra checkpoint 1\n";
@@ -49,10 +49,7 @@ impl Renderer<'_> {
         for plane in self.planes() {
             words.extend(plane.state(self.gpu)?);
         }
-        let map = match &self.lighting {
-            Lighting::TwoPass(direct, _) => direct.map_state(self.gpu)?,
-            Lighting::Map(..) | Lighting::Path(_) => MapState::default(),
-        };
+        let map = self.direct.as_ref().map_or(Ok(MapState::default()), |direct| direct.map_state(self.gpu))?;
         words.extend(map.words());
         let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
         let header = Header {
@@ -114,12 +111,13 @@ impl Renderer<'_> {
             rest = others;
         }
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
-        if let Lighting::TwoPass(direct, _) = &mut self.lighting {
+        if let Some(direct) = &mut self.direct {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
             if !direct.restore(&direct::Shared { gpu, scene, tables, tile }, &map, &mut self.totals)? {
                 return Err(damaged());
             }
         }
+        self.refine(header.samples)?;
         self.samples = header.samples;
         self.batches = header.batches;
         self.totals = header.totals.after(&self.totals);

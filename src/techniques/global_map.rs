@@ -81,12 +81,12 @@ impl GlobalMap {
             let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
             let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
             counts.places = u64::from(precomputed.places.count);
-            totals.photon_bytes += precomputed.bytes;
+            totals.indirect_bytes += precomputed.bytes;
             irradiance = Some(precomputed);
         }
         let mut show = None;
         if shown {
-            totals.photon_bytes += map.bytes;
+            totals.indirect_bytes += map.bytes;
             show = Some(kernels.irradiance.bind_show(gpu, tile, tables, &map, photons.step)?);
         }
         totals.indirect = counts;

@@ -28,71 +28,86 @@ pub(super) struct CacheKernels {
 }
 
 impl CacheKernels {
-    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<CacheKernels> {
-        let (gather, cache) =
-            rayon::join(|| Gather::new(gpu, features, constants, settings.gather_rays), || Cache::new(gpu, features));
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<CacheKernels> {
+        let (gather, cache) = rayon::join(|| Gather::new(gpu, features, constants), || Cache::new(gpu, features));
         Ok(CacheKernels { gather: gather?, cache: cache? })
     }
 }
 
+/// The records of a view, ready to light its points.
 pub(super) struct IrradianceCache {
-    kernels: CacheKernels,
-    features: Features,
-    camera: CameraUniform,
-    settings: Settings,
     buffers: CacheBuffers,
     bound: BoundCache,
+}
+
+/// What filling the cache takes from the rest of the render.
+pub(super) struct Filling<'a> {
+    pub gpu: &'a Gpu,
+    pub kernels: &'a CacheKernels,
+    pub features: &'a Features,
+    pub tile: &'a TileBuffers,
+    pub primary: &'a BoundPrimary,
+    /// The scene and the global map.
+    pub scene: &'a [&'a dyn Bindings],
+    pub camera: &'a CameraUniform,
+    pub settings: &'a Settings,
+}
+
+/// The records so far.
+struct Records {
     heads: Vec<RecordHead>,
     values: Buffer,
     /// Records that `values` has room for.
     room: u32,
 }
 
-/// What filling the cache takes from the rest of the render.
-pub(super) struct Filling<'a> {
-    pub gpu: &'a Gpu,
-    pub tile: &'a TileBuffers,
-    /// Points that the tile's buffers hold.
-    pub points: u32,
-    pub primary: &'a BoundPrimary,
-    /// The scene and the global map.
-    pub scene: &'a [&'a dyn Bindings],
-}
-
 impl IrradianceCache {
     /// Places records all over the view and gathers at each.
-    pub fn new(
-        with: &Filling<'_>,
-        kernels: CacheKernels,
-        features: &Features,
-        camera: CameraUniform,
-        settings: &Settings,
-        totals: &mut Totals,
-    ) -> Result<IrradianceCache> {
-        let Filling { gpu, tile, points, .. } = *with;
-        let buffers = CacheBuffers::new(gpu, points)?;
-        let room = 1;
-        let values = record_values(gpu, features, room)?;
-        let tables = RecordTables::new(gpu, &[], &values, [settings.width, settings.height], |_| None)?;
-        let bound = kernels.cache.bind(gpu, tile, &buffers, &tables)?;
-        let (settings, features) = (settings.clone(), features.clone());
-        let mut cache =
-            IrradianceCache { kernels, features, camera, settings, buffers, bound, heads: Vec::new(), values, room };
+    pub fn new(with: &Filling<'_>, totals: &mut Totals) -> Result<IrradianceCache> {
+        let buffers = CacheBuffers::new(with.gpu, with.tile.capacity())?;
+        let mut records = Records { heads: Vec::new(), values: record_values(with.gpu, with.features, 1)?, room: 1 };
+        let mut bound = records.bind(with, &buffers)?;
         for spacing in SPACINGS {
-            cache.fill(with, spacing, totals)?;
+            if records.fill(with, &buffers, &bound, spacing, totals)? {
+                bound = records.bind(with, &buffers)?;
+            }
         }
-        totals.indirect.records = cache.heads.len() as u64;
-        totals.photon_bytes += cache.values.bytes;
-        Ok(cache)
+        totals.indirect.records = records.heads.len() as u64;
+        totals.indirect_bytes += records.values.bytes;
+        Ok(IrradianceCache { buffers, bound })
     }
 
-    /// Adds records where the points of an image of one pixel for `spacing` have too few.
-    fn fill(&mut self, with: &Filling<'_>, spacing: u32, totals: &mut Totals) -> Result<()> {
-        let Filling { gpu, tile, points, primary, scene } = *with;
-        let Settings { width, height, seed, max_bounces, .. } = self.settings;
+    /// Lights the points of the tile by the records.
+    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        self.bound.record_interpolate(frame, &self.buffers, tile);
+    }
+
+    /// The points that no record speaks for.
+    pub fn buffers(&self) -> &CacheBuffers {
+        &self.buffers
+    }
+
+    /// Bytes of its buffers for a frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.buffers.bytes()
+    }
+}
+
+impl Records {
+    /// Adds records where the points of an image of one pixel for `spacing` have too few; whether there were such.
+    fn fill(
+        &mut self,
+        with: &Filling<'_>,
+        buffers: &CacheBuffers,
+        cache: &BoundCache,
+        spacing: u32,
+        totals: &mut Totals,
+    ) -> Result<bool> {
+        let Filling { gpu, tile, primary, .. } = *with;
+        let Settings { width, height, seed, max_bounces, gather_rays, .. } = *with.settings;
         let [columns, rows] = [width, height].map(|side| side.div_ceil(spacing));
-        let rows_at_once = (points / columns).min(rows);
-        let mut fresh = Vec::new();
+        let rows_at_once = (tile.capacity() / columns).min(rows);
+        let before = self.heads.len();
         let mut gather: Option<BoundGather> = None;
         for first_row in (0..rows).step_by(rows_at_once as usize) {
             let pixel_count = rows_at_once.min(rows - first_row) * columns;
@@ -109,72 +124,54 @@ impl IrradianceCache {
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);
             primary.record(&mut frame, &part);
-            self.bound.record_place(&mut frame, &self.buffers, &part);
+            cache.record_place(&mut frame, buffers, &part);
             frame.submit()?;
-            let wanted = wanted(gpu, &self.buffers)?;
+            let wanted = wanted(gpu, buffers)?;
             if !wanted.is_empty() {
-                let before = (self.heads.len() + fresh.len()) as u32;
-                if self.grow(gpu, before, wanted.len() as u32)? {
+                if self.grow(with, wanted.len() as u32)? {
                     gather = None;
                 }
                 let bound = match gather.take() {
                     Some(bound) => bound,
-                    None => self.kernels.gather.bind(gpu, tile, points, &self.values, scene)?,
+                    None => with.kernels.gather.bind(gpu, tile, gather_rays, &self.values, with.scene)?,
                 };
-                fresh.extend(bound.gather(gpu, &wanted, before, GatherSettings { max_bounces, seed, height })?);
+                let settings = GatherSettings { max_bounces, seed, height };
+                self.heads.extend(bound.gather(gpu, &wanted, self.heads.len() as u32, settings)?);
+                totals.gather_rays += wanted.len() as u64 * u64::from(bound.rays());
                 gather = Some(bound);
-                totals.gather_rays += wanted.len() as u64 * u64::from(self.kernels.gather.rays());
             }
             let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
             totals.add(&counters, u64::from(pixel_count));
         }
-        if !fresh.is_empty() {
-            self.heads.extend(fresh);
-            self.renew(gpu, tile)?;
-        }
-        Ok(())
+        Ok(self.heads.len() > before)
     }
 
-    /// Makes room for `more` records after `before`; whether there was none.
-    fn grow(&mut self, gpu: &Gpu, before: u32, more: u32) -> Result<bool> {
-        if before + more <= self.room {
+    /// Makes room for `more` records; whether there was none.
+    fn grow(&mut self, with: &Filling<'_>, more: u32) -> Result<bool> {
+        let needed = self.heads.len() as u32 + more;
+        if needed <= self.room {
             return Ok(false);
         }
-        self.room = (2 * self.room).max(before + more);
-        let larger = record_values(gpu, &self.features, self.room)?;
-        let mut frame = gpu.frame("cache");
+        self.room = (2 * self.room).max(needed);
+        let larger = record_values(with.gpu, with.features, self.room)?;
+        let mut frame = with.gpu.frame("cache");
         frame.copy(&self.values, &larger, 0, self.values.bytes);
         frame.submit()?;
         self.values = larger;
         Ok(true)
     }
 
-    /// The tables of all records, with radii by what their neighbours have met.
-    fn renew(&mut self, gpu: &Gpu, tile: &TileBuffers) -> Result<()> {
-        let distances = neighbour_distances(&self.heads, self.settings.accuracy);
+    /// Binds the pass to tables of all records, with radii by what their neighbours have met.
+    fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers) -> Result<BoundCache> {
+        let Filling { gpu, camera, .. } = *with;
+        let Settings { width, height, accuracy, .. } = *with.settings;
+        let distances = neighbour_distances(&self.heads, accuracy);
         let mut heads = self.heads.clone();
         for (head, distance) in heads.iter_mut().zip(distances) {
-            head.size = radius(distance, head.size, self.settings.accuracy);
+            head.size = radius(distance, head.size, accuracy);
         }
-        let size = [self.settings.width, self.settings.height];
-        let tables = RecordTables::new(gpu, &heads, &self.values, size, |head| seen_part(&self.camera, head))?;
-        self.bound = self.kernels.cache.bind(gpu, tile, &self.buffers, &tables)?;
-        Ok(())
-    }
-
-    /// Lights the points of the tile by the records.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        self.bound.record_interpolate(frame, &self.buffers, tile);
-    }
-
-    /// The points that no record speaks for.
-    pub fn buffers(&self) -> &CacheBuffers {
-        &self.buffers
-    }
-
-    /// Bytes of its buffers for a frame.
-    pub fn frame_bytes(&self) -> u64 {
-        self.buffers.bytes()
+        let tables = RecordTables::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
+        with.kernels.cache.bind(gpu, with.tile, buffers, &tables)
     }
 }
 

@@ -23,7 +23,7 @@ use crate::statistics::{self, Counter, Statistics};
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
-use direct::Direct;
+use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
 use totals::Totals;
@@ -49,7 +49,10 @@ pub struct Renderer<'g> {
     notes: Vec<String>,
     tables: SceneTables,
     primary: BoundPrimary,
-    lighting: Lighting,
+    /// Direct light by the photons and shadow rays, where the technique has it apart.
+    direct: Option<Direct>,
+    indirect: Indirect,
+    indirect_kernels: IndirectKernels,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
     rows: u32,
@@ -60,38 +63,83 @@ pub struct Renderer<'g> {
     totals: Totals,
 }
 
-/// How the points of a tile are lit.
-enum Lighting {
-    /// The two passes: direct light by the photons and shadow rays, indirect light where it is asked for.
-    TwoPass(Box<Direct>, Indirect),
-    /// The global map shown directly; what glossy surfaces reflect beyond their diffuse part by paths.
-    Map(Option<Box<GlobalMap>>, Option<BoundPath>),
-    /// All of it by paths.
-    Path(BoundPath),
-}
-
-/// Light of more bounces, and highlights of lights that have a surface.
-#[derive(Default)]
+/// All light that is not [`Direct`]'s: that of more bounces and highlights of lights that have a surface, or everything.
 struct Indirect {
+    /// Where paths and gathers end; or shown directly.
+    map: Option<GlobalMap>,
     /// The diffuse part.
-    cache: Option<Box<IrradianceCache>>,
-    /// All, or what the cache leaves.
+    cache: Option<IrradianceCache>,
+    /// All, or what map and cache leave.
     path: Option<BoundPath>,
+    /// How often the photons and the rays of a gather have been multiplied.
+    stage: u32,
 }
 
 impl Indirect {
+    /// Traces the photons and fills the cache, of the kernels that there are.
+    fn new(
+        shared: &Shared<'_>,
+        primary: &BoundPrimary,
+        kernels: &IndirectKernels,
+        camera: &CameraUniform,
+        settings: &Settings,
+        samples: u32,
+        totals: &mut Totals,
+    ) -> Result<Indirect> {
+        let stage = stage(samples);
+        let settings = &refined(settings, stage);
+        let IndirectKernels { map, cache, path, features } = kernels;
+        let Shared { gpu, tables, tile, .. } = *shared;
+        totals.indirect_bytes = 0;
+        let paths = path.is_some();
+        let map = map.as_ref().map(|map| GlobalMap::new(shared, map, settings, paths, totals)).transpose()?;
+        let nothing = Resources::new();
+        let scene: [&dyn Bindings; 2] = [tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+        let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
+        let cache = cache.as_ref().map(|kernels| IrradianceCache::new(&filling(kernels), totals)).transpose()?;
+        let mut sets = scene.to_vec();
+        sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
+        let path = path.as_ref().map(|path| path.bind(gpu, tile, &sets)).transpose()?;
+        Ok(Indirect { map, cache, path, stage })
+    }
+
     fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
-        let Some(cache) = &self.cache else {
-            return self.path.iter().for_each(|path| path.record(frame, parameters));
-        };
-        cache.record(frame, &parameters.tile);
-        if let Some(path) = &self.path {
-            if glossy {
-                path.record(frame, parameters);
-            } else {
+        if let Some(map) = &self.map {
+            map.record(frame, &parameters.tile);
+        }
+        if let Some(cache) = &self.cache {
+            cache.record(frame, &parameters.tile);
+        }
+        match (&self.path, &self.cache) {
+            (Some(path), Some(cache)) if !glossy => {
                 path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
             }
+            (Some(path), _) => path.record(frame, parameters),
+            (None, _) => {}
         }
+    }
+}
+
+/// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
+/// four times the samples. Points share what these tell, so no number of samples would take their error away.
+const REFINED: u32 = 16;
+
+/// Most such steps: a million photon rays by default, and some thousand rays a record.
+const MOST_STAGES: u32 = 2;
+
+/// How often photons and gather rays have been multiplied once there are so many samples.
+fn stage(samples: u32) -> u32 {
+    ((samples / REFINED).checked_ilog2().map_or(0, |log| log / 2 + 1)).min(MOST_STAGES)
+}
+
+fn refined(settings: &Settings, stage: u32) -> Settings {
+    let more = |number: u32, most: u32| number.saturating_mul(1 << (2 * stage)).min(number.max(most));
+    Settings {
+        flux_photons: more(settings.flux_photons, Settings::MAX_PHOTONS),
+        gather_rays: more(settings.gather_rays, Settings::MAX_GATHER_RAYS),
+        // Other photons and other directions, far from the seeds that users count up.
+        seed: settings.seed.wrapping_add(stage.wrapping_mul(0x9e37_79b9)),
+        ..settings.clone()
     }
 }
 
@@ -159,49 +207,25 @@ impl<'g> Renderer<'g> {
         let start = Instant::now();
         let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
         let points = rows * settings.width * most_layers(rows, settings);
-        let indirect = kernels.path.is_some() || kernels.map.is_some();
-        let buffers = TileBuffers::new(gpu, &features, points, indirect)?;
-        let primary = kernels.primary.bind(gpu, &buffers, &tables)?;
-        let film = kernels.film;
-        let shared = direct::Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
-        let paths = kernels.path.is_some();
-        let map = kernels.map.map(|map| GlobalMap::new(&shared, &map, settings, paths, &mut totals)).transpose()?;
-        let nothing = Resources::new();
-        let lit: [&dyn Bindings; 2] = [&tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
-        let lighting = match kernels.direct {
-            Some(direct) => {
-                let direct = Direct::new(&shared, direct, points, settings, &mut totals)?;
-                let camera = CameraUniform::new(camera, settings.width, settings.height);
-                let with = Filling { gpu, tile: &buffers, points, primary: &primary, scene: &lit };
-                let cache = kernels.cache.map(|cache| {
-                    IrradianceCache::new(&with, cache, &features, camera, settings, &mut totals).map(Box::new)
-                });
-                let cache = cache.transpose()?;
-                let mut sets = lit.to_vec();
-                sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
-                let path = kernels.path.map(|path| path.bind(gpu, &buffers, &sets)).transpose()?;
-                Lighting::TwoPass(Box::new(direct), Indirect { cache, path })
-            }
-            None => {
-                let path = kernels.path.map(|path| path.bind(gpu, &buffers, &lit)).transpose()?;
-                match path {
-                    Some(path) if !settings.technique.shows_map() => Lighting::Path(path),
-                    path => Lighting::Map(map.map(Box::new), path),
-                }
-            }
-        };
+        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
+        let has_indirect = indirect_kernels.path.is_some() || indirect_kernels.map.is_some();
+        let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
+        let primary = primary.bind(gpu, &buffers, &tables)?;
+        let shared = Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
+        let direct = direct.map(|direct| Direct::new(&shared, direct, points, settings, &mut totals)).transpose()?;
+        let view = CameraUniform::new(camera, settings.width, settings.height);
+        let indirect = Indirect::new(&shared, &primary, &indirect_kernels, &view, settings, 0, &mut totals)?;
         let first_rows = (0..settings.height).step_by(rows as usize);
         let tiles = first_rows
             .map(|first_row| {
                 let rows = rows.min(settings.height - first_row);
-                new_film(gpu, &film, &buffers, &lighting, [first_row, rows], settings)
+                new_film(gpu, &film, &buffers, direct.as_ref(), [first_row, rows], settings)
             })
             .collect::<Result<Vec<_>>>()?;
         gpu.wait("preparation")?;
         totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        if let Lighting::TwoPass(direct, indirect) = &lighting {
-            totals.frame_bytes += direct.frame_bytes() + indirect.cache.as_ref().map_or(0, |cache| cache.frame_bytes());
-        }
+        totals.frame_bytes += direct.as_ref().map_or(0, Direct::frame_bytes);
+        totals.frame_bytes += indirect.cache.as_ref().map_or(0, IrradianceCache::frame_bytes);
         totals.time_render = start.elapsed().as_secs_f64();
 
         let notes = notes(&scene, settings, &totals.indirect);
@@ -215,7 +239,9 @@ impl<'g> Renderer<'g> {
             notes,
             tables,
             primary,
-            lighting,
+            direct,
+            indirect,
+            indirect_kernels,
             buffers,
             tiles,
             rows,
@@ -249,11 +275,12 @@ impl<'g> Renderer<'g> {
         if self.batches == 1 {
             self.end_pilot()?;
         }
+        self.refine(self.samples)?;
         if self.batches > 0
-            && let Lighting::TwoPass(direct, _) = &mut self.lighting
+            && let Some(direct) = &mut self.direct
         {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            let shared = direct::Shared { gpu, scene, tables, tile };
+            let shared = Shared { gpu, scene, tables, tile };
             direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
         }
         self.batches += 1;
@@ -275,17 +302,10 @@ impl<'g> Renderer<'g> {
             self.primary.record(&mut frame, &tile);
             let Settings { max_bounces, shadow_samples, .. } = self.settings;
             let path_parameters = PathParameters { tile, max_bounces, light_samples: shadow_samples };
-            match &self.lighting {
-                Lighting::TwoPass(direct, indirect) => {
-                    direct.record(&mut frame, &tile, &film.shadow);
-                    indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
-                }
-                Lighting::Map(map, path) => {
-                    map.iter().for_each(|map| map.record(&mut frame, &tile));
-                    path.iter().for_each(|path| path.record(&mut frame, &path_parameters));
-                }
-                Lighting::Path(path) => path.record(&mut frame, &path_parameters),
+            if let Some(direct) = &self.direct {
+                direct.record(&mut frame, &tile, &film.shadow);
             }
+            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -298,6 +318,19 @@ impl<'g> Renderer<'g> {
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
+    }
+
+    /// Makes photons and records anew, and more of them, once a render of so many samples asks for it.
+    fn refine(&mut self, samples: u32) -> Result<()> {
+        if self.indirect.map.is_none() || stage(samples) == self.indirect.stage {
+            return Ok(());
+        }
+        let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+        let shared = Shared { gpu, scene, tables, tile };
+        let view = CameraUniform::new(&self.camera, self.settings.width, self.settings.height);
+        let (kernels, totals) = (&self.indirect_kernels, &mut self.totals);
+        self.indirect = Indirect::new(&shared, &self.primary, kernels, &view, &self.settings, samples, totals)?;
+        Ok(())
     }
 
     /// Leaves the visibility map out if the first samples say that it does not pay.
@@ -324,11 +357,9 @@ impl<'g> Renderer<'g> {
         self.totals.time_compile += start.elapsed().as_secs_f64();
         let points = self.rows * self.settings.width * most_layers(self.rows, &self.settings);
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-        let shared = direct::Shared { gpu, scene, tables, tile };
+        let shared = Shared { gpu, scene, tables, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
-        if let Lighting::TwoPass(old, _) = &mut self.lighting {
-            **old = direct;
-        }
+        self.direct = Some(direct);
         Ok(())
     }
 
@@ -373,20 +404,22 @@ impl<'g> Renderer<'g> {
 struct Kernels {
     primary: Primary,
     film: Film,
-    path: Option<Path>,
     direct: Option<direct::Kernels>,
+    indirect: IndirectKernels,
+}
+
+/// Those of [`Indirect`].
+struct IndirectKernels {
     map: Option<GlobalMapKernels>,
     cache: Option<CacheKernels>,
+    path: Option<Path>,
+    features: Features,
 }
 
 impl Kernels {
     fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
-        let has = |name| features.has(name);
-        // The map shows all that Lambertian surfaces reflect.
-        let rest = has("photon_map") && has("glossy");
-        let paths = settings.technique == Technique::Path || has("indirect") || rest;
         let two_pass = settings.technique.is_two_pass();
-        let ((direct, primary), ((map, film), (cache, path))) = rayon::join(
+        let ((direct, primary), (film, indirect)) = rayon::join(
             || {
                 rayon::join(
                     || two_pass.then(|| direct::Kernels::new(gpu, features, constants, settings)).transpose(),
@@ -395,28 +428,31 @@ impl Kernels {
             },
             || {
                 rayon::join(
-                    || {
-                        rayon::join(
-                            || {
-                                let map = features.has("global_map");
-                                map.then(|| GlobalMapKernels::new(gpu, features, constants)).transpose()
-                            },
-                            || Film::new(gpu, features),
-                        )
-                    },
-                    || {
-                        rayon::join(
-                            || {
-                                let cache = features.has("irradiance_cache");
-                                cache.then(|| CacheKernels::new(gpu, features, constants, settings)).transpose()
-                            },
-                            || paths.then(|| Path::new(gpu, features, constants)).transpose(),
-                        )
-                    },
+                    || Film::new(gpu, features),
+                    || IndirectKernels::new(gpu, features, constants, settings.technique),
                 )
             },
         );
-        Ok(Kernels { primary: primary?, film: film?, path: path?, direct: direct?, map: map?, cache: cache? })
+        Ok(Kernels { primary: primary?, film: film?, direct: direct?, indirect: indirect? })
+    }
+}
+
+impl IndirectKernels {
+    fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], technique: Technique) -> Result<IndirectKernels> {
+        let has = |name| features.has(name);
+        // The map shows all that Lambertian surfaces reflect.
+        let rest = has("photon_map") && has("glossy");
+        let paths = technique == Technique::Path || has("indirect") || rest;
+        let (map, (cache, path)) = rayon::join(
+            || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+            || {
+                rayon::join(
+                    || has("irradiance_cache").then(|| CacheKernels::new(gpu, features, constants)).transpose(),
+                    || paths.then(|| Path::new(gpu, features, constants)).transpose(),
+                )
+            },
+        );
+        Ok(IndirectKernels { map: map?, cache: cache?, path: path?, features: features.clone() })
     }
 }
 
@@ -451,7 +487,7 @@ fn new_film(
     gpu: &Gpu,
     film: &Film,
     buffers: &TileBuffers,
-    lighting: &Lighting,
+    direct: Option<&Direct>,
     [first_row, rows]: [u32; 2],
     settings: &Settings,
 ) -> Result<TileFilm> {
@@ -472,9 +508,9 @@ fn new_film(
         albedo: optional(&buffers.albedo_samples)?,
         normal: optional(&buffers.normal_samples)?,
         position: optional(&buffers.position_samples)?,
-        shadow: match lighting {
-            Lighting::TwoPass(direct, _) => direct.films(gpu, film, pixels, &buffers.counters)?,
-            Lighting::Map(..) | Lighting::Path(_) => Vec::new(),
+        shadow: match direct {
+            Some(direct) => direct.films(gpu, film, pixels, &buffers.counters)?,
+            None => Vec::new(),
         },
     })
 }

@@ -163,7 +163,11 @@ pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
             passes: gpu.pass_times()?,
             ..Times::default()
         },
-        memory: Memory { scene: totals.scene_bytes, photons: totals.photon_bytes, frame: totals.frame_bytes },
+        memory: Memory {
+            scene: totals.scene_bytes,
+            photons: totals.photon_bytes + totals.indirect_bytes,
+            frame: totals.frame_bytes,
+        },
         scene: SceneCounts {
             triangles: scene.triangles.len() as u64,
             lights: scene.lights.len() as u64,

@@ -20,6 +20,7 @@ pub(super) struct Totals {
     pub time_render: f64,
     pub scene_bytes: u64,
     pub photon_bytes: u64,
+    pub indirect_bytes: u64,
     pub frame_bytes: u64,
 }
 

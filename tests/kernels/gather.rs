@@ -139,9 +139,9 @@ impl<'a> Gathering<'a> {
         tile.surfaces = gpu().upload("test/surfaces", &surfaces).unwrap();
         let count = (self.before as usize + wanted.len()) * vectors;
         let values = gpu().poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
-        let pass = Gather::new(gpu(), features, &self.stage.tables.constants(), RAYS).unwrap();
+        let pass = Gather::new(gpu(), features, &self.stage.tables.constants()).unwrap();
         let sets: [&dyn Bindings; 2] = [&self.stage.tables, self.known];
-        let bound = pass.bind(gpu(), &tile, points.len() as u32, &values, &sets).unwrap();
+        let bound = pass.bind(gpu(), &tile, RAYS, &values, &sets).unwrap();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };
             let heads = bound.gather(gpu(), wanted, self.before, settings).unwrap();
