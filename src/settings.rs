@@ -221,13 +221,12 @@ impl Settings {
     /// Most rays of a record: what one invocation can sum up on software devices.
     pub const MAX_GATHER_RAYS: u32 = 16_384;
 
-    /// The image goes to the truth as samples go on: photons that tell irradiance keep their error.
+    /// The image goes to the truth as samples go on; of indirect light as near as photons and records come, of which there
+    /// are then more.
     pub fn is_unbiased(&self) -> bool {
-        let direct_only = self.max_bounces == 0;
         match self.technique {
-            Technique::Path => true,
-            Technique::TwoPass => direct_only,
-            Technique::ShadowPhotons => direct_only && self.audit > 0.0,
+            Technique::Path | Technique::TwoPass => true,
+            Technique::ShadowPhotons => self.audit > 0.0,
             Technique::VisibilityEstimate | Technique::PhotonMap | Technique::NegativePhotons => false,
         }
     }

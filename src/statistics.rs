@@ -59,7 +59,7 @@ pub struct Rays {
     pub audit: u64,
     /// From surfaces along a sampled direction.
     pub bounce: u64,
-    /// Of final gathers.
+    /// Of final gathers, and from the camera to where they may be needed.
     pub gather: u64,
     /// All of them.
     pub total: u64,

@@ -62,7 +62,8 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Take samples until relMSE is estimated to be T or less, by variance and audits; --spp is as for --time
+    /// Take samples until relMSE is estimated to be T or less, by variance and audits (what all samples share of the photons
+    /// of indirect light, it does not know); --spp is as for --time
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     noise: Option<f64>,
 
@@ -131,7 +132,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if !arguments.quiet {
         say(summary(&statistics, stopped));
         if let Some(estimate) = noise.estimate {
-            say(format_args!("estimated relMSE {estimate:.2e}"));
+            let rest =
+                if statistics.indirect.photons > 0 { ", but for what all samples share of the photons" } else { "" };
+            say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
         }
     }
     let written = arguments.write(&image);

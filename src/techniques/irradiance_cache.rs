@@ -141,7 +141,8 @@ impl Records {
                 gather = Some(bound);
             }
             let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT)?;
-            totals.add(&counters, u64::from(pixel_count));
+            totals.add(&counters, 0);
+            totals.gather_rays += u64::from(pixel_count);
         }
         Ok(self.heads.len() > before)
     }
