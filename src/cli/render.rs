@@ -133,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         say(summary(&statistics, stopped));
         if let Some(estimate) = noise.estimate {
             let rest =
-                if statistics.indirect.photons > 0 { ", but for what all samples share of the photons" } else { "" };
+                if statistics.indirect.photons > 0 { " but for what all samples share of the photons" } else { "" };
             say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
         }
     }
