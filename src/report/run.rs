@@ -85,11 +85,16 @@ impl Run {
         let mut renderer = Renderer::new(subject.gpu, scene, subject.camera, &settings)?;
         let setup = start.elapsed().as_secs_f64();
         let mut time = setup;
+        // When the last sample was there: what is prepared for the next ones adds nothing to the image.
+        let mut sampled = setup;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         // Seconds a sample, once one is known.
         let mut pace = None;
         for &budget in budgets {
             loop {
+                let start = Instant::now();
+                renderer.refine()?;
+                time += start.elapsed().as_secs_f64();
                 let left = budget - time;
                 let limit = pace.map_or(u32::from(left > 0.0), |pace: f64| (left / pace) as u32);
                 if limit == 0 {
@@ -102,13 +107,14 @@ impl Run {
                 renderer.render_at_most(limit)?;
                 let took = start.elapsed().as_secs_f64();
                 time += took;
+                sampled = time;
                 pace = Some(took / f64::from(renderer.samples() - before));
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
-            if renderer.samples() > shown && time <= LATEST * budget {
+            if renderer.samples() > shown && sampled <= LATEST * budget {
                 snapshots.push(Snapshot {
                     budget,
-                    time,
+                    time: sampled,
                     samples: renderer.samples(),
                     rays: renderer.statistics()?.rays,
                     image: colour(renderer.image()?),
@@ -119,7 +125,7 @@ impl Run {
         statistics.time.passes = difference(&statistics.time.passes, &passes_before);
         let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
-        Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time }))
+        Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled }))
     }
 }
 

@@ -117,7 +117,7 @@ impl Renderer<'_> {
                 return Err(damaged());
             }
         }
-        self.refine(header.samples)?;
+        self.refine_for(header.samples)?;
         self.samples = header.samples;
         self.batches = header.batches;
         self.totals = header.totals.after(&self.totals);

@@ -265,6 +265,7 @@ impl<'g> Renderer<'g> {
     /// # Errors
     /// As [`Renderer::render_batch`].
     pub fn render_at_most(&mut self, limit: u32) -> Result<Progress> {
+        self.refine()?;
         let start = Instant::now();
         let width = self.settings.width;
         let most = most_layers(self.rows, &self.settings).min(limit.max(1));
@@ -275,7 +276,6 @@ impl<'g> Renderer<'g> {
         if self.batches == 1 {
             self.end_pilot()?;
         }
-        self.refine(self.samples)?;
         if self.batches > 0
             && let Some(direct) = &mut self.direct
         {
@@ -320,8 +320,20 @@ impl<'g> Renderer<'g> {
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
     }
 
-    /// Makes photons and records anew, and more of them, once a render of so many samples asks for it.
-    fn refine(&mut self, samples: u32) -> Result<()> {
+    /// Makes photons and records anew, and more of them, once there are so many samples that they ask for it. The next
+    /// samples do it too; on its own it is for those who want to know the time that either takes.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub fn refine(&mut self) -> Result<()> {
+        let start = Instant::now();
+        self.refine_for(self.samples)?;
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// As [`Renderer::refine`], as if there were that many samples.
+    fn refine_for(&mut self, samples: u32) -> Result<()> {
         if self.indirect.map.is_none() || stage(samples) == self.indirect.stage {
             return Ok(());
         }
