@@ -114,14 +114,18 @@ pub(super) fn advice(
 
 /// The technique that is soonest at an error that another reaches too, or that comes nearer than any other.
 fn best(entrants: &[Entrant]) -> String {
-    let unbiased = entrants.iter().filter(|entrant| entrant.report.verdict.kind != VerdictKind::Bias);
     // What all of its runs reach.
     let reached = |entrant: &Entrant| entrant.curves.iter().map(|curve| curve.last().1).fold(0.0, f64::max);
-    let mut by_error: Vec<(&Entrant, f64)> = unbiased.map(|entrant| (entrant, reached(entrant))).collect();
-    by_error.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let Some((nearest, least)) = by_error.first() else {
+    let unbiased = |entrant: &&Entrant| entrant.report.verdict.kind != VerdictKind::Bias;
+    let Some(fair) = entrants.iter().filter(unbiased).map(reached).min_by(f64::total_cmp) else {
         return "No technique is free of bias here: see what the error of each is made of.".to_owned();
     };
+    // Whose bias is less than any other's whole error is the one to use all the same.
+    let kept = |entrant: &&Entrant| unbiased(entrant) || reached(entrant) < fair;
+    let mut by_error: Vec<(&Entrant, f64)> =
+        entrants.iter().filter(kept).map(|entrant| (entrant, reached(entrant))).collect();
+    by_error.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let (nearest, least) = &by_error[0];
     let common = by_error.get(1).map_or(*least, |(_, error)| *error);
     let time = |entrant: &Entrant, target: f64| {
         let times: Option<Vec<f64>> = entrant.curves.iter().map(|curve| curve.time_at(target)).collect();
