@@ -47,10 +47,11 @@ fn the_box_is_the_references() {
 }
 
 /// A closed room with a cube in it and a square light under its ceiling: the mean is the path tracer's with the irradiance cache and
-/// without it. One percent is what 65,536 rays of photons, whose irradiance all points share, may be off, and first-order
-/// interpolation between records.
+/// without it, with the map shown directly, and with all lit and shadow photons of negative energy. One percent is what 65,536
+/// rays of photons, whose irradiance all points share, may be off, and first-order interpolation between records; two where what
+/// is seen is the map itself, of which some ten thousand photons are in view.
 #[test]
-fn the_cache_is_the_path_tracers_light() {
+fn photons_bring_the_path_tracers_light() {
     let lamp = square(DVec3::new(0.1, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
     let meshes = [
         (inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)),
@@ -63,12 +64,17 @@ fn the_cache_is_the_path_tracers_light() {
         mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
     };
     let paths = of(Technique::Path, false, 256);
-    for cache in [true, false] {
-        let (mean, error) = of(Technique::ShadowPhotons, cache, 32);
-        let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + 0.01 * paths.0);
-        println!("cache {cache}: {mean} +- {error}, paths {paths:?}");
-        assert!(off(mean) < 1.0, "cache {cache}: {mean} +- {error}, paths {paths:?}");
-        assert!(off(1.04 * mean) > 1.0, "cache {cache}: four percent too much would pass");
+    for (technique, cache, spp, tolerance) in [
+        (Technique::ShadowPhotons, true, 32, 0.01),
+        (Technique::ShadowPhotons, false, 32, 0.01),
+        (Technique::PhotonMap, false, 8, 0.02),
+        (Technique::NegativePhotons, false, 8, 0.02),
+    ] {
+        let (mean, error) = of(technique, cache, spp);
+        let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + tolerance * paths.0);
+        println!("{technique}, cache {cache}: {mean} +- {error}, paths {paths:?}");
+        assert!(off(mean) < 1.0, "{technique}, cache {cache}: {mean} +- {error}, paths {paths:?}");
+        assert!(off((1.0 + 4.0 * tolerance) * mean) > 1.0, "{technique}, cache {cache}: four times as much would pass");
     }
 }
 
