@@ -63,7 +63,6 @@ struct GatherRay {
     // Number of the ray among the record's, and the record's seed.
     stratum: u32,
     seed: u32,
-    normal: vec3f,
 }
 
 fn shading_normal(point: u32) -> vec3f {
@@ -86,7 +85,7 @@ fn gather_ray(id: u32) -> GatherRay {
     let cosine = sqrt(1.0 - sine_squared);
     let direction = normalize(basis(normal) * vec3f(sine * cos(angle), sine * sin(angle), cosine));
     let pdf = select(0.0, max(cosine, 1e-3) / PI, dot(direction, geometric) > 0.0);
-    return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed, normal);
+    return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed);
 }
 
 @compute @workgroup_size(64)
@@ -105,7 +104,7 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             var follow = 0u;
             var follows = true;
             if spread_along(leaving.pdf, hit.t) >= known.radius {
-                brought = vec4f(bsdf_seen_afar(found.surface) * known.value, hit.t);
+                brought = vec4f(bsdf_seen_afar(found.surface) * known.value, brought.w);
                 follow = FOLLOW_RESIDUAL;
                 follows = reflects_more(found.surface);
             }
@@ -139,7 +138,7 @@ fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     vertex.surface = found.surface;
     vertex.sample_index = leaving.stratum;
     @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
-    let start = PathStart(vec3f(1.0), 1u, spread_along(leaving.pdf, words.x));
+    let start = PathStart(1u, spread_along(leaving.pdf, words.x));
     let brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
     gathered[id] = vec4f(gathered[id].xyz + brought.indirect, words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);

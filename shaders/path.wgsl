@@ -90,5 +90,5 @@ fn radiance_along(i: u32) -> PathRadiance {
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
-    return walk(vertex, PathStart(vec3f(1.0), 0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
+    return walk(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
 }

@@ -155,7 +155,7 @@ impl Needs {
         let highlights = m.glossy > 0 && m.mesh_lights > 0;
         let why = match settings.max_bounces {
             0 => "highlights of lights that have a surface".to_owned(),
-            bounces => format!("up to {bounces} bounces, by paths from every point"),
+            bounces => format!("up to {bounces} bounces"),
         };
         let unneeded = match settings.technique {
             Technique::Path => "paths bring all light",
@@ -164,7 +164,13 @@ impl Needs {
             _ => "there is nothing to be lit",
         };
         let on = shaded && (settings.max_bounces > 0 || highlights);
-        needs.decide("indirect", on, why, unneeded, "pass path: the rays of a path from every point; 16 B a point");
+        needs.decide(
+            "indirect",
+            on,
+            why,
+            unneeded,
+            "pass path: a path from every glossy point, and where no record is; 16 B a point",
+        );
 
         let shown = lit && settings.technique.shows_map();
         needs.decide(

@@ -75,7 +75,6 @@ struct PathRadiance {
 
 // How a path comes to its first vertex here.
 struct PathStart {
-    throughput: vec3f,
     // Bounces before it.
     bounce: u32,
     // Radius of the cone that the path stands for, where it has come to.
@@ -85,7 +84,7 @@ struct PathStart {
 // What a path from the vertex brings back. `light_samples`: light points that `shade` took of each light, where it did.
 fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samples: u32) -> PathRadiance {
     var vertex = first;
-    var throughput = start.throughput;
+    var throughput = vec3f(1.0);
     var radiance = PathRadiance(vec3f(0.0), vec3f(0.0));
     @if(global_map) var spread = start.spread;
     for (var bounce = start.bounce; ; bounce++) {
