@@ -96,7 +96,12 @@ impl Tested {
             return 0.0;
         }
         let fresnel = self.schlick(DIELECTRIC, vh);
-        4.0 * tint * (1.0 - fresnel) * vh * -lh * (eta / (lh + eta * vh)).powi(2) * self.microfacets(h, light, self.alpha())
+        4.0 * tint
+            * (1.0 - fresnel)
+            * vh
+            * -lh
+            * (eta / (lh + eta * vh)).powi(2)
+            * self.microfacets(h, light, self.alpha())
     }
 
     /// glTF 2.0, appendix B, with the dielectric's transmission taken at the lower of the angles to the normal, less of
@@ -146,8 +151,7 @@ fn features(t: &Tested) -> Features {
 fn run(entry: &str, tested: &Tested, directions: &[DVec3], count: usize, stratified: bool) -> Vec<[f32; 4]> {
     let gpu = gpu();
     let source = include_str!("shaders/bsdf.wgsl");
-    let composed =
-        compose::compose_source("bsdf", source, &features(tested)).unwrap();
+    let composed = compose::compose_source("bsdf", source, &features(tested)).unwrap();
     let constants = [("count", count as f64), ("seed", 4242.0), ("stratified", f64::from(u8::from(stratified)))];
     let kernel = Kernel::new(gpu, &composed, &constants, &[]).unwrap();
     let t = tested;
@@ -262,7 +266,8 @@ fn values_are_those_of_gltf() {
     assert!(worst <= 1.0, "{worst} of what is allowed: {worst_case}");
     assert!(worst_of_fault > 1.0, "an oracle that is 0.2 % off");
 
-    let tilted = Tested { base: 0.7, roughness: 0.5, metallic: 0.0, view: view(0.9), tilt: 0.5, glossy: true, lobes: NO_LOBES };
+    let tilted =
+        Tested { base: 0.7, roughness: 0.5, metallic: 0.0, view: view(0.9), tilt: 0.5, glossy: true, lobes: NO_LOBES };
     let mut random = Random(8);
     let directions: Vec<DVec3> = (0..500).map(|_| random.direction()).collect();
     for glossy in [false, true] {
@@ -310,7 +315,8 @@ fn reflection_is_reciprocal() {
         }
     }
     // A Fresnel term of one of the angles only, which is no more wrong than many a renderer's, would be found.
-    let tested = Tested { base: 0.7, roughness: 1.0, metallic: 0.0, view: view(0.95), tilt: 0.0, glossy: true, lobes: NO_LOBES };
+    let tested =
+        Tested { base: 0.7, roughness: 1.0, metallic: 0.0, view: view(0.95), tilt: 0.0, glossy: true, lobes: NO_LOBES };
     let one_sided = |t: &Tested, l: DVec3| t.value(l) * (1.0 - (1.0 - t.view.z).powi(5));
     let (there, back) =
         (one_sided(&tested, view(0.25)), one_sided(&Tested { view: view(0.25), ..tested }, tested.view));
@@ -339,7 +345,15 @@ fn no_surface_makes_light() {
     for roughness in [0.05, 0.2, 0.5, 1.0] {
         for metallic in [0.0, 0.5, 1.0] {
             for cosine in [1.0, 0.7, 0.3, 0.1, 0.02] {
-                let tested = Tested { base: 1.0, roughness, metallic, view: view(cosine), tilt: 0.0, glossy: true, lobes: NO_LOBES };
+                let tested = Tested {
+                    base: 1.0,
+                    roughness,
+                    metallic,
+                    view: view(cosine),
+                    tilt: 0.0,
+                    glossy: true,
+                    lobes: NO_LOBES,
+                };
                 let a = albedo(&tested);
                 assert!((0.05..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a}");
                 // Seen from above, a white surface under any layer is still white: a rough layer's masking takes 4 %.
@@ -353,7 +367,8 @@ fn no_surface_makes_light() {
             }
         }
     }
-    let white = Tested { base: 1.0, roughness: 1.0, metallic: 0.0, view: view(0.5), tilt: 0.0, glossy: false, lobes: NO_LOBES };
+    let white =
+        Tested { base: 1.0, roughness: 1.0, metallic: 0.0, view: view(0.5), tilt: 0.0, glossy: false, lobes: NO_LOBES };
     assert!((albedo(&white) - 1.0).abs() < 1e-6);
 }
 
