@@ -116,7 +116,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
                     * (abs(dot(chosen.direction, vertex.surface.shading_normal)) / chosen.pdf);
             }
         }
-        var going_on = chosen.pdf > 0.0;
+        var going_on = chosen.pdf > 0.0 && any(chosen.weight != vec3f(0.0));
         if going_on {
             throughput *= chosen.weight;
             @if(caustics) {

@@ -107,7 +107,7 @@ impl Indirect {
         Ok(Indirect { map, cache, path, stage })
     }
 
-    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         if let Some(map) = &self.map {
             map.record(frame, &parameters.tile);
         }
@@ -115,10 +115,8 @@ impl Indirect {
             cache.record(frame, &parameters.tile);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) if !glossy => {
-                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
-            }
-            (Some(path), _) => path.record(frame, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
     }
@@ -311,7 +309,7 @@ impl<'g> Renderer<'g> {
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
-            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            self.indirect.record(&mut frame, &path_parameters);
             if let Some(caustics) = &self.caustics {
                 caustics.record(&mut frame, &tile);
             }
