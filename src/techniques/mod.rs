@@ -124,7 +124,7 @@ impl Indirect {
 
 /// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
 /// four times the samples. Points share what these tell, so no number of samples would take their error away.
-const REFINED: u32 = 16;
+const REFINED: u32 = 32;
 
 /// Most such steps: a million photon rays by default, and some thousand rays a record.
 const MOST_STAGES: u32 = 2;
