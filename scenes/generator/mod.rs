@@ -10,11 +10,17 @@ mod glb;
 mod marble_sphere;
 mod mesh;
 mod noise;
+mod sky;
 mod still_life;
 
-/// File name and contents of each scene.
-pub fn scenes() -> [(&'static str, Vec<u8>); 3] {
-    [("sphere.glb", marble_sphere::glb()), ("box.glb", cornell_box::glb()), ("still_life.glb", still_life::glb())]
+/// File name and contents of each scene, and of the panorama.
+pub fn scenes() -> [(&'static str, Vec<u8>); 4] {
+    [
+        ("sphere.glb", marble_sphere::glb()),
+        ("box.glb", cornell_box::glb()),
+        ("still_life.glb", still_life::glb()),
+        ("sky.exr", sky::exr()),
+    ]
 }
 
 /// A glTF material that reflects by Lambert's law alone; linear RGB.
