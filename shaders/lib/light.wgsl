@@ -8,6 +8,8 @@ import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
     LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
+@if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
+@if(environment) import package::lib::environment::environment_sample;
 @if(emissive_textures) import package::lib::surface::emission_at;
 @if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
@@ -56,6 +58,11 @@ fn light_record_f32(light: u32, record: u32) -> vec4f {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+@if(environment)
+fn is_environment(light: u32) -> bool {
+    return (light_record(light, 0u).x & LIGHT_KIND_MASK) == LIGHT_ENVIRONMENT;
 }
 
 // ---- Choice
@@ -154,6 +161,8 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
 // between. Exact for lights of a closed form; of others some dark ones may be called not dark.
 fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     let header = light_record(light, 0u);
+    // Nobody turns away from all that is around.
+    @if(environment) { if is_environment(light) { return false; } }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -202,7 +211,7 @@ struct LightSample {
     radiance: vec3f,
     // By solid angle, 0 where nothing arrives; 1 of punctual lights.
     pdf: f32,
-    // Geometric normal of the emitter on the side of the position; 0 of punctual lights.
+    // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
     normal: vec3f,
     // There is one direction only: no other way of sampling finds this light.
     delta: bool,
@@ -215,6 +224,12 @@ fn no_light_sample() -> LightSample {
 // A point of the light as the position sees it, occluders and horizon aside.
 fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u);
+            return LightSample(chosen.direction, FAR_DISTANCE, chosen.radiance, chosen.pdf, vec3f(0.0), false);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -492,10 +507,28 @@ struct EmittedRay {
     flux: vec3f,
 }
 
+// A ray along a direction through the disc that the scene's bounding sphere is across it, of a light that is far away;
+// `irradiance` over the density of the direction's choice.
+@if(directional_lights || environment)
+fn far_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> EmittedRay {
+    let sphere = light_record_f32(light, 4u);
+    // Some more, so that no rounding leaves out the rim.
+    let reach = sphere.w * 1.001;
+    let offset = basis(direction) * vec3f(reach * sample_disc(u), -2.0 * reach);
+    return EmittedRay(sphere.xyz + offset, direction, direction, NO_EMITTER, irradiance * (PI * reach * reach));
+}
+
 // A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
-// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene.
+// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene, from the environment
+// over such a disc across a direction chosen by radiance.
 fn light_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u.xy);
+            return far_ray(light, -chosen.direction, chosen.radiance / chosen.pdf, u.zw);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -504,11 +537,7 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
             let axis = light_record_f32(light, 3u);
             @if(directional_lights) {
                 if kind == LIGHT_DIRECTIONAL {
-                    // The bounding sphere of the scene, and some more, so that no rounding leaves out its rim.
-                    let sphere = light_record_f32(light, 4u);
-                    let reach = sphere.w * 1.001;
-                    let offset = basis(axis.xyz) * vec3f(reach * sample_disc(u.xy), -2.0 * reach);
-                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER, intensity * (PI * reach * reach));
+                    return far_ray(light, axis.xyz, intensity, u.xy);
                 }
             }
             @if(spot_lights) {

@@ -21,6 +21,7 @@ use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{self, Counter, Statistics};
+use crate::tables::environment::EnvironmentTable;
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
@@ -230,7 +231,7 @@ impl<'g> Renderer<'g> {
         totals.frame_bytes += indirect.cache.as_ref().map_or(0, IrradianceCache::frame_bytes);
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene, settings, &totals.indirect);
+        let notes = notes(&scene, settings, &totals.indirect, tables.lights.environment.as_ref());
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
@@ -369,7 +370,7 @@ impl<'g> Renderer<'g> {
 
     /// Leaves the visibility map out if the first samples say that it does not pay.
     fn end_pilot(&mut self) -> Result<()> {
-        let share = self.totals.points().boundary_share;
+        let share = self.asked_boundary_share();
         // Without a map every point is unknown; and whoever asks for the classes, or for what the map alone says, gets it.
         let asked = self.settings.technique == Technique::VisibilityEstimate || self.needs.features.has("aov_shadow");
         if !self.needs.features.has("visibility_map") || asked || share <= PILOT_SHARE {
@@ -379,6 +380,18 @@ impl<'g> Renderer<'g> {
             "it does not pay: {:.0} % of the first points were boundary or unknown",
             100.0 * share
         ))
+    }
+
+    /// Boundary and unknown points over all, of the lights that photons are asked about: every point is unknown to the
+    /// environment.
+    fn asked_boundary_share(&self) -> f64 {
+        let points = self.totals.points();
+        let lights = self.scene.lights.len() as u64;
+        let others = lights - self.scene.placed_lights().len() as u64;
+        // Every light has the same points, dark ones included.
+        let unasked = others * (points.total + points.dark) / lights.max(1);
+        let asking = points.boundary + points.unknown - unasked;
+        asking as f64 / (points.total - unasked).max(1) as f64
     }
 
     /// Goes on without the visibility map.
@@ -506,8 +519,16 @@ pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }
 
-fn notes(scene: &Scene, settings: &Settings, indirect: &statistics::Indirect) -> Vec<String> {
+fn notes(
+    scene: &Scene,
+    settings: &Settings,
+    indirect: &statistics::Indirect,
+    environment: Option<&EnvironmentTable>,
+) -> Vec<String> {
     let mut notes = Vec::new();
+    if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
+        notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
+    }
     if scene.triangles.is_empty() {
         notes.push("the scene has no triangles: the image is empty".to_owned());
     }

@@ -5,6 +5,7 @@ mod cache;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
+mod environment;
 mod features;
 mod film;
 mod flux;
