@@ -5,11 +5,11 @@
 //! that leaves the bound that is stated for it, the method breaks. `docs/stability.md` has the charts, and why the bounds
 //! are what they are.
 
-mod density;
-mod lights;
-mod materials;
+pub mod density;
+pub mod lights;
+pub mod materials;
 pub mod oracle;
-mod placement;
+pub mod placement;
 pub mod stage;
 
 use crate::gpu::Gpu;
