@@ -44,6 +44,7 @@
 //! | | records in corners | `energy::corners_are_as_white` |
 //! | | gradients at grazing samples | `kernels gather::records_are_closed_forms_of_a_ceiling`, `energy::corners_are_as_white` |
 
+mod chart;
 mod counts;
 mod determinism;
 #[path = "../common/device.rs"]
