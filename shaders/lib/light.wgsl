@@ -447,20 +447,58 @@ fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
     return atan2(sine, dot(a, b)) * (dot(n, c) / sine);
 }
 
+// Of lights that span less than this, radius over distance, the edges' terms are summed in another way: Lambert's are each
+// as large as the angle that the edge spans and their sum as small as its square, so that digits are lost.
+@if(mesh_lights) const SMALL_LIGHT = 0.125;
+
+// What the term of an edge of a small light is in excess of its part of the area, in the form that loses no digits. With a
+// and b the ends of the edge as the position sees them, an edge's term is a x b over |a| |b| times angle / sine, and the
+// sum of all a x b is twice the light's area, whatever place they are seen from: so the light is its area over the
+// squared distance p^2 of its middle, plus for each edge what angle / sine over |a| |b| is more than 1 / p^2. Here a and
+// b are relative to the middle; the excess is that over 1 / p^2, times the component of a x b along n.
+@if(mesh_lights)
+fn small_edge_excess(middle: vec3f, distance2: f32, a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    // |a|^2 and |b|^2 over p^2, less 1; and their product, less 1.
+    let x = dot(a, 2.0 * middle + a) / distance2;
+    let y = dot(b, 2.0 * middle + b) / distance2;
+    let product = x + y + x * y;
+    let root = sqrt(1.0 + product);
+    let across = cross(middle + a, b - a);
+    // asin(s) / s - 1 by its series, s^2 being at most a sixteenth.
+    let s2 = dot(across, across) / (distance2 * distance2 * (1.0 + product));
+    let bend = s2 * (1.0 / 6.0 + s2 * (3.0 / 40.0 + s2 * (15.0 / 336.0)));
+    return (bend - product / (1.0 + root)) / root * dot(across, n);
+}
+
+// An edge's term of the sum below: of small lights times p^2.
+@if(mesh_lights)
+fn contour_term(a: vec3f, b: vec3f, small: bool, middle: vec3f, distance2: f32, n: vec3f) -> f32 {
+    if small { return dot(cross(a, b), n) + small_edge_excess(middle, distance2, a, b, n); }
+    return edge_term(a, b, n);
+}
+
 // The integral of the cosine over the directions in which the position sees the light, by Lambert's formula over its
-// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle the light spans.
+// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle that the light spans, and
+// about 1e-6 of the integral where that is small.
 @if(mesh_lights)
 fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
     let end = header.w + light_record(light, 3u).x;
+    let sphere = light_record_f32(light, 1u);
+    let middle = sphere.xyz - position;
+    let distance2 = dot(middle, middle);
+    let small = sphere.w * sphere.w < SMALL_LIGHT * SMALL_LIGHT * distance2;
+    // What edges are relative to.
+    let origin = select(position, sphere.xyz, small);
+    let reference = select(vec3f(0.0), middle, small);
     var at = header.w;
     var sum = 0.0;
     while at < end {
         let plane = load_light_vertex(at);
         let loop_end = at + 1u + u32(plane.w);
         at += 1u;
-        var a = load_light_vertex(at).xyz - position;
-        let side = dot(plane.xyz, a);
+        var a = load_light_vertex(at).xyz - origin;
+        let side = dot(plane.xyz, reference + a);
         if select(side < 0.0, side != 0.0, two_sided) {
             // Sutherland and Hodgman's clipping, each point used as it comes. Contours are closed: the last vertex
             // is the first again.
@@ -468,29 +506,30 @@ fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -
             var started = false;
             var first: vec3f;
             var last: vec3f;
-            var height_a = dot(normal, a);
+            let height = dot(normal, reference);
+            var height_a = height + dot(normal, a);
             for (at += 1u; at < loop_end; at += 1u) {
-                let b = load_light_vertex(at).xyz - position;
-                let height_b = dot(normal, b);
+                let b = load_light_vertex(at).xyz - origin;
+                let height_b = height + dot(normal, b);
                 if height_a > 0.0 {
-                    if started { loop_sum += edge_term(last, a, normal); } else { first = a; started = true; }
+                    if started { loop_sum += contour_term(last, a, small, middle, distance2, normal); } else { first = a; started = true; }
                     last = a;
                 }
                 if (height_a > 0.0) != (height_b > 0.0) {
                     let crossing = a + (b - a) * (height_a / (height_a - height_b));
-                    if started { loop_sum += edge_term(last, crossing, normal); } else { first = crossing; started = true; }
+                    if started { loop_sum += contour_term(last, crossing, small, middle, distance2, normal); } else { first = crossing; started = true; }
                     last = crossing;
                 }
                 a = b;
                 height_a = height_b;
             }
-            if started { loop_sum += edge_term(last, first, normal); }
+            if started { loop_sum += contour_term(last, first, small, middle, distance2, normal); }
             // Counter-clockwise seen from the front is clockwise seen along the rays that arrive.
             sum += select(loop_sum, -loop_sum, side < 0.0);
         }
         at = loop_end;
     }
-    return max(0.5 * sum, 0.0);
+    return max(0.5 * select(sum, sum / distance2, small), 0.0);
 }
 
 // ---- Emission

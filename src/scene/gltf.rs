@@ -88,7 +88,7 @@ impl Scene {
             notes.push("no light in the file: a soft one is added above the scene".into());
         }
         scene.normalisation = geometry.normalisation();
-        let mut mesh_lights = geometry.finish(&mut scene, &mut notes);
+        let mut mesh_lights = geometry.finish(&mut scene, &mut notes).into_iter().peekable();
 
         for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
             scene.adopt_mesh_lights(&mut mesh_lights, i, node.json.name()?);
