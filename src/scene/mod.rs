@@ -14,6 +14,7 @@ mod light;
 mod material;
 mod mesh;
 mod node;
+mod notes;
 mod texture;
 
 pub use gltf::ImportOptions;

@@ -23,6 +23,7 @@ use crate::statistics::{self, Counter, Statistics};
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
+pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
