@@ -199,7 +199,8 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
                     return Err((place, format!("{x} x {y} pixels")));
                 }
                 if name == b"dataWindow" {
-                    pixels = x as u64 * y as u64;
+                    // Of several, the crate may take any.
+                    pixels = pixels.max(x as u64 * y as u64);
                 }
             }
             "channels" => loop {
