@@ -6,7 +6,7 @@ use glam::DVec3;
 #[allow(dead_code)]
 #[path = "../tests/common/device.rs"]
 mod device;
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/kit.rs"]
 mod kit;
 #[allow(dead_code, unused_imports)]
