@@ -35,13 +35,13 @@ struct Sum {
 
 // Neumaier's step. The difference that was lost is computed from the operand that is larger. What is compensated goes back
 // into the sum as far as it has room there (Dekker's sum of doubles): left to grow over many samples alike, it would round
-// as the sum itself does.
+// as the sum itself does. (Written as `rest - (value - total)`, drivers that cancel `(total + rest) - total` lose it all.)
 fn compensated(sum: Sum, x: vec4f) -> Sum {
     let total = sum.value + x;
     let lost = select((x - total) + sum.value, (sum.value - total) + x, abs(sum.value) >= abs(x));
     let rest = sum.compensation.xyz + lost.xyz;
     let value = total.xyz + rest;
-    return Sum(vec4f(value, total.w), vec4f(rest - (value - total.xyz), sum.compensation.w));
+    return Sum(vec4f(value, total.w), vec4f(rest + (total.xyz - value), sum.compensation.w));
 }
 
 // Adds a sample to a pixel; false if it was left out.

@@ -66,6 +66,12 @@ pub const FEATURES: &[&str] = &[
     "smooth_normals",
     // Scene: some material reflects other than as a Lambertian.
     "glossy",
+    // Scene: some material lets light pass.
+    "transmission",
+    // Scene: some material has a clear coat.
+    "clearcoat",
+    // Scene: some material spreads its reflections more along its tangent than across.
+    "anisotropy",
     // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
     "alpha_test",
     // Scene: some material is unlit.
@@ -95,6 +101,8 @@ pub const FEATURES: &[&str] = &[
     "photon_map",
     // Method: shadow photons take away the energy of light that other surfaces got.
     "negative_photons",
+    // Method: a map of its own brings what light focusing surfaces send on to those that are seen.
+    "caustics",
     // Method: records bring the diffuse part of indirect light.
     "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.
@@ -264,6 +272,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
     let mut options = wesl::CompileOptions::default();
+    // naga validates what comes out.
+    options.validate = false;
     options.features.default = wesl::Feature::Error;
     for name in FEATURES {
         options.features.flags.insert((*name).to_owned(), features.has(name).into());

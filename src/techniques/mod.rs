@@ -1,5 +1,6 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
+mod caustic_map;
 mod checkpoint;
 mod direct;
 mod global_map;
@@ -23,6 +24,7 @@ use crate::statistics::{self, Counter, Statistics};
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
+use caustic_map::{CausticKernels, CausticMap};
 pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
@@ -53,6 +55,8 @@ pub struct Renderer<'g> {
     /// Direct light by the photons and shadow rays, where the technique has it apart.
     direct: Option<Direct>,
     indirect: Indirect,
+    /// The caustic map of the samples under way, where there are focusing surfaces.
+    caustics: Option<CausticMap>,
     indirect_kernels: IndirectKernels,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
@@ -89,7 +93,7 @@ impl Indirect {
     ) -> Result<Indirect> {
         let stage = stage(samples);
         let settings = &refined(settings, stage);
-        let IndirectKernels { map, cache, path, features } = kernels;
+        let IndirectKernels { map, cache, path, features, .. } = kernels;
         let Shared { gpu, tables, tile, .. } = *shared;
         totals.indirect_bytes = 0;
         let paths = path.is_some();
@@ -104,7 +108,7 @@ impl Indirect {
         Ok(Indirect { map, cache, path, stage })
     }
 
-    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         if let Some(map) = &self.map {
             map.record(frame, &parameters.tile);
         }
@@ -112,10 +116,8 @@ impl Indirect {
             cache.record(frame, &parameters.tile);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) if !glossy => {
-                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
-            }
-            (Some(path), _) => path.record(frame, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
     }
@@ -123,7 +125,7 @@ impl Indirect {
 
 /// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
 /// four times the samples. Points share what these tell, so no number of samples would take their error away.
-const REFINED: u32 = 16;
+const REFINED: u32 = 32;
 
 /// Most such steps: a million photon rays by default, and some thousand rays a record.
 const MOST_STAGES: u32 = 2;
@@ -242,6 +244,7 @@ impl<'g> Renderer<'g> {
             primary,
             direct,
             indirect,
+            caustics: None,
             indirect_kernels,
             buffers,
             tiles,
@@ -284,6 +287,7 @@ impl<'g> Renderer<'g> {
             let shared = Shared { gpu, scene, tables, tile };
             direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
         }
+        self.trace_caustics()?;
         self.batches += 1;
         for index in 0..self.tiles.len() {
             let film = &self.tiles[index];
@@ -306,7 +310,10 @@ impl<'g> Renderer<'g> {
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
-            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            self.indirect.record(&mut frame, &path_parameters);
+            if let Some(caustics) = &self.caustics {
+                caustics.record(&mut frame, &tile);
+            }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -343,6 +350,21 @@ impl<'g> Renderer<'g> {
         let view = CameraUniform::new(&self.camera, self.settings.width, self.settings.height);
         let (kernels, totals) = (&self.indirect_kernels, &mut self.totals);
         self.indirect = Indirect::new(&shared, &self.primary, kernels, &view, &self.settings, samples, totals)?;
+        Ok(())
+    }
+
+    /// Makes the caustic map of the next samples, unless they share that of the last.
+    fn trace_caustics(&mut self) -> Result<()> {
+        let number = CausticMap::number_at(self.samples);
+        let IndirectKernels { map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
+            return Ok(());
+        };
+        if self.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
+            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+            let shared = Shared { gpu, scene, tables, tile };
+            let traced = CausticMap::new(&shared, kernels, map, &self.settings, number, &mut self.totals)?;
+            self.caustics = Some(traced);
+        }
         Ok(())
     }
 
@@ -424,6 +446,7 @@ struct Kernels {
 /// Those of [`Indirect`].
 struct IndirectKernels {
     map: Option<GlobalMapKernels>,
+    caustics: Option<CausticKernels>,
     cache: Option<CacheKernels>,
     path: Option<Path>,
     features: Features,
@@ -456,8 +479,13 @@ impl IndirectKernels {
         // The map shows all that Lambertian surfaces reflect.
         let rest = has("photon_map") && has("glossy");
         let paths = technique == Technique::Path || has("indirect") || rest;
-        let (map, (cache, path)) = rayon::join(
-            || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+        let ((map, caustics), (cache, path)) = rayon::join(
+            || {
+                rayon::join(
+                    || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+                    || has("caustics").then(|| CausticKernels::new(gpu, features, constants)).transpose(),
+                )
+            },
             || {
                 rayon::join(
                     || has("irradiance_cache").then(|| CacheKernels::new(gpu, features, constants)).transpose(),
@@ -465,7 +493,7 @@ impl IndirectKernels {
                 )
             },
         );
-        Ok(IndirectKernels { map: map?, cache: cache?, path: path?, features: features.clone() })
+        Ok(IndirectKernels { map: map?, caustics: caustics?, cache: cache?, path: path?, features: features.clone() })
     }
 }
 
