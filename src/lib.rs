@@ -7,6 +7,7 @@ pub mod error;
 pub mod film;
 pub mod fingerprint;
 pub mod gpu;
+mod input;
 pub mod needs;
 pub mod passes;
 pub mod report;

@@ -3,6 +3,7 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
+@if(mesh_lights) import package::lib::math::angle_of;
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
@@ -444,92 +445,95 @@ fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
     let sine = length(c);
     // An edge in line with the position spans no angle.
     if sine == 0.0 { return 0.0; }
-    return atan2(sine, dot(a, b)) * (dot(n, c) / sine);
+    return angle_of(sine, dot(a, b)) * (dot(n, c) / sine);
 }
 
-// Of lights that span less than this, radius over distance, the edges' terms are summed in another way: Lambert's are each
-// as large as the angle that the edge spans and their sum as small as its square, so that digits are lost.
-@if(mesh_lights) const SMALL_LIGHT = 0.125;
+// A light farther away than so many radii of its bounding sphere is small: `small_edge_term` loses less there.
+const SMALL_LIGHT = 8.0;
 
-// What the term of an edge of a small light is in excess of its part of the area, in the form that loses no digits. With a
-// and b the ends of the edge as the position sees them, an edge's term is a x b over |a| |b| times angle / sine, and the
-// sum of all a x b is twice the light's area, whatever place they are seen from: so the light is its area over the
-// squared distance p^2 of its middle, plus for each edge what angle / sine over |a| |b| is more than 1 / p^2. Here a and
-// b are relative to the middle; the excess is that over 1 / p^2, times the component of a x b along n.
+// The same for an edge of a small light, over the squared length of `base`, the way to some point of the contour's plane
+// from which `offset_a` and `offset_b` lead to the edge's ends.
+//
+// Terms are as long as the light is wide and add up to its area: of a light a thousandth as wide as it is far, Lambert's
+// formula keeps three digits. As n . (a x b) f(a, b), with f the angle over |a x b|, that part adds up by itself, from
+// differences of vertices, which have all their digits: f = 1 / base^2 leaves n . (offset_a x offset_b) of a closed
+// contour. What remains is f base^2 - 1, small of itself: by the ends' distances, and by the angle over its sine.
 @if(mesh_lights)
-fn small_edge_excess(middle: vec3f, distance2: f32, a: vec3f, b: vec3f, n: vec3f) -> f32 {
-    // |a|^2 and |b|^2 over p^2, less 1; and their product, less 1.
-    let x = dot(a, 2.0 * middle + a) / distance2;
-    let y = dot(b, 2.0 * middle + b) / distance2;
-    let product = x + y + x * y;
-    let root = sqrt(1.0 + product);
-    let across = cross(middle + a, b - a);
-    // asin(s) / s - 1 by its series, s^2 being at most a sixteenth.
-    let s2 = dot(across, across) / (distance2 * distance2 * (1.0 + product));
-    let bend = s2 * (1.0 / 6.0 + s2 * (3.0 / 40.0 + s2 * (15.0 / 336.0)));
-    return (bend - product / (1.0 + root)) / root * dot(across, n);
+fn small_edge_term(base: vec3f, offset_a: vec3f, offset_b: vec3f, n: vec3f) -> f32 {
+    let inverse = 1.0 / dot(base, base);
+    let area = cross(offset_a, offset_b);
+    let across = cross(base, offset_b - offset_a) + area;
+    // Of the squared distances, relative to base^2: how far they are above 1.
+    let farther_a = dot(offset_a, offset_a + 2.0 * base) * inverse;
+    let farther_b = dot(offset_b, offset_b + 2.0 * base) * inverse;
+    let farther = farther_a + farther_b + farther_a * farther_b;
+    let root = sqrt(1.0 + farther);
+    let nearer = -farther / (root * (1.0 + root));
+    // The series of asin(x) / x - 1: x is at most 1/4, and what is left out 2e-8.
+    let sine2 = dot(across, across) * inverse * inverse / (1.0 + farther);
+    let bent = sine2 * (1.0 / 6.0 + sine2 * (3.0 / 40.0 + sine2 * (5.0 / 112.0 + sine2 * (35.0 / 1152.0))));
+    return dot(n, area + across * (nearer + bent + nearer * bent));
 }
 
-// An edge's term of the sum below: of small lights times p^2.
 @if(mesh_lights)
-fn contour_term(a: vec3f, b: vec3f, small: bool, middle: vec3f, distance2: f32, n: vec3f) -> f32 {
-    if small { return dot(cross(a, b), n) + small_edge_excess(middle, distance2, a, b, n); }
+fn contour_term(small: bool, base: vec3f, a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    if small { return small_edge_term(base, a, b, n); }
     return edge_term(a, b, n);
 }
 
 // The integral of the cosine over the directions in which the position sees the light, by Lambert's formula over its
-// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle that the light spans, and
-// about 1e-6 of the integral where that is small.
+// contours clipped at the surface's horizon. Its error is about 1e-6 of itself where the light is in front of the
+// position altogether, and 1e-6 times the angle it spans where the horizon cuts through it.
 @if(mesh_lights)
 fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
-    let end = header.w + light_record(light, 3u).x;
     let sphere = light_record_f32(light, 1u);
-    let middle = sphere.xyz - position;
-    let distance2 = dot(middle, middle);
-    let small = sphere.w * sphere.w < SMALL_LIGHT * SMALL_LIGHT * distance2;
-    // What edges are relative to.
-    let origin = select(position, sphere.xyz, small);
-    let reference = select(vec3f(0.0), middle, small);
+    let centre = sphere.xyz - position;
+    let small = dot(centre, centre) > SMALL_LIGHT * SMALL_LIGHT * sphere.w * sphere.w;
+    let end = header.w + light_record(light, 3u).x;
     var at = header.w;
     var sum = 0.0;
     while at < end {
         let plane = load_light_vertex(at);
         let loop_end = at + 1u + u32(plane.w);
         at += 1u;
-        var a = load_light_vertex(at).xyz - origin;
-        let side = dot(plane.xyz, reference + a);
+        let start = load_light_vertex(at).xyz;
+        let base = start - position;
+        let side = dot(plane.xyz, base);
         if select(side < 0.0, side != 0.0, two_sided) {
             // Sutherland and Hodgman's clipping, each point used as it comes. Contours are closed: the last vertex
-            // is the first again.
+            // is the first again. Points are relative to the position, of a small light to the contour's first.
+            let origin = select(position, start, small);
             var loop_sum = 0.0;
             var started = false;
             var first: vec3f;
             var last: vec3f;
-            let height = dot(normal, reference);
-            var height_a = height + dot(normal, a);
+            var a = start - origin;
+            var height_a = dot(normal, base);
             for (at += 1u; at < loop_end; at += 1u) {
-                let b = load_light_vertex(at).xyz - origin;
-                let height_b = height + dot(normal, b);
+                let vertex = load_light_vertex(at).xyz;
+                let b = vertex - origin;
+                let height_b = dot(normal, vertex - position);
                 if height_a > 0.0 {
-                    if started { loop_sum += contour_term(last, a, small, middle, distance2, normal); } else { first = a; started = true; }
+                    if started { loop_sum += contour_term(small, base, last, a, normal); } else { first = a; started = true; }
                     last = a;
                 }
                 if (height_a > 0.0) != (height_b > 0.0) {
                     let crossing = a + (b - a) * (height_a / (height_a - height_b));
-                    if started { loop_sum += contour_term(last, crossing, small, middle, distance2, normal); } else { first = crossing; started = true; }
+                    if started { loop_sum += contour_term(small, base, last, crossing, normal); } else { first = crossing; started = true; }
                     last = crossing;
                 }
                 a = b;
                 height_a = height_b;
             }
-            if started { loop_sum += contour_term(last, first, small, middle, distance2, normal); }
+            if started { loop_sum += contour_term(small, base, last, first, normal); }
+            loop_sum = select(loop_sum, loop_sum / dot(base, base), small);
             // Counter-clockwise seen from the front is clockwise seen along the rays that arrive.
             sum += select(loop_sum, -loop_sum, side < 0.0);
         }
         at = loop_end;
     }
-    return max(0.5 * select(sum, sum / distance2, small), 0.0);
+    return max(0.5 * sum, 0.0);
 }
 
 // ---- Emission

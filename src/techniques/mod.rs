@@ -26,6 +26,7 @@ use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
 use caustic_map::{CausticKernels, CausticMap};
+pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
