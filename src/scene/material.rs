@@ -183,7 +183,7 @@ impl Reader<'_, '_> {
             m.clearcoat_texture = self.slot(&coat, "clearcoatTexture", Linear)?;
             m.clearcoat_roughness_texture = self.slot(&coat, "clearcoatRoughnessTexture", Linear)?;
             if coat.get("clearcoatNormalTexture")?.is_some() {
-                self.note("normal maps of clear coats are not supported: coats have their bases' normals".into());
+                self.notes.push("normal maps of clear coats are not supported: coats have their bases' normals");
             }
         }
         if let Some(anisotropy) = json.extension("KHR_materials_anisotropy")? {
