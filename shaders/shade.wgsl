@@ -16,10 +16,13 @@ import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
 import package::lib::constants::INVALID_POINT;
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
+@if(transmission) import package::lib::point::TINT_VECTOR;
+@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
 @if(aov_shadow) import package::lib::photon::{class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
-@if(glossy) import package::lib::camera::view_direction;
+@if(glossy && !chains) import package::lib::camera::view_direction;
 
 struct ShadeParameters {
     tile: Tile,
@@ -160,15 +163,17 @@ fn shade(
     }
     var place: Place;
     place.position = points[i].position;
+    @if(chains) let chain = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], place.position);
     var packed: PackedSurface;
     packed.a = surfaces[i * SURFACE_VECTORS];
     var view = vec3f(0.0);
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
-        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
-        view = view_direction(place.position);
+        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
+        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
+        @if(!chains) { view = view_direction(place.position); }
+        @if(chains) { view = chain.view; }
     }
     place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
     place.seed = pixel_seed(parameters.tile, i);
@@ -186,6 +191,7 @@ fn shade(
             shadow_samples[slot].y = estimate.visibility;
         }
     }
+    @if(chains) { sum *= chain.throughput; }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
 }
