@@ -1,7 +1,7 @@
 // shade: direct light at the points of a tile, by the class that the photons gave each point and light.
 // In: points, surfaces, class words, visibilities of the queued slots. Out: added to `radiance_direct`.
 // The estimator (DESIGN: direct light, auditing) with U the unshadowed answer, f_j / p_j the contributions of the N
-// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper) and c 1 or 0 by class:
+// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
 
@@ -94,6 +94,10 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     var granted = class_visibility(word);
     if decided { granted = f32(class_ == CLASS_LIT); }
     let traced = asks_shadow_rays(word);
+    // Rays tell the rest: most boundary points are wholly lit or wholly dark, and where the guess is that, nothing is left
+    // to noise. A guess in between would leave some at all of them: near a wall of a dark room, the noise of the light
+    // behind it.
+    if traced { granted = round(granted); }
 
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
