@@ -1,6 +1,7 @@
 //! What a scene needs: the one place that decides which modules and branches the kernels are composed of, which
 //! buffers exist and which passes run.
 
+use glam::Vec3;
 use serde::Serialize;
 
 use crate::gpu::Features;
@@ -181,9 +182,11 @@ impl Needs {
             Technique::Path => "paths bring all light",
             _ if settings.technique.shows_map() => "the map brings all light",
             _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ if lit => "every surface is black",
             _ => "there is nothing to be lit",
         };
-        let on = shaded && (settings.max_bounces > 0 || highlights);
+        let reflected = settings.max_bounces > 0 && m.reflecting > 0;
+        let on = shaded && (reflected || highlights);
         needs.decide(
             "indirect",
             on,
@@ -203,7 +206,7 @@ impl Needs {
         let negative = shown && settings.technique == Technique::NegativePhotons;
         let why = "shadow photons take the energy of the light that they lack".to_owned();
         needs.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
-        let bounces = on && settings.max_bounces > 0;
+        let bounces = on && reflected;
         let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
         let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
@@ -288,6 +291,8 @@ struct Facts {
     clearcoat: usize,
     focusing: usize,
     anisotropy: usize,
+    /// All but black ones.
+    reflecting: usize,
     alpha: usize,
     unlit: usize,
     vertex_colours: bool,
@@ -315,6 +320,8 @@ impl Facts {
             facts.focusing += usize::from(focuses(m));
             facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
             facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
+            let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);
+            facts.reflecting += usize::from(!black);
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }

@@ -352,6 +352,11 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         // Behind its back face lies the volume.
         surface.eta = select(m7.x, 1.0 / m7.x, front);
         if !front { volume_transmittance = exp(-m6.yzw * hit.t); }
+        // Light that passes leaves from the other side of the triangle itself, not from over it.
+        if any(surface.tint > vec3f(0.0)) {
+            leaving = position;
+            surface.geometric_normal = triangle_normal;
+        }
     }
     @if(clearcoat) {
         surface.coat = m7.yz;

@@ -276,7 +276,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
-    let mut options = wesl::CompileOptions::default();
+    // naga validates what comes out.
+    let mut options = wesl::CompileOptions { validate: false, ..Default::default() };
     options.features.default = wesl::Feature::Error;
     for name in FEATURES {
         options.features.flags.insert((*name).to_owned(), features.has(name).into());

@@ -20,6 +20,9 @@ const FIRST_SAVE: Duration = Duration::from_millis(250);
 /// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
 const FIRST_SEED: u32 = 1 << 31;
 
+/// More samples or sessions than a half ever has: neither their sums nor the seeds overflow below.
+const MAX_COUNT: i32 = 1 << 29;
+
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
 
@@ -50,6 +53,12 @@ impl Reference {
             Error::Input { place, problem, .. } => Error::input(path, place, problem),
             other => other,
         })?;
+        for name in ["R", "G", "B"].map(variance) {
+            let bad = |x: &f32| !x.is_finite() || *x < 0.0;
+            if image.channel(&name).is_some_and(|samples| samples.iter().any(bad)) {
+                return Err(Error::input(path, name, "a variance is a finite number, 0 or more"));
+            }
+        }
         Ok(Reference { image })
     }
 
@@ -67,7 +76,8 @@ impl Reference {
         stop: &dyn Fn() -> bool,
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
-        let mut halves = [Half::open(folder, 0)?, Half::open(folder, 1)?];
+        let size = [subject.settings.width, subject.settings.height];
+        let mut halves = [Half::open(folder, 0, size)?, Half::open(folder, 1, size)?];
         if let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) {
             let reference = Reference::of_halves(a, b)?;
             if reference.standard_error() <= Some(target) {
@@ -104,8 +114,13 @@ impl Reference {
         }
     }
 
-    /// The mean of both, and a quarter of their squared difference: what the variance of that mean is expected to be.
-    fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
+    /// The mean of two independent halves, and a quarter of their squared difference: what the variance of that mean is
+    /// expected to be.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where they have no colour, a number that is not finite, or not the same size.
+    pub fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
+        metrics::rmse(a, b)?;
         let mut image = Image::new(a.width, a.height);
         let merge = |a: &[f32], b: &[f32], f: fn(f64, f64) -> f64| -> Vec<f32> {
             a.iter().zip(b).map(|(a, b)| f(f64::from(*a), f64::from(*b)) as f32).collect()
@@ -116,7 +131,7 @@ impl Reference {
             image.add_channel(name, merge(&a, &b, |a, b| 0.5 * (a + b)));
             image.add_channel(variance(name), merge(&a, &b, |a, b| 0.25 * (a - b) * (a - b)));
         }
-        let samples = integer(a, SAMPLES) + integer(b, SAMPLES);
+        let samples = integer(a, SAMPLES).saturating_add(integer(b, SAMPLES));
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
         image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
         Ok(Reference { image })
@@ -167,9 +182,16 @@ struct Half {
 }
 
 impl Half {
-    fn open(folder: &Path, index: u32) -> Result<Half> {
+    fn open(folder: &Path, index: u32, size: [u32; 2]) -> Result<Half> {
         let file = folder.join(format!("half-{index}.exr"));
         let saved = file.exists().then(|| Image::read(&file)).transpose()?;
+        if let Some(saved) = &saved {
+            let fits = [saved.width, saved.height] == size && metrics::rmse(saved, saved).is_ok();
+            let counts = [SAMPLES, SESSIONS].map(|name| integer(saved, name));
+            if !fits || counts.iter().any(|count| !(1..MAX_COUNT).contains(count)) {
+                return Err(Error::input(&file, "file", "is no half of this reference; delete the file"));
+            }
+        }
         let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;
         Ok(Half { index, file, saved, sessions })
     }

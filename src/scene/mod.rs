@@ -15,6 +15,7 @@ mod light;
 mod material;
 mod mesh;
 mod node;
+mod notes;
 mod texture;
 
 pub use environment::Panorama;

@@ -17,9 +17,12 @@ use super::visibility_map::MapState;
 use super::{Renderer, direct};
 
 /// How every file begins; the number rises with the form.
-const MAGIC: &[u8] = b"penumbra checkpoint 1\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 2\n";
 
-/// What follows, as JSON, after its length of 8 bytes; then come the words of the film and of the map.
+/// Bytes of the digest of all that follows it.
+const DIGEST: usize = 32;
+
+/// What comes then, as JSON, after its length of 8 bytes; the words of the film and of the map end the file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     version: String,
@@ -34,8 +37,42 @@ struct Header {
     added: usize,
     /// Those that they have left since, of which there may have been too many to keep.
     left: u32,
-    /// Of the words that follow.
-    digest: String,
+}
+
+/// A checkpoint file that is whole.
+pub struct Checkpoint {
+    header: Header,
+    words: Vec<u32>,
+}
+
+impl Checkpoint {
+    /// Checks what was read; `path` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the file is none of [`Renderer::save_checkpoint`], is damaged, or is of another version.
+    pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
+        let refuse = |problem: &str| Error::input(&path, "file", problem);
+        let damaged = || refuse("is damaged");
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is no checkpoint of this form"))?;
+        let (stated, followers) = rest.split_first_chunk::<DIGEST>().ok_or_else(damaged)?;
+        let (length, rest) = followers.split_first_chunk().ok_or_else(damaged)?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;
+        let (header, words) = rest.split_at_checked(length).ok_or_else(damaged)?;
+        let header: Header = serde_json::from_slice(header).map_err(|_| damaged())?;
+        if header.version != env!("CARGO_PKG_VERSION") {
+            return Err(refuse(&format!("was written by version {} of Penumbra", header.version)));
+        }
+        if digest(followers).as_bytes() != stated {
+            return Err(damaged());
+        }
+        // The file's bytes lie as they come, words want to be aligned.
+        Ok(Checkpoint { header, words: bytemuck::pod_collect_to_vec(words) })
+    }
+
+    /// Samples of each pixel that it holds.
+    pub fn samples(&self) -> u32 {
+        self.header.samples
+    }
 }
 
 impl Renderer<'_> {
@@ -61,14 +98,14 @@ impl Renderer<'_> {
             map_left_out: left_out.map(|item| item.reason.clone()),
             added: map.added.len(),
             left: map.left,
-            digest: digest(bytemuck::cast_slice(&words)),
         };
         write_atomically(path, |file| {
             let header = serde_json::to_vec(&header)?;
+            let length = (header.len() as u64).to_le_bytes();
+            let rest = [&length, header.as_slice(), bytemuck::cast_slice(&words)].concat();
             file.write_all(MAGIC)?;
-            file.write_all(&(header.len() as u64).to_le_bytes())?;
-            file.write_all(&header)?;
-            Ok(file.write_all(bytemuck::cast_slice(&words))?)
+            file.write_all(digest(&rest).as_bytes())?;
+            Ok(file.write_all(&rest)?)
         })
     }
 
@@ -80,26 +117,17 @@ impl Renderer<'_> {
     pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let refuse = |problem: &str| Error::input(path, "file", problem);
-        let bytes = read_file(path)?;
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is no checkpoint of this form"))?;
         let damaged = || refuse("is damaged");
-        let (length, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;
-        let (header, words) = rest.split_at_checked(length).ok_or_else(damaged)?;
-        let header: Header = serde_json::from_slice(header).map_err(|_| damaged())?;
-        if header.version != env!("CARGO_PKG_VERSION") {
-            return Err(refuse(&format!("was written by version {} of Penumbra", header.version)));
-        }
+        let Checkpoint { header, words } = Checkpoint::from_bytes(&read_file(path)?, path)?;
         if header.fingerprint != self.fingerprint() {
             return Err(refuse(
                 "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
             ));
         }
-        if header.digest != digest(words) {
+        // Counts are by light; and a render that has all of its samples takes no more.
+        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.spp {
             return Err(damaged());
         }
-        // The file's bytes lie as they come, words want to be aligned.
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(words);
 
         if let Some(reason) = header.map_left_out.filter(|_| self.needs.features.has("visibility_map")) {
             self.leave_map_out(&reason)?;

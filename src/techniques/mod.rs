@@ -26,6 +26,7 @@ use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
 use caustic_map::{CausticKernels, CausticMap};
+pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
@@ -108,7 +109,7 @@ impl Indirect {
         Ok(Indirect { map, cache, path, stage })
     }
 
-    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         if let Some(map) = &self.map {
             map.record(frame, &parameters.tile);
         }
@@ -116,10 +117,8 @@ impl Indirect {
             cache.record(frame, &parameters.tile);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) if !glossy => {
-                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
-            }
-            (Some(path), _) => path.record(frame, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
     }
@@ -127,7 +126,7 @@ impl Indirect {
 
 /// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
 /// four times the samples. Points share what these tell, so no number of samples would take their error away.
-const REFINED: u32 = 16;
+const REFINED: u32 = 32;
 
 /// Most such steps: a million photon rays by default, and some thousand rays a record.
 const MOST_STAGES: u32 = 2;
@@ -312,7 +311,7 @@ impl<'g> Renderer<'g> {
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
-            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            self.indirect.record(&mut frame, &path_parameters);
             if let Some(caustics) = &self.caustics {
                 caustics.record(&mut frame, &tile);
             }

@@ -165,6 +165,12 @@ impl VisibilityMap {
 
     /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        let of_this_map = |photon: &Photon| {
+            photon.light() < self.grid.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
+        };
+        if !state.added.iter().chain(&state.kept).all(of_this_map) {
+            return Ok(false);
+        }
         for batch in state.added.chunks(HEAL_BATCH as usize) {
             gpu.write(&self.heal_photons, batch);
             gpu.write(&self.heal_count, &[batch.len() as u32]);

@@ -9,6 +9,7 @@ mod render;
 mod report;
 mod scenes;
 mod schema;
+mod stress;
 mod table1;
 mod usage;
 #[cfg(unix)]

@@ -20,6 +20,7 @@ mod meshes;
 mod path;
 mod photon_lights;
 mod photons;
+mod precision;
 mod primary;
 mod rooms;
 mod sampling;
