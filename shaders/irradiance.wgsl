@@ -53,7 +53,7 @@ const PROBES = 16u;
 fn irradiance(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    irradiances[i] = density(places[i].position, photon_normal(places[i].word));
+    irradiances[i] = irradiance_at(places[i].position, photon_normal(places[i].word));
 }
 
 @if(photon_map)
@@ -64,13 +64,8 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     var light = vec3f(0.0);
     if points[i].normal != INVALID_POINT {
         let normal = oct_decode16(points[i].normal);
-        let found = density(points[i].position, normal);
+        light = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(points[i].position, normal).xyz / PI;
         if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
-        var irradiance = found.xyz;
-        @if(negative_photons) {
-            for (var l = 0u; l < light_count(); l++) { irradiance += unshadowed(l, points[i].position, normal); }
-        }
-        light = surfaces[i * SURFACE_VECTORS].xyz * irradiance / PI;
         @if(chains) { light *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
     }
     radiance_indirect[i] = vec4f(light, 1.0);
@@ -90,6 +85,15 @@ fn caustics(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
     if disc.radius <= 0.0 { return; }
     radiance_indirect[i] += vec4f(albedo * disc.flux / (PI * PI * disc.radius * disc.radius), 0.0);
+}
+
+// What the photons tell of a point, by density estimation; of direct light those with negative energy tell what is too much.
+fn irradiance_at(position: vec3f, normal: vec3f) -> vec4f {
+    var found = density(position, normal);
+    @if(negative_photons) {
+        for (var l = 0u; l < light_count(); l++) { found += vec4f(unshadowed(l, position, normal), 0.0); }
+    }
+    return found;
 }
 
 // Light points that stand for a light without a closed form.

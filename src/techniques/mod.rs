@@ -531,7 +531,8 @@ fn notes(
         notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
     }
     if scene.triangles.is_empty() {
-        notes.push("the scene has no triangles: the image is empty".to_owned());
+        let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
+        notes.push(format!("the scene has no triangles: the image {shown}"));
     }
     let wanted = u64::from(settings.flux_photons);
     // Rounding by light takes a few rays; less than half are left only where the device has no room.

@@ -65,13 +65,14 @@ fn convex_bodies_show_their_albedo() {
 }
 
 /// The white furnace: where all is white and radiance is 1 all around, it is 1 everywhere, between the blocks too. Half a percent
-/// is what is asked; the map that photons leave tells no more than it does elsewhere.
+/// is what is asked; photons are four times as many as by default, as what they tell is off by half a percent itself with those.
 #[test]
 fn white_furnaces_are_white() {
     let even = panorama(8, 4, |_| DVec3::ONE);
     let view = camera(DVec3::new(0.1, 0.4, 0.8), DVec3::new(-0.1, -0.4, -0.8), 0.8);
-    for (technique, spp) in [(Technique::Path, 128), (Technique::TwoPass, 64), (Technique::ShadowPhotons, 64)] {
-        let (image, _) = render_scene(under(&blocks(1.0), &even), &view, &settings(technique, spp));
+    for (technique, spp) in [(Technique::Path, 64), (Technique::TwoPass, 32)] {
+        let settings = Settings { flux_photons: 1 << 18, ..settings(technique, spp) };
+        let (image, _) = render_scene(under(&blocks(1.0), &even), &view, &settings);
         let (mean, error) = mean_and_error(&image, "G");
         println!("{technique}: {mean} +- {error}");
         assert!(error < 0.003 && (mean - 1.0).abs() < 0.005 + 3.0 * error, "{technique}: {mean} +- {error}");
@@ -150,16 +151,16 @@ fn every_technique_brings_the_path_tracers_light() {
             let settings = Settings { max_bounces, ..settings(technique, spp) };
             render_scene(under(&meshes, &sky), &view, &settings)
         };
-        let paths = mean_and_error(&of(Technique::Path, 256).0, "G");
+        let paths = mean_and_error(&of(Technique::Path, 128).0, "G");
         for technique in Technique::ALL {
             // Its visibility is blurred: no technique to be exact.
             if [Technique::Path, Technique::VisibilityEstimate].contains(&technique) {
                 continue;
             }
-            let (image, statistics) = of(technique, 64);
+            let (image, statistics) = of(technique, 32);
             let (mean, error) = mean_and_error(&image, "G");
             println!("{technique}, {max_bounces} bounces: {mean} +- {error}, paths {paths:?}");
-            let tolerance = if max_bounces == 0 && !technique.shows_map() { 0.0 } else { 2.0 * tolerance(technique) };
+            let tolerance = if max_bounces == 0 && !technique.shows_map() { 0.0 } else { tolerance(technique) };
             let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + tolerance * paths.0);
             assert!(off(mean) < 1.0, "{technique}, {max_bounces} bounces: {mean} +- {error}, paths {paths:?}");
             assert!(off(1.1 * mean) > 1.0, "{technique}, {max_bounces} bounces: a tenth more would pass");
