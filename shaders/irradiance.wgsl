@@ -6,10 +6,11 @@ import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
 import package::lib::irradiance::encode_disc;
 import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
-@if(!photon_map) import package::lib::math::{PI, basis};
-@if(photon_map) import package::lib::math::{PI, basis, oct_decode16};
+@if(!photon_map) import package::lib::math::{PI, basis, is_finite3};
+@if(photon_map) import package::lib::math::{PI, basis, is_finite3, oct_decode16};
 @if(photon_map) import package::lib::point::{Point, SURFACE_VECTORS};
 @if(photon_map) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
+import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
@@ -35,7 +36,7 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @if(photon_map) @group(0) @binding(2) var<storage, read> points: array<Point>;
 @if(photon_map) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
 @if(photon_map) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-@if(photon_map) @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
 const MOST_LOOKS = 16384u;
@@ -50,7 +51,10 @@ const PROBES = 16u;
 fn irradiance(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    irradiances[i] = density(places[i].position, photon_normal(places[i].word));
+    let found = density(places[i].position, photon_normal(places[i].word));
+    let finite = is_finite3(found.xyz);
+    if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
+    irradiances[i] = select(vec4f(0.0, 0.0, 0.0, UNSURE), found, finite);
 }
 
 @if(photon_map)
@@ -68,6 +72,7 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             for (var l = 0u; l < light_count(); l++) { irradiance += unshadowed(l, points[i].position, normal); }
         }
         light = surfaces[i * SURFACE_VECTORS].xyz * irradiance / PI;
+        if !is_finite3(light) { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
     }
     radiance_indirect[i] = vec4f(light, 1.0);
 }

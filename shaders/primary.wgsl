@@ -8,11 +8,11 @@ import package::lib::camera::camera_ray;
 import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::ray::NO_HIT;
 import package::lib::surface::surface_at;
-import package::lib::math::oct_encode16;
+import package::lib::math::{is_finite4, oct_encode16, spoilt};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
-import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_OVERRUN};
+import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;
@@ -39,7 +39,6 @@ fn primary(
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);
@@ -59,6 +58,13 @@ fn primary(
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
         @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
+    }
+    if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
+    // What a traversal that gave up has met is no sample of the pixel.
+    if traversal_overrun {
+        atomicAdd(&counters[COUNTER_OVERRUN], 1u);
+        point.normal = INVALID_POINT;
+        direct = vec4f(spoilt(i));
     }
     points[i] = point;
     radiance_direct[i] = direct;

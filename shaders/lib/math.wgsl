@@ -6,6 +6,20 @@ fn safe_sqrt(x: f32) -> f32 {
     return sqrt(max(x, 0.0));
 }
 
+// Whether no component is infinite or NaN. By bits: a compiler may assume that comparisons never see a NaN.
+fn is_finite4(v: vec4f) -> bool {
+    return all((bitcast<vec4u>(v) & vec4u(0x7f800000u)) != vec4u(0x7f800000u));
+}
+
+fn is_finite3(v: vec3f) -> bool {
+    return is_finite4(vec4f(v, 0.0));
+}
+
+// A NaN, whatever the bits: compilers refuse one that they can see. The film leaves out the sample that holds it.
+fn spoilt(bits: u32) -> f32 {
+    return bitcast<f32>(bits | 0x7fc00000u);
+}
+
 // Relative luminance of linear Rec. 709 colour.
 fn luminance(colour: vec3f) -> f32 {
     return dot(colour, vec3f(0.2126, 0.7152, 0.0722));

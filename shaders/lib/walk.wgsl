@@ -28,6 +28,11 @@ const FIRST_ROULETTE = 3u;
 // Highest chance to go on, so that paths end also where nothing is absorbed.
 const MAX_SURVIVAL = 0.95;
 
+// Whether roulette has given a path of this invocation more than this weight. Where a bounce takes a twentieth of the light no
+// weight is above 1; where next to nothing is lost it is 1 / 0.95 a bounce, and the image becomes one of few, bright paths.
+const HEAVY_WEIGHT = 8.0;
+var<private> heavy_path: bool;
+
 // Loop turns that a vertex may take beside its traversals: binary searches for a light and an emitter triangle.
 const VERTEX_TURNS = 80u;
 
@@ -113,6 +118,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
                 let lot = uniform_from_bits(hash3(vertex.seed, 0x726f756cu, vertex.sample_index));
                 going_on = lot < survival;
                 throughput /= survival;
+                heavy_path |= going_on && max(size.x, max(size.y, size.z)) > HEAVY_WEIGHT * survival;
             }
         }
         // The last ray could only find a light that has a surface.

@@ -1,8 +1,9 @@
 //! What images are compared with: a given image, or one made by path tracing in two independent halves, whose
 //! difference says how far it is from the truth.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::film::Metadata;
@@ -19,6 +20,12 @@ const FIRST_SAVE: Duration = Duration::from_millis(250);
 
 /// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
 const FIRST_SEED: u32 = 1 << 31;
+
+/// Samples and renderers of a half are fewer, or the file is none of ours: seeds and counts stay within their words.
+const MOST_COUNT: i32 = 1 << 30;
+
+/// A process that waits for another looks this often whether it is done.
+const LOOK: Duration = Duration::from_millis(200);
 
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
@@ -54,12 +61,12 @@ impl Reference {
     }
 
     /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`
-    /// has of it. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the process be
-    /// killed. `tell` hears of each save.
+    /// has of it: files there that are damaged or of another form are made anew, and of processes that make the same reference
+    /// one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
+    /// process be killed. `tell` hears of each save.
     ///
     /// # Errors
-    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written, [`Error::Input`] where a file in it
-    /// is damaged.
+    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written.
     pub fn make(
         subject: &Subject<'_>,
         folder: &Path,
@@ -67,14 +74,22 @@ impl Reference {
         stop: &dyn Fn() -> bool,
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
-        let mut halves = [Half::open(folder, 0)?, Half::open(folder, 1)?];
-        if let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) {
+        let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
+            let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
             let reference = Reference::of_halves(a, b)?;
-            if reference.standard_error() <= Some(target) {
-                return Ok(Some(reference));
-            }
+            Ok(Some(reference).filter(|reference| reference.standard_error() <= Some(target)))
+        };
+        let open = || [0, 1].map(|index| Half::open(folder, index, subject.settings));
+        if let Some(reference) = good(&open())? {
+            return Ok(Some(reference));
         }
         fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
+        // Where another process makes the same reference, waiting for it is the fastest way to have it.
+        let Some(_lock) = lock(folder, stop) else { return Ok(None) };
+        let mut halves = open();
+        if let Some(reference) = good(&halves)? {
+            return Ok(Some(reference));
+        }
         let mut renderers = Vec::new();
         for half in &mut halves {
             renderers.push(half.renderer(subject)?);
@@ -157,6 +172,20 @@ pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
     cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
 }
 
+/// Waits until no other process makes the reference in `folder`; none where `stop` says so. The system lets go of the lock when
+/// its process ends, however it ends. Where folders cannot be locked, the last process to save has the last word.
+fn lock(folder: &Path, stop: &dyn Fn() -> bool) -> Option<Option<File>> {
+    let Ok(handle) = File::open(folder) else { return Some(None) };
+    loop {
+        match handle.try_lock() {
+            Ok(()) => return Some(Some(handle)),
+            Err(TryLockError::Error(_)) => return Some(None),
+            Err(TryLockError::WouldBlock) if stop() => return None,
+            Err(TryLockError::WouldBlock) => thread::sleep(LOOK),
+        }
+    }
+}
+
 /// One of two independent halves: what is on the disk, and what is rendered on top of it.
 struct Half {
     index: u32,
@@ -167,11 +196,17 @@ struct Half {
 }
 
 impl Half {
-    fn open(folder: &Path, index: u32) -> Result<Half> {
+    fn open(folder: &Path, index: u32, settings: &Settings) -> Half {
         let file = folder.join(format!("half-{index}.exr"));
-        let saved = file.exists().then(|| Image::read(&file)).transpose()?;
+        let whole = |image: &Image| {
+            let of_size = (image.width, image.height) == (settings.width, settings.height);
+            let counts = [SAMPLES, SESSIONS].map(|name| integer(image, name));
+            let finite = metrics::rmse(image, image).is_ok();
+            of_size && finite && counts.iter().all(|count| (1..MOST_COUNT).contains(count))
+        };
+        let saved = Image::read(&file).ok().filter(whole);
         let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;
-        Ok(Half { index, file, saved, sessions })
+        Half { index, file, saved, sessions }
     }
 
     fn renderer<'g>(&mut self, subject: &Subject<'g>) -> Result<Renderer<'g>> {

@@ -1,10 +1,10 @@
-//! Renders that are written to a file and taken up again, bit for bit as if they had never stopped.
+//! Renders that are kept and taken up again, in another process or on another device, bit for bit as if they had never stopped.
 //!
-//! Photons and irradiance records are made anew, as their seed says; what the file holds is what samples have left: the sums
+//! Photons and irradiance records are made anew, as their seed says; what a checkpoint holds is what samples have left: the sums
 //! of the film, the photons that audits added, the cells that points asked about, and the counts.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -17,10 +17,10 @@ use super::visibility_map::MapState;
 use super::{Renderer, direct};
 
 /// How every file begins; the number rises with the form.
-const MAGIC: &[u8] = b"penumbra checkpoint 1\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 2\n";
 
 /// What follows, as JSON, after its length of 8 bytes; then come the words of the film and of the map.
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Serialize, Deserialize)]
 struct Header {
     version: String,
     /// Of scene, camera, settings and version.
@@ -38,46 +38,36 @@ struct Header {
     digest: String,
 }
 
-impl Renderer<'_> {
-    /// Writes what [`Renderer::resume`] needs. The old file stays until the new one is whole.
+/// What samples have left, in memory or in a file: enough to go on from, on any device.
+#[derive(Clone)]
+pub struct Checkpoint {
+    header: Header,
+    words: Vec<u32>,
+    /// Where it was read from.
+    file: Option<PathBuf>,
+}
+
+impl Checkpoint {
+    /// Writes it to a file. The old file stays until the new one is whole.
     ///
     /// # Errors
-    /// [`Error::Output`] where the file cannot be written, and those of [`crate::gpu::Gpu::read`].
-    pub fn save_checkpoint(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let mut words = Vec::new();
-        for plane in self.planes() {
-            words.extend(plane.state(self.gpu)?);
-        }
-        let map = self.direct.as_ref().map_or(Ok(MapState::default()), |direct| direct.map_state(self.gpu))?;
-        words.extend(map.words());
-        let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
-        let header = Header {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            fingerprint: self.fingerprint(),
-            samples: self.samples,
-            batches: self.batches,
-            totals: self.totals.clone(),
-            map_left_out: left_out.map(|item| item.reason.clone()),
-            added: map.added.len(),
-            left: map.left,
-            digest: digest(bytemuck::cast_slice(&words)),
-        };
+    /// [`Error::Output`] where the file cannot be written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         write_atomically(path, |file| {
+            let header = Header { digest: digest(bytemuck::cast_slice(&self.words)), ..self.header.clone() };
             let header = serde_json::to_vec(&header)?;
             file.write_all(MAGIC)?;
             file.write_all(&(header.len() as u64).to_le_bytes())?;
             file.write_all(&header)?;
-            Ok(file.write_all(bytemuck::cast_slice(&words))?)
+            Ok(file.write_all(bytemuck::cast_slice(&self.words))?)
         })
     }
 
-    /// Goes on where the render that wrote the file stood. To be called before the first sample.
+    /// Reads a file of [`Checkpoint::write`].
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is none of [`Renderer::save_checkpoint`], is damaged, or is of another scene,
-    /// camera, version or other settings, the seed and the number of samples among them.
-    pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
+    /// [`Error::Input`] where the file is none of those, is damaged, or is of another version.
+    pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
         let path = path.as_ref();
         let refuse = |problem: &str| Error::input(path, "file", problem);
         let bytes = read_file(path)?;
@@ -90,19 +80,103 @@ impl Renderer<'_> {
         if header.version != env!("CARGO_PKG_VERSION") {
             return Err(refuse(&format!("was written by version {} of Penumbra", header.version)));
         }
-        if header.fingerprint != self.fingerprint() {
-            return Err(refuse(
-                "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
-            ));
-        }
         if header.digest != digest(words) {
             return Err(damaged());
         }
         // The file's bytes lie as they come, words want to be aligned.
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(words);
+        let words = bytemuck::pod_collect_to_vec(words);
+        Ok(Checkpoint { header, words, file: Some(path.to_owned()) })
+    }
 
-        if let Some(reason) = header.map_left_out.filter(|_| self.needs.features.has("visibility_map")) {
-            self.leave_map_out(&reason)?;
+    /// With the fingerprint of the renderer that left it.
+    pub(super) fn signed(mut self, renderer: &Renderer<'_>) -> Checkpoint {
+        self.header.fingerprint = renderer.fingerprint();
+        self
+    }
+
+    /// Samples a pixel.
+    pub fn samples(&self) -> u32 {
+        self.header.samples
+    }
+
+    /// The words of the planes, in the order of [`Renderer::planes`], and what follows them.
+    pub(super) fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    pub(super) fn totals(&self) -> &Totals {
+        &self.header.totals
+    }
+}
+
+impl Renderer<'_> {
+    /// What samples have left so far.
+    ///
+    /// # Errors
+    /// Those of [`crate::gpu::Gpu::read`].
+    pub fn checkpoint(&self) -> Result<Checkpoint> {
+        Ok(self.unsigned_checkpoint()?.signed(self))
+    }
+
+    /// Writes what [`Renderer::resume`] needs. The old file stays until the new one is whole.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::checkpoint`] and [`Checkpoint::write`].
+    pub fn save_checkpoint(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.checkpoint()?.write(path)
+    }
+
+    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without its fingerprint, which takes
+    /// longer than all the rest.
+    pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
+        let mut words = Vec::new();
+        for plane in self.planes() {
+            words.extend(plane.state(self.gpu)?);
+        }
+        let map = self.direct.as_ref().map_or(Ok(MapState::default()), |direct| direct.map_state(self.gpu))?;
+        words.extend(map.words());
+        let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
+        let header = Header {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            fingerprint: String::new(),
+            samples: self.samples,
+            batches: self.batches,
+            totals: self.totals.clone(),
+            map_left_out: left_out.map(|item| item.reason.clone()),
+            added: map.added.len(),
+            left: map.left,
+            digest: String::new(),
+        };
+        Ok(Checkpoint { header, words, file: None })
+    }
+
+    /// As [`Renderer::resume_from`], of a file.
+    ///
+    /// # Errors
+    /// Those of [`Checkpoint::read`] and [`Renderer::resume_from`].
+    pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
+        self.resume_from(&Checkpoint::read(path)?)
+    }
+
+    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. To be called before the
+    /// first sample.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the checkpoint is of another scene, camera, or other settings, the seed and the number of
+    /// samples among them.
+    pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
+        let Checkpoint { header, words, file } = from;
+        let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
+        let damaged = || refuse("is damaged");
+        let unsigned = file.is_none() && header.fingerprint.is_empty();
+        if !unsigned && header.fingerprint != self.fingerprint() {
+            return Err(refuse(
+                "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
+            ));
+        }
+        let left_out = header.map_left_out.as_ref();
+        if let Some(reason) = left_out.filter(|_| self.needs.features.has("visibility_map")) {
+            self.leave_map_out(reason)?;
         }
         let mut rest = words.as_slice();
         for plane in self.planes() {
@@ -120,7 +194,7 @@ impl Renderer<'_> {
         self.refine_for(header.samples)?;
         self.samples = header.samples;
         self.batches = header.batches;
-        self.totals = header.totals.after(&self.totals);
+        self.totals = header.totals.clone().after(&self.totals);
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
 };
 use crate::settings::Settings;
-use crate::statistics::Indirect;
+use crate::statistics::{Counter, Indirect};
 
 use super::direct::Shared;
 use super::totals::Totals;
@@ -62,6 +62,8 @@ impl GlobalMap {
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
             totals.photon_rays += traced.rays;
+            totals.count(Counter::Overrun, traced.overruns);
+            totals.count(Counter::NotFiniteFlux, traced.not_finite);
             Ok(traced)
         };
         let extent = extent(scene);
@@ -82,6 +84,7 @@ impl GlobalMap {
             let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
             counts.places = u64::from(precomputed.places.count);
             totals.indirect_bytes += precomputed.bytes;
+            totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
             irradiance = Some(precomputed);
         }
         let mut show = None;
