@@ -95,6 +95,8 @@ fn radiance_along(i: u32) -> PathRadiance {
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
+        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
+        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
     }
     var vertex: Vertex;
     vertex.position = points[i].position;

@@ -54,6 +54,8 @@ fn primary(
         @if(glossy) {
             surfaces[i * SURFACE_VECTORS + 1u] = packed.b;
             surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
+            @if(transmission) { surfaces[i * SURFACE_VECTORS + 3u] = packed.d; }
+            @if(clearcoat || anisotropy) { surfaces[(i + 1u) * SURFACE_VECTORS - 1u] = packed.e; }
         }
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }

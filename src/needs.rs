@@ -58,6 +58,14 @@ impl Needs {
             "every material is Lambertian",
             "specular terms at every light point; 32 B a point",
         );
+        let (on, why) = materials(m.transmission, "that light passes through");
+        let cost = "a lobe more at every glossy surface; 16 B a point";
+        needs.decide("transmission", on, why, "no light passes through any material", cost);
+        let (on, why) = materials(m.clearcoat, "with a clear coat");
+        needs.decide("clearcoat", on, why, "no material has a clear coat", cost);
+        let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
+        let cost = "a tangent at every surface; 16 B a point and a triangle";
+        needs.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
         needs.decide(
             "alpha_test",
@@ -188,8 +196,12 @@ impl Needs {
         let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
         needs.decide("global_map", shown || bounces, why, unneeded, &cost);
+        let why = format!("{} that light is focused by", count(m.focusing, "material"));
+        let unneeded = if bounces { "no material focuses light" } else { unneeded };
+        let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
+        needs.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
+        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
         let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
-        let unneeded = if bounces { "--no-cache" } else { unneeded };
         let cost = "passes gather, cache; about 100 B a record";
         needs.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
 
@@ -236,8 +248,19 @@ pub fn bytes_text(bytes: u64) -> String {
 
 /// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
 fn is_lambertian(m: &Material) -> bool {
-    m.unlit || (m.metallic == 0.0 && m.specular == 0.0)
+    m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0)
 }
+
+/// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
+/// room for it, as textures multiply them.
+fn focuses(m: &Material) -> bool {
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6;
+    let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
+    !m.unlit && (m.transmission > 0.0 || (metal && smooth))
+}
+
+/// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
+pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
 /// Numbers of materials and lights that have some property, counting only materials that a triangle uses.
 #[derive(Default)]
@@ -246,6 +269,10 @@ struct Facts {
     uv1: usize,
     normal_maps: usize,
     glossy: usize,
+    transmission: usize,
+    clearcoat: usize,
+    focusing: usize,
+    anisotropy: usize,
     alpha: usize,
     unlit: usize,
     vertex_colours: bool,
@@ -265,18 +292,14 @@ impl Facts {
             used[triangle.material as usize] = true;
         }
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-            let slots = [
-                &m.base_colour_texture,
-                &m.metallic_roughness_texture,
-                &m.normal_texture,
-                &m.emissive_texture,
-                &m.specular_texture,
-                &m.specular_colour_texture,
-            ];
-            facts.textured += usize::from(slots.iter().any(|s| s.is_some()));
-            facts.uv1 += usize::from(slots.iter().any(|s| s.is_some_and(|s| s.uv_set == 1)));
+            facts.textured += usize::from(m.shown_slots().next().is_some());
+            facts.uv1 += usize::from(m.shown_slots().any(|s| s.uv_set == 1));
             facts.normal_maps += usize::from(m.normal_texture.is_some());
             facts.glossy += usize::from(!is_lambertian(m));
+            facts.transmission += usize::from(!m.unlit && m.transmission > 0.0);
+            facts.focusing += usize::from(focuses(m));
+            facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
+            facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }

@@ -121,6 +121,8 @@ pub struct Indirect {
     pub photons: u64,
     /// Those of them that carry more than a photon's word holds, and lost the rest.
     pub cut: u64,
+    /// Photons of the caustic maps of all samples.
+    pub caustics: u64,
     /// Places where irradiance is precomputed.
     pub places: u64,
     /// Irradiance records.

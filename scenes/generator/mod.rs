@@ -8,13 +8,19 @@ use serde_json::{Value, json};
 mod cornell_box;
 mod glb;
 mod marble_sphere;
+mod materials;
 mod mesh;
 mod noise;
 mod still_life;
 
 /// File name and contents of each scene.
-pub fn scenes() -> [(&'static str, Vec<u8>); 3] {
-    [("sphere.glb", marble_sphere::glb()), ("box.glb", cornell_box::glb()), ("still_life.glb", still_life::glb())]
+pub fn scenes() -> [(&'static str, Vec<u8>); 4] {
+    [
+        ("sphere.glb", marble_sphere::glb()),
+        ("box.glb", cornell_box::glb()),
+        ("still_life.glb", still_life::glb()),
+        ("materials.glb", materials::glb()),
+    ]
 }
 
 /// A glTF material that reflects by Lambert's law alone; linear RGB.

@@ -66,6 +66,12 @@ pub const FEATURES: &[&str] = &[
     "smooth_normals",
     // Scene: some material reflects other than as a Lambertian.
     "glossy",
+    // Scene: some material lets light pass.
+    "transmission",
+    // Scene: some material has a clear coat.
+    "clearcoat",
+    // Scene: some material spreads its reflections more along its tangent than across.
+    "anisotropy",
     // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
     "alpha_test",
     // Scene: some material is unlit.
@@ -95,6 +101,8 @@ pub const FEATURES: &[&str] = &[
     "photon_map",
     // Method: shadow photons take away the energy of light that other surfaces got.
     "negative_photons",
+    // Method: a map of its own brings what light focusing surfaces send on to those that are seen.
+    "caustics",
     // Method: records bring the diffuse part of indirect light.
     "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.

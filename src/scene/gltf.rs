@@ -20,12 +20,16 @@ pub struct ImportOptions {
 }
 
 /// Extensions that are rendered.
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 11] = [
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];

@@ -1,5 +1,6 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
+mod caustic_map;
 mod checkpoint;
 mod conditioning;
 mod direct;
@@ -25,6 +26,7 @@ use crate::statistics::{self, Counter, Statistics};
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
+use caustic_map::{CausticKernels, CausticMap};
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
@@ -57,6 +59,8 @@ pub struct Renderer<'g> {
     /// Direct light by the photons and shadow rays, where the technique has it apart.
     direct: Option<Direct>,
     indirect: Indirect,
+    /// The caustic map of the samples under way, where there are focusing surfaces.
+    caustics: Option<CausticMap>,
     indirect_kernels: IndirectKernels,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
@@ -95,7 +99,7 @@ impl Indirect {
     ) -> Result<Indirect> {
         let stage = stage(samples);
         let settings = &refined(settings, stage);
-        let IndirectKernels { map, cache, path, features } = kernels;
+        let IndirectKernels { map, cache, path, features, .. } = kernels;
         let Shared { gpu, tables, tile, .. } = *shared;
         totals.indirect_bytes = 0;
         let paths = path.is_some();
@@ -248,6 +252,7 @@ impl<'g> Renderer<'g> {
             primary,
             direct,
             indirect,
+            caustics: None,
             indirect_kernels,
             buffers,
             tiles,
@@ -291,6 +296,7 @@ impl<'g> Renderer<'g> {
             let shared = Shared { gpu, scene, tables, tile };
             direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
         }
+        self.trace_caustics()?;
         self.batches += 1;
         for index in 0..self.tiles.len() {
             let film = &self.tiles[index];
@@ -314,6 +320,9 @@ impl<'g> Renderer<'g> {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
             self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            if let Some(caustics) = &self.caustics {
+                caustics.record(&mut frame, &tile);
+            }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -354,6 +363,21 @@ impl<'g> Renderer<'g> {
         let view = CameraUniform::new(&self.camera, self.settings.width, self.settings.height);
         let (kernels, totals) = (&self.indirect_kernels, &mut self.totals);
         self.indirect = Indirect::new(&shared, &self.primary, kernels, &view, &self.settings, samples, totals)?;
+        Ok(())
+    }
+
+    /// Makes the caustic map of the next samples, unless they share that of the last.
+    fn trace_caustics(&mut self) -> Result<()> {
+        let number = CausticMap::number_at(self.samples);
+        let IndirectKernels { map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
+            return Ok(());
+        };
+        if self.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
+            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+            let shared = Shared { gpu, scene, tables, tile };
+            let traced = CausticMap::new(&shared, kernels, map, &self.settings, number, &mut self.totals)?;
+            self.caustics = Some(traced);
+        }
         Ok(())
     }
 
@@ -445,6 +469,7 @@ struct Kernels {
 /// Those of [`Indirect`].
 struct IndirectKernels {
     map: Option<GlobalMapKernels>,
+    caustics: Option<CausticKernels>,
     cache: Option<CacheKernels>,
     path: Option<Path>,
     features: Features,
@@ -477,8 +502,13 @@ impl IndirectKernels {
         // The map shows all that Lambertian surfaces reflect.
         let rest = has("photon_map") && has("glossy");
         let paths = technique == Technique::Path || has("indirect") || rest;
-        let (map, (cache, path)) = rayon::join(
-            || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+        let ((map, caustics), (cache, path)) = rayon::join(
+            || {
+                rayon::join(
+                    || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+                    || has("caustics").then(|| CausticKernels::new(gpu, features, constants)).transpose(),
+                )
+            },
             || {
                 rayon::join(
                     || has("irradiance_cache").then(|| CacheKernels::new(gpu, features, constants)).transpose(),
@@ -486,7 +516,7 @@ impl IndirectKernels {
                 )
             },
         );
-        Ok(IndirectKernels { map: map?, cache: cache?, path: path?, features: features.clone() })
+        Ok(IndirectKernels { map: map?, caustics: caustics?, cache: cache?, path: path?, features: features.clone() })
     }
 }
 
