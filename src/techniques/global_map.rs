@@ -59,6 +59,7 @@ impl GlobalMap {
         // What a look-up tells is seen after one bounce.
         let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
         let Settings { flux_photons, seed, .. } = *settings;
+        let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
             totals.photon_rays += traced.rays;
@@ -72,7 +73,7 @@ impl GlobalMap {
             emitted: u64::from(photons.emitted),
             photons: u64::from(photons.count),
             cut: photons.cut,
-            caustics: totals.indirect.caustics,
+            caustics,
             ..Indirect::default()
         };
         let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
