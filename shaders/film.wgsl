@@ -32,11 +32,15 @@ struct Sum {
     compensation: vec4f,
 }
 
-// Neumaier's step. The difference that was lost is computed from the operand that is larger.
+// Neumaier's step. The difference that was lost is computed from the operand that is larger. What is compensated goes back
+// into the sum as far as it has room there (Dekker's sum of doubles): left to grow over many samples alike, it would round
+// as the sum itself does. (Written as `rest - (value - total)`, drivers that cancel `(total + rest) - total` lose it all.)
 fn compensated(sum: Sum, x: vec4f) -> Sum {
     let total = sum.value + x;
     let lost = select((x - total) + sum.value, (sum.value - total) + x, abs(sum.value) >= abs(x));
-    return Sum(total, vec4f(sum.compensation.xyz + lost.xyz, sum.compensation.w));
+    let rest = sum.compensation.xyz + lost.xyz;
+    let value = total.xyz + rest;
+    return Sum(vec4f(value, total.w), vec4f(rest + (total.xyz - value), sum.compensation.w));
 }
 
 // Adds a sample to a pixel; false if it was left out.

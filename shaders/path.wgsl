@@ -27,17 +27,18 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// Points that no record speaks for. Where surfaces are glossy all points have something left.
-@if(irradiance_cache && !glossy) @group(0) @binding(5) var<storage, read> uncovered_count: array<u32, 1>;
-@if(irradiance_cache && !glossy) @group(0) @binding(6) var<storage, read> uncovered_points: array<u32>;
+// Points that records do not bring all light to: those that none speaks for, and those that are not Lambertian.
+@if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
+@if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
 
 var<immediate> parameters: PathParameters;
 
-// Counts of two things: rays, 750 of an invocation at most (MAX_TURNS over VERTEX_TURNS), and above them invocations whose
-// radiance is not finite or whose path is heavy. An atomic for each would cost software devices more than the counts tell.
+// Counts of two things: rays, of which an invocation traces no more than the MAX_TURNS of its loops, and above them
+// invocations whose radiance is not finite or whose path is heavy. An atomic for each would cost software devices more than the
+// counts tell.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
-const SECOND_COUNT = 16u;
+const SECOND_COUNT = 24u;
 
 @compute @workgroup_size(64)
 fn path(
@@ -52,9 +53,9 @@ fn path(
     workgroupBarrier();
     var i = group_index(group, groups) * 64u + lane;
     var items = parameters.tile.point_count;
-    @if(irradiance_cache && !glossy) { items = uncovered_count[0]; }
+    @if(irradiance_cache) { items = path_count[0]; }
     if i < items {
-        @if(irradiance_cache && !glossy) { i = uncovered_points[i]; }
+        @if(irradiance_cache) { i = path_points[i]; }
         var indirect = vec3f(0.0);
         var finite = true;
         if points[i].normal != INVALID_POINT && light_count() > 0u {

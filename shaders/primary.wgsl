@@ -1,11 +1,12 @@
 // primary: camera rays to surface samples, and the radiance that is seen without any lighting.
 // In: the scene, the camera. Out: a point and a surface for each sample of the tile; emission in `radiance_direct`
-// (w: 1 where the ray met something, the image's alpha); the samples of those AOVs that are asked for.
+// (w: 1 where the ray met something, be it the environment: the image's alpha); the samples of those AOVs that are asked for.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
 import package::lib::bvh::{trace_closest, traversal_overrun};
+@if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
 import package::lib::surface::surface_at;
 import package::lib::math::{is_finite4, oct_encode16, spoilt};
@@ -42,6 +43,7 @@ fn primary(
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);
+    @if(environment) { if hit.triangle == NO_HIT { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); } }
     @if(aov_albedo) var albedo = vec4f(0.0);
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::input::printable;
+
 /// Everything that can go wrong. The display form is one line, fit to be shown to a user as it is.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -79,7 +81,9 @@ pub enum Error {
 impl Error {
     /// An [`Error::Input`] at `place` of `file`.
     pub fn input(file: impl AsRef<Path>, place: impl Into<String>, problem: impl std::fmt::Display) -> Self {
-        Error::Input { file: file.as_ref().to_owned(), place: place.into(), problem: problem.to_string() }
+        // Both may repeat what the file says.
+        let (place, problem) = (printable(&place.into()), printable(&problem.to_string()));
+        Error::Input { file: file.as_ref().to_owned(), place, problem }
     }
 
     /// An [`Error::Output`] for `file`.

@@ -7,12 +7,14 @@ pub mod error;
 pub mod film;
 pub mod fingerprint;
 pub mod gpu;
+mod input;
 pub mod needs;
 pub mod passes;
 pub mod report;
 pub mod scene;
 pub mod settings;
 pub mod statistics;
+pub mod stress;
 pub mod tables;
 pub mod techniques;
 

@@ -3,11 +3,14 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
+@if(mesh_lights) import package::lib::math::angle_of;
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
     LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
+@if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
+@if(environment) import package::lib::environment::environment_sample;
 @if(emissive_textures) import package::lib::surface::emission_at;
 @if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
@@ -56,6 +59,11 @@ fn light_record_f32(light: u32, record: u32) -> vec4f {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+@if(environment)
+fn is_environment(light: u32) -> bool {
+    return (light_record(light, 0u).x & LIGHT_KIND_MASK) == LIGHT_ENVIRONMENT;
 }
 
 // ---- Choice
@@ -154,6 +162,8 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
 // between. Exact for lights of a closed form; of others some dark ones may be called not dark.
 fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     let header = light_record(light, 0u);
+    // Nobody turns away from all that is around.
+    @if(environment) { if is_environment(light) { return false; } }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -202,7 +212,7 @@ struct LightSample {
     radiance: vec3f,
     // By solid angle, 0 where nothing arrives; 1 of punctual lights.
     pdf: f32,
-    // Geometric normal of the emitter on the side of the position; 0 of punctual lights.
+    // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
     normal: vec3f,
     // There is one direction only: no other way of sampling finds this light.
     delta: bool,
@@ -215,6 +225,12 @@ fn no_light_sample() -> LightSample {
 // A point of the light as the position sees it, occluders and horizon aside.
 fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u);
+            return LightSample(chosen.direction, FAR_DISTANCE, chosen.radiance, chosen.pdf, vec3f(0.0), false);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -429,14 +445,51 @@ fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
     let sine = length(c);
     // An edge in line with the position spans no angle.
     if sine == 0.0 { return 0.0; }
-    return atan2(sine, dot(a, b)) * (dot(n, c) / sine);
+    return angle_of(sine, dot(a, b)) * (dot(n, c) / sine);
+}
+
+// A light farther away than so many radii of its bounding sphere is small: `small_edge_term` loses less there.
+const SMALL_LIGHT = 8.0;
+
+// The same for an edge of a small light, over the squared length of `base`, the way to some point of the contour's plane
+// from which `offset_a` and `offset_b` lead to the edge's ends.
+//
+// Terms are as long as the light is wide and add up to its area: of a light a thousandth as wide as it is far, Lambert's
+// formula keeps three digits. As n . (a x b) f(a, b), with f the angle over |a x b|, that part adds up by itself, from
+// differences of vertices, which have all their digits: f = 1 / base^2 leaves n . (offset_a x offset_b) of a closed
+// contour. What remains is f base^2 - 1, small of itself: by the ends' distances, and by the angle over its sine.
+@if(mesh_lights)
+fn small_edge_term(base: vec3f, offset_a: vec3f, offset_b: vec3f, n: vec3f) -> f32 {
+    let inverse = 1.0 / dot(base, base);
+    let area = cross(offset_a, offset_b);
+    let across = cross(base, offset_b - offset_a) + area;
+    // Of the squared distances, relative to base^2: how far they are above 1.
+    let farther_a = dot(offset_a, offset_a + 2.0 * base) * inverse;
+    let farther_b = dot(offset_b, offset_b + 2.0 * base) * inverse;
+    let farther = farther_a + farther_b + farther_a * farther_b;
+    let root = sqrt(1.0 + farther);
+    let nearer = -farther / (root * (1.0 + root));
+    // The series of asin(x) / x - 1: x is at most 1/4, and what is left out 2e-8.
+    let sine2 = dot(across, across) * inverse * inverse / (1.0 + farther);
+    let bent = sine2 * (1.0 / 6.0 + sine2 * (3.0 / 40.0 + sine2 * (5.0 / 112.0 + sine2 * (35.0 / 1152.0))));
+    return dot(n, area + across * (nearer + bent + nearer * bent));
+}
+
+@if(mesh_lights)
+fn contour_term(small: bool, base: vec3f, a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    if small { return small_edge_term(base, a, b, n); }
+    return edge_term(a, b, n);
 }
 
 // The integral of the cosine over the directions in which the position sees the light, by Lambert's formula over its
-// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle the light spans.
+// contours clipped at the surface's horizon. Its error is about 1e-6 of itself where the light is in front of the
+// position altogether, and 1e-6 times the angle it spans where the horizon cuts through it.
 @if(mesh_lights)
 fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
+    let sphere = light_record_f32(light, 1u);
+    let centre = sphere.xyz - position;
+    let small = dot(centre, centre) > SMALL_LIGHT * SMALL_LIGHT * sphere.w * sphere.w;
     let end = header.w + light_record(light, 3u).x;
     var at = header.w;
     var sum = 0.0;
@@ -444,32 +497,37 @@ fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -
         let plane = load_light_vertex(at);
         let loop_end = at + 1u + u32(plane.w);
         at += 1u;
-        var a = load_light_vertex(at).xyz - position;
-        let side = dot(plane.xyz, a);
+        let start = load_light_vertex(at).xyz;
+        let base = start - position;
+        let side = dot(plane.xyz, base);
         if select(side < 0.0, side != 0.0, two_sided) {
             // Sutherland and Hodgman's clipping, each point used as it comes. Contours are closed: the last vertex
-            // is the first again.
+            // is the first again. Points are relative to the position, of a small light to the contour's first.
+            let origin = select(position, start, small);
             var loop_sum = 0.0;
             var started = false;
             var first: vec3f;
             var last: vec3f;
-            var height_a = dot(normal, a);
+            var a = start - origin;
+            var height_a = dot(normal, base);
             for (at += 1u; at < loop_end; at += 1u) {
-                let b = load_light_vertex(at).xyz - position;
-                let height_b = dot(normal, b);
+                let vertex = load_light_vertex(at).xyz;
+                let b = vertex - origin;
+                let height_b = dot(normal, vertex - position);
                 if height_a > 0.0 {
-                    if started { loop_sum += edge_term(last, a, normal); } else { first = a; started = true; }
+                    if started { loop_sum += contour_term(small, base, last, a, normal); } else { first = a; started = true; }
                     last = a;
                 }
                 if (height_a > 0.0) != (height_b > 0.0) {
                     let crossing = a + (b - a) * (height_a / (height_a - height_b));
-                    if started { loop_sum += edge_term(last, crossing, normal); } else { first = crossing; started = true; }
+                    if started { loop_sum += contour_term(small, base, last, crossing, normal); } else { first = crossing; started = true; }
                     last = crossing;
                 }
                 a = b;
                 height_a = height_b;
             }
-            if started { loop_sum += edge_term(last, first, normal); }
+            if started { loop_sum += contour_term(small, base, last, first, normal); }
+            loop_sum = select(loop_sum, loop_sum / dot(base, base), small);
             // Counter-clockwise seen from the front is clockwise seen along the rays that arrive.
             sum += select(loop_sum, -loop_sum, side < 0.0);
         }
@@ -492,10 +550,28 @@ struct EmittedRay {
     flux: vec3f,
 }
 
+// A ray along a direction through the disc that the scene's bounding sphere is across it, of a light that is far away;
+// `irradiance` over the density of the direction's choice.
+@if(directional_lights || environment)
+fn far_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> EmittedRay {
+    let sphere = light_record_f32(light, 4u);
+    // Some more, so that no rounding leaves out the rim.
+    let reach = sphere.w * 1.001;
+    let offset = basis(direction) * vec3f(reach * sample_disc(u), -2.0 * reach);
+    return EmittedRay(sphere.xyz + offset, direction, direction, NO_EMITTER, irradiance * (PI * reach * reach));
+}
+
 // A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
-// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene.
+// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene, from the environment
+// over such a disc across a direction chosen by radiance.
 fn light_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u.xy);
+            return far_ray(light, -chosen.direction, chosen.radiance / chosen.pdf, u.zw);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -504,11 +580,7 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
             let axis = light_record_f32(light, 3u);
             @if(directional_lights) {
                 if kind == LIGHT_DIRECTIONAL {
-                    // The bounding sphere of the scene, and some more, so that no rounding leaves out its rim.
-                    let sphere = light_record_f32(light, 4u);
-                    let reach = sphere.w * 1.001;
-                    let offset = basis(axis.xyz) * vec3f(reach * sample_disc(u.xy), -2.0 * reach);
-                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER, intensity * (PI * reach * reach));
+                    return far_ray(light, axis.xyz, intensity, u.xy);
                 }
             }
             @if(spot_lights) {

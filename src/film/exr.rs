@@ -93,44 +93,53 @@ impl Image {
     /// where its header claims more than a file of its length can hold.
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let input = |place: &str, problem: String| Error::input(path, place, problem);
-        let bytes = read_file(path)?;
-        check_header(&bytes).map_err(|(place, problem)| input(&place, problem))?;
-
-        let damaged = |problem: ::exr::error::Error| input("file", format!("damaged EXR: {problem}"));
-        let header = MetaData::read_from_buffered(bytes.as_slice(), false).map_err(damaged)?.headers.swap_remove(0);
-        let file = read()
-            .no_deep_data()
-            .largest_resolution_level()
-            .all_channels()
-            .first_valid_layer()
-            .all_attributes()
-            .from_buffered(Cursor::new(&bytes))
-            .map_err(damaged)?;
-
-        let layer = file.layer_data;
-        let mut image = Image::new(layer.size.width() as u32, layer.size.height() as u32);
-        for channel in layer.channel_data.list {
-            let samples = match channel.sample_data {
-                FlatSamples::F32(samples) => samples,
-                samples => samples.values_as_f32().collect(),
-            };
-            image.add_channel(string(&channel.name), samples);
-        }
-        for (name, value) in header.all_named_attributes() {
-            let name = String::from_utf8_lossy(name).into_owned();
-            let value = match value {
-                _ if TECHNICAL.contains(&name.as_str()) => continue,
-                AttributeValue::Text(value) => Metadata::Text(string(&value)),
-                AttributeValue::I32(value) => Metadata::Int(value),
-                AttributeValue::F32(value) => Metadata::Float(value),
-                AttributeValue::Matrix4x4(value) => Metadata::Matrix(value),
-                _ => continue,
-            };
-            image.metadata.insert(name, value);
-        }
-        Ok(image)
+        decode(&read_file(path)?, path)
     }
+}
+
+/// As [`Image::read_exr`], of a file that is in memory.
+pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
+    let input = |place: &str, problem: String| Error::input(path, place, problem);
+    check_header(bytes).map_err(|(place, problem)| input(&place, problem))?;
+
+    let damaged = |problem: ::exr::error::Error| input("file", format!("damaged EXR: {problem}"));
+    let header = MetaData::read_from_buffered(bytes, false).map_err(damaged)?.headers.swap_remove(0);
+    let file = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(damaged)?;
+
+    let layer = file.layer_data;
+    let mut image = Image::new(layer.size.width() as u32, layer.size.height() as u32);
+    let mut names = HashSet::new();
+    for channel in layer.channel_data.list {
+        let samples = match channel.sample_data {
+            FlatSamples::F32(samples) => samples,
+            samples => samples.values_as_f32().collect(),
+        };
+        let name = string(&channel.name);
+        if !names.insert(name.clone()) {
+            return Err(input(&name, "two channels have this name".into()));
+        }
+        image.channels.push(Channel { name, samples });
+    }
+    for (name, value) in header.all_named_attributes() {
+        let name = String::from_utf8_lossy(name).into_owned();
+        let value = match value {
+            _ if TECHNICAL.contains(&name.as_str()) => continue,
+            AttributeValue::Text(value) => Metadata::Text(string(&value)),
+            AttributeValue::I32(value) => Metadata::Int(value),
+            AttributeValue::F32(value) => Metadata::Float(value),
+            AttributeValue::Matrix4x4(value) => Metadata::Matrix(value),
+            _ => continue,
+        };
+        image.metadata.insert(name, value);
+    }
+    Ok(image)
 }
 
 /// A name of a channel or attribute, as UTF-8.
@@ -190,7 +199,8 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
                     return Err((place, format!("{x} x {y} pixels")));
                 }
                 if name == b"dataWindow" {
-                    pixels = x as u64 * y as u64;
+                    // Of several, the crate may take any.
+                    pixels = pixels.max(x as u64 * y as u64);
                 }
             }
             "channels" => loop {

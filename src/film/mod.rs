@@ -93,12 +93,17 @@ impl Image {
     /// [`Error::Input`] where the file is missing, damaged, or none of these.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        match extension(path).as_str() {
-            "exr" => Self::read_exr(path),
-            "png" => png::read(path, image::ImageFormat::Png),
-            "hdr" => png::read(path, image::ImageFormat::Hdr),
-            _ => Err(Error::input(path, "file", "not an image that can be read: .exr, .png or .hdr is needed")),
-        }
+        let decode = decoder(path)?;
+        decode(&read_file(path)?, path)
+    }
+
+    /// As [`read`](Self::read), of a file that is in memory: `path` has the extension, and names it in errors.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        decoder(path)?(bytes, path)
     }
 
     /// Writes the image by the extension of `path`: all of it to `.exr`, a view of its colour to `.png`.
@@ -143,14 +148,17 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// The bytes of a regular file: a pipe or a device could go on without end.
+/// What reads images of that extension.
+fn decoder(path: &Path) -> Result<fn(&[u8], &Path) -> Result<Image>> {
+    match extension(path).as_str() {
+        "exr" => Ok(exr::decode),
+        "png" => Ok(|bytes, path| png::decode(bytes, path, image::ImageFormat::Png)),
+        "hdr" => Ok(|bytes, path| png::decode(bytes, path, image::ImageFormat::Hdr)),
+        _ => Err(Error::input(path, "file", "not an image that can be read: .exr, .png or .hdr is needed")),
+    }
+}
+
+/// The bytes of a regular file.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>> {
-    let read = || {
-        let kind = std::fs::metadata(path)?;
-        if !kind.is_file() {
-            return Err(std::io::Error::other(if kind.is_dir() { "is a folder" } else { "is not a regular file" }));
-        }
-        std::fs::read(path)
-    };
-    read().map_err(|problem| Error::input(path, "file", problem))
+    crate::input::read_file(path).map_err(|problem| Error::input(path, "file", problem))
 }

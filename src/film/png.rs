@@ -6,8 +6,12 @@ use rayon::prelude::*;
 
 use super::atomic::Problem;
 use super::tone_map::linear_from_srgb;
-use super::{Image, View, read_file, write_atomically};
+use super::{Image, View, write_atomically};
+use crate::input::Picture;
 use crate::{Error, Result};
+
+/// Most bytes of pixels that are decoded: 8,192 x 4,096 of three floats, and half as many again.
+const MAX_DECODED: u64 = 1 << 29;
 
 impl Image {
     /// Writes the colour as 8-bit PNG, tone-mapped by `view` after scaling by 2^`exposure_ev`, over black: a picture to
@@ -53,12 +57,15 @@ impl Image {
     }
 }
 
-/// Reads a file of that format as `R`, `G`, `B` and, where it has alpha, `A`: sRGB code values become scene-linear.
-pub(super) fn read(path: &Path, format: image::ImageFormat) -> Result<Image> {
-    let input = |problem: image::ImageError| Error::input(path, "file", problem);
-    let bytes = read_file(path)?;
-    // The reader's default limits refuse headers that claim more than 512 MiB.
-    let decoded = image::ImageReader::with_format(std::io::Cursor::new(bytes), format).decode().map_err(input)?;
+/// Decodes a file of that format as `R`, `G`, `B` and, where it has alpha, `A`: sRGB code values become scene-linear.
+pub(super) fn decode(bytes: &[u8], path: &Path, format: image::ImageFormat) -> Result<Image> {
+    let input = |problem: String| Error::input(path, "file", problem);
+    let picture = Picture::open(bytes, format).map_err(input)?;
+    if picture.decoded_bytes() > MAX_DECODED {
+        let [width, height] = picture.size;
+        return Err(input(format!("{width} x {height} pixels: at most {MAX_DECODED} bytes of pixels are supported")));
+    }
+    let decoded = picture.decode().map_err(input)?;
     let coded = format == image::ImageFormat::Png;
     let has_alpha = decoded.color().has_alpha();
     let pixels = decoded.into_rgba32f();

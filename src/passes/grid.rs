@@ -241,6 +241,16 @@ impl PhotonGrid {
         if words.len() as u64 * 4 != buffers.iter().map(|buffer| buffer.bytes).sum::<u64>() {
             return false;
         }
+        // How many workgroups are launched hangs on these: asked about, judged, judged before.
+        let [.., asked, judged, before] = *words else { return false };
+        let room = self.asked.cells.bytes / size_of::<AskedCell>() as u64;
+        if u64::from(asked) > self.asked.codes.bytes / 4
+            || judged > asked
+            || u64::from(judged) > room
+            || before > judged
+        {
+            return false;
+        }
         for buffer in buffers {
             let (own, rest) = words.split_at(buffer.bytes as usize / 4);
             gpu.write(buffer, own);

@@ -21,11 +21,11 @@ const FIRST_SAVE: Duration = Duration::from_millis(250);
 /// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
 const FIRST_SEED: u32 = 1 << 31;
 
-/// Samples and renderers of a half are fewer, or the file is none of ours: seeds and counts stay within their words.
-const MOST_COUNT: i32 = 1 << 30;
-
 /// A process that waits for another looks this often whether it is done.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// More samples or sessions than a half ever has: neither their sums nor the seeds overflow below.
+const MAX_COUNT: i32 = 1 << 29;
 
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
@@ -57,16 +57,22 @@ impl Reference {
             Error::Input { place, problem, .. } => Error::input(path, place, problem),
             other => other,
         })?;
+        for name in ["R", "G", "B"].map(variance) {
+            let bad = |x: &f32| !x.is_finite() || *x < 0.0;
+            if image.channel(&name).is_some_and(|samples| samples.iter().any(bad)) {
+                return Err(Error::input(path, name, "a variance is a finite number, 0 or more"));
+            }
+        }
         Ok(Reference { image })
     }
 
     /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`
-    /// has of it: files there that are damaged or of another form are made anew, and of processes that make the same reference
-    /// one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
+    /// has of it; of processes that make the same reference one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
     /// process be killed. `tell` hears of each save.
     ///
     /// # Errors
-    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written.
+    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written, [`Error::Input`] where a file in it
+    /// is damaged.
     pub fn make(
         subject: &Subject<'_>,
         folder: &Path,
@@ -74,19 +80,20 @@ impl Reference {
         stop: &dyn Fn() -> bool,
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
+        let size = [subject.settings.width, subject.settings.height];
+        let open = || -> Result<[Half; 2]> { Ok([Half::open(folder, 0, size)?, Half::open(folder, 1, size)?]) };
         let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
             let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
             let reference = Reference::of_halves(a, b)?;
             Ok(Some(reference).filter(|reference| reference.standard_error() <= Some(target)))
         };
-        let open = || [0, 1].map(|index| Half::open(folder, index, subject.settings));
-        if let Some(reference) = good(&open())? {
+        if let Some(reference) = good(&open()?)? {
             return Ok(Some(reference));
         }
         fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
         // Where another process makes the same reference, waiting for it is the fastest way to have it.
         let Some(_lock) = lock(folder, stop) else { return Ok(None) };
-        let mut halves = open();
+        let mut halves = open()?;
         if let Some(reference) = good(&halves)? {
             return Ok(Some(reference));
         }
@@ -119,8 +126,13 @@ impl Reference {
         }
     }
 
-    /// The mean of both, and a quarter of their squared difference: what the variance of that mean is expected to be.
-    fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
+    /// The mean of two independent halves, and a quarter of their squared difference: what the variance of that mean is
+    /// expected to be.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where they have no colour, a number that is not finite, or not the same size.
+    pub fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
+        metrics::rmse(a, b)?;
         let mut image = Image::new(a.width, a.height);
         let merge = |a: &[f32], b: &[f32], f: fn(f64, f64) -> f64| -> Vec<f32> {
             a.iter().zip(b).map(|(a, b)| f(f64::from(*a), f64::from(*b)) as f32).collect()
@@ -131,7 +143,7 @@ impl Reference {
             image.add_channel(name, merge(&a, &b, |a, b| 0.5 * (a + b)));
             image.add_channel(variance(name), merge(&a, &b, |a, b| 0.25 * (a - b) * (a - b)));
         }
-        let samples = integer(a, SAMPLES) + integer(b, SAMPLES);
+        let samples = integer(a, SAMPLES).saturating_add(integer(b, SAMPLES));
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
         image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
         Ok(Reference { image })
@@ -196,17 +208,18 @@ struct Half {
 }
 
 impl Half {
-    fn open(folder: &Path, index: u32, settings: &Settings) -> Half {
+    fn open(folder: &Path, index: u32, size: [u32; 2]) -> Result<Half> {
         let file = folder.join(format!("half-{index}.exr"));
-        let whole = |image: &Image| {
-            let of_size = (image.width, image.height) == (settings.width, settings.height);
-            let counts = [SAMPLES, SESSIONS].map(|name| integer(image, name));
-            let finite = metrics::rmse(image, image).is_ok();
-            of_size && finite && counts.iter().all(|count| (1..MOST_COUNT).contains(count))
-        };
-        let saved = Image::read(&file).ok().filter(whole);
+        let saved = file.exists().then(|| Image::read(&file)).transpose()?;
+        if let Some(saved) = &saved {
+            let fits = [saved.width, saved.height] == size && metrics::rmse(saved, saved).is_ok();
+            let counts = [SAMPLES, SESSIONS].map(|name| integer(saved, name));
+            if !fits || counts.iter().any(|count| !(1..MAX_COUNT).contains(count)) {
+                return Err(Error::input(&file, "file", "is no half of this reference; delete the file"));
+            }
+        }
         let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;
-        Half { index, file, saved, sessions }
+        Ok(Half { index, file, saved, sessions })
     }
 
     fn renderer<'g>(&mut self, subject: &Subject<'g>) -> Result<Renderer<'g>> {

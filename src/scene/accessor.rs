@@ -1,14 +1,15 @@
 //! Buffers, buffer views and accessors: all checked once, then read without a way to fail.
 
-use std::borrow::Cow;
+use std::cell::Cell;
 
-use super::container;
+use super::container::{Bytes, Resources};
+use super::geometry::MAX_CORNERS;
 use super::json::Json;
 use crate::Result;
 
-/// Most elements of an accessor that has no buffer view: nothing in the file bounds its size. No
-/// primitive that a renderer can hold has more vertices.
-const MAX_ZERO_FILLED: usize = 1 << 24;
+/// Elements that an accessor without a buffer view may always have; beyond, no more than a buffer has bytes, as some other
+/// attribute of the same vertices is stored. Nothing else in the file bounds their number.
+const ZERO_FILLED: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.
 struct View<'a> {
@@ -86,8 +87,24 @@ impl<'a> Elements<'a> {
 
 /// Overrides of single elements (glTF 3.6.2.3).
 struct Sparse<'a> {
-    indices: Vec<u32>,
+    count: usize,
+    /// Increasing. Left where they are, as many accessors may share them.
+    indices: Elements<'a>,
+    index_type: Component,
     values: Elements<'a>,
+}
+
+impl<'a> Sparse<'a> {
+    /// What element `index` is replaced by, if it is.
+    fn get(&self, index: usize) -> Option<&'a [u8]> {
+        let at = |k: usize| self.index_type.unsigned(self.indices.get(k)) as usize;
+        let (mut low, mut high) = (0, self.count);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if at(middle) < index { low = middle + 1 } else { high = middle }
+        }
+        (low < self.count && at(low) == index).then(|| self.values.get(low))
+    }
 }
 
 /// A checked accessor.
@@ -116,11 +133,8 @@ impl Accessor<'_> {
 
     /// The bytes of element `index`, from its first on; None for one that is all zeros.
     fn element(&self, index: usize) -> Option<&[u8]> {
-        let replaced = |sparse: &Sparse| sparse.indices.binary_search(&(index as u32)).ok();
-        match self.sparse.as_ref().and_then(|sparse| Some((sparse, replaced(sparse)?))) {
-            Some((sparse, k)) => Some(sparse.values.get(k)),
-            None => self.elements.map(|elements| elements.get(index)),
-        }
+        let replaced = self.sparse.as_ref().and_then(|sparse| sparse.get(index));
+        replaced.or_else(|| self.elements.map(|elements| elements.get(index)))
     }
 
     fn check_readable(&self) -> Result<()> {
@@ -162,11 +176,15 @@ impl Accessor<'_> {
 pub(super) struct Buffer<'a> {
     length: usize,
     /// At least `length` of them; None where the file has none (an extension may supply them).
-    bytes: Option<Cow<'a, [u8]>>,
+    bytes: Option<Bytes<'a>>,
 }
 
 /// Reads the buffers of a document.
-pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result<Vec<Buffer<'a>>> {
+pub(super) fn read_buffers<'a>(
+    root: &Json<'a>,
+    bin: Option<&'a [u8]>,
+    resources: &mut Resources,
+) -> Result<Vec<Buffer<'a>>> {
     let mut buffers = Vec::new();
     for (i, buffer) in root.list("buffers")?.iter().enumerate() {
         let length = buffer.require("byteLength")?;
@@ -175,8 +193,8 @@ pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result
             n => n,
         };
         let bytes = match buffer.get("uri")? {
-            Some(uri) => Some(container::resolve(&uri)?),
-            None if i == 0 => bin.map(Cow::Borrowed),
+            Some(uri) => Some(resources.resolve(&uri)?),
+            None if i == 0 => bin.map(Bytes::Borrowed),
             None => None,
         };
         if let Some(bytes) = bytes.as_ref().filter(|bytes| bytes.len() < length) {
@@ -188,12 +206,20 @@ pub(super) fn read_buffers<'a>(root: &Json<'a>, bin: Option<&'a [u8]>) -> Result
 }
 
 /// All buffer views, checked, with their bytes.
-pub(super) struct Views<'a>(Vec<View<'a>>);
+pub(super) struct Views<'a> {
+    views: Vec<View<'a>>,
+    /// Bytes of the largest buffer.
+    largest: usize,
+    /// Elements that sparse accessors replaced so far. They may share their indices, so the file's size does not bound
+    /// them.
+    replaced: Cell<usize>,
+}
 
 impl<'a> Views<'a> {
     /// Checks every buffer view.
     pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>]) -> Result<Self> {
-        root.list("bufferViews")?
+        let views = root
+            .list("bufferViews")?
             .iter()
             .map(|view| {
                 let Buffer { length: size, bytes } =
@@ -210,13 +236,14 @@ impl<'a> Views<'a> {
                 });
                 Ok(View { bytes: bytes.as_ref().map(|bytes| &bytes[offset..end]), length, stride: stride.transpose()? })
             })
-            .collect::<Result<_>>()
-            .map(Views)
+            .collect::<Result<_>>()?;
+        let stored = buffers.iter().filter_map(|buffer| buffer.bytes.as_ref().map(|bytes| bytes.len()));
+        Ok(Views { views, largest: stored.max().unwrap_or(0), replaced: Cell::new(0) })
     }
 
     /// The bytes of the view that `index` names.
     pub fn bytes(&self, index: &Json) -> Result<&'a [u8]> {
-        let view = &self.0[index.index(self.0.len(), "buffer view")?];
+        let view = &self.views[index.index(self.views.len(), "buffer view")?];
         view.bytes.ok_or_else(|| index.error("its buffer has no data in this file"))
     }
 
@@ -224,7 +251,7 @@ impl<'a> Views<'a> {
     /// where the buffer has no data.
     fn elements(&self, holder: &Json, count: usize, size: usize, component: Component) -> Result<Option<Elements<'a>>> {
         let index = holder.require("bufferView")?;
-        let view = &self.0[index.index(self.0.len(), "buffer view")?];
+        let view = &self.views[index.index(self.views.len(), "buffer view")?];
         let offset = holder.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
         if offset % component.size() != 0 {
             return Err(
@@ -282,10 +309,9 @@ impl<'a> Views<'a> {
         if accessor.json.get("bufferView")?.is_some() {
             accessor.elements = self.elements(&accessor.json, count, size, component)?;
             accessor.unreadable = accessor.elements.is_none().then_some(NO_DATA);
-        } else if count > MAX_ZERO_FILLED {
-            return Err(
-                accessor.error(format!("{count} elements without data, at most {MAX_ZERO_FILLED} are supported"))
-            );
+        } else if count > ZERO_FILLED.max(self.largest) {
+            let most = ZERO_FILLED.max(self.largest);
+            return Err(accessor.error(format!("{count} elements without data, a file of this size may have {most}")));
         }
         if let Some(sparse) = accessor.json.get("sparse")? {
             accessor.sparse = self.sparse(&sparse, count, size, component)?;
@@ -307,13 +333,17 @@ impl<'a> Views<'a> {
             .ok_or_else(|| code.error("indices must be unsigned integers"))?;
         let values = self.elements(&values, count, size, component)?;
         let Some(indices) = self.elements(&places, count, index_type.size(), index_type)? else { return Ok(None) };
-        let indices: Vec<u32> = (0..count).map(|i| index_type.unsigned(indices.get(i))).collect();
-        if let Some(i) = (1..count).find(|&i| indices[i] <= indices[i - 1]) {
+        self.replaced.set(self.replaced.get() + count);
+        if self.replaced.get() > MAX_CORNERS {
+            return Err(json.error(format!("the accessors replace more than {MAX_CORNERS} elements")));
+        }
+        let at = |i: usize| index_type.unsigned(indices.get(i));
+        if let Some(i) = (1..count).find(|&i| at(i) <= at(i - 1)) {
             return Err(places.error(format!("index {i} does not increase")));
         }
-        if indices[count - 1] as usize >= total {
-            return Err(places.error(format!("index {} of {total} elements does not exist", indices[count - 1])));
+        if at(count - 1) as usize >= total {
+            return Err(places.error(format!("index {} of {total} elements does not exist", at(count - 1))));
         }
-        Ok(values.map(|values| Sparse { indices, values }))
+        Ok(values.map(|values| Sparse { count, indices, index_type, values }))
     }
 }

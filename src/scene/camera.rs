@@ -3,6 +3,7 @@
 use glam::{DAffine3, Vec3};
 
 use super::json::Json;
+use super::notes::Notes;
 use super::{Camera, NO_LIGHT, Normalisation, Projection, Scene};
 use crate::Result;
 
@@ -74,7 +75,7 @@ impl CameraKind {
         world: &DAffine3,
         normalisation: &Normalisation,
         index: usize,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
     ) -> Result<Option<Camera>> {
         let name = node.name()?.or(self.name.clone()).unwrap_or_else(|| format!("camera {index}"));
         let scale = normalisation.scale();

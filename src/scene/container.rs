@@ -1,35 +1,34 @@
 //! The bytes of a glTF file: the JSON and binary chunks of .glb, and what URIs name.
 
-use std::borrow::Cow;
-use std::fs::{self, File};
-use std::io::Read;
+use std::collections::HashMap;
+use std::ops::Deref;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use super::json::Json;
+use crate::input::read_file;
 use crate::{Error, Result};
 
-/// Refused above this: no file that a renderer can hold in memory is larger, and .glb itself ends at 4 GiB.
-const MAX_FILE_BYTES: u64 = 1 << 32;
+/// Bytes of the file itself, or of what it names.
+pub(super) enum Bytes<'a> {
+    /// Of the file.
+    Borrowed(&'a [u8]),
+    /// Of a data URI or of another file, which several may name.
+    Shared(Arc<Vec<u8>>),
+}
 
-/// Reads a regular file.
-pub(super) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
-    let metadata = fs::metadata(path).map_err(|e| e.to_string())?;
-    if metadata.is_dir() {
-        return Err("is a directory".into());
+impl Deref for Bytes<'_> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Bytes::Borrowed(bytes) => bytes,
+            Bytes::Shared(bytes) => bytes,
+        }
     }
-    // A pipe or a device could block or never end.
-    if !metadata.is_file() {
-        return Err("is not a regular file".into());
-    }
-    if metadata.len() > MAX_FILE_BYTES {
-        return Err(format!("has {} bytes, at most {MAX_FILE_BYTES} are read", metadata.len()));
-    }
-    let mut bytes = Vec::with_capacity(metadata.len() as usize);
-    File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;
-    Ok(bytes)
 }
 
 /// The JSON text and the binary chunk of a .glb or .gltf, told apart by their first bytes.
@@ -85,15 +84,29 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
     Ok((json, bin))
 }
 
-/// The bytes that a `uri` property stands for: a data URI, or a file below the scene's folder.
-pub(super) fn resolve(uri: &Json) -> Result<Cow<'static, [u8]>> {
-    let text = uri.string()?;
-    if let Some(data) = text.strip_prefix("data:") {
-        return decode_data(data).map(Cow::Owned).map_err(|problem| uri.error(problem));
+/// What URIs name, each file read once: a thousand buffers may name the same one.
+#[derive(Default)]
+pub(super) struct Resources {
+    files: HashMap<PathBuf, Arc<Vec<u8>>>,
+}
+
+impl Resources {
+    /// The bytes that a `uri` property stands for: a data URI, or a file below the scene's folder.
+    pub fn resolve(&mut self, uri: &Json) -> Result<Bytes<'static>> {
+        let text = uri.string()?;
+        if let Some(data) = text.strip_prefix("data:") {
+            return decode_data(data).map(|bytes| Bytes::Shared(Arc::new(bytes))).map_err(|problem| uri.error(problem));
+        }
+        let path = local_path(text).map_err(|problem| uri.error(problem))?;
+        if let Some(bytes) = self.files.get(&path) {
+            return Ok(Bytes::Shared(bytes.clone()));
+        }
+        let folder = uri.file().parent().unwrap_or(Path::new(""));
+        let bytes = read_file(&folder.join(&path)).map_err(|e| uri.error(format!("{}: {e}", path.display())))?;
+        let bytes = Arc::new(bytes);
+        self.files.insert(path, bytes.clone());
+        Ok(Bytes::Shared(bytes))
     }
-    let path = local_path(text).map_err(|problem| uri.error(problem))?;
-    let folder = uri.file().parent().unwrap_or(Path::new(""));
-    read_file(&folder.join(&path)).map(Cow::Owned).map_err(|e| uri.error(format!("{}: {e}", path.display())))
 }
 
 /// RFC 2397, without the leading `data:`.

@@ -1,17 +1,40 @@
 //! Triangles in world space (f64), and their way into normalised space.
 
+use std::collections::HashMap;
+use std::iter::Peekable;
+
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::light::{self, Emission};
 use super::mesh::Primitive;
 use super::node::Node;
+use super::notes::Notes;
 use super::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Normalisation, Scene, Triangle, Vertex};
 use crate::Result;
 
 /// Most corners of triangles that a scene may have, instances counted each: indices to them, times
-/// three, stay within u32, and they fill 8 GiB.
+/// three, stay within u32.
 pub(super) const MAX_CORNERS: usize = 3 << 25;
+
+/// Most vertices that a scene may have, instances counted each: while they are placed each takes up to 270 bytes.
+pub(super) const MAX_VERTICES: usize = 1 << 25;
+
+/// Refuses a scene that is too large before any of it is placed. A small file may place a mesh many times.
+pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive])>) -> Result<()> {
+    let (mut corners, mut vertices) = (0, 0);
+    for (node, primitives) in placed {
+        corners += primitives.iter().map(|primitive| 3 * primitive.triangles.len()).sum::<usize>();
+        vertices += primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
+        if corners > MAX_CORNERS || vertices > MAX_VERTICES {
+            let most = MAX_CORNERS / 3;
+            return Err(node
+                .json
+                .error(format!("the scene has more than {most} triangles or {MAX_VERTICES} vertices")));
+        }
+    }
+    Ok(())
+}
 
 /// The triangles of one node and one emissive material.
 struct MeshLight {
@@ -49,12 +72,8 @@ impl Geometry {
         primitives: &[Primitive],
         materials: &mut Vec<Material>,
     ) -> Result<()> {
-        let first_light = self.mesh_lights.len();
+        let mut lights = HashMap::new();
         for primitive in primitives {
-            let corners = primitive.positions.len().max(3 * primitive.triangles.len());
-            if self.vertices.len().max(3 * self.triangles.len()) + corners > MAX_CORNERS {
-                return Err(node.json.error(format!("the scene has more than {} triangles", MAX_CORNERS / 3)));
-            }
             let material = primitive.material.map(|m| m as u32).unwrap_or_else(|| {
                 *self.default_material.get_or_insert_with(|| {
                     materials.push(Material::default());
@@ -64,12 +83,10 @@ impl Geometry {
             let light = if materials[material as usize].emissive == Vec3::ZERO {
                 NO_LIGHT
             } else {
-                let known = self.mesh_lights[first_light..].iter().position(|l| l.material == material);
-                let light = known.map_or(self.mesh_lights.len(), |i| first_light + i);
-                if known.is_none() {
+                *lights.entry(material).or_insert_with(|| {
                     self.mesh_lights.push(MeshLight { node: index, material });
-                }
-                light as u32
+                    self.mesh_lights.len() as u32 - 1
+                })
             };
             self.instantiate(node, primitive, material, light)?;
         }
@@ -180,7 +197,7 @@ impl Geometry {
 
     /// Moves everything into `scene`, by its normalisation: vertices that triangles use, triangles
     /// that have an area in f32 too.
-    pub fn finish(self, scene: &mut Scene, notes: &mut Vec<String>) -> Vec<PlacedMeshLight> {
+    pub fn finish(self, scene: &mut Scene, notes: &mut Notes) -> Vec<PlacedMeshLight> {
         let mut degenerate = self.degenerate;
         let normalisation = scene.normalisation;
         let positions: Vec<Vec3> = self.world.par_iter().map(|world| normalisation.apply(*world)).collect();
@@ -218,10 +235,17 @@ impl Geometry {
 }
 
 impl Scene {
-    /// Takes over the mesh lights of `node`; those without emitters are none.
-    pub(super) fn adopt_mesh_lights(&mut self, lights: &mut Vec<PlacedMeshLight>, node: usize, name: Option<String>) {
-        let of_node = lights.iter().take_while(|light| light.node == node).count();
-        for light in lights.drain(..of_node).filter(|light| !light.emitters.is_empty()) {
+    /// Takes over the mesh lights of `node`, which come next; those without emitters are none.
+    pub(super) fn adopt_mesh_lights(
+        &mut self,
+        lights: &mut Peekable<impl Iterator<Item = PlacedMeshLight>>,
+        node: usize,
+        name: Option<String>,
+    ) {
+        while let Some(light) = lights.next_if(|light| light.node == node) {
+            if light.emitters.is_empty() {
+                continue;
+            }
             let index = self.lights.len();
             for emitter in &light.emitters {
                 self.triangles[emitter.triangle as usize].light = index as u32;

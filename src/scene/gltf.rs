@@ -5,9 +5,12 @@
 
 use std::path::Path;
 
+use super::container::Resources;
 use super::geometry::Geometry;
-use super::json::Json;
-use super::{Scene, accessor, camera, container, light, material, mesh, node, texture};
+use super::json::{self, Json};
+use super::notes::Notes;
+use super::{Scene, accessor, camera, container, geometry, light, material, mesh, node, texture};
+use crate::input::read_file;
 use crate::{Error, Result};
 
 /// What import does where a file leaves it a choice.
@@ -42,7 +45,7 @@ impl Scene {
     /// [`Error::Input`] for a file that is missing, damaged, unsupported or out of range, with the
     /// JSON pointer (for the .glb container, the byte) at fault.
     pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
-        let bytes = container::read_file(path).map_err(|e| Error::input(path, "file", e))?;
+        let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
         Scene::from_bytes(&bytes, path, options)
     }
 
@@ -52,17 +55,17 @@ impl Scene {
     /// As [`Scene::load`].
     pub fn from_bytes(bytes: &[u8], path: &Path, options: &ImportOptions) -> Result<Scene> {
         let (text, bin) = container::chunks(bytes, path)?;
-        let value =
-            serde_json::from_slice(text).map_err(|e| Error::input(path, "file", format!("invalid JSON: {e}")))?;
+        let value = json::parse(text).map_err(|problem| Error::input(path, "file", problem))?;
         let root = Json::root(&value, path);
-        let mut notes = Vec::new();
+        let mut notes = Notes::default();
+        let mut resources = Resources::default();
         check_asset(&root)?;
         check_extensions(&root, &mut notes)?;
 
-        let buffers = accessor::read_buffers(&root, bin)?;
+        let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
         let views = accessor::Views::read(&root, &buffers)?;
         let accessors = views.accessors(&root)?;
-        let images = texture::read_images(&root, &views)?;
+        let images = texture::read_images(&root, &views, &mut resources)?;
         let materials = material::read(&root, &images, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
@@ -77,6 +80,7 @@ impl Scene {
             ..Default::default()
         };
         let mut geometry = Geometry::default();
+        geometry::check_size(nodes.iter().zip(&references).filter_map(|(node, r)| Some((node, &*meshes[r.mesh?]))))?;
         for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
             if let Some(mesh) = of_node.mesh {
                 geometry.add(i, node, &meshes[mesh], &mut scene.materials)?;
@@ -85,10 +89,10 @@ impl Scene {
         geometry.find_emitters(&scene);
         let has_light = geometry.emits() || references.iter().any(|r| r.light.is_some_and(|l| lights[l].is_some()));
         if options.default_light && !has_light && geometry.add_default_light(nodes.len(), &mut scene.materials) {
-            notes.push("no light in the file: a soft one is added above the scene".into());
+            notes.push("no light in the file: a soft one is added above the scene");
         }
         scene.normalisation = geometry.normalisation();
-        let mut mesh_lights = geometry.finish(&mut scene, &mut notes);
+        let mut mesh_lights = geometry.finish(&mut scene, &mut notes).into_iter().peekable();
 
         for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
             scene.adopt_mesh_lights(&mut mesh_lights, i, node.json.name()?);
@@ -105,7 +109,7 @@ impl Scene {
         }
         scene.adopt_mesh_lights(&mut mesh_lights, nodes.len(), Some("default light".into()));
         note_what_is_not_shown(&root, &scene, &skipped, &mut notes)?;
-        scene.notes = notes;
+        scene.notes = notes.into_lines();
         Ok(scene)
     }
 }
@@ -120,7 +124,7 @@ fn check_asset(root: &Json) -> Result<()> {
     }
 }
 
-fn check_extensions(root: &Json, notes: &mut Vec<String>) -> Result<()> {
+fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
     for extension in root.list("extensionsRequired")? {
         let name = extension.string()?;
         if !SUPPORTED.contains(&name) {
@@ -129,9 +133,8 @@ fn check_extensions(root: &Json, notes: &mut Vec<String>) -> Result<()> {
     }
     for extension in root.list("extensionsUsed")? {
         let name = extension.string()?;
-        let note = format!("the extension {name} is not supported: what it adds is not shown");
-        if !SUPPORTED.contains(&name) && !notes.contains(&note) {
-            notes.push(note);
+        if !SUPPORTED.contains(&name) {
+            notes.push(format!("the extension {name} is not supported: what it adds is not shown"));
         }
     }
     Ok(())
@@ -166,7 +169,7 @@ fn check_nodes(
     visible.iter().map(|node| references(&node.json)).collect()
 }
 
-fn note_what_is_not_shown(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Vec<String>) -> Result<()> {
+fn note_what_is_not_shown(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
@@ -179,10 +182,10 @@ fn note_what_is_not_shown(root: &Json, scene: &Scene, skipped: &mesh::Skipped, n
     note(skipped.without_positions, "primitives have no positions and are left out");
     note(skipped.not_finite, "primitives have numbers that are not finite and are left out");
     if scene.cameras.is_empty() {
-        notes.push("no camera in the file".into());
+        notes.push("no camera in the file");
     }
     if scene.lights.is_empty() {
-        notes.push("no light in the file".into());
+        notes.push("no light in the file");
     }
     Ok(())
 }

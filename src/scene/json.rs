@@ -4,7 +4,35 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::input::printable;
 use crate::{Error, Result};
+
+/// Most values and members of a document: a million nodes have fewer, and all of them fit in memory, of which each takes
+/// 600 bytes at worst.
+const MAX_VALUES: usize = 1 << 23;
+
+/// The document of that text; the problem, where it is none.
+pub(super) fn parse(text: &[u8]) -> std::result::Result<Value, String> {
+    if values(text) > MAX_VALUES {
+        return Err(format!("has more than {MAX_VALUES} JSON values"));
+    }
+    serde_json::from_slice(text).map_err(|problem| format!("invalid JSON: {problem}"))
+}
+
+/// At most so many values and members are in a document of that text: each comes after a bracket, a comma or a colon.
+fn values(text: &[u8]) -> usize {
+    let (mut count, mut in_string, mut escaped) = (1, false, false);
+    for byte in text {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = in_string,
+            b'"' => in_string = !in_string,
+            b'[' | b'{' | b',' | b':' => count += usize::from(!in_string),
+            _ => {}
+        }
+    }
+    count
+}
 
 /// A JSON value and where it stands.
 #[derive(Clone)]
@@ -140,8 +168,8 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// The name of this object, if it has one.
+    /// The name of this object, if it has one. Things that refer to it may each have a copy, so it is not long.
     pub fn name(&self) -> Result<Option<String>> {
-        self.get("name")?.map(|name| name.string().map(str::to_owned)).transpose()
+        self.get("name")?.map(|name| name.string().map(printable)).transpose()
     }
 }

@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use super::json::Json;
+use super::notes::Notes;
 use super::{Light, LightKind, Material, Normalisation, Texture, TextureImage};
 use crate::Result;
 
@@ -25,7 +26,7 @@ enum Kind {
 }
 
 /// Reads the file's punctual lights; None for one of a type that is not known.
-pub(super) fn read(root: &Json, notes: &mut Vec<String>) -> Result<Vec<Option<Punctual>>> {
+pub(super) fn read(root: &Json, notes: &mut Notes) -> Result<Vec<Option<Punctual>>> {
     let Some(extension) = root.extension("KHR_lights_punctual")? else { return Ok(Vec::new()) };
     let list = extension.require("lights")?;
     if list.items()?.is_empty() {
@@ -34,7 +35,7 @@ pub(super) fn read(root: &Json, notes: &mut Vec<String>) -> Result<Vec<Option<Pu
     list.items()?.iter().enumerate().map(|(i, light)| punctual(i, light, notes)).collect()
 }
 
-fn punctual(index: usize, json: &Json, notes: &mut Vec<String>) -> Result<Option<Punctual>> {
+fn punctual(index: usize, json: &Json, notes: &mut Notes) -> Result<Option<Punctual>> {
     let kind = match json.require("type")?.string()? {
         "point" => Kind::Point,
         "directional" => Kind::Directional,
@@ -81,7 +82,7 @@ impl Punctual {
         world: &DAffine3,
         normalisation: &Normalisation,
         index: usize,
-        notes: &mut Vec<String>,
+        notes: &mut Notes,
     ) -> Result<Option<Light>> {
         let name = node.name()?.or(self.name.clone()).unwrap_or_else(|| format!("light {index}"));
         let scale = normalisation.scale();

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
 use super::json::Json;
+use super::notes::Notes;
 use super::texture::{self, Encoded};
 use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot, Volume};
 use crate::Result;
@@ -86,12 +87,14 @@ struct Reader<'r, 'a> {
     samplers: &'r [Json<'a>],
     images: &'r [Encoded<'a>],
     known: HashMap<Texture, u32>,
+    /// Index into [`Materials::images`] of an image of the file.
+    placed: HashMap<usize, u32>,
     out: Materials,
-    notes: &'r mut Vec<String>,
+    notes: &'r mut Notes,
 }
 
 /// Reads and checks every material, texture and sampler.
-pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Vec<String>) -> Result<Materials> {
+pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Notes) -> Result<Materials> {
     let (textures, samplers) = (root.list("textures")?, root.list("samplers")?);
     for sampler in &samplers {
         texture::sampler(Some(sampler))?;
@@ -106,7 +109,8 @@ pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Vec<
         }
     }
     let out = Materials { materials: Vec::new(), textures: Vec::new(), images: Vec::new() };
-    let mut reader = Reader { textures: &textures, samplers: &samplers, images, known: HashMap::new(), out, notes };
+    let (known, placed) = Default::default();
+    let mut reader = Reader { textures: &textures, samplers: &samplers, images, known, placed, out, notes };
     for (i, material) in root.list("materials")?.iter().enumerate() {
         let material = reader.material(i, material)?;
         reader.out.materials.push(material);
@@ -179,7 +183,7 @@ impl Reader<'_, '_> {
             m.clearcoat_texture = self.slot(&coat, "clearcoatTexture", Linear)?;
             m.clearcoat_roughness_texture = self.slot(&coat, "clearcoatRoughnessTexture", Linear)?;
             if coat.get("clearcoatNormalTexture")?.is_some() {
-                self.note("normal maps of clear coats are not supported: coats have their bases' normals".into());
+                self.notes.push("normal maps of clear coats are not supported: coats have their bases' normals");
             }
         }
         if let Some(anisotropy) = json.extension("KHR_materials_anisotropy")? {
@@ -219,23 +223,23 @@ impl Reader<'_, '_> {
             None => 0,
         };
         if uv_set > 1 {
-            self.note(format!(
+            self.notes.push(format!(
                 "texture coordinates beyond set 1 are not supported: {key} of some materials is not shown"
             ));
             return Ok(None);
         }
         let Some(source) = texture.get("source")? else {
-            self.note(format!("texture {index} has no image that can be shown"));
+            self.notes.push(format!("texture {index} has no image that can be shown"));
             return Ok(None);
         };
-        let image = source.index(self.images.len(), "image")?;
+        let image = self.images[source.index(self.images.len(), "image")?].first;
         let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;
         let (wrap, filter) = texture::sampler(sampler.map(|i| &self.samplers[i]))?;
-        let image = self.out.images.iter().position(|&i| i == image).unwrap_or_else(|| {
+        let image = *self.placed.entry(image).or_insert_with(|| {
             self.out.images.push(image);
-            self.out.images.len() - 1
+            self.out.images.len() as u32 - 1
         });
-        let texture = Texture { image: image as u32, wrap, filter, space };
+        let texture = Texture { image, wrap, filter, space };
         let texture = *self.known.entry(texture).or_insert_with(|| {
             self.out.textures.push(texture);
             self.out.textures.len() as u32 - 1
@@ -244,11 +248,5 @@ impl Reader<'_, '_> {
         let (s, c) = rotation.sin_cos();
         let matrix = Mat2::from_cols(Vec2::new(c, -s) * scale.x, Vec2::new(s, c) * scale.y);
         Ok(Some(TextureSlot { texture, uv_set: uv_set as u32, matrix, offset }))
-    }
-
-    fn note(&mut self, note: String) {
-        if !self.notes.contains(&note) {
-            self.notes.push(note);
-        }
     }
 }

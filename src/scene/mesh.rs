@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::{Accessor, Component};
-use super::geometry::MAX_CORNERS;
+use super::geometry::{MAX_CORNERS, MAX_VERTICES};
 use super::json::Json;
 use super::{ImportOptions, Material};
 use crate::Result;
@@ -38,7 +38,8 @@ pub(super) fn read(
     materials: &[Material],
     options: &ImportOptions,
 ) -> Result<(Vec<Vec<Primitive>>, Skipped)> {
-    let mut reader = Reader { accessors, materials, lenient: options.lenient, corners: 0, skipped: Skipped::default() };
+    let mut reader =
+        Reader { accessors, materials, lenient: options.lenient, corners: 0, vertices: 0, skipped: Skipped::default() };
     let mut meshes = Vec::new();
     for mesh in root.list("meshes")? {
         let list = mesh.require("primitives")?;
@@ -60,6 +61,8 @@ struct Reader<'r, 'a> {
     lenient: bool,
     /// Corners read so far. Accessors may be shared, so the file's size does not bound them.
     corners: usize,
+    /// Vertices read so far.
+    vertices: usize,
     skipped: Skipped,
 }
 
@@ -80,6 +83,10 @@ impl<'r, 'a> Reader<'r, 'a> {
         }
         let mut corners = self.corners(json, count)?;
         let which = used(&corners, count);
+        self.vertices += which.as_ref().map_or(count, Vec::len);
+        if self.vertices > MAX_VERTICES {
+            return Err(json.error(format!("the meshes have more than {MAX_VERTICES} vertices")));
+        }
         if let Some(which) = &which {
             for corner in &mut corners {
                 *corner = which.partition_point(|vertex| vertex < corner) as u32;
@@ -101,6 +108,9 @@ impl<'r, 'a> Reader<'r, 'a> {
             return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", slot.uv_set)));
         }
         let triangles = assemble(mode, &corners);
+        if triangles.is_empty() {
+            return Ok(None);
+        }
         Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material }))
     }
 

@@ -7,6 +7,7 @@
 mod accessor;
 mod camera;
 mod container;
+mod environment;
 mod geometry;
 mod gltf;
 mod json;
@@ -14,9 +15,13 @@ mod light;
 mod material;
 mod mesh;
 mod node;
+mod notes;
 mod texture;
 
+pub use environment::Panorama;
 pub use gltf::ImportOptions;
+
+use std::sync::Arc;
 
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
 
@@ -33,7 +38,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Decoded images.
     pub images: Vec<TextureImage>,
-    /// Lights in the order of the file's nodes: emissive meshes and punctual lights alike.
+    /// Lights in the order of the file's nodes, emissive meshes and punctual lights alike; last the environment, where there
+    /// is one.
     pub lights: Vec<Light>,
     /// Cameras in the order of the file's nodes; empty if the file has none.
     pub cameras: Vec<Camera>,
@@ -62,6 +68,7 @@ impl Scene {
                 LightKind::Mesh { emitters, .. } => emitters.iter_mut().for_each(|emitter| emitter.radiance *= factor),
                 LightKind::Point { intensity, .. } | LightKind::Spot { intensity, .. } => *intensity *= factor,
                 LightKind::Directional { irradiance, .. } => *irradiance *= factor,
+                LightKind::Environment { strength, .. } => *strength *= factor,
             }
         }
     }
@@ -322,6 +329,15 @@ pub enum LightKind {
         direction: Vec3,
         /// Irradiance on a plane across the direction.
         irradiance: Vec3,
+    },
+    /// What is all around the scene, infinitely far away; see [`Scene::set_environment`].
+    Environment {
+        /// The radiance from each direction, shared: it may be large.
+        panorama: Arc<Panorama>,
+        /// Rotation about +Y in turns, 0 to 1, counter-clockwise seen from above.
+        turn: f32,
+        /// Factor on the radiance, at least 0.
+        strength: f32,
     },
 }
 

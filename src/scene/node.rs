@@ -3,6 +3,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::json::Json;
+use super::notes::Notes;
 use crate::Result;
 
 /// Largest deviation from 1 of a rotation's length: a quaternion of normalised bytes is off by up
@@ -19,7 +20,7 @@ pub(super) struct Node<'a> {
 
 /// The nodes that the file's scene shows, in the order of the file. `notes` gets a line where
 /// there are other scenes.
-pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Vec<String>) -> Result<Vec<Node<'a>>> {
+pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node<'a>>> {
     let nodes = root.list("nodes")?;
     let mut children = vec![Vec::new(); nodes.len()];
     let mut parent = vec![None; nodes.len()];
@@ -72,7 +73,7 @@ fn scene_roots(
     parent: &[Option<usize>],
     children: &[Vec<usize>],
     local: &[DAffine3],
-    notes: &mut Vec<String>,
+    notes: &mut Notes,
 ) -> Result<Vec<usize>> {
     let scenes = root.list("scenes")?;
     let mut listed = Vec::with_capacity(scenes.len());

@@ -1,18 +1,18 @@
 //! Images: found, checked, decoded in parallel; and looked up on the CPU where import needs a texel.
 
-use std::borrow::Cow;
-use std::io::Cursor;
+use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use glam::{Vec2, Vec4};
-use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::ImageFormat;
 use rayon::prelude::*;
 
 use super::accessor::Views;
-use super::container;
+use super::container::{Bytes, Resources};
 use super::json::Json;
 use super::{ColourSpace, Filter, Texture, TextureImage, Wrap};
 use crate::Result;
+use crate::input::{MAX_FILE_BYTES, Picture, printable};
 
 /// Largest side of an image: what graphics devices sample.
 const MAX_SIDE: u32 = 16384;
@@ -23,9 +23,11 @@ const MAX_TEXELS: u64 = 1 << 28;
 pub(super) struct Encoded<'a> {
     json: Json<'a>,
     name: String,
-    bytes: Cow<'a, [u8]>,
+    bytes: Bytes<'a>,
     /// None where it is neither PNG nor JPEG: legal where only an extension uses it.
     format: Option<(ImageFormat, [u32; 2])>,
+    /// The first image of the same bytes: itself, where there is no other.
+    pub first: usize,
 }
 
 impl Encoded<'_> {
@@ -36,46 +38,48 @@ impl Encoded<'_> {
 
     fn decode(&self) -> Result<TextureImage> {
         let (format, [width, height]) = self.format.ok_or_else(|| self.json.error("neither PNG nor JPEG"))?;
-        let mut reader = ImageReader::with_format(Cursor::new(&self.bytes), format);
-        reader.limits(limits());
-        let image = reader.decode().map_err(|e| self.json.error(e))?;
+        let image = Picture::open(&self.bytes, format).and_then(Picture::decode).map_err(|e| self.json.error(e))?;
         let texels = image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec();
         Ok(TextureImage { name: self.name.clone(), width, height, texels })
     }
 }
 
-fn limits() -> Limits {
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_SIDE);
-    limits.max_image_height = Some(MAX_SIDE);
-    // The largest image allowed at 16 bits a channel.
-    limits.max_alloc = Some(8 * MAX_TEXELS);
-    limits
-}
-
 /// Finds every image and reads its header.
-pub(super) fn read_images<'a>(root: &Json<'a>, views: &Views<'a>) -> Result<Vec<Encoded<'a>>> {
-    let read = |(i, json): (usize, Json<'a>)| {
+pub(super) fn read_images<'a>(
+    root: &Json<'a>,
+    views: &Views<'a>,
+    resources: &mut Resources,
+) -> Result<Vec<Encoded<'a>>> {
+    let mut images: Vec<Encoded<'a>> = Vec::new();
+    let mut known = HashMap::new();
+    let mut total = 0;
+    for (i, json) in root.list("images")?.into_iter().enumerate() {
         let uri = json.get("uri")?;
         let bytes = match (&uri, json.get("bufferView")?) {
-            (Some(uri), None) => container::resolve(uri)?,
-            (None, Some(view)) => Cow::Borrowed(views.bytes(&view)?),
+            (Some(uri), None) => resources.resolve(uri)?,
+            (None, Some(view)) => Bytes::Borrowed(views.bytes(&view)?),
             _ => return Err(json.error("needs either a uri or a buffer view")),
         };
         let file_name = uri.map(|uri| uri.string()).transpose()?.filter(|uri| !uri.starts_with("data:"));
-        let name = json.name()?.or(file_name.map(str::to_owned)).unwrap_or_else(|| format!("image {i}"));
-        let format = match image::guess_format(&bytes) {
-            Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
-                let mut reader = ImageReader::with_format(Cursor::new(&bytes), format);
-                reader.limits(limits());
-                let size = reader.into_decoder().map_err(|e| json.error(e))?.dimensions();
-                Some((format, [size.0, size.1]))
+        let name = json.name()?.or(file_name.map(printable)).unwrap_or_else(|| format!("image {i}"));
+        let first = *known.entry((bytes.as_ptr(), bytes.len())).or_insert(i);
+        let format = if first < i {
+            images[first].format
+        } else {
+            total += bytes.len() as u64;
+            if total > MAX_FILE_BYTES {
+                return Err(json.error(format!("the images have more than {MAX_FILE_BYTES} bytes, or overlap")));
             }
-            _ => None,
+            match image::guess_format(&bytes) {
+                Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
+                    Some((format, Picture::open(&bytes, format).map_err(|e| json.error(e))?.size))
+                }
+                _ => None,
+            }
         };
-        Ok(Encoded { json, name, bytes, format })
-    };
-    root.list("images")?.into_iter().enumerate().map(read).collect()
+        images.push(Encoded { json, name, bytes, format, first });
+    }
+    Ok(images)
 }
 
 /// Decodes the images that `used` names, in parallel.

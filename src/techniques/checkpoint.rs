@@ -17,9 +17,12 @@ use super::visibility_map::MapState;
 use super::{Renderer, direct};
 
 /// How every file begins; the number rises with the form.
-const MAGIC: &[u8] = b"penumbra checkpoint 2\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 3\n";
 
-/// What follows, as JSON, after its length of 8 bytes; then come the words of the film and of the map.
+/// Bytes of the digest of all that follows it.
+const DIGEST: usize = 32;
+
+/// What comes then, as JSON, after its length of 8 bytes; the words of the film and of the map end the file.
 #[derive(Clone, Serialize, Deserialize)]
 struct Header {
     version: String,
@@ -34,8 +37,6 @@ struct Header {
     added: usize,
     /// Those that they have left since, of which there may have been too many to keep.
     left: u32,
-    /// Of the words that follow.
-    digest: String,
 }
 
 /// What samples have left, in memory or in a file: enough to go on from, on any device.
@@ -54,38 +55,46 @@ impl Checkpoint {
     /// [`Error::Output`] where the file cannot be written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         write_atomically(path, |file| {
-            let header = Header { digest: digest(bytemuck::cast_slice(&self.words)), ..self.header.clone() };
-            let header = serde_json::to_vec(&header)?;
+            let header = serde_json::to_vec(&self.header)?;
+            let length = (header.len() as u64).to_le_bytes();
+            let rest = [&length, header.as_slice(), bytemuck::cast_slice(&self.words)].concat();
             file.write_all(MAGIC)?;
-            file.write_all(&(header.len() as u64).to_le_bytes())?;
-            file.write_all(&header)?;
-            Ok(file.write_all(bytemuck::cast_slice(&self.words))?)
+            file.write_all(digest(&rest).as_bytes())?;
+            Ok(file.write_all(&rest)?)
         })
     }
 
     /// Reads a file of [`Checkpoint::write`].
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is none of those, is damaged, or is of another version.
+    /// [`Error::Input`] where there is none, and those of [`Checkpoint::from_bytes`].
     pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
         let path = path.as_ref();
-        let refuse = |problem: &str| Error::input(path, "file", problem);
-        let bytes = read_file(path)?;
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is no checkpoint of this form"))?;
+        Checkpoint::from_bytes(&read_file(path)?, path)
+    }
+
+    /// Checks what was read; `path` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the file is none of [`Checkpoint::write`], is damaged, or is of another version.
+    pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
+        let refuse = |problem: &str| Error::input(&path, "file", problem);
         let damaged = || refuse("is damaged");
-        let (length, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| refuse("is no checkpoint of this form"))?;
+        let (stated, followers) = rest.split_first_chunk::<DIGEST>().ok_or_else(damaged)?;
+        let (length, rest) = followers.split_first_chunk().ok_or_else(damaged)?;
         let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;
         let (header, words) = rest.split_at_checked(length).ok_or_else(damaged)?;
         let header: Header = serde_json::from_slice(header).map_err(|_| damaged())?;
         if header.version != env!("CARGO_PKG_VERSION") {
             return Err(refuse(&format!("was written by version {} of Penumbra", header.version)));
         }
-        if header.digest != digest(words) {
+        if digest(followers).as_bytes() != stated {
             return Err(damaged());
         }
         // The file's bytes lie as they come, words want to be aligned.
         let words = bytemuck::pod_collect_to_vec(words);
-        Ok(Checkpoint { header, words, file: Some(path.to_owned()) })
+        Ok(Checkpoint { header, words, file: Some(path.as_ref().to_owned()) })
     }
 
     /// With the fingerprint of the renderer that left it.
@@ -145,7 +154,6 @@ impl Renderer<'_> {
             map_left_out: left_out.map(|item| item.reason.clone()),
             added: map.added.len(),
             left: map.left,
-            digest: String::new(),
         };
         Ok(Checkpoint { header, words, file: None })
     }
@@ -173,6 +181,10 @@ impl Renderer<'_> {
             return Err(refuse(
                 "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
             ));
+        }
+        // Counts are by light; and a render that has all of its samples takes no more.
+        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.spp {
+            return Err(damaged());
         }
         let left_out = header.map_left_out.as_ref();
         if let Some(reason) = left_out.filter(|_| self.needs.features.has("visibility_map")) {

@@ -79,8 +79,8 @@ pub(super) fn warnings(totals: &Totals) -> Vec<Warning> {
         "heavy_paths",
         heavy_paths,
         format!(
-            "{heavy_paths} paths carry more than eight times their weight, as surfaces absorb next to nothing: bright \
-             specks fade slowly; take more samples, or darken the materials"
+            "{heavy_paths} paths carry more than eight times their weight, and show as bright specks that fade slowly: take \
+             more samples, or look for materials that reflect more than they get"
         ),
     );
     warn(

@@ -23,17 +23,17 @@ use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{self, Counter, Statistics};
+use crate::tables::environment::EnvironmentTable;
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
 use caustic_map::{CausticKernels, CausticMap};
+pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
 use recovery::Keeping;
 use totals::Totals;
-
-pub use checkpoint::Checkpoint;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
 const TILE_POINTS: u32 = 1 << 19;
@@ -114,7 +114,7 @@ impl Indirect {
         Ok(Indirect { map, cache, path, stage })
     }
 
-    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         if let Some(map) = &self.map {
             map.record(frame, &parameters.tile);
         }
@@ -122,10 +122,8 @@ impl Indirect {
             cache.record(frame, &parameters.tile);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) if !glossy => {
-                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
-            }
-            (Some(path), _) => path.record(frame, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
     }
@@ -133,7 +131,7 @@ impl Indirect {
 
 /// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
 /// four times the samples. Points share what these tell, so no number of samples would take their error away.
-const REFINED: u32 = 16;
+const REFINED: u32 = 32;
 
 /// Most such steps: a million photon rays by default, and some thousand rays a record.
 const MOST_STAGES: u32 = 2;
@@ -239,7 +237,7 @@ impl<'g> Renderer<'g> {
         totals.frame_bytes += indirect.cache.as_ref().map_or(0, IrradianceCache::frame_bytes);
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene, settings, &totals.indirect);
+        let notes = notes(&scene, settings, &totals.indirect, tables.lights.environment.as_ref());
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
@@ -319,7 +317,7 @@ impl<'g> Renderer<'g> {
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
-            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            self.indirect.record(&mut frame, &path_parameters);
             if let Some(caustics) = &self.caustics {
                 caustics.record(&mut frame, &tile);
             }
@@ -383,7 +381,7 @@ impl<'g> Renderer<'g> {
 
     /// Leaves the visibility map out if the first samples say that it does not pay.
     fn end_pilot(&mut self) -> Result<()> {
-        let share = self.totals.points().boundary_share;
+        let share = self.asked_boundary_share();
         // Without a map every point is unknown; and whoever asks for the classes, or for what the map alone says, gets it.
         let asked = self.settings.technique == Technique::VisibilityEstimate || self.needs.features.has("aov_shadow");
         if !self.needs.features.has("visibility_map") || asked || share <= PILOT_SHARE {
@@ -393,6 +391,18 @@ impl<'g> Renderer<'g> {
             "it does not pay: {:.0} % of the first points were boundary or unknown",
             100.0 * share
         ))
+    }
+
+    /// Boundary and unknown points over all, of the lights that photons are asked about: every point is unknown to the
+    /// environment.
+    fn asked_boundary_share(&self) -> f64 {
+        let points = self.totals.points();
+        let lights = self.scene.lights.len() as u64;
+        let others = lights - self.scene.placed_lights().len() as u64;
+        // Every light has the same points, dark ones included.
+        let unasked = others * (points.total + points.dark) / lights.max(1);
+        let asking = points.boundary + points.unknown - unasked;
+        asking as f64 / (points.total - unasked).max(1) as f64
     }
 
     /// Goes on without the visibility map.
@@ -530,8 +540,16 @@ pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }
 
-fn notes(scene: &Scene, settings: &Settings, indirect: &statistics::Indirect) -> Vec<String> {
+fn notes(
+    scene: &Scene,
+    settings: &Settings,
+    indirect: &statistics::Indirect,
+    environment: Option<&EnvironmentTable>,
+) -> Vec<String> {
     let mut notes = Vec::new();
+    if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
+        notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
+    }
     if scene.triangles.is_empty() {
         notes.push("the scene has no triangles: the image is empty".to_owned());
     }

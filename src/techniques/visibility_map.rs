@@ -91,19 +91,20 @@ impl VisibilityMap {
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<VisibilityMap> {
-        let lights = scene.lights.len() as u32;
+        let lights = scene.placed_lights().len() as u32;
         let rays = settings.photons.min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);
         let counts = traced.emitted.iter().zip(&traced.stored);
-        let by_light = scene.lights.iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
-            light: light.name.clone(),
-            emitted: u64::from(*emitted),
-            illumination: u64::from(*illumination),
-            shadow: u64::from(*shadow),
-            healed: 0,
-        });
+        let by_light =
+            scene.placed_lights().iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
+                light: light.name.clone(),
+                emitted: u64::from(*emitted),
+                illumination: u64::from(*illumination),
+                shadow: u64::from(*shadow),
+                healed: 0,
+            });
         totals.photons = by_light.collect();
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
@@ -164,6 +165,12 @@ impl VisibilityMap {
 
     /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        let of_this_map = |photon: &Photon| {
+            photon.light() < self.grid.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
+        };
+        if !state.added.iter().chain(&state.kept).all(of_this_map) {
+            return Ok(false);
+        }
         for batch in state.added.chunks(HEAL_BATCH as usize) {
             gpu.write(&self.heal_photons, batch);
             gpu.write(&self.heal_count, &[batch.len() as u32]);

@@ -216,7 +216,19 @@ fn checkpoints_of_something_else_are_refused() {
     other[version] ^= 1;
     let mut flipped = good.clone();
     *flipped.last_mut().unwrap() ^= 1;
+    // Numbers of the header, of which a checkpoint once said nothing: the image would be nine halves as dark.
+    let at = |bytes: &[u8], word: &str| String::from_utf8_lossy(&bytes[..2000]).find(word).unwrap() + word.len();
+    let mut samples = good.clone();
+    samples[at(&good, "\"samples\":")] = b'9';
+    // As one may write it on purpose, with the digest set right: more samples than are rendered.
+    let whole = |mut bytes: Vec<u8>| {
+        let digest = penumbra::fingerprint::digest(&bytes[54..]);
+        bytes[22..54].copy_from_slice(digest.as_bytes());
+        bytes
+    };
     let cases = [
+        (samples.clone(), "damaged"),
+        (whole(samples), "damaged"),
         (other, "version"),
         (flipped, "damaged"),
         (good[..good.len() - 4].to_vec(), "damaged"),
@@ -230,6 +242,15 @@ fn checkpoints_of_something_else_are_refused() {
     }
     fs::remove_file(&state).unwrap();
     resume("--spp 2").assert_refused(3, &["state"]);
+    // Photons that audits left, of no place and of a light that does not exist, which counted them past the last.
+    render(&format!("--spp 4 --audit 1 {checkpoint}"), &[&image]).assert_done();
+    let mut spoilt = fs::read(&state).unwrap();
+    let counts = ["\"added\":", "\"left\":"].map(|word| spoilt[at(&spoilt, word)]);
+    assert!(counts.iter().any(|digit| *digit > b'0'), "audits left nothing");
+    let header = 62 + u64::from_le_bytes(spoilt[54..62].try_into().unwrap()) as usize;
+    spoilt[header..].fill(0xff);
+    fs::write(&state, whole(spoilt)).unwrap();
+    resume("--spp 4 --audit 1").assert_refused(3, &["state", "damaged"]);
 }
 
 #[test]

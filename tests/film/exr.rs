@@ -203,6 +203,13 @@ fn hostile_headers_are_errors() {
         let error = read(&bytes).unwrap_err();
         assert!(error.starts_with(expected), "{error} for {expected}");
     }
+    // Two data windows, whichever comes first.
+    for windows in [[9999, 1], [1, 9999]] {
+        let mut bytes = header(1, [0, 0, windows[0], windows[0]]);
+        let second: Vec<u8> = [0, 0, windows[1], windows[1]].into_iter().flat_map(i32::to_le_bytes).collect();
+        bytes.splice(8..8, attribute("dataWindow", "box2i", &second));
+        assert!(read(&bytes).unwrap_err().starts_with("dataWindow: claims 400000000 bytes"));
+    }
     // An attribute that claims 2 GB of itself.
     let mut bytes = header(1, [0, 0, 1, 1]);
     let at = bytes.windows(6).position(|window| window == b"chlist").unwrap() + 7;

@@ -74,7 +74,11 @@ fn what_is_no_image_is_an_error() {
     // A PNG header (with its right checksum) of 400,000 x 400,000 pixels: 590 GB as RGBA, and nothing behind it.
     let mut huge = Vec::new();
     png::Encoder::new(&mut huge, 400_000, 400_000).write_header().unwrap();
+    // Radiance files whose size is none, or not to be had of so few bytes.
+    let radiance = |size: &str| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n").into_bytes();
     for (name, bytes) in [
+        ("nothing.hdr", radiance("-Y 0 +X 7")),
+        ("claims.hdr", radiance("-Y 4000 +X 4000")),
         ("empty.png", Vec::new()),
         ("garbage.png", vec![7; 999]),
         ("garbage.hdr", vec![7; 999]),

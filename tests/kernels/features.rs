@@ -1,12 +1,13 @@
 //! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
 use penumbra::needs::Needs;
 use penumbra::scene::{
-    AlphaMode, ColourSpace, Filter, LightKind, Material, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
 use penumbra::{Aov, Settings, Technique};
 use rayon::prelude::*;
@@ -71,6 +72,10 @@ impl Choice {
         ];
         let punctual = (9..).zip(punctual).filter(|(i, _)| self.has(*i) && !dark).map(|(_, light)| light).collect();
         let mut scene = scene(&meshes, punctual);
+        if self.has(31) {
+            let panorama = Panorama { width: 1, height: 1, texels: vec![[1.0; 3]] };
+            scene.set_environment(Arc::new(panorama), 0.0, 1.0).unwrap();
+        }
         scene.images = vec![TextureImage { name: String::new(), width: 1, height: 1, texels: vec![[255; 4]] }];
         let wrap = [Wrap::Repeat; 2];
         scene.textures = vec![Texture { image: 0, wrap, filter: Filter::Linear, space: ColourSpace::Srgb }];

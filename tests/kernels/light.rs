@@ -22,7 +22,7 @@ pub fn material(double_sided: bool) -> Material {
 
 /// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that slots and
 /// emitters are not the same numbers.
-fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
+pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
     let mut scene = Scene { materials: vec![material(false), material(true)], ..Scene::default() };
     let mut push = |corners: &Corners, light: u32, material: u32| {
         let first = scene.vertices.len() as u32;
@@ -62,20 +62,20 @@ fn features(scene: &Scene) -> Features {
 
 /// A position and a normal, as the kernel gets them, and the index of the light.
 #[derive(Clone, Copy, Debug)]
-struct Place {
-    position: Vec3,
-    normal: Vec3,
-    light: usize,
+pub struct Place {
+    pub position: Vec3,
+    pub normal: Vec3,
+    pub light: usize,
 }
 
 impl Place {
-    fn new(position: DVec3, normal: DVec3, light: usize) -> Place {
+    pub fn new(position: DVec3, normal: DVec3, light: usize) -> Place {
         Place { position: position.as_vec3(), normal: normal.as_vec3(), light }
     }
 }
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
-fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
+pub fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
     run_with(&features(scene), scene, entry, places, count, per_item, samples)
 }
 
@@ -170,7 +170,7 @@ fn mesh_scene() -> Scene {
 }
 
 /// The triangles of a light as the kernel has them: rounded to f32.
-fn triangles_of(scene: &Scene, light: usize) -> (Vec<Corners>, bool) {
+pub fn triangles_of(scene: &Scene, light: usize) -> (Vec<Corners>, bool) {
     let LightKind::Mesh { material, emitters } = &scene.lights[light].kind else { panic!("no mesh light") };
     let corners = |e: &EmitterTriangle| {
         scene.triangles[e.triangle as usize].vertices.map(|v| scene.vertices[v as usize].position.as_dvec3())
@@ -179,13 +179,13 @@ fn triangles_of(scene: &Scene, light: usize) -> (Vec<Corners>, bool) {
 }
 
 /// Height of the position over the triangle's plane: positive in front.
-fn height_over(t: &Corners, position: DVec3) -> f64 {
+pub fn height_over(t: &Corners, position: DVec3) -> f64 {
     let n = (t[1] - t[0]).cross(t[2] - t[0]).normalize();
     n.dot(position - t[0])
 }
 
 /// The part of a polygon with n . v > 0.
-fn clipped(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
+pub fn clipped(polygon: &[DVec3], n: DVec3) -> Vec<DVec3> {
     let mut kept = Vec::new();
     for (i, a) in polygon.iter().enumerate() {
         let b = polygon[(i + 1) % polygon.len()];

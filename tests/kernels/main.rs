@@ -5,6 +5,7 @@ mod cache;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
+mod environment;
 mod features;
 mod film;
 mod flux;
@@ -19,6 +20,7 @@ mod meshes;
 mod path;
 mod photon_lights;
 mod photons;
+mod precision;
 mod primary;
 mod rooms;
 mod sampling;

@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use penumbra::film::Metadata;
 use penumbra::report::metrics;
 use penumbra::report::reference::{Reference, cache_folder};
 use penumbra::{Image, Settings};
@@ -49,6 +50,43 @@ fn stopped_makes_nothing_and_keeps_what_there_was() {
     assert_ne!(a.channels, b.channels);
     assert!(!make(true));
     assert_eq!(Image::read(folder.path().join("half-0.exr")).unwrap(), a);
+}
+
+/// What is found in the cache may be of anything: it is refused, not averaged with, and never a panic.
+#[test]
+fn halves_that_are_none_are_refused() {
+    let scene = Box::load();
+    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let folder = folder();
+    let path = folder.path().join("half-1.exr");
+    let make = || Reference::make(&scene.subject(&settings), folder.path(), 0.5, &|| false, &mut |_| {}).map(|_| ());
+    make().unwrap();
+    let good = Image::read(&path).unwrap();
+    let set = |name: &str, value: i32| {
+        let mut image = good.clone();
+        image.metadata.insert(name.into(), Metadata::Int(value));
+        image
+    };
+    let mut wide = Image::new(9, 8);
+    let mut grey = Image::new(8, 8);
+    for channel in &good.channels {
+        wide.add_channel(&channel.name, vec![0.5; 72]);
+    }
+    wide.metadata = good.metadata.clone();
+    grey.metadata = good.metadata.clone();
+    grey.add_channel("R", vec![0.5; 64]);
+    let mut not_finite = good.clone();
+    not_finite.channels[1].samples[5] = f32::NAN;
+    let counts = [("samplesPerPixel", 0), ("samplesPerPixel", i32::MAX), ("penumbra:sessions", -1)];
+    for bad in counts.map(|(name, value)| set(name, value)).into_iter().chain([wide.clone(), grey, not_finite]) {
+        bad.write_exr(&path).unwrap();
+        let error = make().unwrap_err().to_string();
+        assert!(error.contains("half-1.exr") && error.contains("delete"), "{error}");
+    }
+    // Of any two images, too.
+    assert!(Reference::of_halves(&good, &wide).is_err());
+    good.write_exr(&path).unwrap();
+    make().unwrap();
 }
 
 #[test]

@@ -110,11 +110,11 @@ fn structure() {
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(-1)), "/accessors/0/count");
     // Each within its limit, all together without one.
     let many = |f: &mut File| {
-        f.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 24 });
-        f.json["meshes"][0]["primitives"] = json!(vec![json!({ "attributes": { "POSITION": 0 }, "indices": 1 }); 100]);
-        f.add("accessors", json!({ "componentType": 5125, "type": "SCALAR", "count": 1 << 24 }));
+        let indices = f.accessor(&[0; 1 << 22], U8, "SCALAR", 1 << 22);
+        f.json["meshes"][0]["primitives"] =
+            json!(vec![json!({ "attributes": { "POSITION": 0 }, "indices": indices }); 100]);
     };
-    assert_eq!(refused(&many), "/meshes/0/primitives/6");
+    assert_eq!(refused(&many), "/meshes/0/primitives/24");
     // Indices.
     for (component, bytes) in [(U8, &[0u8, 1, 3][..]), (U16, &[0, 0, 1, 0, 255, 255]), (U32, &[255; 12])] {
         let edit = |f: &mut File| {
@@ -153,6 +153,102 @@ fn structure() {
     // Extensions.
     let required = json!(["KHR_draco_mesh_compression"]);
     assert_eq!(refused(&|f| f.json["extensionsRequired"] = required.clone()), "/extensionsRequired/0");
+}
+
+/// A small file may say the same thing many times over: what it costs must not be the product.
+#[test]
+fn what_is_referred_to_often_is_kept_once() {
+    // Elements without data, beyond what is stored of any other attribute.
+    let mut file = File::triangle();
+    file.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 20 });
+    assert_eq!(refused_at(&file), "/accessors/0");
+    file.view(&[0; 1 << 20]);
+    assert_eq!(file.load().triangles.len(), 0, "a file of that size may");
+
+    // A mesh of 10,000 triangles at 10,000 nodes, refused before any is placed.
+    let mut file = File::triangle();
+    let indices = file.accessor(&[0u8, 1, 2].repeat(10_000), U8, "SCALAR", 30_000);
+    file.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
+    file.json["nodes"] = json!(vec![json!({ "mesh": 0 }); 10_000]);
+    assert_eq!(refused_at(&file), "/nodes/3355");
+
+    // The same indices replaced in 1,000 accessors: 100 of them are more than a scene has corners.
+    let mut file = File::triangle();
+    let count = 1 << 20;
+    let indices = file.view(&(0..count).flat_map(u32::to_le_bytes).collect::<Vec<_>>());
+    let values = file.view(&vec![0; 4 * count as usize]);
+    let sparse = json!({
+        "count": count, "indices": { "bufferView": indices, "componentType": U32 }, "values": { "bufferView": values }
+    });
+    let accessor = json!({ "componentType": U32, "type": "SCALAR", "count": count, "sparse": sparse });
+    file.json["accessors"].as_array_mut().unwrap().extend(vec![accessor; 1000]);
+    assert_eq!(refused_at(&file), "/accessors/97/sparse");
+
+    // A hundred images of the same bytes are one; and a hundred buffers of the same file.
+    let mut file = File::triangle();
+    let view = file.view(&png(2, 2, &[[1, 2, 3, 255]; 4]));
+    let coordinates = file.floats(&[[0f32, 0.]; 3]);
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(coordinates);
+    for i in 0..100 {
+        file.add("images", json!({ "bufferView": view }));
+        file.add("textures", json!({ "source": i }));
+        file.add("materials", json!({ "emissiveTexture": { "index": i } }));
+    }
+    let scene = file.load();
+    assert_eq!((scene.images.len(), scene.textures.len(), scene.materials.len()), (1, 1, 101), "with the default one");
+}
+
+/// Time must not grow with the square of what a file says.
+#[test]
+fn many_of_a_kind_are_read_in_time() {
+    // As many names of extensions as fit 2 MB, all different: each was compared with all before it.
+    let mut file = File::triangle();
+    file.json["extensionsUsed"] = (0..200_000).map(|i| json!(format!("A{i}"))).collect();
+    let notes = file.load().notes;
+    assert_eq!(notes.len(), 101, "a hundred, and how many more there are");
+    assert!(notes.last().unwrap().starts_with("1999"), "{notes:?}");
+    // Primitives of 1,000 emissive materials at 40 nodes, each a light of its own: moved and searched one by one.
+    let mut file = File::triangle();
+    file.json["materials"] = json!(vec![json!({ "emissiveFactor": [1, 1, 1] }); 1000]);
+    file.json["meshes"][0]["primitives"] =
+        (0..1000).map(|m| json!({ "attributes": { "POSITION": 0 }, "material": m })).collect();
+    file.json["nodes"] = json!(vec![json!({ "mesh": 0 }); 40]);
+    assert_eq!(file.load().lights.len(), 40_000);
+}
+
+/// What a file says of itself is shown to people: on one line, without control characters, and not at any length; nor
+/// is a name that many things share kept at any length for each.
+#[test]
+fn words_of_files_are_fit_to_be_shown() {
+    let long = format!("evil\u{1b}[2J\n{}", "x".repeat(1 << 20));
+    let mut file = File::triangle();
+    file.json["nodes"][0]["name"] = json!(long);
+    file.json["extensionsUsed"] = json!([long]);
+    file.json["materials"] = json!([{ "emissiveFactor": [1, 1, 1] }]);
+    file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let scene = file.load();
+    for words in [&scene.lights[0].name, &scene.notes[0]] {
+        assert!(words.contains("evil") && !words.contains(char::is_control) && words.len() < 1000, "{words}");
+    }
+    file.json["extensionsRequired"] = json!([long]);
+    let error = file.load_with(&ImportOptions::default()).unwrap_err().to_string();
+    assert!(!error.contains(char::is_control) && error.len() < 2000, "{error}");
+}
+
+/// JSON takes more in memory than as text: how much is known before it is parsed.
+#[test]
+fn json_of_too_many_values_is_refused() {
+    let mut text = b"{\"asset\":{\"version\":\"2.0\"},\"extras\":[\"".to_vec();
+    // Within a string there are none, whatever is escaped.
+    text.extend(b",[{:\\\",".repeat(1 << 21));
+    text.extend(b"\"");
+    let loaded = [text.as_slice(), b"]}"].concat();
+    let path = temporary("gltf");
+    std::fs::write(&path, loaded).unwrap();
+    load(&path).unwrap();
+    text.extend(b",0".repeat(1 << 23));
+    text.extend(b"]}");
+    assert_eq!(refused_bytes(&text, "gltf"), "file");
 }
 
 #[test]
@@ -232,6 +328,16 @@ fn images() {
     });
     huge[29..33].copy_from_slice(&(!crc).to_be_bytes());
     assert_eq!(refused(&huge), "/images/0");
+    // A JPEG whose header claims 65,500 x 65,500 texels, of which the decoder would make up what is missing.
+    let grey = image::GrayImage::from_pixel(16, 16, image::Luma([128]));
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    grey.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    let mut jpeg = jpeg.into_inner();
+    let frame = jpeg.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
+    for side in [5, 7] {
+        jpeg[frame + side..frame + side + 2].copy_from_slice(&4096u16.to_be_bytes());
+    }
+    assert_eq!(refused(&jpeg), "/images/0");
 }
 
 #[test]

@@ -1,0 +1,60 @@
+//! What the kernels' f32 arithmetic loses against double precision: the table of `docs/stability.md`, and how long the
+//! closed form takes.
+
+use glam::DVec3;
+
+#[allow(dead_code)]
+#[path = "../tests/common/device.rs"]
+mod device;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/kit.rs"]
+mod kit;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/light.rs"]
+mod light;
+#[allow(dead_code)]
+#[path = "../tests/common/meshes.rs"]
+mod meshes;
+#[path = "../tests/kernels/precision.rs"]
+mod precision;
+#[allow(dead_code)]
+#[path = "../tests/kernels/statistics.rs"]
+mod statistics;
+
+/// Median device time of the closed form, in nanoseconds a point, for a square light of that size seen from about 1 away.
+fn closed_form_time(size: f64) -> f64 {
+    const POINTS: usize = 1 << 18;
+    const RUNS: usize = 9;
+    let light = meshes::square(DVec3::Y, DVec3::X * 0.5 * size, DVec3::Z * 0.5 * size);
+    let scene = light::scene(&[(light, false)], &[]);
+    let mut random = statistics::Random(3);
+    let places: Vec<_> =
+        (0..POINTS).map(|_| light::Place::new(random.point() * 0.5 - 0.2 * DVec3::Y, random.direction(), 0)).collect();
+    let spent = || device::gpu().pass_times().unwrap().values().sum::<f64>();
+    let mut times: Vec<f64> = (0..=RUNS)
+        .map(|_| {
+            let before = spent();
+            light::run(&scene, "closed", &places, POINTS, 1, 0);
+            spent() - before
+        })
+        .skip(1)
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[RUNS / 2] / POINTS as f64 * 1e9
+}
+
+fn main() {
+    let fused = if precision::fma_is_fused() { "fused" } else { "a rounded product and a rounded sum" };
+    println!("fma on this device: {fused}\n");
+    println!("| kernel | input | errors relative to | median | 99.9 % | largest | bound |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    for row in precision::rows() {
+        let [median, most, largest] = [0.5, 0.999, 1.0].map(|share| row.quantile(share));
+        let precision::Row { kernel, family, scale, bound, .. } = row;
+        println!("| {kernel} | {family} | {scale} | {median:.2} | {most:.2} | {largest:.2} | {bound} |");
+    }
+    println!();
+    for size in [1.0, 1e-3] {
+        println!("closed form of a square light of size {size}: {:.0} ns a point", closed_form_time(size));
+    }
+}

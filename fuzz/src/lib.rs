@@ -1,0 +1,145 @@
+//! What the targets have in common: an allocator that counts, and what must hold of whatever import accepts.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use penumbra::bvh::Bvh;
+use penumbra::error::Error;
+use penumbra::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Scene, Triangle, Vertex};
+
+/// Bytes in use and the most that ever were.
+static USED: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+// SAFETY: hands every call on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        PEAK.fetch_max(USED.fetch_add(layout.size(), Relaxed) + layout.size(), Relaxed);
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        PEAK.fetch_max(USED.fetch_add(layout.size(), Relaxed) + layout.size(), Relaxed);
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        USED.fetch_sub(layout.size(), Relaxed);
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Bytes that a reader may take whatever it reads: tables made once, buffers of decoders, stacks of threads.
+const ALWAYS: usize = 16 << 20;
+
+/// Runs a reader; `honest` says, of what it gave, the bytes that an honest file of these needs. At most four times as many
+/// may have been in use.
+pub fn bounded<T>(read: impl FnOnce() -> T, honest: impl FnOnce(&T) -> usize) -> T {
+    let before = USED.load(Relaxed);
+    PEAK.store(before, Relaxed);
+    let outcome = read();
+    let (peak, honest) = (PEAK.load(Relaxed).saturating_sub(before), honest(&outcome));
+    assert!(peak <= 4 * honest + ALWAYS, "{peak} bytes in use, {honest} are honest");
+    outcome
+}
+
+/// An error is one line for people, about the input.
+pub fn check(error: &Error) {
+    assert!(matches!(error, Error::Input { .. }), "{error:?}");
+    let text = error.to_string();
+    assert!(!text.contains(char::is_control) && text.len() < 2048, "{text:?}");
+}
+
+/// Imports `bytes` and checks what comes of it. `json` is the part of them that is JSON, more or less.
+pub fn import(bytes: &[u8], json: &[u8], path: &str) {
+    let lenient = bytes.len() % 2 == 1;
+    let options = ImportOptions { default_light: bytes.len() % 4 < 2, lenient };
+    let outcome = bounded(
+        || Scene::from_bytes(bytes, Path::new(path), &options),
+        |outcome| {
+            // A value of JSON is 32 bytes in memory and a member as many more.
+            let values = json.iter().filter(|byte| b",:[{".contains(byte)).count();
+            bytes.len() + 64 * values + outcome.as_ref().map_or(0, size)
+        },
+    );
+    match outcome {
+        Ok(scene) => check_scene(&scene),
+        Err(error) => check(&error),
+    }
+}
+
+/// Bytes of a scene.
+fn size(scene: &Scene) -> usize {
+    let emitters: usize = scene
+        .lights
+        .iter()
+        .map(|light| match &light.kind {
+            LightKind::Mesh { emitters, .. } => emitters.len(),
+            _ => 0,
+        })
+        .sum();
+    size_of_val(&*scene.vertices)
+        + size_of_val(&*scene.triangles)
+        + size_of_val(&*scene.materials)
+        + size_of_val(&*scene.textures)
+        + size_of_val(&*scene.lights)
+        + size_of_val(&*scene.cameras)
+        + emitters * size_of::<EmitterTriangle>()
+        + scene.images.iter().map(|image| size_of_val(&*image.texels)).sum::<usize>()
+}
+
+/// What the renderer takes for granted of a scene.
+fn check_scene(scene: &Scene) {
+    // What a fuzzer reaches; a hierarchy over more would take its time.
+    const FEW: usize = 10_000;
+    for Vertex { position, normal, tangent, uv, colour } in &scene.vertices {
+        assert!(position.is_finite() && position.length() <= 1.0 + 1e-5, "{position}");
+        let unit = |length: f32| length == 0.0 || (length - 1.0).abs() < 1e-5;
+        assert!(unit(normal.length()) && unit(tangent.truncate().length()), "{normal} {tangent}");
+        assert!(uv.iter().all(|uv| uv.is_finite()) && colour.is_finite(), "{uv:?} {colour}");
+    }
+    for Triangle { vertices, material, light } in &scene.triangles {
+        assert!(vertices.iter().all(|v| (*v as usize) < scene.vertices.len()));
+        assert!((*material as usize) < scene.materials.len());
+        assert!(*light == NO_LIGHT || (*light as usize) < scene.lights.len());
+    }
+    for material in &scene.materials {
+        assert!(material.emissive.is_finite());
+        assert!(material.slots().all(|slot| (slot.texture as usize) < scene.textures.len()));
+    }
+    assert!(scene.textures.iter().all(|texture| (texture.image as usize) < scene.images.len()));
+    for image in &scene.images {
+        assert_eq!(image.texels.len(), image.width as usize * image.height as usize);
+    }
+    for light in &scene.lights {
+        match &light.kind {
+            LightKind::Mesh { emitters, .. } => assert!(emitters.iter().all(|e| e.radiance.is_finite())),
+            LightKind::Point { position, intensity, .. } => assert!(position.is_finite() && intensity.is_finite()),
+            LightKind::Spot { position, direction, intensity, .. } => {
+                assert!(position.is_finite() && direction.is_finite() && intensity.is_finite());
+            }
+            LightKind::Directional { direction, irradiance } => {
+                assert!(direction.is_finite() && irradiance.is_finite());
+            }
+        }
+    }
+    for camera in &scene.cameras {
+        assert!(camera.position.is_finite() && camera.axes.iter().all(|axis| axis.is_finite()));
+    }
+    for note in &scene.notes {
+        assert!(!note.contains(char::is_control), "{note:?}");
+    }
+    scene.frame_camera();
+    if (1..FEW).contains(&scene.triangles.len()) {
+        let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+        if let Err(error) = Bvh::build(&positions) {
+            panic!("{error}");
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! The rounding of the kernels that an image hangs on: their f32 arithmetic against double precision on the same numbers,
+//! over random and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+use penumbra::gpu::{Kernel, Resources, compose};
+use penumbra::passes::Tile;
+use penumbra::passes::film::Film;
+use penumbra::scene::Scene;
+use penumbra::statistics::Counter;
+
+use crate::kit::{device_features, gpu};
+use crate::light::{self, Corners, Place, square};
+use crate::statistics::Random;
+
+/// One unit in the last place of numbers from 1 to 2. Errors are given in these, of the scale that a row names.
+const ULP: f64 = 1.0 / (1 << 23) as f64;
+
+/// Errors of a kernel over a family of input.
+pub struct Row {
+    pub kernel: &'static str,
+    pub family: String,
+    /// What the errors are relative to.
+    pub scale: &'static str,
+    /// In ulp, in order.
+    pub errors: Vec<f64>,
+    /// In ulp: none may be above.
+    pub bound: f64,
+}
+
+impl Row {
+    fn new(kernel: &'static str, family: impl Into<String>, scale: &'static str, bound: f64, errors: Vec<f64>) -> Row {
+        let mut errors: Vec<f64> = errors.into_iter().map(|error| error / ULP).collect();
+        errors.sort_by(f64::total_cmp);
+        Row { kernel, family: family.into(), scale, errors, bound }
+    }
+
+    /// The error that a share of all does not exceed.
+    pub fn quantile(&self, share: f64) -> f64 {
+        self.errors[((self.errors.len() - 1) as f64 * share) as usize]
+    }
+}
+
+/// All rows.
+pub fn rows() -> Vec<Row> {
+    [intersection(), closed_form(), film()].into_iter().flatten().collect()
+}
+
+// ---- Intersection and offset
+
+/// A ray and a triangle that it meets.
+type Meeting = [Vec3; 5];
+
+fn run(entry: &str, items: &[Meeting]) -> Vec<[[f32; 4]; 3]> {
+    let gpu = gpu();
+    let source = include_str!("shaders/precision.wgsl");
+    let composed = compose::compose_source("precision", source, &device_features(gpu)).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &[("count", items.len() as f64)], &["items", "results"]).unwrap();
+    let words: Vec<[f32; 4]> = items.iter().flatten().map(|v| v.extend(0.0).to_array()).collect();
+    let items_buffer = gpu.upload("test/items", &words).unwrap();
+    let results = gpu.poisoned::<[[f32; 4]; 3]>("test/results", items.len()).unwrap();
+    let own = Resources::new().with("items", &items_buffer).with("results", &results);
+    let bound = kernel.bind(gpu, entry, &[&own]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, items.len() as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    gpu.read(&results, items.len()).unwrap()
+}
+
+/// Whether the device's fma rounds once.
+pub fn fma_is_fused() -> bool {
+    let x = Vec3::new(1.0 + f32::EPSILON, 1.0 - f32::EPSILON, 0.0);
+    run("fused", &[[x; 5]])[0][0][0] != 0.0
+}
+
+/// Rays towards a point inside of triangles with edges about `size` and, across the first, `size / aspect`; that meet
+/// them at an angle of that cosine.
+fn meetings(size: f64, aspect: f64, cosine: f64) -> Vec<Meeting> {
+    let mut random = Random(31);
+    (0..20_000)
+        .map(|_| {
+            let normal = random.direction();
+            let (s, t) = normal.any_orthonormal_pair();
+            let centre = random.point() * 0.5;
+            let flat = [(-1.0, -0.6), (1.0, -0.5), (0.1, 1.0)];
+            let corners = flat.map(|(x, y)| (centre + size * (x * s + y / aspect * t)).as_vec3());
+            let (u, v) = (0.05 + 0.45 * random.uniform(), 0.05 + 0.45 * random.uniform());
+            let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+            let met = a + u * (b - a) + v * (c - a);
+            let turn = 2.0 * PI * random.uniform();
+            let towards = cosine * normal + (1.0 - cosine * cosine).sqrt() * (turn.cos() * s + turn.sin() * t);
+            let origin = (met + towards * (0.3 + random.uniform())).as_vec3();
+            let direction = (met - origin.as_dvec3()).normalize().as_vec3();
+            [origin, direction, corners[0], corners[1], corners[2]]
+        })
+        .collect()
+}
+
+fn intersection() -> Vec<Row> {
+    let families = [
+        // Eight half-units across the ray, as tests/kernels/traverse.rs has it, and three more of the sum. Of a sliver the
+        // edge functions are as large as those of a wide triangle, and round so; where products are rounded by
+        // themselves t slides along it by that over its height. The point, by u and v, stays on its plane.
+        ("triangles of unit size", 1.0, 1.0, 0.7, 6.0),
+        ("of size 1e-3", 1e-3, 1.0, 0.7, 6.0),
+        ("slivers, 1 to 1e3", 1.0, 1e3, 0.7, 500.0),
+        ("grazing, cosine 1e-2", 1.0, 1.0, 1e-2, 6.0),
+    ];
+    let mut rows = Vec::new();
+    for (family, size, aspect, cosine, bound) in families {
+        let items = meetings(size, aspect, cosine);
+        let results = run("intersect", &items);
+        let (mut distances, mut places, mut planes, mut heights) = (vec![], vec![], vec![], vec![]);
+        for (item, [hit, point, leaving]) in items.iter().zip(&results) {
+            let [o, d, a, b, c] = item.map(|v| v.as_dvec3());
+            let of = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+            let across = (b - a).cross(c - a);
+            let normal = across.normalize();
+            let t = normal.dot(a - o) / normal.dot(d);
+            // A coordinate relative to the origin is off by half an ulp of itself: so is the plane, and t by as much along
+            // the ray.
+            let reach = [a, b, c].map(|corner| corner.distance(o)).into_iter().fold(0.0, f64::max);
+            let along = reach / normal.dot(d).abs();
+            assert!(hit[0] < 1e30, "{family}: a ray that meets the triangle well inside misses it");
+            distances.push((f64::from(hit[0]) - t).abs() / along);
+            // And the barycentric coordinates by that over the triangle's height as the ray sees it.
+            let met = o + t * d - a;
+            let exact = [met.cross(c - a), (b - a).cross(met)].map(|v| v.dot(across) / across.length_squared());
+            let widest = [b - a, c - b, a - c].map(|edge| edge.reject_from(d).length()).into_iter().fold(0.0, f64::max);
+            let height = across.dot(d).abs() / widest;
+            let off = (0..2).map(|i| (f64::from(hit[i + 1]) - exact[i]).abs()).fold(0.0, f64::max);
+            places.push(off * height / reach);
+            let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
+            planes.push(normal.dot(of(point) - a).abs() / largest);
+            // How far the origin is from the plane, over an ulp of the point's own largest coordinate: on the side of the
+            // ray it is positive.
+            let side = -normal.dot(d).signum() * normal;
+            heights.push(side.dot(of(leaving) - a) / of(point).abs().max_element().max(1.0 / 32.0));
+        }
+        rows.push(Row::new("intersection", format!("t, {family}"), "farthest corner / cosine", bound, distances));
+        rows.push(Row::new("intersection", format!("u and v, {family}"), "farthest corner / height", 6.0, places));
+        // Three products and sums a coordinate.
+        rows.push(Row::new("hit point", format!("off its plane, {family}"), "largest coordinate", 2.0, planes));
+        // The other way round: the least height is what counts. Reported negative, so that it is the largest.
+        let lost = heights.iter().map(|height| -height).collect();
+        rows.push(Row::new("offset", format!("-height of the origin, {family}"), "largest coordinate", -8.0, lost));
+    }
+    rows
+}
+
+// ---- Closed form
+
+/// The irradiance over the radiance of a light that faces the position, Lambert's formula by arc tangents, which keep
+/// their digits where angles are small.
+fn irradiance(triangles: &[Corners], position: DVec3, normal: DVec3) -> f64 {
+    let mut sum = 0.0;
+    for t in triangles.iter().filter(|t| light::height_over(t, position) > 0.0) {
+        let polygon = light::clipped(&t.map(|v| v - position), normal);
+        let terms = polygon.iter().enumerate().map(|(i, a)| {
+            let b = polygon[(i + 1) % polygon.len()];
+            let across = a.cross(b - a);
+            let sine = across.length();
+            if sine == 0.0 { 0.0 } else { sine.atan2(a.dot(b)) * across.dot(normal) / sine }
+        });
+        sum -= terms.sum::<f64>() / 2.0;
+    }
+    sum
+}
+
+/// Lights and places for a family.
+struct Lit {
+    family: &'static str,
+    scale: &'static str,
+    bound: f64,
+    light: Vec<Corners>,
+    places: fn(&mut Random, &[Corners]) -> (DVec3, DVec3),
+}
+
+/// A point of a square light, and its normal.
+fn on_light(random: &mut Random, light: &[Corners]) -> (DVec3, DVec3) {
+    let [a, b, c] = light[0];
+    let d = a + (c - b);
+    let (u, v) = (random.uniform(), random.uniform());
+    (a + u * (b - a) + v * (d - a), (b - a).cross(c - a).normalize())
+}
+
+/// Before the light at that distance, looking about at it.
+fn before(random: &mut Random, light: &[Corners], distance: f64) -> (DVec3, DVec3) {
+    let (point, normal) = on_light(random, light);
+    (point + normal * distance, (-normal + 0.5 * random.point()).normalize())
+}
+
+/// Away from the light in any direction that it shines in.
+fn afar(random: &mut Random, light: &[Corners]) -> (DVec3, DVec3) {
+    let (point, normal) = on_light(random, light);
+    let way = (normal + random.direction()).normalize();
+    let way = if way.dot(normal) > 0.2 { way } else { normal };
+    (point + way * (0.5 + random.uniform()), (-way + 0.7 * random.direction()).normalize())
+}
+
+fn families() -> Vec<Lit> {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let about = |size: f64| {
+        let tilted = DVec3::new(0.3, 0.8, -0.2).normalize();
+        let across = tilted.cross(x).normalize();
+        square(0.1 * x + 0.3 * y, tilted * 0.5 * size, across * 0.5 * size)
+    };
+    // Far from its plane a light's terms are all of one size: a dozen roundings of each of four edges. Near it the edges
+    // may be in line with the position, whose distance from their line rounds as the vertices do: 2e-5 at worst.
+    let of = |family, bound, size, places| Lit { family, scale: "irradiance", bound, light: about(size), places };
+    vec![
+        of("light of size 1", 40.0, 1.0, afar),
+        of("light of size 1e-1", 40.0, 1e-1, afar),
+        of("light of size 1e-2", 40.0, 1e-2, afar),
+        of("light of size 1e-3", 40.0, 1e-3, afar),
+        of("light of size 1e-4", 40.0, 1e-4, afar),
+        of("light of size 1e-5", 40.0, 1e-5, afar),
+        of("at 1e-2 of the light", 200.0, 1.0, |r, l| before(r, l, 1e-2)),
+        of("at 1e-3", 200.0, 1.0, |r, l| before(r, l, 1e-3)),
+        of("at 1e-4", 200.0, 1.0, |r, l| before(r, l, 1e-4)),
+        Lit {
+            family: "horizon across the light",
+            // What is over the horizon may be any part of the light: of that, digits cannot be kept.
+            scale: "irradiance of the whole light, facing it",
+            bound: 40.0,
+            light: square(0.9 * y, 0.3 * x, 0.4 * z),
+            places: |random, light| {
+                let (position, _) = afar(random, light);
+                let to = (on_light(random, light).0 - position).normalize();
+                (position, to.cross(random.direction()).normalize())
+            },
+        },
+    ]
+}
+
+fn closed_form() -> Vec<Row> {
+    let families = families();
+    let scene: Scene = light::scene(&families.iter().map(|f| (f.light.clone(), false)).collect::<Vec<_>>(), &[]);
+    let mut random = Random(17);
+    let mut places = Vec::new();
+    for (i, family) in families.iter().enumerate() {
+        for _ in 0..4000 {
+            let (position, normal) = (family.places)(&mut random, &family.light);
+            places.push(Place::new(position, normal, i));
+        }
+    }
+    let got = light::run(&scene, "closed", &places, places.len(), 1, 0);
+    families
+        .iter()
+        .enumerate()
+        .map(|(i, family)| {
+            let (triangles, _) = light::triangles_of(&scene, i);
+            let errors = places.iter().zip(&got).filter(|(place, _)| place.light == i).map(|(place, got)| {
+                let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
+                let exact = irradiance(&triangles, position, normal);
+                let scale = match family.scale {
+                    "irradiance" => exact,
+                    _ => irradiance(
+                        &triangles,
+                        position,
+                        (on_light(&mut Random(1), &triangles).0 - position).normalize(),
+                    ),
+                };
+                (f64::from(got[0]) - exact).abs() / scale
+            });
+            Row::new("closed form", family.family, family.scale, family.bound, errors.collect())
+        })
+        .collect()
+}
+
+// ---- Film
+
+fn film() -> Vec<Row> {
+    const PIXELS: usize = 64;
+    const LAYERS: usize = 65_536;
+    let gpu = gpu();
+    let mut random = Random(5);
+    let mut sample = || [random.uniform() as f32, 10f64.powf(8.0 * random.uniform() - 4.0) as f32, 0.1, 1.0];
+    let samples: Vec<[f32; 4]> = (0..PIXELS * LAYERS).map(|_| sample()).collect();
+    let buffer = gpu.upload("test/samples", &samples).unwrap();
+    let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+    let pass = Film::new(gpu, &device_features(gpu)).unwrap();
+    let plane = pass.plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
+    // No invocation takes more turns than a software device allows.
+    const BATCH: u32 = 1 << 14;
+    for batch in 0..LAYERS as u32 / BATCH {
+        let (pixel_count, point_count) = (PIXELS as u32, PIXELS as u32 * BATCH);
+        let tile = Tile { pixel_count, point_count, ..Tile::default() };
+        let mut frame = gpu.frame("test");
+        plane.record_from(&mut frame, &tile, batch * point_count);
+        frame.submit().unwrap();
+    }
+    let got = plane.means(gpu, LAYERS as u32).unwrap();
+    let names = ["uniform samples", "samples over eight decades", "0.1 each"];
+    (0..3)
+        .map(|c| {
+            let errors = (0..PIXELS).map(|pixel| {
+                let exact = samples.iter().skip(pixel).step_by(PIXELS).map(|s| f64::from(s[c])).sum::<f64>();
+                (got[pixel][c] / (exact / LAYERS as f64) - 1.0).abs()
+            });
+            // The sum of value and compensation is taken in f64.
+            Row::new("film", format!("65,536 of {}", names[c]), "mean", 1.0, errors.collect())
+        })
+        .collect()
+}
+
+/// No kernel rounds worse than its bound says.
+#[test]
+fn roundings_are_bounded() {
+    for Row { kernel, family, errors, bound, .. } in rows() {
+        let worst = errors[errors.len() - 1];
+        assert!(worst <= bound, "{kernel}, {family}: {worst} ulp, {bound} are allowed");
+    }
+}
