@@ -148,8 +148,11 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
+/// Reads the bytes of an image; the path names it in errors.
+type Decoder = fn(&[u8], &Path) -> Result<Image>;
+
 /// What reads images of that extension.
-fn decoder(path: &Path) -> Result<fn(&[u8], &Path) -> Result<Image>> {
+fn decoder(path: &Path) -> Result<Decoder> {
     match extension(path).as_str() {
         "exr" => Ok(exr::decode),
         "png" => Ok(|bytes, path| png::decode(bytes, path, image::ImageFormat::Png)),
