@@ -2,39 +2,60 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Stdio;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
 
+use penumbra::gpu::Gpu;
 use penumbra::report::classes::Truth;
-use penumbra::report::reference::Reference;
+use penumbra::report::reference::{Making, Reference};
 use penumbra::report::run::Subject;
 use penumbra::scene::ImportOptions;
 use penumbra::{Image, Scene, Settings};
 
 use crate::common::gpu;
-use crate::program::{BOX, device, folder, penumbra};
+use crate::program::{BOX, device, folder};
 
-/// Two reports at once on one folder: both are made, with one reference, of which no file is damaged.
+/// Two at once on one folder, each on a device and with files of its own, as two processes are: one makes the reference, the other
+/// waits and has the same, and no file is damaged or left behind. One that is told to stop waits no more.
 #[test]
-fn two_processes_share_a_reference() {
+fn one_makes_the_reference_that_two_ask_for() {
+    let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
+    let settings = Settings { width: 24, height: 16, ..Settings::default() };
     let folder = folder();
-    let folder = folder.path();
-    let start = |name: &str| {
-        let arguments = "--width 24 --height 16 --techniques path --budgets 1 --repeats 3 --reference-error 0.05";
-        let files: [&dyn AsRef<std::ffi::OsStr>; 5] =
-            [&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join(name)];
-        let mut command = penumbra(&format!("report --quiet --device {} {arguments}", device()), &files);
-        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    let choice = device().parse().unwrap();
+    let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(Making)| {
+        let gpu = Gpu::open(&choice).unwrap();
+        let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
+        Reference::make(&subject, folder.path(), target, stop, tell).unwrap()
     };
-    for process in ["a", "b"].map(start) {
-        let output = process.wait_with_output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    }
-    let [a, b] = ["a", "b"].map(|name| Image::read(folder.join(name).join("reference.exr")).unwrap());
-    assert_eq!(a.channels, b.channels, "each made a reference of its own");
-    let kept = fs::read_dir(folder.join("cache")).unwrap().next().unwrap().unwrap().path();
-    let mut names: Vec<_> = fs::read_dir(kept).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let ask = || {
+        let mut saves = 0;
+        let reference = make(0.05, &|| false, &mut |_| saves += 1);
+        (reference.unwrap(), saves)
+    };
+    let [(a, saves_of_a), (b, saves_of_b)] = thread::scope(|scope| {
+        let both = [scope.spawn(ask), scope.spawn(ask)];
+        both.map(|one| one.join().unwrap())
+    });
+    assert_eq!(a.image.channels, b.image.channels, "each made a reference of its own");
+    assert!((saves_of_a == 0) != (saves_of_b == 0), "{saves_of_a} and {saves_of_b} saves");
+    let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["half-0.exr", "half-1.exr"]);
+
+    // One goes on for better than it will ever have; the other is stopped while it waits, and tells the first.
+    let (begun, stopped) = (AtomicBool::new(false), AtomicBool::new(false));
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let first = make(1e-9, &|| stopped.load(Relaxed), &mut |_| begun.store(true, Relaxed));
+            assert!(first.is_none());
+        });
+        while !begun.load(Relaxed) {
+            thread::yield_now();
+        }
+        assert!(make(1e-9, &|| true, &mut |_| panic!("it did not wait")).is_none());
+        stopped.store(true, Relaxed);
+    });
 }
 
 /// A half that is cut off, or none of ours, is refused by name, as it may be worth hours to its owner; visibility, which is made
