@@ -8,9 +8,10 @@ mod conditioning;
 mod device;
 #[cfg(unix)]
 mod disk;
+// Other tests use the rest of these two.
+#[allow(dead_code)]
 #[path = "../common/meshes.rs"]
 mod meshes;
-// The tests of the command line use the rest of it.
 #[allow(dead_code)]
 #[path = "../cli/program.rs"]
 mod program;
