@@ -5,6 +5,9 @@
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 import package::lib::point::{Point, SURFACE_VECTORS};
+@if(transmission) import package::lib::point::TINT_VECTOR;
+@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(chains) import package::lib::point::CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
 import package::lib::tile::{Tile, tile_pixel};
 import package::lib::constants::{INVALID_POINT, PATH_GROUP};
@@ -43,6 +46,12 @@ fn at_point(i: u32) -> Interpolated {
     return interpolate_records(block.y * cache_pass.block_columns + block.x, points[i].position, normal);
 }
 
+// Whether a chain leads to the point: blocks list the records that the camera sees there itself.
+fn is_behind_chain(i: u32) -> bool {
+    @if(chains) { return bitcast<u32>(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].w) != INVALID_POINT; }
+    @else { return false; }
+}
+
 // Whether there is a surface that reflects diffusely.
 fn asks_irradiance(i: u32) -> bool {
     return points[i].normal != INVALID_POINT && any(surfaces[i * SURFACE_VECTORS].xyz > vec3f(0.0));
@@ -51,7 +60,7 @@ fn asks_irradiance(i: u32) -> bool {
 @compute @workgroup_size(64)
 fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count || !asks_irradiance(i) { return; }
+    if i >= cache_pass.tile.point_count || !asks_irradiance(i) || is_behind_chain(i) { return; }
     if at_point(i).weight < ENOUGH { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
@@ -60,8 +69,8 @@ fn reflects_beyond(i: u32) -> bool {
     @if(glossy) {
         if points[i].normal == INVALID_POINT { return false; }
         var beyond = any(surfaces[i * SURFACE_VECTORS + 1u] != vec4f(0.0));
-        @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + 3u].xyz != vec3f(0.0)); }
-        @if(clearcoat) { beyond = beyond || surfaces[(i + 1u) * SURFACE_VECTORS - 1u].x != 0.0; }
+        @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + TINT_VECTOR].xyz != vec3f(0.0)); }
+        @if(clearcoat) { beyond = beyond || surfaces[i * SURFACE_VECTORS + LOBE_VECTOR].x != 0.0; }
         return beyond;
     }
     @else { return false; }
@@ -73,7 +82,10 @@ fn interpolate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
     if i >= cache_pass.tile.point_count { return; }
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
     var queued = reflects_beyond(i);
-    if asks_irradiance(i) {
+    if points[i].normal != INVALID_POINT && is_behind_chain(i) {
+        light = vec4f(0.0);
+        queued = true;
+    } else if asks_irradiance(i) {
         let found = at_point(i);
         light = vec4f(surfaces[i * SURFACE_VECTORS].xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {

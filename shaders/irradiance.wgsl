@@ -9,6 +9,7 @@ import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, spoilt};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
+@if(chains && (photon_map || caustics)) import package::lib::point::CHAIN_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
@@ -73,6 +74,7 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             for (var l = 0u; l < light_count(); l++) { irradiance += unshadowed(l, points[i].position, normal); }
         }
         light = surfaces[i * SURFACE_VECTORS].xyz * irradiance / PI;
+        @if(chains) { light *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
         light = counted(light, i);
     }
     radiance_indirect[i] = vec4f(light, 1.0);
@@ -85,7 +87,8 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
 fn caustics(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    let albedo = surfaces[i * SURFACE_VECTORS].xyz;
+    var albedo = surfaces[i * SURFACE_VECTORS].xyz;
+    @if(chains) { albedo *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
     if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
     let disc = flux_about(points[i].position, oct_decode16(points[i].normal));
     if disc.radius <= 0.0 && !traversal_overrun { return; }

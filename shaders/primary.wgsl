@@ -13,6 +13,15 @@ import package::lib::math::{is_finite4, oct_encode16, spoilt};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
+@if(transmission) import package::lib::point::TINT_VECTOR;
+@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
+@if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
+@if(chains) import package::lib::light::BEYOND_SCENE;
+@if(chains) import package::lib::point::CHAIN_VECTOR;
+@if(chains) import package::lib::ray::{Ray, offset_origin};
+@if(chains) import package::lib::rng::{hash3, uniform_from_bits};
+@if(chains) import package::lib::surface::SurfaceHit;
 import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
@@ -48,20 +57,25 @@ fn primary(
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
     if hit.triangle != NO_HIT {
-        let found = surface_at(hit, camera.ray);
+        @if(!chains) let found = surface_at(hit, camera.ray);
+        @if(chains) var found = surface_at(hit, camera.ray);
         direct = vec4f(found.emission, 1.0);
-        if !found.unlit { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
+        @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
+        @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
+        @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
+        @if(chains) let chain = chain_from(&found, &direct, seed, sample_index);
+        @if(chains) let ends = found.unlit || is_clear(found.surface);
+        @if(!chains) let ends = found.unlit;
+        if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
         let packed = pack_surface(found.surface);
         surfaces[i * SURFACE_VECTORS] = packed.a;
         @if(glossy) {
             surfaces[i * SURFACE_VECTORS + 1u] = packed.b;
             surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
-            @if(transmission) { surfaces[i * SURFACE_VECTORS + 3u] = packed.d; }
-            @if(clearcoat || anisotropy) { surfaces[(i + 1u) * SURFACE_VECTORS - 1u] = packed.e; }
+            @if(transmission) { surfaces[i * SURFACE_VECTORS + TINT_VECTOR] = packed.tint; }
+            @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
+            @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
         }
-        @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
-        @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
-        @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
     // What a traversal that gave up has met is no sample of the pixel.
@@ -75,4 +89,38 @@ fn primary(
     @if(aov_albedo) { albedo_samples[i] = albedo; }
     @if(aov_normal) { normal_samples[i] = normal; }
     @if(aov_position) { position_samples[i] = position; }
+}
+
+// Links of a chain: light that glass has not let out by then is a few in a thousand of what came in.
+@if(chains) const MAX_LINKS = 32u;
+
+// Follows the camera's ray through clear glass and over mirrors to a surface that is neither; what the chain sees that shines
+// is added to `direct`. Where it ends without such a surface, the last one is left as found. Gives throughput and the way back,
+// as `PackedSurface` has them.
+@if(chains)
+fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, seed: u32, sample_index: u32) -> vec4f {
+    var throughput = vec3f(1.0);
+    var way_back = INVALID_POINT;
+    var link = 0u;
+    while link < MAX_LINKS && !(*found).unlit && is_clear((*found).surface) {
+        let link_seed = hash3(seed, DIMENSION_CHAIN, link);
+        let lot = uniform_from_bits(hash2(link_seed, sample_index));
+        let chosen = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lot));
+        if chosen.pdf <= 0.0 { break; }
+        throughput *= chosen.weight;
+        link++;
+        let origin = offset_origin((*found).position, leaving_normal((*found).surface, chosen.direction));
+        let ray = Ray(origin, 0.0, chosen.direction, BEYOND_SCENE);
+        let hit = trace_closest(ray, ~link_seed + sample_index);
+        if hit.triangle == NO_HIT || traversal_overrun {
+            @if(environment) { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }
+            break;
+        }
+        *found = surface_at(hit, ray);
+        @if(transmission) { throughput *= (*found).transmittance; }
+        *direct += vec4f(throughput * (*found).emission, 0.0);
+        way_back = oct_encode16(-chosen.direction);
+    }
+    if link > 0u { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], link); }
+    return vec4f(throughput, bitcast<f32>(way_back));
 }

@@ -1,7 +1,7 @@
 // shade: direct light at the points of a tile, by the class that the photons gave each point and light.
 // In: points, surfaces, class words, visibilities of the queued slots. Out: added to `radiance_direct`.
 // The estimator (DESIGN: direct light, auditing) with U the unshadowed answer, f_j / p_j the contributions of the N
-// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper) and c 1 or 0 by class:
+// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
 
@@ -16,10 +16,13 @@ import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
 import package::lib::constants::{INVALID_POINT, COUNTER_NOT_FINITE_SHADE};
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
+@if(transmission) import package::lib::point::TINT_VECTOR;
+@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
 @if(aov_shadow) import package::lib::photon::{class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
-@if(glossy) import package::lib::camera::view_direction;
+@if(glossy && !chains) import package::lib::camera::view_direction;
 
 struct ShadeParameters {
     tile: Tile,
@@ -92,6 +95,10 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     var granted = class_visibility(word);
     if decided { granted = f32(class_ == CLASS_LIT); }
     let traced = asks_shadow_rays(word);
+    // Rays tell the rest: most boundary points are wholly lit or wholly dark, and where the guess is that, nothing is left
+    // to noise. A guess in between would leave some at all of them: near a wall of a dark room, the noise of the light
+    // behind it.
+    if traced { granted = round(granted); }
 
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
@@ -161,15 +168,17 @@ fn shade(
     }
     var place: Place;
     place.position = points[i].position;
+    @if(chains) let chain = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], place.position);
     var packed: PackedSurface;
     packed.a = surfaces[i * SURFACE_VECTORS];
     var view = vec3f(0.0);
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
-        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
-        view = view_direction(place.position);
+        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
+        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
+        @if(!chains) { view = view_direction(place.position); }
+        @if(chains) { view = chain.view; }
     }
     place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
     place.seed = pixel_seed(parameters.tile, i);
@@ -187,6 +196,7 @@ fn shade(
             shadow_samples[slot].y = estimate.visibility;
         }
     }
+    @if(chains) { sum *= chain.throughput; }
     if !is_finite3(sum) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);

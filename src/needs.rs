@@ -211,6 +211,15 @@ impl Needs {
         let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
         needs.decide("global_map", shown || bounces, why, unneeded, &cost);
+        let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
+        let absent = match settings.technique {
+            Technique::Path => "paths go on there",
+            _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ => "no material is a mirror or clear glass",
+        };
+        let traced = settings.technique != Technique::Path && settings.max_bounces > 0;
+        let cost = "rays on from such surfaces, to where photons are; 16 B a point";
+        needs.decide("chains", traced && lit && m.clear > 0, why, absent, cost);
         let why = format!("{} that light is focused by", count(m.focusing, "material"));
         let unneeded = if bounces { "no material focuses light" } else { unneeded };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
@@ -277,6 +286,9 @@ fn focuses(m: &Material) -> bool {
     !m.unlit && (m.transmission > 0.0 || (metal && smooth))
 }
 
+/// Roughness factor of surfaces that are mirrors or clear glass to the eye: its square is the least alpha of the kernels.
+const CLEAR_ROUGHNESS: f32 = 0.032;
+
 /// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
 pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
@@ -290,6 +302,7 @@ struct Facts {
     transmission: usize,
     clearcoat: usize,
     focusing: usize,
+    clear: usize,
     anisotropy: usize,
     /// All but black ones.
     reflecting: usize,
@@ -318,6 +331,7 @@ impl Facts {
             facts.glossy += usize::from(!is_lambertian(m));
             facts.transmission += usize::from(!m.unlit && m.transmission > 0.0);
             facts.focusing += usize::from(focuses(m));
+            facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
             facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
             facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
             let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);

@@ -255,6 +255,15 @@ fn reflects_more(s: Surface) -> bool {
     @else { return false; }
 }
 
+// Whether the camera's ray goes on from there: a mirror or clear glass, to the eye.
+@if(chains)
+fn is_clear(s: Surface) -> bool {
+    var clear = s.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
+    @if(clearcoat) { clear = clear && s.coat.x == 0.0; }
+    @if(anisotropy) { clear = clear && all(s.tangent == vec3f(0.0)); }
+    return clear;
+}
+
 // Widest lobes of metals that count as focusing.
 @if(caustics) override focusing_alpha: f32;
 

@@ -96,6 +96,8 @@ fn begin_walk(ray: Ray) -> Walk {
     walk.group = 0u;
     walk.height = 0u;
     walk.done = false;
+    // The traversals of a small scene end within their turns, and yet there may be too many of them.
+    traversal_overrun |= traversal_turns >= MAX_TURNS;
     return walk;
 }
 

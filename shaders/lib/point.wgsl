@@ -2,6 +2,8 @@
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::bsdf::Surface;
+@if(chains) import package::lib::camera::view_direction;
+@if(chains) import package::lib::constants::INVALID_POINT;
 
 struct Point {
     // Where rays leave from.
@@ -10,19 +12,29 @@ struct Point {
     normal: u32,
 }
 
-// Vectors that a surface takes in the array `surfaces`: a; b and c; d; e.
-@if(!glossy) const SURFACE_VECTORS = 1u;
-@if(glossy && !transmission && !(clearcoat || anisotropy)) const SURFACE_VECTORS = 3u;
-@if(glossy && !transmission && (clearcoat || anisotropy)) const SURFACE_VECTORS = 4u;
-@if(glossy && transmission && !(clearcoat || anisotropy)) const SURFACE_VECTORS = 4u;
-@if(glossy && transmission && (clearcoat || anisotropy)) const SURFACE_VECTORS = 5u;
+// Vectors that a surface takes in the array `surfaces`: a; b and c; then, where they are, those at the places named.
+@if(glossy) const GLOSSY_VECTORS = 2u;
+@if(!glossy) const GLOSSY_VECTORS = 0u;
+@if(transmission) const TINT_VECTORS = 1u;
+@if(!transmission) const TINT_VECTORS = 0u;
+@if(clearcoat || anisotropy) const LOBE_VECTORS = 1u;
+@if(!(clearcoat || anisotropy)) const LOBE_VECTORS = 0u;
+@if(chains) const CHAIN_VECTORS = 1u;
+@if(!chains) const CHAIN_VECTORS = 0u;
+const TINT_VECTOR = 1u + GLOSSY_VECTORS;
+const LOBE_VECTOR = TINT_VECTOR + TINT_VECTORS;
+const CHAIN_VECTOR = LOBE_VECTOR + LOBE_VECTORS;
+const SURFACE_VECTORS = CHAIN_VECTOR + CHAIN_VECTORS;
 
 struct PackedSurface {
     a: vec4f,
     @if(glossy) b: vec4f,
     @if(glossy) c: vec4f,
-    @if(transmission) d: vec4f,
-    @if(clearcoat || anisotropy) e: vec4f,
+    @if(transmission) tint: vec4f,
+    @if(clearcoat || anisotropy) lobe: vec4f,
+    // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where the
+    // camera sees the point itself.
+    @if(chains) chain: vec4f,
 }
 
 fn pack_surface(s: Surface) -> PackedSurface {
@@ -32,14 +44,30 @@ fn pack_surface(s: Surface) -> PackedSurface {
         p.b = vec4f(s.f0, s.f90);
         p.c = vec4f(s.dielectric, s.alpha, 0.0);
     }
-    @if(transmission) { p.d = vec4f(s.tint, s.eta); }
-    @if(clearcoat) { p.e = vec4f(s.coat, 0.0, 0.0); }
+    @if(transmission) { p.tint = vec4f(s.tint, s.eta); }
+    @if(clearcoat) { p.lobe = vec4f(s.coat, 0.0, 0.0); }
     // A tangent of length 0 has no code: its width is negative.
     @if(anisotropy) {
-        p.e.z = select(-1.0, s.alpha_along, any(s.tangent != vec3f(0.0)));
-        p.e.w = bitcast<f32>(oct_encode16(s.tangent));
+        p.lobe.z = select(-1.0, s.alpha_along, any(s.tangent != vec3f(0.0)));
+        p.lobe.w = bitcast<f32>(oct_encode16(s.tangent));
     }
     return p;
+}
+
+// The chain that led to a point: what passes along it, and where it comes from.
+@if(chains)
+struct Chain {
+    throughput: vec3f,
+    view: vec3f,
+    // It has no link: the camera sees the point itself.
+    none: bool,
+}
+
+@if(chains)
+fn unpack_chain(chain: vec4f, position: vec3f) -> Chain {
+    let code = bitcast<u32>(chain.w);
+    let none = code == INVALID_POINT;
+    return Chain(chain.xyz, select(oct_decode16(code), view_direction(position), none), none);
 }
 
 fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Surface {
@@ -55,13 +83,13 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
         s.alpha = p.c.z;
     }
     @if(transmission) {
-        s.tint = p.d.xyz;
-        s.eta = p.d.w;
+        s.tint = p.tint.xyz;
+        s.eta = p.tint.w;
     }
-    @if(clearcoat) { s.coat = p.e.xy; }
+    @if(clearcoat) { s.coat = p.lobe.xy; }
     @if(anisotropy) {
-        s.alpha_along = p.e.z;
-        s.tangent = select(vec3f(0.0), oct_decode16(bitcast<u32>(p.e.w)), p.e.z >= 0.0);
+        s.alpha_along = p.lobe.z;
+        s.tangent = select(vec3f(0.0), oct_decode16(bitcast<u32>(p.lobe.w)), p.lobe.z >= 0.0);
     }
     return s;
 }

@@ -31,13 +31,8 @@ var<private> bounce_rays: u32;
 // Vertices before Russian roulette may end a path: the first few bounces carry most of the image.
 const FIRST_ROULETTE = 3u;
 
-// Highest chance to go on, so that paths end also where nothing is absorbed. Where surfaces keep more of the light than
-// its square root, the weights of the few long paths outgrow their number, and an image misses the light that they bring
-// without a sign of it: with 0.95 a closed room of albedo 0.99 was 17 % too dark.
-const MAX_SURVIVAL = 0.999;
-
 // Whether a path of this invocation came to carry more than this weight: what surfaces reflect beyond what they get, or far more
-// in some directions than paths are sent there. Roulette alone gives 1.07 after 64 bounces.
+// in some directions than paths are sent there. Roulette alone does not lead there.
 const HEAVY_WEIGHT = 8.0;
 var<private> heavy_path: bool;
 
@@ -148,7 +143,10 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
             }
             if bounce >= FIRST_ROULETTE {
                 let size = abs(throughput);
-                let survival = min(max(size.x, max(size.y, size.z)), MAX_SURVIVAL);
+                // Not less than what the path carries: the weights of the few long paths would outgrow their number where
+                // little is absorbed, and an image miss their light without a sign of it. (At most 0.95, a closed room of
+                // albedo 0.99 was 17 % too dark.) So paths in white rooms end by the bounces that are asked for.
+                let survival = min(max(size.x, max(size.y, size.z)), 1.0);
                 let lot = uniform_from_bits(hash3(vertex.seed, 0x726f756cu, vertex.sample_index));
                 going_on = lot < survival;
                 throughput /= survival;

@@ -104,6 +104,8 @@ pub const FEATURES: &[&str] = &[
     "photon_map",
     // Method: shadow photons take away the energy of light that other surfaces got.
     "negative_photons",
+    // Scene and method: the camera's rays go on through clear glass and over mirrors.
+    "chains",
     // Method: a map of its own brings what light focusing surfaces send on to those that are seen.
     "caustics",
     // Method: records bring the diffuse part of indirect light.
@@ -149,6 +151,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_PATH", 0x9000_0000),
     ("DIMENSION_FLUX", 0xa000_0000),
     ("DIMENSION_GATHER", 0xb000_0000),
+    ("DIMENSION_CHAIN", 0xc000_0000),
     ("MAX_GROUPS", super::frame::MAX_GROUPS),
     ("LEAST_RADIUS_PIXELS", crate::passes::gather::LEAST_RADIUS_PIXELS),
     ("PATH_GROUP", crate::passes::path::GROUP),

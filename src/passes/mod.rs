@@ -97,6 +97,7 @@ impl TileBuffers {
         let mut vectors: usize = 1 + parts.iter().filter(|(name, _)| features.has(name)).map(|(_, n)| n).sum::<usize>();
         // Coat and anisotropy share one.
         vectors -= usize::from(features.has("clearcoat") && features.has("anisotropy"));
+        vectors += usize::from(features.has("chains"));
         let samples = |on: bool, name: &str| on.then(|| gpu.buffer::<[f32; 4]>(name, points)).transpose();
         Ok(TileBuffers {
             points: gpu.buffer::<Point>("penumbra/primary/points", points)?,

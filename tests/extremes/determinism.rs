@@ -37,9 +37,9 @@ fn runs_are_the_same_bytes() {
         let runs = if technique == Technique::default() { 20 } else { 3 };
         // No classes among the channels, so that the pilot may leave the map out.
         let settings = Settings {
-            photons: 4096,
-            nearest: 8,
-            audit: 0.25,
+            photons: 8192,
+            nearest: 3,
+            audit: 0.5,
             aovs: vec![Aov::Direct, Aov::Variance, Aov::Normal],
             ..settings(technique, 24, 20, 8)
         };

@@ -27,20 +27,31 @@ fn light_that_bounces_without_end_is_refused() {
     assert!(error.contains("loop budget"), "{error}");
 }
 
-/// A furnace seen along its edges into a corner, by records and by gathering at each point: no record is too far, and
-/// none too near, to be right there.
+/// A furnace seen into a corner, by records and by gathering at each point: no record is too far, and none too near, to be
+/// right there.
 #[test]
 fn corners_are_as_white() {
+    const SIDE: u32 = 24;
     let towards = DVec3::new(-1.0, -1.0, -1.0);
     let eye = Eye { position: DVec3::splat(-0.3), towards, view: View::Perspective(0.8) };
     let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), Paint { radiance: 0.5, ..Paint::matte(0.5) });
     for cache in [true, false] {
-        let settings = Settings { cache, ..settings(Technique::ShadowPhotons, 24, 32, 32) };
+        let Settings { flux_photons, gather_rays, .. } = Settings::default();
+        let settings =
+            Settings { cache, flux_photons, gather_rays, ..settings(Technique::ShadowPhotons, SIDE, 32, 32) };
         let (image, _) = render(&stage, &settings);
-        let off = green(&image).map(|radiance| relative(radiance, 1.0)).fold(0.0, f64::max);
-        println!("cache {cache}: {off}");
-        // Half of the light is indirect, from the estimates of a few dozen photons.
-        assert!(off < 0.06, "cache {cache}: {off}");
+        let pixels: Vec<f64> = green(&image).collect();
+        let of = |least: u32| {
+            let within = |i: u32| (SIDE / 2).abs_diff(i % SIDE) < least && (SIDE / 2).abs_diff(i / SIDE) < least;
+            let chosen: Vec<f64> = (0..).zip(&pixels).filter(|(i, _)| within(*i)).map(|(_, x)| *x).collect();
+            chosen.iter().sum::<f64>() / chosen.len() as f64
+        };
+        let off = pixels.iter().map(|radiance| relative(*radiance, 1.0)).fold(0.0, f64::max);
+        println!("cache {cache}: mean {}, in the corner {}, worst pixel {off}", of(SIDE), of(3));
+        // The irradiance of places is that of some dozen photons: a tenth of the indirect half for one of them.
+        assert!(relative(of(SIDE), 1.0) < 0.01, "cache {cache}: {}", of(SIDE));
+        assert!(relative(of(3), 1.0) < 0.03, "cache {cache}: {} in the corner", of(3));
+        assert!(off < 0.2, "cache {cache}: {off}");
     }
 }
 
@@ -155,5 +166,5 @@ fn light_finds_its_way_through_a_slit() {
     let (off, error) = ((paths.0 - photons.0).abs(), paths.1.hypot(photons.1));
     // One in a hundred photons comes through: what they share is off by some percent.
     assert!(off < 3.5 * error + 0.05 * paths.0, "{photons:?}, paths {paths:?}");
-    assert!(3.5 * error < 0.1 * paths.0, "too noisy to tell");
+    assert!(3.5 * error < 0.15 * paths.0, "too noisy to tell");
 }

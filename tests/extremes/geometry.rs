@@ -6,14 +6,15 @@ use penumbra::stress::placement::room;
 use penumbra::stress::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, square};
 use penumbra::{Settings, Technique};
 
-use crate::setup::{assert_finite, assert_same, brightest, render, settings};
+use crate::setup::{assert_finite, assert_same, brightest, mean_and_error, render, settings, with_variance};
 
 /// Triangles whose corners coincide or lie on a line, emissive ones too, change no bit of the image.
 #[test]
 fn triangles_without_area_are_none() {
     let settings = settings(Technique::ShadowPhotons, 24, 2, 4);
     let (reference, _) = render(&room(), &settings);
-    let (a, b) = (DVec3::new(0.1, 0.2, 0.3), DVec3::new(-0.2, 0.1, 0.0));
+    // What f32 holds, and so does it the middle.
+    let (a, b) = (DVec3::new(0.125, 0.25, 0.25), DVec3::new(-0.25, 0.125, 0.0));
     let degenerate: Vec<Corners> = vec![[a, a, a], [a, b, a], [a, b, 0.5 * (a + b)]];
     let mut with = room();
     for part in &mut with.parts {
@@ -53,7 +54,8 @@ fn twins_are_one_surface() {
 }
 
 /// A closed box of double-sided walls without thickness, turned so that no edge lies along an axis, with a lamp in it, in a
-/// room without a light: nothing comes through its walls, edges and corners, by any technique.
+/// room without a light: nothing comes through its walls, edges and corners, by any technique but that of negative photons,
+/// whose darkness is a difference of two estimates.
 #[test]
 fn nothing_leaves_a_closed_box() {
     let turn = DAffine3::from_quat(DQuat::from_euler(EulerRot::XYZ, 0.4, 0.7, 0.2));
@@ -62,7 +64,7 @@ fn nothing_leaves_a_closed_box() {
         towards: DVec3::new(-0.4, -0.35, -0.5),
         view: View::Perspective(0.9),
     };
-    for technique in Technique::ALL {
+    for technique in Technique::ALL.into_iter().filter(|technique| *technique != Technique::NegativePhotons) {
         let stage = |open: bool| {
             let mut walls = cube(DVec3::ZERO, 0.2);
             if open {
@@ -81,7 +83,9 @@ fn nothing_leaves_a_closed_box() {
     }
 }
 
-/// A room is divided by a wall 1e-5 thick; the light is on the other side. By any technique there is none on this side.
+/// A room is divided by a wall 1e-5 thick; the light is on the other side. There is none on this side: exactly none where
+/// every point asks for itself, and none but noise that is 0 on average where photons beyond the wall are among a point's
+/// nearest. (Those are what `visibility-estimate` and `negative-photons` show.)
 #[test]
 fn nothing_passes_a_thin_wall() {
     let eye = Eye {
@@ -90,7 +94,7 @@ fn nothing_passes_a_thin_wall() {
         view: View::Perspective(1.3),
     };
     let side = |x: f64, facing: f64| square(DVec3::X * x, DVec3::Y * 0.5 * facing, DVec3::Z * 0.5);
-    for technique in Technique::ALL {
+    for technique in [Technique::Path, Technique::TwoPass, Technique::PhotonMap, Technique::ShadowPhotons] {
         let stage = |walled: bool| {
             let mut stage = Stage::new(eye)
                 .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(0.7))
@@ -100,24 +104,38 @@ fn nothing_passes_a_thin_wall() {
             }
             stage
         };
-        let settings = settings(technique, 24, 4, 8);
-        assert_eq!(brightest(&render(&stage(true), &settings).0), 0.0, "{technique}: light behind the wall");
-        assert!(brightest(&render(&stage(false), &settings).0) > 0.0, "{technique}: the test sees nothing");
+        let settings = with_variance(settings(technique, 24, 4, 8));
+        let ((behind, _), (open, _)) = (render(&stage(true), &settings), render(&stage(false), &settings));
+        assert!(mean(&open) > 0.01, "{technique}: the test sees nothing");
+        if technique == Technique::ShadowPhotons {
+            let (mean_behind, error) = mean_and_error(&behind);
+            println!("{mean_behind} +- {error} behind the wall, {} without it", mean(&open));
+            assert!(mean_behind.abs() <= 4.0 * error && error < 1e-3 * mean(&open), "{mean_behind} +- {error}");
+        } else {
+            assert_eq!(brightest(&behind), 0.0, "{technique}: light behind the wall");
+        }
     }
 }
 
-/// From inside a solid there is its inside, which is dark where the light is outside; from a point of a wall there is the
-/// room, and not the wall itself.
+/// From inside a solid there is its inside, which is dark where the light is outside (but for noise that is 0 on average,
+/// where photons on the outside of the far wall are a point's nearest); from a point of a wall there is the room, and not
+/// the wall itself.
 #[test]
 fn a_camera_may_be_anywhere() {
     let inside =
         Eye { position: DVec3::new(0.05, 0.0, 0.1), towards: DVec3::new(1.0, 0.3, -0.4), view: View::Perspective(2.0) };
-    for technique in [Technique::Path, Technique::ShadowPhotons] {
+    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
         let stage = Stage::new(inside)
             .with(cube(DVec3::ZERO, 0.2), Paint::matte(0.8))
             .with(inside_out(cube(DVec3::ZERO, 0.6)), Paint { radiance: 1.0, ..Paint::matte(0.5) });
-        let (image, _) = render(&stage, &settings(technique, 24, 4, 4));
-        assert_eq!(brightest(&image), 0.0, "{technique}: light in the cube");
+        let (image, _) = render(&stage, &with_variance(settings(technique, 24, 16, 4)));
+        if technique == Technique::ShadowPhotons {
+            let (mean, error) = mean_and_error(&image);
+            println!("{mean} +- {error} in the cube");
+            assert!(mean.abs() <= 4.0 * error && error < 0.01, "{mean} +- {error} in the cube");
+        } else {
+            assert_eq!(brightest(&image), 0.0, "{technique}: light in the cube");
+        }
         assert!(image.channel("A").unwrap().iter().all(|a| *a == 1.0), "{technique}: rays leave the cube");
     }
     // A black room whose walls emit 1; at its walls, at an edge, and in a corner.

@@ -141,7 +141,7 @@ fn records_of_the_least_radius_are_a_figure() {
 }
 
 /// Walls that reflect half as much again as they get: 1.5^6 is more than 8, so that all paths of eight bounces are heavy but those
-/// that meet the lamp. Where surfaces only reflect all that they get, none is: roulette makes up for one path in a thousand.
+/// that meet the lamp. Where surfaces reflect all that they get, none is.
 #[test]
 fn heavy_paths_are_counted() {
     let settings = Settings { max_bounces: 8, ..settings(Technique::Path) };

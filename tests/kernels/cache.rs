@@ -233,7 +233,7 @@ impl Setup {
 
 /// Which points reflect more than their diffuse part, where surfaces are glossy.
 fn is_glossy(i: usize) -> bool {
-    i % 3 == 0
+    i.is_multiple_of(3)
 }
 
 fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) -> Tile {

@@ -40,7 +40,7 @@ impl Choice {
         let panel = |i: f64| square(DVec3::new(0.1 * i, 0.0, 0.0), 0.04 * DVec3::X, 0.04 * DVec3::Y);
         let mut meshes: Vec<(Vec<Corners>, Material)> = vec![(panel(-5.0), plain.clone())];
         let materials = [
-            Material { metallic: 1.0, roughness: if self.has(32) { 0.1 } else { 1.0 }, ..plain.clone() },
+            Material { metallic: 1.0, roughness: if self.has(32) { 0.03 } else { 1.0 }, ..plain.clone() },
             Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
             Material { unlit: true, ..plain.clone() },
             Material { base_colour_texture: slot(0), ..plain.clone() },

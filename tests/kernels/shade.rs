@@ -135,7 +135,7 @@ impl Setup {
             DARK => return (DVec3::ZERO, 0.0, 0.0),
             LIT => 1.0,
             SHADOWED => 0.0,
-            _ => a,
+            _ => f64::from(a > 0.5),
         };
         let decided = class == LIT || class == SHADOWED;
         let (mut radiance, mut size) = (DVec3::ZERO, 0.0);
