@@ -1,10 +1,12 @@
 // film: sums the samples of the tile's pixels, compensated (Kahan 1965; Neumaier 1974), so that tens of thousands of
-// samples lose nothing that shows. A sample that is not finite is left out and counted.
+// samples lose nothing that shows. A sample that is not finite is left out and counted; so are pixels whose sum may come to
+// overflow, and squares that do.
 // In: `samples`, a vector a point. Out: in `sums` and `compensations`, a vector a pixel; compensations.w counts the
 // samples that were left out.
 
 import package::lib::dispatch::group_index;
-import package::lib::constants::COUNTER_NOT_FINITE;
+import package::lib::math::is_finite4;
+import package::lib::constants::{COUNTER_NOT_FINITE, COUNTER_NEAR_OVERFLOW};
 
 struct FilmParameters {
     pixel_count: u32,
@@ -22,11 +24,8 @@ struct FilmParameters {
 
 var<immediate> film_parameters: FilmParameters;
 
-// Bits, not comparisons: a compiler may assume that there are no NaNs.
-fn is_finite(v: vec4f) -> bool {
-    let exponents = bitcast<vec4u>(v) & vec4u(0x7f800000u);
-    return all(exponents != vec4u(0x7f800000u));
-}
+// 2^104: a sum beyond may overflow (at 2^128) within the 2^24 samples that a render can take.
+const NEAR_OVERFLOW = 2.028241e31;
 
 struct Sum {
     value: vec4f,
@@ -47,7 +46,7 @@ fn compensated(sum: Sum, x: vec4f) -> Sum {
 // Adds a sample to a pixel; false if it was left out.
 fn add_sample(pixel: u32, x: vec4f) -> bool {
     var sum = Sum(sums[pixel], compensations[pixel]);
-    let finite = is_finite(x);
+    let finite = is_finite4(x);
     if finite {
         sum = compensated(sum, x);
     } else {
@@ -69,6 +68,7 @@ fn accumulate(
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         if !add_sample(pixel, samples[film_parameters.first_point + i]) { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
+    if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
 // The squares of the sum of both parts of the radiance.
@@ -82,7 +82,7 @@ fn accumulate_squares(
     if pixel >= film_parameters.pixel_count { return; }
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
-        // Not counted: `accumulate` has counted the sample, unless only its square overflows.
-        _ = add_sample(pixel, x * x);
+        // A sample that is not finite itself is counted by `accumulate`.
+        if !add_sample(pixel, x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
     }
 }

@@ -9,7 +9,7 @@ import package::lib::bsdf::{bsdf_sample, leaving_normal};
 import package::lib::bvh::{trace_closest, traversal_overrun, traversal_turns};
 import package::lib::dispatch::group_index;
 import package::lib::light::{flux_window, light_emit};
-import package::lib::math::oct_encode7;
+import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{FLUX_MOST, Photon, flux_word};
 @if(!negative_photons) import package::lib::ray::{NO_HIT, Ray, offset_origin};
 @if(negative_photons) import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
@@ -36,8 +36,9 @@ struct FluxParameters {
 var<immediate> flux_pass: FluxParameters;
 
 @group(0) @binding(0) var<storage, read_write> flux_photons: array<Photon>;
-// Photons stored, traversals that gave up, rays traced, photons that carry more than their word holds.
-@group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, 4>;
+// Photons stored, traversals that gave up, rays traced, photons that carry more than their word holds, photons that are lost
+// as what they carry is no number.
+@group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, 5>;
 // The first ray of each light; behind the last one's the end.
 @group(0) @binding(2) var<storage, read> flux_rays: array<u32>;
 
@@ -46,6 +47,10 @@ var<immediate> flux_pass: FluxParameters;
 const FAR_AWAY = 1e30;
 
 fn store(position: vec3f, normal: vec3f, flux: vec3f, lot: f32, shadow: bool) {
+    if !is_finite3(flux) {
+        atomicAdd(&flux_counts[4], 1u);
+        return;
+    }
     if any(flux > vec3f(FLUX_MOST)) { atomicAdd(&flux_counts[3], 1u); }
     let at = flux_pass.stored + atomicAdd(&flux_counts[0], 1u);
     if at >= arrayLength(&flux_photons) { return; }

@@ -11,14 +11,14 @@ import package::lib::camera::pixel_size;
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::irradiance::irradiance_near;
 import package::lib::light::BEYOND_SCENE;
-import package::lib::math::{PI, basis, luminance, oct_decode16};
+import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
 import package::lib::point::{Point, SURFACE_VECTORS};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::record::{RECORD_HEAD, RECORD_VALUES};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::surface::surface_at;
-import package::lib::walk::{PathStart, Vertex, bounce_rays, shadow_rays, spread_along, walk};
-import package::lib::constants::{DIMENSION_GATHER, LEAST_RADIUS_PIXELS, COUNTER_GATHER_RAYS, COUNTER_OVERRUN};
+import package::lib::walk::{PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, spread_along, walk};
+import package::lib::constants::{DIMENSION_GATHER, LEAST_RADIUS_PIXELS, COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
 
 struct GatherParameters {
     // Of `wanted`.
@@ -89,6 +89,13 @@ fn gather_ray(id: u32) -> GatherRay {
     return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed);
 }
 
+// What a ray brings, where that is a number: one ray must not spoil a record, and all the points that it lights.
+fn finite_or_dark(brought: vec3f) -> vec3f {
+    let finite = is_finite3(brought);
+    if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
+    return select(vec3f(0.0), brought, finite);
+}
+
 @compute @workgroup_size(64)
 fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let id = group_index(group, groups) * GATHER_GROUP + lane;
@@ -120,7 +127,7 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             }
         }
     }
-    gathered[id] = brought;
+    gathered[id] = vec4f(finite_or_dark(brought.xyz), brought.w);
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }
 
@@ -146,8 +153,9 @@ fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     let start = PathStart(1u, spread_along(leaving.pdf, words.x));
     var brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
     @if(transmission) { brought.indirect *= found.transmittance; }
-    gathered[id] = vec4f(gathered[id].xyz + brought.indirect, words.x);
+    gathered[id] = vec4f(gathered[id].xyz + finite_or_dark(brought.indirect), words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);
+    if heavy_path { atomicAdd(&counters[COUNTER_HEAVY_PATHS], 1u); }
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }
 
@@ -218,9 +226,16 @@ fn record(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     var spacing = f32(rings * sectors) / inverse_distances;
     spacing = min(spacing, luminance(irradiance) / max(length(slope), 1e-20));
 
+    // A sum that overflows, or a gradient at no distance at all: a record of size 0 says nothing to anyone.
+    var finite = is_finite3(irradiance) && is_finite3(vec3f(spacing, footprint, 0.0));
+    for (var c = 0u; c < 3u; c++) {
+        finite &= is_finite3(translation[c]);
+        @if(smooth_normals || normal_maps) { finite &= is_finite3(rotation[c]); }
+    }
+    if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
     let head = (gather_pass.first + i) * RECORD_HEAD;
-    record_heads[head] = vec4f(position, footprint);
-    record_heads[head + 1u] = vec4f(normal, spacing);
+    record_heads[head] = vec4f(position, select(0.0, footprint, finite));
+    record_heads[head + 1u] = vec4f(normal, select(NOTHING, spacing, finite));
     let values = (gather_pass.first_record + i) * RECORD_VALUES;
     for (var c = 0u; c < 3u; c++) {
         record_values[values + c] = vec4f(translation[c], irradiance[c]);

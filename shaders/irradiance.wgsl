@@ -6,11 +6,12 @@ import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
 import package::lib::irradiance::encode_disc;
 import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
-@if(!(photon_map || caustics)) import package::lib::math::{PI, basis};
-@if(photon_map || caustics) import package::lib::math::{PI, basis, oct_decode16};
+@if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
+@if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, spoilt};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains && (photon_map || caustics)) import package::lib::point::CHAIN_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
+import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
@@ -38,7 +39,7 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @if(photon_map || caustics) @group(0) @binding(2) var<storage, read> points: array<Point>;
 @if(photon_map || caustics) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
 @if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-@if(photon_map || caustics) @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
 const MOST_LOOKS = 16384u;
@@ -53,7 +54,10 @@ const PROBES = 16u;
 fn irradiance(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    irradiances[i] = irradiance_at(places[i].position, photon_normal(places[i].word));
+    let found = irradiance_at(places[i].position, photon_normal(places[i].word));
+    let finite = is_finite3(found.xyz);
+    if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
+    irradiances[i] = select(vec4f(0.0, 0.0, 0.0, UNSURE), found, finite);
 }
 
 @if(photon_map)
@@ -65,8 +69,8 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     if points[i].normal != INVALID_POINT {
         let normal = oct_decode16(points[i].normal);
         light = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(points[i].position, normal).xyz / PI;
-        if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         @if(chains) { light *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
+        light = counted(light, i);
     }
     radiance_indirect[i] = vec4f(light, 1.0);
 }
@@ -82,9 +86,19 @@ fn caustics(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     @if(chains) { albedo *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
     if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
     let disc = flux_about(points[i].position, oct_decode16(points[i].normal));
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
-    if disc.radius <= 0.0 { return; }
-    radiance_indirect[i] += vec4f(albedo * disc.flux / (PI * PI * disc.radius * disc.radius), 0.0);
+    if disc.radius <= 0.0 && !traversal_overrun { return; }
+    radiance_indirect[i] += vec4f(counted(albedo * disc.flux / (PI * PI * disc.radius * disc.radius), i), 0.0);
+}
+
+// The light of point i, or what the film leaves out where too many photons were in its way. Counts light that is no number.
+@if(photon_map || caustics)
+fn counted(light: vec3f, i: u32) -> vec3f {
+    if traversal_overrun {
+        atomicAdd(&counters[COUNTER_OVERRUN], 1u);
+        return vec3f(spoilt(i));
+    }
+    if !is_finite3(light) { atomicAdd(&counters[COUNTER_NOT_FINITE_IRRADIANCE], 1u); }
+    return light;
 }
 
 // What the photons tell of a point, by density estimation; of direct light those with negative energy tell what is too much.

@@ -8,14 +8,14 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 @if(!chains) import package::lib::camera::view_direction;
 import package::lib::light::light_count;
-import package::lib::math::oct_decode16;
+import package::lib::math::{is_finite3, oct_decode16, spoilt};
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 @if(transmission) import package::lib::point::TINT_VECTOR;
 @if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
 @if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
 import package::lib::rng::hash2;
-import package::lib::walk::{PathRadiance, PathStart, Vertex, bounce_rays, shadow_rays, walk};
-import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_OVERRUN};
+import package::lib::walk::{PathRadiance, PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, walk};
+import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
 
 struct PathParameters {
     tile: Tile,
@@ -36,8 +36,12 @@ struct PathParameters {
 
 var<immediate> parameters: PathParameters;
 
+// Counts of two things: rays, of which an invocation traces no more than the MAX_TURNS of its loops, and above them
+// invocations whose radiance is not finite or whose path is heavy. An atomic for each would cost software devices more than the
+// counts tell.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
+const SECOND_COUNT = 24u;
 
 @compute @workgroup_size(64)
 fn path(
@@ -56,8 +60,12 @@ fn path(
     if i < items {
         @if(irradiance_cache) { i = path_points[i]; }
         var indirect = vec3f(0.0);
+        var finite = true;
         if points[i].normal != INVALID_POINT && light_count() > 0u {
-            let found = radiance_along(i);
+            var found = radiance_along(i);
+            finite = is_finite3(found.direct) && is_finite3(found.indirect);
+            // Of a path that met the loop budget nothing is known.
+            if traversal_overrun { found = PathRadiance(vec3f(spoilt(i)), vec3f(spoilt(i))); }
             let so_far = radiance_direct[i];
             radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
             indirect = found.indirect;
@@ -65,17 +73,22 @@ fn path(
         @if(irradiance_cache || photon_map) { indirect += radiance_indirect[i].xyz; }
         radiance_indirect[i] = vec4f(indirect, 0.0);
         if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
-        atomicAdd(&group_shadow_rays, shadow_rays);
-        atomicAdd(&group_bounce_rays, bounce_rays);
+        atomicAdd(&group_shadow_rays, shadow_rays + (u32(!finite) << SECOND_COUNT));
+        atomicAdd(&group_bounce_rays, bounce_rays + (u32(heavy_path) << SECOND_COUNT));
     }
     workgroupBarrier();
     if lane == 0u {
+        let shadows = atomicLoad(&group_shadow_rays);
+        let bounces = atomicLoad(&group_bounce_rays);
+        let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
         // The shadow rays that are counted as such are those of direct light, where that is another pass's.
-        @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], atomicLoad(&group_bounce_rays) + atomicLoad(&group_shadow_rays)); }
+        @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.x + rays.y); }
         @else {
-            atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&group_shadow_rays));
-            atomicAdd(&counters[COUNTER_BOUNCE_RAYS], atomicLoad(&group_bounce_rays));
+            atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);
+            atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.y);
         }
+        if shadows != rays.x { atomicAdd(&counters[COUNTER_NOT_FINITE_PATH], shadows >> SECOND_COUNT); }
+        if bounces != rays.y { atomicAdd(&counters[COUNTER_HEAVY_PATHS], bounces >> SECOND_COUNT); }
     }
 }
 

@@ -150,9 +150,13 @@ fn photons(
             }
         }
         stored = kept.count + u32(nearest_stores);
+        // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together. What the ray
+        // has met until then may not be its nearest surface.
+        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS {
+            atomicAdd(&traced_counts[1], 1u);
+            stored = 0u;
+        }
         if stored > 0u { rank = atomicAdd(&group_length, stored); }
-        // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together.
-        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS { atomicAdd(&traced_counts[1], 1u); }
     }
     workgroupBarrier();
     if lane == 0u {

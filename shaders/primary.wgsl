@@ -9,7 +9,7 @@ import package::lib::bvh::{trace_closest, traversal_overrun};
 @if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
 import package::lib::surface::surface_at;
-import package::lib::math::oct_encode16;
+import package::lib::math::{is_finite4, oct_encode16, spoilt};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
@@ -22,7 +22,7 @@ import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
 @if(chains) import package::lib::ray::{Ray, offset_origin};
 @if(chains) import package::lib::rng::{hash3, uniform_from_bits};
 @if(chains) import package::lib::surface::SurfaceHit;
-import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_OVERRUN};
+import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;
@@ -49,7 +49,6 @@ fn primary(
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);
@@ -77,6 +76,13 @@ fn primary(
             @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
             @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
         }
+    }
+    if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
+    // What a traversal that gave up has met is no sample of the pixel.
+    if traversal_overrun {
+        atomicAdd(&counters[COUNTER_OVERRUN], 1u);
+        point.normal = INVALID_POINT;
+        direct = vec4f(spoilt(i));
     }
     points[i] = point;
     radiance_direct[i] = direct;

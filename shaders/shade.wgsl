@@ -7,14 +7,14 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::math::oct_decode16;
+import package::lib::math::{is_finite3, oct_decode16};
 import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
-import package::lib::constants::INVALID_POINT;
+import package::lib::constants::{INVALID_POINT, COUNTER_NOT_FINITE_SHADE};
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 @if(transmission) import package::lib::point::TINT_VECTOR;
 @if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
@@ -41,6 +41,7 @@ struct ShadeParameters {
 @group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
 // Of each slot, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
 @if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 
 var<immediate> parameters: ShadeParameters;
 
@@ -196,6 +197,7 @@ fn shade(
         }
     }
     @if(chains) { sum *= chain.throughput; }
+    if !is_finite3(sum) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
 }

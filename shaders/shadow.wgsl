@@ -5,7 +5,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
-import package::lib::math::{oct_decode16, oct_encode7};
+import package::lib::math::{oct_decode16, oct_encode7, spoilt};
 import package::lib::light::shadow_ray;
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::point::Point;
@@ -36,6 +36,7 @@ struct ShadowParameters {
 @group(0) @binding(8) var<storage, read> queue_lengths: array<u32, 4>;
 @group(0) @binding(4) var<storage, read_write> visibility: array<u32>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(9) var<storage, read_write> radiance_direct: array<vec4f>;
 // Photons of the other kind where an audit contradicted a class, and how many.
 @if(audit) @group(0) @binding(6) var<storage, read_write> heal_photons: array<Photon>;
 @if(audit) @group(0) @binding(7) var<storage, read_write> heal_count: atomic<u32>;
@@ -65,6 +66,13 @@ fn asked_by(slot: u32) -> Asked {
         pixel_seed(tile, i),
         tile_sample(tile, i),
     );
+}
+
+// Of a slot whose rays met the loop budget nothing is known, and so nothing of the sample.
+fn leave_out(slot: u32) {
+    atomicAdd(&counters[COUNTER_OVERRUN], 1u);
+    let i = slot % parameters.tile.point_count;
+    radiance_direct[i] = vec4f(spoilt(i));
 }
 
 @compute @workgroup_size(64)
@@ -99,9 +107,9 @@ fn shadow(
         }
         atomicAdd(&rays_traced, traced);
         if seen > 0u && seen < traced { atomicAdd(&mixed_points, 1u); }
+        if traversal_overrun { leave_out(slot); }
     }
     workgroupBarrier();
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
     if lane == 0u {
         atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&mixed_points));
@@ -133,7 +141,7 @@ fn audit(
             atomicAdd(&rays_traced, 1u);
             let ray_seed = hash3(asked.seed, DIMENSION_SHADOW_ALPHA + asked.light, ~asked.sample_index);
             seen = !trace_occluded(shadow_ray(asked.position, asked.normal, chosen), ray_seed);
-            if seen != lit {
+            if seen != lit && !traversal_overrun {
                 atomicAdd(&mixed_points, 1u);
                 if is_near(classes[slot]) { atomicAdd(&wrong_near, 1u); }
                 let at = atomicAdd(&heal_count, 1u);
@@ -143,9 +151,9 @@ fn audit(
             }
         }
         visibility[slot * parameters.visibility_words] = u32(seen);
+        if traversal_overrun { leave_out(slot); }
     }
     workgroupBarrier();
-    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
     if lane == 0u {
         atomicAdd(&counters[COUNTER_AUDIT_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_AUDITS_WRONG], atomicLoad(&mixed_points));

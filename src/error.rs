@@ -40,6 +40,14 @@ pub enum Error {
         /// What the driver said.
         problem: String,
     },
+    /// The device has no memory left.
+    #[error(
+        "out of device memory in {at}; render a smaller image, with fewer photons, or choose another device with --device"
+    )]
+    OutOfMemory {
+        /// The buffer, pass or call that there was none for.
+        at: String,
+    },
     /// A kernel that does not compose, validate or bind. A defect of Penumbra, never of a scene.
     #[error("kernel {kernel}: {problem}")]
     Kernel {
@@ -94,7 +102,7 @@ impl Error {
             Error::Input { .. } | Error::Output { .. } => 3,
             Error::Usage(_) => 2,
             Error::NoDevice(_) | Error::DeviceLost { .. } => 4,
-            Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
+            Error::OutOfMemory { .. } | Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
         }
     }
 }

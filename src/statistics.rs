@@ -33,6 +33,8 @@ pub struct Statistics {
     pub audits: Audits,
     /// Samples that were not finite, and left out of the image.
     pub not_finite: u64,
+    /// What the render noticed of its own arithmetic and limits.
+    pub conditioning: Conditioning,
     /// Seconds.
     pub time: Times,
     /// Bytes.
@@ -197,6 +199,63 @@ impl Audits {
     }
 }
 
+/// What a render notices of its own arithmetic and limits. Where a count says that the image may be wrong or needlessly dear,
+/// [`Statistics::notes`] has a line on it, and an EXR the attribute `penumbra:conditioning`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Conditioning {
+    /// Values that were not finite, by the pass that made them.
+    pub not_finite: NotFinite,
+    /// Sums of a pixel beyond 2^104, once for each of the batches that left them there, and squares that overflow.
+    pub near_overflow: u64,
+    /// Points that asked the visibility map and found too few photons near; see [`Points::unknown`].
+    pub unknown: u64,
+    /// Irradiance records of the least radius, three pixels.
+    pub least_records: u64,
+    /// Paths that came to carry a weight above 8 after Russian roulette.
+    pub heavy_paths: u64,
+    /// Invocations of kernels that met the loop budget. Their samples are left out of the image, their photons of the maps.
+    pub overruns: u64,
+    /// Devices that were lost, and replaced, under the render.
+    pub devices_lost: u64,
+}
+
+/// Values that were not finite, by the pass that made them. What a sample of a pixel then brings is left out of the image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct NotFinite {
+    /// Photons of the global map: not stored.
+    pub flux: u64,
+    /// Irradiance at places, which then tell nothing; and points that are shown the map.
+    pub irradiance: u64,
+    /// Rays of final gathers, taken for dark, and records, taken for none.
+    pub gather: u64,
+    /// Camera rays.
+    pub primary: u64,
+    /// Direct light of points.
+    pub shade: u64,
+    /// Paths.
+    pub path: u64,
+}
+
+impl NotFinite {
+    /// The counts with the names of their passes, in the order in which those run.
+    pub fn named(&self) -> [(&'static str, u64); 6] {
+        let NotFinite { flux, irradiance, gather, primary, shade, path } = *self;
+        [
+            ("flux", flux),
+            ("irradiance", irradiance),
+            ("gather", gather),
+            ("primary", primary),
+            ("shade", shade),
+            ("path", path),
+        ]
+    }
+
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.named().iter().map(|(_, count)| count).sum()
+    }
+}
+
 /// Seconds of wall time, and of the device by pass.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Times {
@@ -262,7 +321,7 @@ pub enum Counter {
     PenumbraSeen,
     /// [`Statistics::not_finite`].
     NotFinite,
-    /// Traversals or paths that met the loop budget: the result cannot be trusted.
+    /// [`Conditioning::overruns`].
     Overrun,
     /// [`Points::dark`].
     Dark,
@@ -280,9 +339,25 @@ pub enum Counter {
     NearAudited,
     /// Those of them whose shadow ray contradicted the class.
     AuditsWrongNear,
+    /// [`Conditioning::near_overflow`].
+    NearOverflow,
+    /// [`Conditioning::heavy_paths`].
+    HeavyPaths,
+    /// [`NotFinite::flux`]: the host adds what the pass counts apart.
+    NotFiniteFlux,
+    /// [`NotFinite::irradiance`].
+    NotFiniteIrradiance,
+    /// [`NotFinite::gather`].
+    NotFiniteGather,
+    /// [`NotFinite::primary`].
+    NotFinitePrimary,
+    /// [`NotFinite::shade`].
+    NotFiniteShade,
+    /// [`NotFinite::path`].
+    NotFinitePath,
 }
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 17;
+    pub const COUNT: usize = 25;
 }

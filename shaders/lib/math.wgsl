@@ -6,6 +6,20 @@ fn safe_sqrt(x: f32) -> f32 {
     return sqrt(max(x, 0.0));
 }
 
+// Whether no component is infinite or NaN. By bits: a compiler may assume that comparisons never see a NaN.
+fn is_finite4(v: vec4f) -> bool {
+    return all((bitcast<vec4u>(v) & vec4u(0x7f800000u)) != vec4u(0x7f800000u));
+}
+
+fn is_finite3(v: vec3f) -> bool {
+    return is_finite4(vec4f(v, 0.0));
+}
+
+// A NaN, whatever the bits: compilers refuse one that they can see. The film leaves out the sample that holds it.
+fn spoilt(bits: u32) -> f32 {
+    return bitcast<f32>(bits | 0x7fc00000u);
+}
+
 // The angle, 0 to pi, of a vector (x, y) with the x axis, for y >= 0 that are not both 0. To two units in the last place,
 // where WGSL grants its own atan2 4096 of them and lavapipe takes 130: polygons seen from afar are sums of angles that
 // cancel. (Cephes' atanf: the polynomial is good to tan(pi / 8), all else is reflected there.)

@@ -31,6 +31,11 @@ var<private> bounce_rays: u32;
 // Vertices before Russian roulette may end a path: the first few bounces carry most of the image.
 const FIRST_ROULETTE = 3u;
 
+// Whether a path of this invocation came to carry more than this weight: what surfaces reflect beyond what they get, or far more
+// in some directions than paths are sent there. Roulette alone does not lead there.
+const HEAVY_WEIGHT = 8.0;
+var<private> heavy_path: bool;
+
 // Turns of the searches for a direction of the environment, of 1024 x 512 cells at most.
 @if(environment) const ENVIRONMENT_TURNS = 20u;
 
@@ -145,6 +150,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
                 let lot = uniform_from_bits(hash3(vertex.seed, 0x726f756cu, vertex.sample_index));
                 going_on = lot < survival;
                 throughput /= survival;
+                heavy_path |= going_on && max(size.x, max(size.y, size.z)) > HEAVY_WEIGHT * survival;
                 @if(caustics) { residual_throughput /= survival; }
             }
         }

@@ -1,28 +1,50 @@
-//! Ctrl-C and termination, turned into a question that the render loop asks.
+//! Ctrl-C and termination: they end the process at once while there is nothing to save, and are a question that the render
+//! loop asks from then on. A second one ends it at once whatever it does. No half-written file is left.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 
+use penumbra::film;
 use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::iterator::Signals;
+use signal_hook::low_level;
 
-/// Set by the first signal; a second one ends the process.
-pub struct Interrupt(Arc<AtomicBool>);
+/// What signals have come, and what is to become of the next.
+pub struct Interrupt(Arc<State>);
+
+#[derive(Default)]
+struct State {
+    deferred: AtomicBool,
+    raised: AtomicBool,
+}
 
 impl Interrupt {
-    /// Listens from now on.
+    /// Listens from now on, in a thread of its own: a signal handler could not tidy up.
     pub fn listen() -> Self {
-        let raised = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
-            // In this order, so that the first signal finds the flag down. Where a handler cannot be set, the signal
-            // ends the process as it would have without us.
-            let _ = flag::register_conditional_shutdown(signal, 128 + signal, raised.clone());
-            let _ = flag::register(signal, raised.clone());
+        let state = Arc::new(State::default());
+        // Where no handler can be set, the signal ends the process as it would have without us.
+        if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
+            let state = state.clone();
+            thread::spawn(move || {
+                for signal in signals.forever() {
+                    let again = state.raised.swap(true, Ordering::SeqCst);
+                    if again || !state.deferred.load(Ordering::SeqCst) {
+                        film::abandon_writes();
+                        low_level::exit(128 + signal);
+                    }
+                }
+            });
         }
-        Interrupt(raised)
+        Interrupt(state)
+    }
+
+    /// From now on there is something to save: the first signal only raises the question.
+    pub fn defer(&self) {
+        self.0.deferred.store(true, Ordering::SeqCst);
     }
 
     pub fn raised(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.0.raised.load(Ordering::SeqCst)
     }
 }

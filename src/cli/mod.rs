@@ -55,7 +55,8 @@ Exit codes:
   3    a file that cannot be read, understood or written
   4    no Vulkan device, or the device was lost
   5    compare: the difference is above the limit
-  130  stopped with Ctrl-C, after writing what there was";
+  130  stopped with Ctrl-C or SIGTERM, after writing what there was; at once where there was nothing, or by a second signal
+  143  stopped with SIGTERM, likewise at once";
 
 /// How a command ended that did not fail.
 enum Ending {

@@ -1,15 +1,17 @@
 //! `penumbra render`.
 
 use std::io::Write;
-use std::path::PathBuf;
-use std::thread;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use std::{env, fs, process, thread};
 
 use penumbra::film::{self, View};
 use penumbra::gpu::Gpu;
 use penumbra::report::estimate;
 use penumbra::report::metrics::Measures;
 use penumbra::report::reference::Reference;
+use penumbra::techniques::Checkpoint;
+use penumbra::techniques::recovery::{self, Failure, Salvage};
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;
@@ -83,69 +85,132 @@ const LEAST_SAMPLES: u32 = 8;
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
-    arguments.check()?;
-    let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
-
-    let opened = arguments.load_and_open()?;
-    let Opened { scene, camera, settings, reference, gpu, .. } = opened;
-    notes.say(&scene.notes);
-    let mut renderer = Renderer::new(&gpu, scene, &camera, &settings)?;
-    notes.say(renderer.notes());
-    if let Some(path) = arguments.checkpoint.as_ref().filter(|_| arguments.resume) {
-        renderer.resume(path)?;
-    }
-
-    // Before this a signal ends the process: there is nothing to save yet.
     let interrupt = Interrupt::listen();
-    let deadline = arguments.time.map(|time| started + time);
-    if !arguments.quiet {
-        let Settings { width, height, technique, .. } = settings;
-        say(format_args!("rendering {width} x {height} pixels, {technique}, on {}", gpu.info.name));
-    }
-    let mut display = Display::new(Goal { spp: settings.spp, deadline }, arguments.quiet);
-    let mut batch = Instant::now();
-    let mut written = Instant::now();
-    let mut noise = Noise { limit: arguments.noise, due: LEAST_SAMPLES, estimate: None };
-    while renderer.samples() < settings.spp {
-        display.update(&renderer.render_batch()?);
-        let took = batch.elapsed();
-        batch = Instant::now();
-        // Another batch, were it to take as long, would end too late.
-        let late = deadline.is_some_and(|deadline| batch + took > deadline);
-        if interrupt.raised() || late || noise.is_reached(&renderer)? {
-            break;
+    arguments.check()?;
+    let Opened { scene, camera, settings, reference, gpu, import, start } = arguments.load_and_open()?;
+    let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
+    let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
+    notes.say(&scene.notes);
+    let mut session =
+        Session { arguments, interrupt, started, import, start, spp: settings.spp, said: false, notes, stopped: false };
+    let open = || arguments.device.open();
+    let rendered = recovery::render(
+        gpu,
+        open,
+        |gpu| Renderer::new(gpu, scene.clone(), &camera, &settings),
+        from,
+        |renderer| session.render(renderer),
+    );
+    let image = match rendered {
+        Ok(image) => image,
+        Err(Failure { error, salvage }) => {
+            // What went wrong with files was after the image, or is told before there is one.
+            if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
+                session.stopped = true;
+                let Salvage { image, statistics, checkpoint } = *salvage;
+                // The error that ended the render is the one to report.
+                let _ = session.finish(image, statistics, Some(&checkpoint));
+            }
+            return Err(error);
         }
-        if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
-            renderer.save_checkpoint(path)?;
-            written = Instant::now();
-        }
+    };
+    if let Some(reference) = reference {
+        print(&compare::text(&Measures::new(&image, &reference.image)?))?;
     }
-    drop(display);
-    let stopped = interrupt.raised() && renderer.samples() < settings.spp;
-    notes.say(renderer.notes());
+    Ok(if session.stopped { Ending::Stopped } else { Ending::Done })
+}
 
-    let checkpointed = arguments.checkpoint.iter().try_for_each(|path| renderer.save_checkpoint(path));
-    let image = arguments.finished(renderer.image()?);
-    let mut statistics = renderer.statistics()?;
-    statistics.time.start = opened.start;
-    statistics.time.import = opened.import;
-    if !arguments.quiet {
-        say(summary(&statistics, stopped));
-        if let Some(estimate) = noise.estimate {
+/// A render from its first sample to its files, whatever becomes of the devices that it runs on.
+struct Session<'a> {
+    arguments: &'a Arguments,
+    interrupt: Interrupt,
+    started: Instant,
+    /// Seconds that reading the scene and opening the device took.
+    import: f64,
+    start: f64,
+    spp: u32,
+    /// The user knows that it renders.
+    said: bool,
+    notes: Notes,
+    /// By a signal, or a fault.
+    stopped: bool,
+}
+
+impl Session<'_> {
+    /// Takes samples until there are enough, and writes what there is.
+    fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
+        let arguments = self.arguments;
+        self.notes.say(renderer.notes());
+        // Before this there is nothing to save.
+        self.interrupt.defer();
+        let deadline = arguments.time.map(|time| self.started + time);
+        if !arguments.quiet && !self.said {
+            let Settings { width, height, technique, .. } = renderer.settings();
+            say(format_args!("rendering {width} x {height} pixels, {technique}, on {}", renderer.gpu().info.name));
+            self.said = true;
+        }
+        let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
+        let mut batch = Instant::now();
+        let mut written = Instant::now();
+        let mut noise = Noise { limit: arguments.noise, due: LEAST_SAMPLES, estimate: None };
+        while renderer.samples() < self.spp {
+            display.update(&renderer.render_batch()?);
+            let took = batch.elapsed();
+            batch = Instant::now();
+            // Another batch, were it to take as long, would end too late.
+            let late = deadline.is_some_and(|deadline| batch + took > deadline);
+            if self.interrupt.raised() || late || noise.is_reached(renderer)? {
+                break;
+            }
+            if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
+                // A disk that is full now may have room the next time.
+                if let Err(problem @ Error::Output { .. }) = renderer.checkpoint()?.write(path) {
+                    self.notes.say(&[format!("{problem}; the render goes on")]);
+                }
+                written = Instant::now();
+            }
+        }
+        drop(display);
+        self.stopped = self.interrupt.raised() && renderer.samples() < self.spp;
+        self.notes.say(renderer.notes());
+        let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
+        let (image, statistics) = (renderer.image()?, renderer.statistics()?);
+        if let Some(estimate) = noise.estimate.filter(|_| !arguments.quiet) {
             let rest =
                 if statistics.indirect.photons > 0 { " but for what all samples share of the photons" } else { "" };
             say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
         }
+        self.finish(image, statistics, checkpoint.as_ref())
     }
-    let written = arguments.write(&image);
-    statistics.notes = notes.said;
-    statistics.time.total = started.elapsed().as_secs_f64();
-    arguments.write_statistics(&statistics)?;
-    written.and(checkpointed)?;
-    if let Some(reference) = reference {
-        print(&compare::text(&Measures::new(&image, &reference.image)?))?;
+
+    /// Says what was rendered and writes every file that was asked for, also after one that fails.
+    fn finish(&mut self, image: Image, mut statistics: Statistics, checkpoint: Option<&Checkpoint>) -> Result<Image> {
+        let arguments = self.arguments;
+        let image = arguments.finished(image);
+        if !arguments.quiet {
+            say(summary(&statistics, self.stopped));
+        }
+        self.notes.say(&statistics.notes);
+        let checkpointed = match (&arguments.checkpoint, checkpoint) {
+            (Some(path), Some(checkpoint)) => written(path, || checkpoint.write(path)),
+            _ => Ok(()),
+        };
+        let written = arguments.write(&image);
+        statistics.notes.clone_from(&self.notes.said);
+        statistics.time.start = self.start;
+        statistics.time.import = self.import;
+        statistics.time.total = self.started.elapsed().as_secs_f64();
+        written.and(arguments.write_statistics(&statistics)).and(checkpointed)?;
+        Ok(image)
     }
-    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// Writes a file. A folder that was there at the start and is gone is made anew.
+fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
+    write().or_else(|problem| match path.parent() {
+        Some(folder) if !folder.exists() && fs::create_dir_all(folder).is_ok() => write(),
+        _ => Err(problem),
+    })
 }
 
 /// What a render starts from, and the seconds that it took.
@@ -215,23 +280,34 @@ impl Arguments {
         image
     }
 
-    /// Writes every output, also after one that fails: a render is not lost because one disk is full.
+    /// Writes every output, also after one that fails. Where one fails the image is kept in the folder for temporary files, as
+    /// a render is not lost because one disk is full.
     fn write(&self, image: &Image) -> Result<()> {
         let mut result = Ok(());
         for path in &self.output {
-            let written = image.write(path, self.view, self.exposure);
-            if written.is_ok() && !self.quiet {
+            let outcome = written(path, || image.write(path, self.view, self.exposure));
+            if outcome.is_ok() && !self.quiet {
                 say(format_args!("wrote {}", path.display()));
             }
-            result = result.and(written);
+            result = result.and(outcome);
         }
-        result
+        result.map_err(|error| match error {
+            Error::Output { file, problem } => {
+                let rescue = env::temp_dir().join(format!("penumbra-{}.exr", process::id()));
+                let kept = match image.write_exr(&rescue) {
+                    Ok(()) => format!("; the image is in {}", rescue.display()),
+                    Err(_) => String::new(),
+                };
+                Error::Output { file, problem: problem + &kept }
+            }
+            other => other,
+        })
     }
 
     fn write_statistics(&self, statistics: &Statistics) -> Result<()> {
         let Some(path) = &self.stats else { return Ok(()) };
         let text = json(statistics).map_err(|problem| Error::output(path, problem))?;
-        film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?))
+        written(path, || film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?)))
     }
 }
 

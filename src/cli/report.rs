@@ -72,6 +72,7 @@ const FILES: [&str; 7] =
     ["report.json", "report.csv", "report.html", "error.svg", "rays.svg", "passes.svg", "reference.exr"];
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let interrupt = Interrupt::listen();
     arguments.check()?;
     let cache = arguments.cache()?;
     let (scene, camera) = arguments.scene.load()?;
@@ -82,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let subject = Subject { gpu: &gpu, scene: &scene, camera: &camera, settings: &settings };
     let folder = cache_folder(&cache, &subject);
 
-    let interrupt = Interrupt::listen();
+    interrupt.defer();
     let stop = || interrupt.raised();
     let tell = |line: String| {
         if !arguments.quiet {
@@ -149,6 +150,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let timed: f64 = runs.iter().map(|run| run.time).sum();
     report.overhead = Overhead::new(timed, (counted + resumed.elapsed()).as_secs_f64());
 
+    // It was there at the start.
+    fs::create_dir_all(&arguments.output).map_err(|problem| Error::output(&arguments.output, problem))?;
     let [document, csv, html, error, rays, passes, image] = FILES.map(|name| arguments.output.join(name));
     let text = json(&report).map_err(|problem| Error::output(&document, problem))?;
     write(&document, &(text + "\n"))?;

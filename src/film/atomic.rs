@@ -1,9 +1,11 @@
 //! Files that are replaced whole or not at all.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard};
 
 use crate::{Error, Result};
 
@@ -27,10 +29,7 @@ pub fn write_atomically(
         let mut file = BufWriter::new(file);
         write(&mut file)?;
         file.into_inner()?.sync_all()?;
-        fs::rename(&temporary.0, target)?;
-        // The name is gone with the rename, so there is nothing to remove.
-        std::mem::forget(temporary);
-        Ok(())
+        Ok(temporary.rename(&target)?)
     };
     replace().map_err(|problem| Error::output(path, problem))
 }
@@ -66,6 +65,24 @@ fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
     Ok((target, folder))
 }
 
+/// Removes what all writes that are under way have written, and lets none begin or end any more: for a process that is about
+/// to end at once. Files are then as they were, or whole.
+pub fn abandon_writes() {
+    let under_way = under_way();
+    for path in under_way.iter() {
+        // Nothing more can be done where this fails.
+        let _ = fs::remove_file(path);
+    }
+    // Held until the process ends.
+    std::mem::forget(under_way);
+}
+
+/// The temporary files there are. Who holds the lock may make one, rename it or remove it.
+fn under_way() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    static UNDER_WAY: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    UNDER_WAY.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
 /// A file that goes when it is dropped.
 struct Temporary(PathBuf);
 
@@ -73,11 +90,15 @@ impl Temporary {
     /// A new file in `folder`, of the mode that any new file gets (a file of the `tempfile` kind is its owner's alone).
     fn create(folder: &Path) -> io::Result<(Self, File)> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
+        let mut under_way = under_way();
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
             let path = folder.join(format!(".penumbra-{}-{number}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
-                Ok(file) => return Ok((Temporary(path), file)),
+                Ok(file) => {
+                    under_way.insert(path.clone());
+                    return Ok((Temporary(path), file));
+                }
                 // Left by a process of this number that was killed.
                 Err(problem) if problem.kind() == ErrorKind::AlreadyExists => continue,
                 Err(problem) => return Err(problem),
@@ -86,8 +107,26 @@ impl Temporary {
     }
 }
 
+impl Temporary {
+    /// Puts it in the place of `target`.
+    fn rename(self, target: &Path) -> io::Result<()> {
+        let mut under_way = under_way();
+        if let Err(problem) = fs::rename(&self.0, target) {
+            // To be dropped without the lock, which it takes itself.
+            drop(under_way);
+            return Err(problem);
+        }
+        under_way.remove(&self.0);
+        // The name is gone with the rename, so there is nothing to remove.
+        std::mem::forget(self);
+        Ok(())
+    }
+}
+
 impl Drop for Temporary {
     fn drop(&mut self) {
+        let mut under_way = under_way();
+        under_way.remove(&self.0);
         // Nothing more can be done where this fails, and the error that led here is the one to report.
         let _ = fs::remove_file(&self.0);
     }

@@ -14,7 +14,7 @@ use std::path::Path;
 
 use crate::{Error, Result};
 
-pub use atomic::{check_target, write_atomically};
+pub use atomic::{abandon_writes, check_target, write_atomically};
 pub use tone_map::View;
 
 /// An image: channels of one size, rows top to bottom.

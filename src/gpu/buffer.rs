@@ -1,7 +1,6 @@
 //! Buffers and tables on the device.
 
 use bytemuck::{Pod, Zeroable};
-use wgpu::util::DeviceExt as _;
 
 use crate::{Error, Result};
 
@@ -54,6 +53,7 @@ impl Gpu {
             usage: usages(),
             mapped_at_creation: false,
         });
+        self.check(label)?;
         Ok(Buffer { raw, label: label.to_owned(), bytes })
     }
 
@@ -63,13 +63,22 @@ impl Gpu {
     /// As [`Gpu::buffer`].
     pub fn upload<T: Pod>(&self, label: &str, data: &[T]) -> Result<Buffer> {
         let bytes = self.checked_bytes(label, size_of_val(data) as u64)?;
-        let mut contents = bytemuck::cast_slice::<T, u8>(data).to_vec();
-        contents.resize(bytes as usize, 0);
-        let raw = self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        let data: &[u8] = bytemuck::cast_slice(data);
+        let raw = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
-            contents: &contents,
+            size: bytes,
             usage: usages(),
+            mapped_at_creation: true,
         });
+        // A lost device and one without memory give a buffer that cannot be mapped.
+        match raw.get_mapped_range_mut(..) {
+            Ok(mut view) => view.slice(..data.len()).copy_from_slice(data),
+            Err(problem) => {
+                self.check(label)?;
+                return Err(Error::DeviceLost { at: label.to_owned(), problem: one_line(&problem.to_string()) });
+            }
+        }
+        raw.unmap();
         Ok(Buffer { raw, label: label.to_owned(), bytes })
     }
 
@@ -91,6 +100,15 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn read<T: Pod + Zeroable>(&self, buffer: &Buffer, count: usize) -> Result<Vec<T>> {
+        self.read_from(buffer, 0, count)
+    }
+
+    /// Reads `count` values of `buffer` from number `first` on, whose place must be a multiple of four bytes; as
+    /// [`Gpu::read`].
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn read_from<T: Pod + Zeroable>(&self, buffer: &Buffer, first: usize, count: usize) -> Result<Vec<T>> {
         let bytes = (count * size_of::<T>()) as u64;
         if bytes == 0 {
             return Ok(Vec::new());
@@ -102,7 +120,8 @@ impl Gpu {
             mapped_at_creation: false,
         });
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging, 0, bytes.next_multiple_of(4));
+        let at = (first * size_of::<T>()) as u64;
+        encoder.copy_buffer_to_buffer(&buffer.raw, at, &staging, 0, bytes.next_multiple_of(4));
         self.queue.submit([encoder.finish()]);
         let mut data = vec![T::zeroed(); count];
         self.map(&staging, &buffer.label, |view| {
@@ -115,7 +134,7 @@ impl Gpu {
     pub(super) fn map(&self, staging: &wgpu::Buffer, at: &str, use_bytes: impl FnOnce(&[u8])) -> Result<()> {
         staging.map_async(wgpu::MapMode::Read, .., |_| ());
         self.wait(at)?;
-        let lost = |e: wgpu::MapRangeError| Error::DeviceLost { at: at.to_owned(), problem: e.to_string() };
+        let lost = |e: wgpu::MapRangeError| Error::DeviceLost { at: at.to_owned(), problem: one_line(&e.to_string()) };
         use_bytes(&staging.get_mapped_range(..).map_err(lost)?);
         staging.unmap();
         Ok(())
@@ -221,6 +240,11 @@ pub enum TableFormat {
     Float,
     /// `texture_storage_2d<rgba32uint, read>` or `array<vec4u>`.
     Uint,
+}
+
+/// Errors of wgpu are paragraphs.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn usages() -> wgpu::BufferUsages {

@@ -167,6 +167,13 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_PENUMBRA_SEEN", Counter::PenumbraSeen as u32),
     ("COUNTER_NOT_FINITE", Counter::NotFinite as u32),
     ("COUNTER_OVERRUN", Counter::Overrun as u32),
+    ("COUNTER_NEAR_OVERFLOW", Counter::NearOverflow as u32),
+    ("COUNTER_HEAVY_PATHS", Counter::HeavyPaths as u32),
+    ("COUNTER_NOT_FINITE_IRRADIANCE", Counter::NotFiniteIrradiance as u32),
+    ("COUNTER_NOT_FINITE_GATHER", Counter::NotFiniteGather as u32),
+    ("COUNTER_NOT_FINITE_PRIMARY", Counter::NotFinitePrimary as u32),
+    ("COUNTER_NOT_FINITE_SHADE", Counter::NotFiniteShade as u32),
+    ("COUNTER_NOT_FINITE_PATH", Counter::NotFinitePath as u32),
     // The counts by class: the class is added to the first one.
     ("COUNTER_DARK", Counter::Dark as u32),
     ("LIGHT_MESH", crate::tables::lights::MESH),

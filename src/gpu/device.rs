@@ -73,7 +73,7 @@ pub struct Gpu {
 #[derive(Clone, Debug)]
 enum Fault {
     Lost(String),
-    Memory(String),
+    Memory,
     Other(String),
 }
 
@@ -168,7 +168,7 @@ impl Gpu {
         let seen = fault.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let fault = match error {
-                wgpu::Error::OutOfMemory { source } => Fault::Memory(source.to_string()),
+                wgpu::Error::OutOfMemory { .. } => Fault::Memory,
                 other => Fault::Other(other.to_string()),
             };
             seen.lock().unwrap_or_else(|e| e.into_inner()).get_or_insert(fault);
@@ -188,15 +188,13 @@ impl Gpu {
     /// What went wrong on the device since it was opened, if anything did. `at` names what was under way.
     ///
     /// # Errors
-    /// [`Error::DeviceLost`], [`Error::Buffer`] for want of memory, or [`Error::Kernel`] for misuse of the device.
+    /// [`Error::DeviceLost`], [`Error::OutOfMemory`], or [`Error::Kernel`] for misuse of the device.
     pub fn check(&self, at: &str) -> Result<()> {
         let fault = self.fault.lock().unwrap_or_else(|e| e.into_inner()).clone();
         match fault {
             None => Ok(()),
             Some(Fault::Lost(problem)) => Err(Error::DeviceLost { at: at.to_owned(), problem }),
-            Some(Fault::Memory(problem)) => {
-                Err(Error::DeviceLost { at: at.to_owned(), problem: format!("out of device memory: {problem}") })
-            }
+            Some(Fault::Memory) => Err(Error::OutOfMemory { at: at.to_owned() }),
             Some(Fault::Other(problem)) => Err(Error::kernel(at, problem)),
         }
     }
@@ -206,9 +204,21 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn wait(&self, at: &str) -> Result<()> {
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|e| Error::DeviceLost { at: at.to_owned(), problem: e.to_string() })?;
-        self.check(at)
+        // wgpu panics where the driver tells of a lost device while it waits, after it has told the device's callback.
+        let poll = || self.device.poll(wgpu::PollType::wait_indefinitely());
+        let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
+        self.check(at)?;
+        let lost = |problem: String| Error::DeviceLost { at: at.to_owned(), problem };
+        match outcome {
+            Ok(polled) => polled.map(drop).map_err(|e| lost(e.to_string())),
+            Err(_) => Err(lost("waiting for it failed".to_owned())),
+        }
+    }
+
+    /// Loses the device, as a driver does that resets it, whatever is under way: for tests of what then follows.
+    pub fn lose(&self) {
+        self.device.destroy();
+        let fault = Fault::Lost("it was lost on purpose".to_owned());
+        *self.fault.lock().unwrap_or_else(|e| e.into_inner()) = Some(fault);
     }
 }

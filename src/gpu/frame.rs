@@ -42,6 +42,11 @@ impl Gpu {
         timer.collect(self)?;
         Ok(timer.seconds.clone())
     }
+
+    /// As [`Gpu::pass_times`], as far as they were read before the device was lost.
+    pub fn known_pass_times(&self) -> BTreeMap<String, f64> {
+        self.timer.lock().unwrap_or_else(|e| e.into_inner()).seconds.clone()
+    }
 }
 
 impl Frame<'_> {

@@ -101,8 +101,14 @@ impl Plane {
     /// # Errors
     /// As [`Gpu::read`].
     pub fn means(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
-        let sums: Vec<[f32; 4]> = gpu.read(&self.sums, self.pixels as usize)?;
-        let compensations: Vec<[f32; 4]> = gpu.read(&self.compensations, self.pixels as usize)?;
+        Ok(Plane::means_of(&self.state(gpu)?, samples))
+    }
+
+    /// As [`Plane::means`], of what [`Plane::state`] gave.
+    pub fn means_of(state: &[u32], samples: u32) -> Vec<DVec4> {
+        let (sums, compensations) = state.split_at(state.len() / 2);
+        let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
+        let (sums, compensations) = (vectors(sums), vectors(compensations));
         let mean = |(sum, lost): (&[f32; 4], &[f32; 4])| {
             // w of the compensations counts the samples that were left out; w of the sums is exact without one, a sum
             // of zeros and ones.
@@ -110,7 +116,7 @@ impl Plane {
             let total = Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4();
             if kept > 0.0 { total / kept } else { DVec4::ZERO }
         };
-        Ok(sums.iter().zip(&compensations).map(mean).collect())
+        sums.iter().zip(compensations).map(mean).collect()
     }
 
     /// Everything that was summed, as words: sums, then compensations.

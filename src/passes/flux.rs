@@ -3,7 +3,7 @@
 
 use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
 use crate::tables::LightTables;
-use crate::{Error, Result, bindings, shared_struct};
+use crate::{Result, bindings, shared_struct};
 
 use super::grid::Photon;
 use super::kernel;
@@ -53,6 +53,10 @@ pub struct FluxPhotons {
     pub step: f64,
     /// Photons that carry more than their word holds, and lost the rest.
     pub cut: u64,
+    /// Photons that were not stored, as what they carry is not finite.
+    pub not_finite: u64,
+    /// Rays that met the loop budget: their photons from there on are missing.
+    pub overruns: u64,
 }
 
 impl Flux {
@@ -83,7 +87,7 @@ impl Flux {
     /// their stead.
     ///
     /// # Errors
-    /// [`Error::Computation`] where a traversal gave up, else as [`Gpu::check`] and [`Kernel::bind`].
+    /// As [`Gpu::check`] and [`Kernel::bind`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -116,13 +120,21 @@ impl Flux {
         let by_light = powers.iter().zip(first_rays.windows(2)).filter(|(_, ends)| ends[1] > ends[0]);
         let unit = by_light.map(|(power, ends)| power / f64::from(ends[1] - ends[0])).fold(0.0, f64::max);
         let ray_table = gpu.upload("penumbra/flux/rays", &first_rays)?;
-        let counts = gpu.buffer::<u32>("penumbra/flux/counts", 4)?;
+        let counts = gpu.buffer::<u32>("penumbra/flux/counts", 5)?;
         let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
         let mut room = (PHOTONS_PER_RAY * emitted as usize).clamp(1, limit);
         let new_buffer = |room| gpu.buffer::<Photon>("penumbra/flux/photons", room);
         let mut photons = new_buffer(room)?;
-        let mut traced =
-            FluxPhotons { photons: new_buffer(0)?, count: 0, emitted, rays: 0, step: unit / FLUX_STEPS, cut: 0 };
+        let mut traced = FluxPhotons {
+            photons: new_buffer(0)?,
+            count: 0,
+            emitted,
+            rays: 0,
+            step: unit / FLUX_STEPS,
+            cut: 0,
+            not_finite: 0,
+            overruns: 0,
+        };
         let mut done = 0;
         while done < emitted && unit > 0.0 {
             let own = FluxBindings { flux_photons: &photons, flux_counts: &counts, flux_rays: &ray_table };
@@ -142,11 +154,7 @@ impl Flux {
             frame.clear(&counts);
             frame.run(&bound, ray_count, &parameters);
             frame.submit()?;
-            let [more, overruns, rays, cut]: [u32; 4] = gpu.read::<[u32; 4]>(&counts, 1)?[0];
-            if overruns > 0 {
-                let problem = format!("{overruns} photon rays met more triangles than the device's loop budget allows");
-                return Err(Error::Computation { kernel: "flux".to_owned(), problem });
-            }
+            let [more, overruns, rays, cut, not_finite]: [u32; 5] = gpu.read::<[u32; 5]>(&counts, 1)?[0];
             let needed = traced.count as usize + more as usize;
             if needed > limit {
                 return Ok(None);
@@ -164,6 +172,8 @@ impl Flux {
             traced.count += more;
             traced.rays += u64::from(rays);
             traced.cut += u64::from(cut);
+            traced.not_finite += u64::from(not_finite);
+            traced.overruns += u64::from(overruns);
             done += ray_count;
         }
         Ok(Some(FluxPhotons { photons, ..traced }))

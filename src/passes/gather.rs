@@ -31,7 +31,8 @@ shared_struct! {
     pub struct RecordHead {
         /// Position, normalised.
         pub position: [f32; 3],
-        /// Size of a pixel there; in the table that points are interpolated from, the record's radius.
+        /// Size of a pixel there; in the table that points are interpolated from, the record's radius. 0 where the record is
+        /// not finite, and tells nothing.
         pub size: f32,
         /// Unit normal.
         pub normal: [f32; 3],

@@ -4,6 +4,7 @@
 use crate::Result;
 use crate::gpu::buffer::{TableFormat, whole_rows};
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
+use crate::statistics::Counter;
 use crate::{bindings, shared_struct};
 
 use super::grid::{GridShape, SortedPhotons};
@@ -22,7 +23,7 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads and writes beside the scene and the global map.
-    struct IrradianceBindings { places, irradiances }
+    struct IrradianceBindings { places, irradiances, counters }
 }
 
 /// Photons of an estimate (k). At 64 the noise of one is an eighth; a gather takes the mean of some hundred of them.
@@ -53,6 +54,8 @@ pub struct IrradianceMap {
     shape: Buffer,
     /// Bytes on the device.
     pub bytes: u64,
+    /// Places whose irradiance is not finite: no path ends there.
+    pub not_finite: u64,
 }
 
 impl Bindings for IrradianceMap {
@@ -90,7 +93,8 @@ impl Irradiance {
     ) -> Result<IrradianceMap> {
         let irradiances =
             gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(places.count as usize))?;
-        let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances };
+        let counters = gpu.buffer::<u32>("penumbra/irradiance/counters", Counter::COUNT)?;
+        let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances, counters: &counters };
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
         let parameters =
             IrradianceParameters { grid: map.shape, count: places.count, step: step as f32, shrink: 1.0, padding: 0 };
@@ -99,7 +103,9 @@ impl Irradiance {
         let bytes = places.bytes + irradiances.bytes;
         let irradiances = gpu.kernel_table(&mut frame, irradiances, TableFormat::Float)?;
         frame.submit()?;
+        let not_finite = gpu.read::<u32>(&counters, Counter::COUNT)?[Counter::NotFiniteIrradiance as usize];
         Ok(IrradianceMap {
+            not_finite: u64::from(not_finite),
             shape: gpu.upload("penumbra/irradiance/grid", &[places.shape])?,
             places,
             irradiances,

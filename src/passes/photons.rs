@@ -44,6 +44,8 @@ pub struct Traced {
     pub emitted: Vec<u32>,
     /// Illumination and shadow photons stored, of each light.
     pub stored: Vec<[u32; 2]>,
+    /// Rays that met the loop budget, and left no photon.
+    pub overruns: u64,
 }
 
 impl Photons {
@@ -73,8 +75,7 @@ impl Photons {
     /// `spare` photons more than were traced fit in the buffer.
     ///
     /// # Errors
-    /// [`Error::Usage`] for lights or rays out of range, [`Error::Computation`] where a traversal gave up, else as
-    /// [`Gpu::check`] and [`Kernel::bind`].
+    /// [`Error::Usage`] for lights or rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -101,7 +102,7 @@ impl Photons {
         let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
         let mut room = (2 * all_rays as usize + spare).min(limit);
         let mut photons = gpu.buffer::<Photon>("penumbra/photons/photons", room)?;
-        let (mut count, mut done) = (0, 0);
+        let (mut count, mut done, mut overruns) = (0, 0, 0);
         let mut stored = vec![[0; 2]; lights as usize];
         while done < all_rays {
             let ray_count = batch_rays.min(all_rays - done);
@@ -110,11 +111,7 @@ impl Photons {
             frame.run(&bound, ray_count, &PhotonParameters { first_ray: done, ray_count, light_count: lights, seed });
             frame.submit()?;
             let counted: Vec<u32> = gpu.read(&counts, words)?;
-            let (more, overruns) = (counted[0] as usize, counted[1]);
-            if overruns > 0 {
-                let problem = format!("{overruns} photon rays met more triangles than the device's loop budget allows");
-                return Err(Error::Computation { kernel: "photons".to_owned(), problem });
-            }
+            let more = counted[0] as usize;
             if count + more + spare > limit {
                 break;
             }
@@ -129,13 +126,14 @@ impl Photons {
             frame.submit()?;
             count += more;
             done += ray_count;
+            overruns += u64::from(counted[1]);
             for (sum, new) in stored.iter_mut().zip(counted[COUNT_HEADER..].chunks_exact(2)) {
                 *sum = [sum[0] + new[0], sum[1] + new[1]];
             }
         }
         // Rays are numbered round by round of the lights.
         let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
-        Ok(Traced { photons, count: count as u32, emitted, stored })
+        Ok(Traced { photons, count: count as u32, emitted, stored, overruns })
     }
 }
 

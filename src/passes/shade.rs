@@ -34,7 +34,7 @@ impl Shade {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Shade> {
-        let own = ["points", "surfaces", "classes", "visibility", "radiance_direct"];
+        let own = ["points", "surfaces", "classes", "visibility", "radiance_direct", "counters"];
         Ok(Shade(kernel(gpu, "shade", features, constants, &own)?))
     }
 
@@ -55,6 +55,7 @@ impl Shade {
             .with("points", &tile.points)
             .with("surfaces", &tile.surfaces)
             .with("radiance_direct", &tile.radiance_direct)
+            .with("counters", &tile.counters)
             .with("classes", classes)
             .with("visibility", visibility);
         if let Some(samples) = shadow_samples {

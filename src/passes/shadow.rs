@@ -49,8 +49,13 @@ impl Shadow {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Shadow> {
-        let kernel =
-            kernel(gpu, "shadow", features, constants, &["points", "boundary_queue", "visibility", "counters"])?;
+        let kernel = kernel(
+            gpu,
+            "shadow",
+            features,
+            constants,
+            &["points", "boundary_queue", "visibility", "counters", "radiance_direct"],
+        )?;
         Ok(Shadow { kernel, audits: features.has("audit") })
     }
 
@@ -73,6 +78,7 @@ impl Shadow {
         let mut own = Resources::new()
             .with("points", &tile.points)
             .with("counters", &tile.counters)
+            .with("radiance_direct", &tile.radiance_direct)
             .with("classes", buffers.classes)
             .with("boundary_queue", buffers.boundary_queue)
             .with("audit_queue", buffers.audit_queue)

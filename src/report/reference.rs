@@ -1,8 +1,9 @@
 //! What images are compared with: a given image, or one made by path tracing in two independent halves, whose
 //! difference says how far it is from the truth.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::film::Metadata;
@@ -19,6 +20,9 @@ const FIRST_SAVE: Duration = Duration::from_millis(250);
 
 /// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
 const FIRST_SEED: u32 = 1 << 31;
+
+/// A process that waits for another looks this often whether it is done.
+const LOOK: Duration = Duration::from_millis(200);
 
 /// More samples or sessions than a half ever has: neither their sums nor the seeds overflow below.
 const MAX_COUNT: i32 = 1 << 29;
@@ -63,8 +67,8 @@ impl Reference {
     }
 
     /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`
-    /// has of it. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the process be
-    /// killed. `tell` hears of each save.
+    /// has of it; of processes that make the same reference one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
+    /// process be killed. `tell` hears of each save.
     ///
     /// # Errors
     /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written, [`Error::Input`] where a file in it
@@ -77,14 +81,22 @@ impl Reference {
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
         let size = [subject.settings.width, subject.settings.height];
-        let mut halves = [Half::open(folder, 0, size)?, Half::open(folder, 1, size)?];
-        if let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) {
+        let open = || -> Result<[Half; 2]> { Ok([Half::open(folder, 0, size)?, Half::open(folder, 1, size)?]) };
+        let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
+            let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
             let reference = Reference::of_halves(a, b)?;
-            if reference.standard_error() <= Some(target) {
-                return Ok(Some(reference));
-            }
+            Ok(Some(reference).filter(|reference| reference.standard_error() <= Some(target)))
+        };
+        if let Some(reference) = good(&open()?)? {
+            return Ok(Some(reference));
         }
         fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
+        // Where another process makes the same reference, waiting for it is the fastest way to have it.
+        let Some(_lock) = lock(folder, stop) else { return Ok(None) };
+        let mut halves = open()?;
+        if let Some(reference) = good(&halves)? {
+            return Ok(Some(reference));
+        }
         let mut renderers = Vec::new();
         for half in &mut halves {
             renderers.push(half.renderer(subject)?);
@@ -170,6 +182,20 @@ impl Reference {
 pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
     let Settings { width, height, max_bounces, light_scale, .. } = subject.settings;
     cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
+}
+
+/// Waits until no other process makes the reference in `folder`; none where `stop` says so. The system lets go of the lock when
+/// its process ends, however it ends. Where folders cannot be locked, the last process to save has the last word.
+fn lock(folder: &Path, stop: &dyn Fn() -> bool) -> Option<Option<File>> {
+    let Ok(handle) = File::open(folder) else { return Some(None) };
+    loop {
+        match handle.try_lock() {
+            Ok(()) => return Some(Some(handle)),
+            Err(TryLockError::Error(_)) => return Some(None),
+            Err(TryLockError::WouldBlock) if stop() => return None,
+            Err(TryLockError::WouldBlock) => thread::sleep(LOOK),
+        }
+    }
 }
 
 /// One of two independent halves: what is on the disk, and what is rendered on top of it.

@@ -11,6 +11,7 @@ use crate::passes::flux::Flux;
 use crate::passes::grid::{GridShape, Photon};
 use crate::passes::irradiance::BoundShow;
 use crate::settings::Settings;
+use crate::statistics::Counter;
 
 use super::TILE_SAMPLES;
 use super::direct::Shared;
@@ -67,6 +68,8 @@ impl CausticMap {
         let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, settings.max_bounces, seed)?;
         totals.photon_rays += traced.rays;
         totals.indirect.caustics += u64::from(traced.count);
+        totals.count(Counter::Overrun, traced.overruns);
+        totals.count(Counter::NotFiniteFlux, traced.not_finite);
         if traced.count == 0 {
             return Ok(CausticMap { number, show: None });
         }

@@ -1,10 +1,10 @@
-//! Renders that are written to a file and taken up again, bit for bit as if they had never stopped.
+//! Renders that are kept and taken up again, in another process or on another device, bit for bit as if they had never stopped.
 //!
-//! Photons and irradiance records are made anew, as their seed says; what the file holds is what samples have left: the sums
+//! Photons and irradiance records are made anew, as their seed says; what a checkpoint holds is what samples have left: the sums
 //! of the film, the photons that audits added, the cells that points asked about, and the counts.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -17,13 +17,13 @@ use super::visibility_map::MapState;
 use super::{Renderer, direct};
 
 /// How every file begins; the number rises with the form.
-const MAGIC: &[u8] = b"penumbra checkpoint 2\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 3\n";
 
 /// Bytes of the digest of all that follows it.
 const DIGEST: usize = 32;
 
 /// What comes then, as JSON, after its length of 8 bytes; the words of the film and of the map end the file.
-#[derive(Serialize, Deserialize)]
+#[derive(Clone, Serialize, Deserialize)]
 struct Header {
     version: String,
     /// Of scene, camera, settings and version.
@@ -39,17 +39,44 @@ struct Header {
     left: u32,
 }
 
-/// A checkpoint file that is whole.
+/// What samples have left, in memory or in a file: enough to go on from, on any device.
+#[derive(Clone)]
 pub struct Checkpoint {
     header: Header,
     words: Vec<u32>,
+    /// Where it was read from.
+    file: Option<PathBuf>,
 }
 
 impl Checkpoint {
+    /// Writes it to a file. The old file stays until the new one is whole.
+    ///
+    /// # Errors
+    /// [`Error::Output`] where the file cannot be written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        write_atomically(path, |file| {
+            let header = serde_json::to_vec(&self.header)?;
+            let length = (header.len() as u64).to_le_bytes();
+            let rest = [&length, header.as_slice(), bytemuck::cast_slice(&self.words)].concat();
+            file.write_all(MAGIC)?;
+            file.write_all(digest(&rest).as_bytes())?;
+            Ok(file.write_all(&rest)?)
+        })
+    }
+
+    /// Reads a file of [`Checkpoint::write`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is none, and those of [`Checkpoint::from_bytes`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
+        let path = path.as_ref();
+        Checkpoint::from_bytes(&read_file(path)?, path)
+    }
+
     /// Checks what was read; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is none of [`Renderer::save_checkpoint`], is damaged, or is of another version.
+    /// [`Error::Input`] where the file is none of [`Checkpoint::write`], is damaged, or is of another version.
     pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
         let refuse = |problem: &str| Error::input(&path, "file", problem);
         let damaged = || refuse("is damaged");
@@ -66,22 +93,51 @@ impl Checkpoint {
             return Err(damaged());
         }
         // The file's bytes lie as they come, words want to be aligned.
-        Ok(Checkpoint { header, words: bytemuck::pod_collect_to_vec(words) })
+        let words = bytemuck::pod_collect_to_vec(words);
+        Ok(Checkpoint { header, words, file: Some(path.as_ref().to_owned()) })
     }
 
-    /// Samples of each pixel that it holds.
+    /// With the fingerprint of the renderer that left it.
+    pub(super) fn signed(mut self, renderer: &Renderer<'_>) -> Checkpoint {
+        self.header.fingerprint = renderer.fingerprint();
+        self
+    }
+
+    /// Samples a pixel.
     pub fn samples(&self) -> u32 {
         self.header.samples
+    }
+
+    /// The words of the planes, in the order of [`Renderer::planes`], and what follows them.
+    pub(super) fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    pub(super) fn totals(&self) -> &Totals {
+        &self.header.totals
     }
 }
 
 impl Renderer<'_> {
+    /// What samples have left so far.
+    ///
+    /// # Errors
+    /// Those of [`crate::gpu::Gpu::read`].
+    pub fn checkpoint(&self) -> Result<Checkpoint> {
+        Ok(self.unsigned_checkpoint()?.signed(self))
+    }
+
     /// Writes what [`Renderer::resume`] needs. The old file stays until the new one is whole.
     ///
     /// # Errors
-    /// [`Error::Output`] where the file cannot be written, and those of [`crate::gpu::Gpu::read`].
+    /// Those of [`Renderer::checkpoint`] and [`Checkpoint::write`].
     pub fn save_checkpoint(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
+        self.checkpoint()?.write(path)
+    }
+
+    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without its fingerprint, which takes
+    /// longer than all the rest.
+    pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
         let mut words = Vec::new();
         for plane in self.planes() {
             words.extend(plane.state(self.gpu)?);
@@ -91,7 +147,7 @@ impl Renderer<'_> {
         let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            fingerprint: self.fingerprint(),
+            fingerprint: String::new(),
             samples: self.samples,
             batches: self.batches,
             totals: self.totals.clone(),
@@ -99,27 +155,29 @@ impl Renderer<'_> {
             added: map.added.len(),
             left: map.left,
         };
-        write_atomically(path, |file| {
-            let header = serde_json::to_vec(&header)?;
-            let length = (header.len() as u64).to_le_bytes();
-            let rest = [&length, header.as_slice(), bytemuck::cast_slice(&words)].concat();
-            file.write_all(MAGIC)?;
-            file.write_all(digest(&rest).as_bytes())?;
-            Ok(file.write_all(&rest)?)
-        })
+        Ok(Checkpoint { header, words, file: None })
     }
 
-    /// Goes on where the render that wrote the file stood. To be called before the first sample.
+    /// As [`Renderer::resume_from`], of a file.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is none of [`Renderer::save_checkpoint`], is damaged, or is of another scene,
-    /// camera, version or other settings, the seed and the number of samples among them.
+    /// Those of [`Checkpoint::read`] and [`Renderer::resume_from`].
     pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let refuse = |problem: &str| Error::input(path, "file", problem);
+        self.resume_from(&Checkpoint::read(path)?)
+    }
+
+    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. To be called before the
+    /// first sample.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the checkpoint is of another scene, camera, or other settings, the seed and the number of
+    /// samples among them.
+    pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
+        let Checkpoint { header, words, file } = from;
+        let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
         let damaged = || refuse("is damaged");
-        let Checkpoint { header, words } = Checkpoint::from_bytes(&read_file(path)?, path)?;
-        if header.fingerprint != self.fingerprint() {
+        let unsigned = file.is_none() && header.fingerprint.is_empty();
+        if !unsigned && header.fingerprint != self.fingerprint() {
             return Err(refuse(
                 "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
             ));
@@ -128,9 +186,9 @@ impl Renderer<'_> {
         if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.spp {
             return Err(damaged());
         }
-
-        if let Some(reason) = header.map_left_out.filter(|_| self.needs.features.has("visibility_map")) {
-            self.leave_map_out(&reason)?;
+        let left_out = header.map_left_out.as_ref();
+        if let Some(reason) = left_out.filter(|_| self.needs.features.has("visibility_map")) {
+            self.leave_map_out(reason)?;
         }
         let mut rest = words.as_slice();
         for plane in self.planes() {
@@ -148,7 +206,7 @@ impl Renderer<'_> {
         self.refine_for(header.samples)?;
         self.samples = header.samples;
         self.batches = header.batches;
-        self.totals = header.totals.after(&self.totals);
+        self.totals = header.totals.clone().after(&self.totals);
         Ok(())
     }
 

@@ -3,8 +3,6 @@
 //! They differ in what `needs` keeps: without a visibility map every point is unknown and asks all shadow rays; with
 //! one only boundary and unknown points do; and the visibility estimate asks none where there are photons at all.
 
-use glam::DVec4;
-
 use crate::Result;
 use crate::gpu::{Buffer, Features, Frame, Gpu};
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
@@ -92,20 +90,12 @@ struct Bound {
     shade: BoundShade,
 }
 
-/// The film of one light's classes.
+/// The film of one light's classes: that of the first sample (x) and visibility, n_i and n_s of all.
 pub(super) struct ShadowFilm(Plane);
 
 impl ShadowFilm {
     pub fn plane(&self) -> &Plane {
         &self.0
-    }
-
-    /// Class of the first sample; means of visibility, n_i and n_s.
-    pub fn read(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
-        let mut means = self.0.means(gpu, samples)?;
-        // Only the first sample wrote its class into the sum.
-        means.iter_mut().for_each(|v| v.x *= f64::from(samples));
-        Ok(means)
     }
 }
 

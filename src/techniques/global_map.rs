@@ -9,7 +9,7 @@ use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
 };
 use crate::settings::Settings;
-use crate::statistics::Indirect;
+use crate::statistics::{Counter, Indirect};
 
 use super::direct::Shared;
 use super::totals::Totals;
@@ -59,9 +59,12 @@ impl GlobalMap {
         // What a look-up tells is seen after one bounce.
         let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
         let Settings { flux_photons, seed, .. } = *settings;
+        let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
             totals.photon_rays += traced.rays;
+            totals.count(Counter::Overrun, traced.overruns);
+            totals.count(Counter::NotFiniteFlux, traced.not_finite);
             Ok(traced)
         };
         let extent = extent(scene);
@@ -70,7 +73,7 @@ impl GlobalMap {
             emitted: u64::from(photons.emitted),
             photons: u64::from(photons.count),
             cut: photons.cut,
-            caustics: totals.indirect.caustics,
+            caustics,
             ..Indirect::default()
         };
         let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
@@ -83,6 +86,7 @@ impl GlobalMap {
             let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
             counts.places = u64::from(precomputed.places.count);
             totals.indirect_bytes += precomputed.bytes;
+            totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
             irradiance = Some(precomputed);
         }
         let mut show = None;

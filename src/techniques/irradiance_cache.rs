@@ -73,6 +73,7 @@ impl IrradianceCache {
             }
         }
         totals.indirect.records = records.heads.len() as u64;
+        totals.least_records = records.least(with.settings.accuracy);
         totals.indirect_bytes += records.values.bytes;
         Ok(IrradianceCache { buffers, bound })
     }
@@ -147,6 +148,12 @@ impl Records {
         Ok(self.heads.len() > before)
     }
 
+    /// Records of the least radius: those whose surroundings ask for less.
+    fn least(&self, accuracy: f32) -> u64 {
+        let least = |head: &&RecordHead| accuracy * head.distance <= LEAST_RADIUS_PIXELS as f32 * head.size;
+        self.heads.iter().filter(least).count() as u64
+    }
+
     /// Makes room for `more` records; whether there was none.
     fn grow(&mut self, with: &Filling<'_>, more: u32) -> Result<bool> {
         let needed = self.heads.len() as u32 + more;
@@ -213,6 +220,10 @@ fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]>
     let offset = Vec3::from(head.position) - Vec3::from(camera.position);
     let depth = -offset.dot(Vec3::from(camera.backward));
     let radius = head.size;
+    // A record that came out as no number; see shaders/gather.wgsl.
+    if radius <= 0.0 {
+        return None;
+    }
     let [near, far] = match camera.orthographic {
         0 => [depth - radius, depth + radius],
         _ => [1.0, 1.0],

@@ -2,10 +2,12 @@
 
 mod caustic_map;
 mod checkpoint;
+mod conditioning;
 mod direct;
 mod global_map;
 mod irradiance_cache;
 mod output;
+pub mod recovery;
 mod totals;
 mod visibility_map;
 
@@ -30,6 +32,7 @@ pub use checkpoint::Checkpoint;
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
+use recovery::Keeping;
 use totals::Totals;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
@@ -67,6 +70,8 @@ pub struct Renderer<'g> {
     /// audits find is found early, and sorting the map anew then costs little of a long render.
     batches: u32,
     totals: Totals,
+    /// What is kept of the render should the device be lost; none where nobody asks for it.
+    keeping: Option<Keeping>,
 }
 
 /// All light that is not [`Direct`]'s: that of more bounces and highlights of lights that have a surface, or everything.
@@ -253,6 +258,7 @@ impl<'g> Renderer<'g> {
             samples: 0,
             batches: 0,
             totals,
+            keeping: None,
         })
     }
 
@@ -260,7 +266,7 @@ impl<'g> Renderer<'g> {
     /// where some are.
     ///
     /// # Errors
-    /// [`crate::Error::Computation`] where a kernel met the loop budget, and those of [`Gpu::check`].
+    /// [`crate::Error::Computation`] where more than a thousandth of the rays met the loop budget, and those of [`Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
         self.render_at_most(u32::MAX)
     }
@@ -321,9 +327,13 @@ impl<'g> Renderer<'g> {
             frame.submit()?;
             let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
             self.totals.add(&counters, u64::from(tile.point_count));
+            if self.needs.features.has("visibility_map") {
+                self.totals.add_mapped(&counters);
+            }
         }
         self.samples += layers;
         self.totals.check()?;
+        self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
@@ -421,12 +431,22 @@ impl<'g> Renderer<'g> {
         self.samples
     }
 
+    /// The settings, as they were given.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The device that it runs on.
+    pub fn gpu(&self) -> &'g Gpu {
+        self.gpu
+    }
+
     /// The image so far, with the channels that the settings ask for.
     ///
     /// # Errors
     /// As [`Gpu::read`].
     pub fn image(&self) -> Result<Image> {
-        output::image(self)
+        output::image(self, None)
     }
 
     /// What was done so far. The times that the library does not see (start, import, total) are 0.
@@ -434,7 +454,7 @@ impl<'g> Renderer<'g> {
     /// # Errors
     /// As [`Gpu::pass_times`].
     pub fn statistics(&self) -> Result<Statistics> {
-        output::statistics(self)
+        Ok(output::statistics(self, self.gpu.pass_times()?))
     }
 
     /// What was kept and left out.

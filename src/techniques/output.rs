@@ -1,5 +1,7 @@
 //! The image and the statistics of a render.
 
+use std::collections::{BTreeMap, HashMap};
+
 use glam::{DVec3, DVec4};
 
 use crate::film::{Channel, Metadata};
@@ -9,15 +11,18 @@ use crate::settings::Aov;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
 
-use super::Renderer;
+use super::checkpoint::Checkpoint;
+use super::{Renderer, conditioning};
 
 /// Depth where the ray left the scene: Blender's number, as EXR readers stumble over infinities.
 const NO_DEPTH: f64 = 1e10;
 
-pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
+/// The image of the film on the device, or of what was kept of it.
+pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Result<Image> {
     let settings = &renderer.settings;
     let samples = renderer.samples;
-    let plane = |pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>| means(renderer, pick);
+    let film = Film { renderer, kept: kept.map(|kept| kept_planes(renderer, kept)) };
+    let plane = |pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>| film.means(pick);
     let direct = plane(&|f| Some(&f.direct))?.unwrap_or_default();
     let indirect = plane(&|f| f.indirect.as_ref())?;
     let total: Vec<DVec4> = match &indirect {
@@ -72,7 +77,7 @@ pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
                 });
                 push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variance.collect::<Vec<_>>());
             }
-            Aov::Shadow => shadow_channels(renderer, &mut channels)?,
+            Aov::Shadow => shadow_channels(&film, &mut channels)?,
         }
     }
     let mut image = Image { width: settings.width, height: settings.height, channels, ..Image::default() };
@@ -81,14 +86,42 @@ pub(super) fn image(renderer: &Renderer<'_>) -> Result<Image> {
     Ok(image)
 }
 
-/// The means of a plane over the whole image, or none where the tiles have no such plane.
-fn means(renderer: &Renderer<'_>, pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
-    let mut all = Vec::new();
-    for tile in &renderer.tiles {
-        let Some(plane) = pick(tile) else { return Ok(None) };
-        all.extend(plane.means(renderer.gpu, renderer.samples)?);
+/// Where the sums of samples are.
+struct Film<'a> {
+    renderer: &'a Renderer<'a>,
+    /// The words of each plane, where not the device but a checkpoint has them.
+    kept: Option<HashMap<*const Plane, &'a [u32]>>,
+}
+
+fn kept_planes<'a>(renderer: &Renderer<'_>, kept: &'a Checkpoint) -> HashMap<*const Plane, &'a [u32]> {
+    let mut rest = kept.words();
+    let own = |plane: &Plane| {
+        let (own, others) = rest.split_at(plane.state_words());
+        rest = others;
+        (std::ptr::from_ref(plane), own)
+    };
+    renderer.planes().map(own).collect()
+}
+
+impl Film<'_> {
+    /// See [`Plane::means`].
+    fn plane_means(&self, plane: &Plane) -> Result<Vec<DVec4>> {
+        let samples = self.renderer.samples;
+        match &self.kept {
+            Some(kept) => Ok(Plane::means_of(kept[&std::ptr::from_ref(plane)], samples)),
+            None => plane.means(self.renderer.gpu, samples),
+        }
     }
-    Ok(Some(all))
+
+    /// The means of a plane over the whole image, or none where the tiles have no such plane.
+    fn means(&self, pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
+        let mut all = Vec::new();
+        for tile in &self.renderer.tiles {
+            let Some(plane) = pick(tile) else { return Ok(None) };
+            all.extend(self.plane_means(plane)?);
+        }
+        Ok(Some(all))
+    }
 }
 
 fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {
@@ -97,13 +130,17 @@ fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {
     }
 }
 
-fn shadow_channels(renderer: &Renderer<'_>, channels: &mut Vec<Channel>) -> Result<()> {
+fn shadow_channels(from: &Film<'_>, channels: &mut Vec<Channel>) -> Result<()> {
+    let renderer = from.renderer;
     let mut used = std::collections::HashSet::new();
     for (index, light) in renderer.scene.lights.iter().enumerate() {
         let mut all = Vec::new();
         for tile in &renderer.tiles {
             let Some(film) = tile.shadow.get(index) else { return Ok(()) };
-            all.extend(film.read(renderer.gpu, renderer.samples)?);
+            let mut means = from.plane_means(film.plane())?;
+            // Only the first sample wrote its class into the sum.
+            means.iter_mut().for_each(|v| v.x *= f64::from(renderer.samples));
+            all.extend(means);
         }
         // A dot ends a layer's name, and two lights may share theirs.
         let mut name = light.name.replace('.', "_");
@@ -139,12 +176,17 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);
     put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
+    let warnings = conditioning::warnings(&renderer.totals);
+    if !warnings.is_empty() {
+        let counts: Vec<String> = warnings.iter().map(|w| format!("{}={}", w.name, w.count)).collect();
+        put("penumbra:conditioning", Metadata::Text(counts.join(" ")));
+    }
 }
 
-pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
+pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>) -> Statistics {
     let (totals, scene, gpu): (_, _, &Gpu) = (&renderer.totals, &renderer.scene, renderer.gpu);
     let names = |items: &[crate::needs::Item]| items.iter().map(|item| item.name.to_owned()).collect();
-    Ok(Statistics {
+    Statistics {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: gpu.info.clone(),
@@ -156,11 +198,12 @@ pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
         indirect: totals.indirect,
         audits: totals.audits(),
         not_finite: totals.get(Counter::NotFinite),
+        conditioning: conditioning::conditioning(totals),
         time: Times {
             bvh: totals.time_bvh,
             compile: totals.time_compile,
             render: totals.time_render,
-            passes: gpu.pass_times()?,
+            passes,
             ..Times::default()
         },
         memory: Memory {
@@ -177,6 +220,11 @@ pub(super) fn statistics(renderer: &Renderer<'_>) -> Result<Statistics> {
         },
         kept: names(&renderer.needs.kept),
         left_out: names(&renderer.needs.left_out),
-        notes: renderer.notes.clone(),
-    })
+        notes: renderer
+            .notes
+            .iter()
+            .cloned()
+            .chain(conditioning::warnings(totals).into_iter().map(|w| w.text))
+            .collect(),
+    }
 }

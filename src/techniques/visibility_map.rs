@@ -6,7 +6,7 @@ use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 use crate::passes::photons::Photons;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::statistics::LightPhotons;
+use crate::statistics::{Counter, LightPhotons};
 use crate::tables::SceneTables;
 
 use super::totals::Totals;
@@ -95,6 +95,7 @@ impl VisibilityMap {
         let rays = settings.photons.min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
+        totals.count(Counter::Overrun, traced.overruns);
         let counts = traced.emitted.iter().zip(&traced.stored);
         let by_light =
             scene.placed_lights().iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
@@ -152,11 +153,10 @@ impl VisibilityMap {
 
     /// What samples have left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
-        let all: Vec<Photon> = gpu.read(&self.photons, self.count as usize)?;
         let added = (HEAL_ROOM - self.room) as usize;
         let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
         Ok(MapState {
-            added: all[all.len() - added..].to_vec(),
+            added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
             kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
             asked: self.grid.asked_state(gpu)?,

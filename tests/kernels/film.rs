@@ -162,7 +162,7 @@ fn the_layers_of_one_light_are_found_among_many() {
 }
 
 /// Squares of the sum of two parts, of as many vectors as the first or of one; a square that overflows is left out
-/// without being counted.
+/// and counted as such, a sample that is no number only left out: `accumulate` counts it.
 #[test]
 fn squares_are_of_the_whole() {
     const PIXELS: usize = 65;
@@ -191,7 +191,31 @@ fn squares_are_of_the_whole() {
         // The sum is rounded, its square is, and the total.
         let found = error(&got, &squares(&other));
         assert!(found <= 1e-6, "relative error {found}");
-        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
+        let mut expected = [0u32; Counter::COUNT];
+        expected[Counter::NearOverflow as usize] = 1;
+        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), expected);
         assert!(error(&got, &squares(&[[0.0; 4]])) > 1e-3, "a part that is left out is not seen");
+    }
+}
+
+/// Pixels whose sum is beyond 2^104 in any component, whatever its sign, once for each batch that leaves them there.
+#[test]
+fn sums_near_overflow_are_counted() {
+    const PIXELS: usize = 130;
+    let gpu = gpu();
+    let limit = 2f32.powi(104);
+    let mut samples = vec![[1.0f32; 4]; PIXELS];
+    for (pixel, value) in [(3, 0.4 * limit), (64, -0.6 * limit), (65, 0.6 * limit), (129, 1.1 * limit)] {
+        samples[pixel][pixel % 3] = value;
+    }
+    let buffer = gpu.upload("test/samples", &samples).unwrap();
+    let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+    let plane = film(gpu).plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
+    // Above after the first batch: 129. After the second: 64, 65 and 129; 3 has come to 0.8. After the third: all four.
+    for expected in [1, 1 + 3, 1 + 3 + 4] {
+        add(&plane, &tile(PIXELS as u32, 1), 0);
+        let mut counts = [0u32; Counter::COUNT];
+        counts[Counter::NearOverflow as usize] = expected;
+        assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), counts);
     }
 }

@@ -276,12 +276,12 @@ struct Request {
 }
 
 /// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and counts.
-fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 4]) {
+fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
     let composed = compose::compose("flux", &stage.features).unwrap();
     let constants = composed.overrides(&stage.tables.constants());
     let kernel = Kernel::new(gpu(), &composed, &constants, &[]).unwrap();
     let photons = gpu().poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
-    let counts = gpu().buffer::<[u32; 4]>("test/counts", 1).unwrap();
+    let counts = gpu().buffer::<[u32; 5]>("test/counts", 1).unwrap();
     let ray_table = gpu().upload("test/rays", &[0, rays]).unwrap();
     let own =
         Resources::new().with("flux_photons", &photons).with("flux_counts", &counts).with("flux_rays", &ray_table);
@@ -290,7 +290,7 @@ fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 4])
     let mut frame = gpu().frame("test");
     frame.run(&bound, count, &[first, count, 1, SEED, max_bounces, stored, inverse_unit.to_bits(), 0]);
     frame.submit().unwrap();
-    let counts = gpu().read::<[u32; 4]>(&counts, 1).unwrap()[0];
+    let counts = gpu().read::<[u32; 5]>(&counts, 1).unwrap()[0];
     assert_eq!(counts[1], 0, "traversals that gave up");
     (gpu().read(&photons, request.room).unwrap(), counts)
 }
@@ -311,8 +311,8 @@ fn batches_do_not_show() {
     let mut collected = Vec::new();
     for count in [0, 1, 63, 64, 65, 1000, 30_001, rays - 31_194] {
         request.count = count;
-        let (photons, [stored, _, _, cut]) = run(&stage, rays, &request);
-        assert_eq!(cut, 0);
+        let (photons, [stored, _, _, cut, not_finite]) = run(&stage, rays, &request);
+        assert_eq!((cut, not_finite), (0, 0));
         let (first, end) = (request.stored as usize, (request.stored + stored) as usize);
         assert!(stored >= count && photons[first..end].iter().flatten().all(|word| *word != POISON));
         let others = photons[..first].iter().chain(&photons[end..]);
@@ -331,7 +331,7 @@ fn batches_do_not_show() {
 }
 
 /// More rays than 65,535 workgroups have are all traced; photons that find no room are counted all the same, and so are
-/// those that carry more than a word holds, which is what remains of them.
+/// those that carry more than a word holds, which is what remains of them, and those that carry no number.
 #[test]
 fn what_has_no_room_is_counted() {
     let stage = stage(scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
@@ -341,12 +341,16 @@ fn what_has_no_room_is_counted() {
     let inverse_unit = (1000.0 * f64::from(count) / power) as f32;
     let request = Request { first: 0, count, max_bounces: 0, inverse_unit, stored: 0, room: 1000 };
     let (photons, counts) = run(&stage, count, &request);
-    assert_eq!(counts, [count, 0, count, count]);
+    assert_eq!(counts, [count, 0, count, count, 0]);
     assert!(photons.iter().all(|photon| steps(photon[3]) == DVec3::splat(31.0 * 512.0)));
     let request = Request { inverse_unit: inverse_unit / 4.0, count: 64, ..request };
     let (photons, counts) = run(&stage, count, &request);
-    assert_eq!(counts, [64, 0, 64, 0]);
+    assert_eq!(counts, [64, 0, 64, 0, 0]);
     assert!(photons[..64].iter().all(|photon| steps(photon[3]).x < 31.0 * 512.0));
+    // What is no number is stored nowhere.
+    let (photons, counts) = run(&stage, 64, &Request { inverse_unit: f32::INFINITY, ..request });
+    assert_eq!(counts, [0, 0, 64, 0, 64]);
+    assert!(photons.iter().flatten().all(|word| *word == POISON));
 }
 
 /// A word's steps are the flux in 31sts of the least power of 8 that holds it, up by chance so that the mean over the lots

@@ -9,6 +9,7 @@ use penumbra::passes::Point;
 use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
 use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
 use penumbra::settings::Technique;
+use penumbra::statistics::Counter;
 
 use crate::flux::steps;
 use crate::kit::gpu;
@@ -53,6 +54,8 @@ struct Bench {
 struct Told {
     places: Vec<Photon>,
     irradiances: Vec<[f32; 4]>,
+    /// As the kernel counts them.
+    not_finite: u32,
 }
 
 impl Bench {
@@ -75,7 +78,11 @@ impl Bench {
         const BEYOND: usize = 5;
         let count = places.count as usize;
         let irradiances = gpu().poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
-        let own = Resources::new().with("places", &places.sorted).with("irradiances", &irradiances);
+        let counters = gpu().buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let own = Resources::new()
+            .with("places", &places.sorted)
+            .with("irradiances", &irradiances)
+            .with("counters", &counters);
         let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.tables]).unwrap();
         let shape: [u32; 8] = bytemuck::cast(map.shape);
         let mut parameters = [0; 12];
@@ -88,7 +95,8 @@ impl Bench {
         let beyond = irradiances.split_off(count);
         assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} places");
         assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} places");
-        Told { places: gpu().read(&places.sorted, count).unwrap(), irradiances }
+        let not_finite = gpu().read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
+        Told { places: gpu().read(&places.sorted, count).unwrap(), irradiances, not_finite }
     }
 }
 
@@ -397,6 +405,32 @@ fn thin_walls_let_nothing_through() {
     for (place, told) in told.places.iter().zip(&told.irradiances) {
         assert_eq!(told[0] > 0.0, photon_normal(place.word).y > 0.0, "{place:?}: {told:?}");
     }
+}
+
+/// Places whose irradiance is beyond f32 tell nothing and are counted; one that no photon reaches is none of them unless the
+/// step itself is no number.
+#[test]
+fn irradiance_that_is_no_number_tells_nothing() {
+    let rectangles = corner_and_cube();
+    let bench = Bench::new(&rectangles);
+    let mut random = Random(9);
+    let floor = &rectangles[0];
+    let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
+    let places: Vec<Photon> = rectangles
+        .iter()
+        .flat_map(|rectangle| [(); 10].map(|()| photon(on(rectangle, &mut random), rectangle.normal(), 0, false)))
+        .collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let tell = |step: f32| {
+        let sorted = bench.sort(&places, place_grid((BOUNDS, 3.0), places.len() as u32));
+        bench.tell(&bench.sort(&photons, shape), &sorted, step)
+    };
+    let lit = |told: &Told| told.irradiances.iter().filter(|told| told[0] > 0.0).count();
+    let sound = tell(1e-4);
+    assert!(lit(&sound) > 5 && sound.not_finite == 0, "{}", sound.not_finite);
+    let beyond = tell(1e38);
+    assert_eq!((lit(&beyond), beyond.not_finite as usize), (0, lit(&sound)));
+    assert!(tell(f32::INFINITY).not_finite > beyond.not_finite);
 }
 
 /// A look-up tells what its table holds for the nearest place of the point's surface where that is within half a cell; else that of

@@ -1,0 +1,173 @@
+//! Each count of `conditioning` is made by a scene that asks for it, and is zero in a scene that does not.
+
+use glam::DVec3;
+use penumbra::film::Metadata;
+use penumbra::scene::Material;
+use penumbra::statistics::{Conditioning, NotFinite};
+use penumbra::{Aov, Camera, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
+
+use crate::common::gpu;
+use crate::meshes::{Corners, camera, cube, inside_out, scene, square, surface};
+
+/// A closed room of that albedo, a square lamp under its ceiling, and whatever else.
+fn room(albedo: f32, radiance: f32, more: &[(Vec<Corners>, Material)]) -> Scene {
+    let lamp = square(DVec3::new(0.0, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
+    let walls = (inside_out(cube(DVec3::ZERO, 0.5)), surface(albedo, 0.0));
+    scene(&[&[walls, (lamp, surface(0.0, radiance))], more].concat(), Vec::new())
+}
+
+fn view() -> Camera {
+    // Wide enough for the lamp.
+    camera(DVec3::new(0.0, 0.0, 0.45), DVec3::NEG_Z, 1.7)
+}
+
+/// Settings that are quick: few photons, a small image.
+fn settings(technique: Technique) -> Settings {
+    let (photons, flux_photons) = (4096, 4096);
+    Settings { technique, photons, flux_photons, width: 24, height: 24, spp: 4, ..Settings::default() }
+}
+
+fn try_render(scene: Scene, settings: &Settings) -> Result<(Image, Statistics)> {
+    let mut renderer = Renderer::new(gpu(), scene, &view(), settings)?;
+    while renderer.samples() < settings.spp {
+        renderer.render_batch()?;
+    }
+    Ok((renderer.image()?, renderer.statistics()?))
+}
+
+/// Renders, and checks what holds of every image.
+fn render(scene: Scene, settings: &Settings) -> (Conditioning, Statistics, Option<String>) {
+    let (image, statistics) = try_render(scene, settings).unwrap();
+    let finite = image.channels.iter().all(|channel| channel.samples.iter().all(|x| x.is_finite()));
+    assert!(finite, "{settings:?}: the image has numbers that are none");
+    let said = image.metadata.get("penumbra:conditioning").map(|value| match value {
+        Metadata::Text(text) => text.clone(),
+        other => panic!("{other:?}"),
+    });
+    (statistics.conditioning, statistics, said)
+}
+
+/// One note that says `word`, and the metadata's name and number.
+#[track_caller]
+fn assert_told(statistics: &Statistics, said: &Option<String>, name: &str, count: u64, word: &str) {
+    let told: Vec<_> = statistics.notes.iter().filter(|note| note.contains(word)).collect();
+    assert_eq!(told.len(), 1, "{word}: {:?}", statistics.notes);
+    assert!(!told[0].contains('\n'), "{told:?}");
+    let expected = format!("{name}={count}");
+    let said = said.as_deref().unwrap_or("");
+    assert!(said.split(' ').any(|word| word == expected), "{expected} is not in '{said}'");
+}
+
+#[test]
+fn an_ordinary_scene_says_nothing() {
+    for technique in Technique::ALL {
+        let settings = Settings { aovs: Aov::ALL.to_vec(), ..settings(technique) };
+        let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings);
+        let figures = Conditioning { unknown: found.unknown, least_records: found.least_records, ..Default::default() };
+        assert_eq!(found, figures, "{technique}");
+        assert_eq!((statistics.not_finite, said), (0, None), "{technique}");
+        assert!(found.unknown as f64 <= 0.1 * statistics.points.total as f64, "{technique}: {found:?}");
+        assert!(found.least_records <= statistics.indirect.records, "{technique}: {found:?}");
+        let told = ["finite", "largest number", "too few photons", "weight", "loop budget", "lost"];
+        let note = statistics.notes.iter().find(|note| told.iter().any(|word| note.contains(word)));
+        assert_eq!(note, None, "{technique}");
+    }
+}
+
+/// A cube whose colour is infinite, as arithmetic beyond f32 leaves it: each pass counts what it makes of it, the
+/// samples that see it are left out, and the rest of the image stands.
+#[test]
+fn numbers_that_are_none_are_left_out_and_counted_by_pass() {
+    let cube = || cube(DVec3::new(0.0, -0.3, -0.1), 0.12);
+    let endless = || room(0.7, 5.0, &[(cube(), surface(f32::INFINITY, 0.0))]);
+    let pass = |technique, max_bounces| {
+        let (found, statistics, said) = render(endless(), &Settings { max_bounces, ..settings(technique) });
+        assert!(statistics.not_finite > 0, "{technique}: nothing was left out");
+        let all = u64::from(statistics.samples) * 24 * 24;
+        assert!(statistics.not_finite < all, "{technique}: {} of {all} were left out", statistics.not_finite);
+        let count = statistics.not_finite.max(found.not_finite.total());
+        assert_told(&statistics, &said, "not_finite", count, "not finite");
+        found.not_finite
+    };
+    let path = pass(Technique::Path, 4);
+    assert_eq!(path, NotFinite { path: path.path, ..NotFinite::default() });
+    assert!(path.path > 0);
+    let shade = pass(Technique::TwoPass, 0);
+    assert_eq!(shade, NotFinite { shade: shade.shade, ..NotFinite::default() });
+    assert!(shade.shade > 0);
+    let all = pass(Technique::ShadowPhotons, 4);
+    assert!(all.flux > 0 && all.gather > 0 && all.shade > 0 && all.primary == 0, "{all:?}");
+    let shown = pass(Technique::PhotonMap, 4);
+    assert!(shown.irradiance > 0 && shown.flux > 0, "{shown:?}");
+
+    let unlit = Material { unlit: true, ..surface(f32::INFINITY, 0.0) };
+    let (found, ..) = render(room(0.7, 5.0, &[(cube(), unlit)]), &settings(Technique::Path));
+    let primary = found.not_finite;
+    assert_eq!(primary, NotFinite { primary: primary.primary, ..NotFinite::default() });
+    assert!(primary.primary > 0);
+}
+
+/// 2^104 is 2.03e31: a lamp of 1e31 that is seen comes to it at the third sample, one of 1e30 does not in four.
+#[test]
+fn sums_near_overflow_are_counted() {
+    let direct = Settings { max_bounces: 0, ..settings(Technique::TwoPass) };
+    let (found, statistics, said) = render(room(0.0, 1e31, &[]), &direct);
+    assert!(found.near_overflow > 0 && statistics.not_finite == 0, "{found:?}");
+    assert_told(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
+    assert_eq!(render(room(0.0, 1e30, &[]), &direct).0, Conditioning::default());
+    // Its square is beyond f32, and the variance would lack it in silence.
+    let variance = Settings { aovs: vec![Aov::Variance], ..direct };
+    assert!(render(room(0.0, 1e30, &[]), &variance).0.near_overflow > 0);
+}
+
+#[test]
+fn want_of_photons_is_told_above_a_tenth_of_the_points() {
+    // The map is kept whatever the pilot says where its classes are asked for.
+    let asked = Settings { photons: 64, max_bounces: 0, aovs: vec![Aov::Shadow], ..settings(Technique::ShadowPhotons) };
+    let (found, statistics, said) = render(room(0.7, 5.0, &[]), &asked);
+    assert_eq!(found.unknown, statistics.points.unknown);
+    assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
+    assert_told(&statistics, &said, "unknown", found.unknown, "--photons");
+    // Without a map nothing is asked of photons.
+    let (found, ..) = render(room(0.7, 5.0, &[]), &Settings { technique: Technique::TwoPass, ..asked });
+    assert_eq!(found.unknown, 0);
+}
+
+#[test]
+fn records_of_the_least_radius_are_a_figure() {
+    let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings(Technique::TwoPass));
+    assert!(found.least_records > 0 && found.least_records < statistics.indirect.records, "{found:?}");
+    assert_eq!(said, None);
+}
+
+/// Walls that reflect half as much again as they get: 1.5^6 is more than 8, so that all paths of eight bounces are heavy but those
+/// that meet the lamp. Where surfaces reflect all that they get, none is.
+#[test]
+fn heavy_paths_are_counted() {
+    let settings = Settings { max_bounces: 8, ..settings(Technique::Path) };
+    let (found, statistics, said) = render(room(1.5, 5.0, &[]), &settings);
+    let paths = u64::from(statistics.samples) * 24 * 24;
+    assert!((paths / 2..=paths).contains(&found.heavy_paths), "{found:?}");
+    assert_told(&statistics, &said, "heavy_paths", found.heavy_paths, "weight");
+    let all = Settings { max_bounces: 64, ..settings };
+    assert_eq!(render(room(1.0, 5.0, &[]), &all).0.heavy_paths, 0);
+}
+
+/// 70,000 triangles in one place take more turns than a device may have. A spot of them costs some samples and a note; where
+/// they are in everyone's way, there is no image.
+#[test]
+fn rays_that_meet_the_loop_budget_are_left_out_or_end_the_render() {
+    let stack = |half: f64| {
+        let layer = square(DVec3::new(0.0, 0.0, -0.2), DVec3::X * half, DVec3::Y * half);
+        room(0.7, 5.0, &[(layer.iter().copied().cycle().take(70_000).collect(), surface(0.5, 0.0))])
+    };
+    // The size of a pixel at that distance is 0.03: a spot that is less than one in 48 x 48, and that few other rays meet.
+    let spot = Settings { width: 48, height: 48, spp: 8, max_bounces: 1, ..settings(Technique::Path) };
+    let (found, statistics, said) = render(stack(0.006), &spot);
+    assert!(found.overruns > 0 && statistics.not_finite >= found.overruns, "{found:?}");
+    assert_eq!(found.not_finite.total(), 0, "{found:?}");
+    assert_told(&statistics, &said, "overruns", found.overruns, "loop budget");
+    let error = try_render(stack(0.2), &spot).unwrap_err();
+    assert_eq!(error.exit_code(), 1, "{error}");
+    assert!(error.to_string().contains("loop budget"), "{error}");
+}

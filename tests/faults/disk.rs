@@ -1,0 +1,147 @@
+//! Disks that are full, and folders that go away.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use penumbra::Image;
+
+use crate::program::{Answer, BOX, device, folder, penumbra};
+
+/// Settings that are quick: few photons, a small image.
+pub const SMALL: &str = "--width 24 --height 16 --photons 4096 --max-bounces 0";
+
+/// Names of the files in a folder.
+pub fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Sends a signal to a process that this test started.
+pub fn signal(child: &Child, signal: &str) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// A render for an hour of the box to `outputs`, which has begun to take samples; what it has said, and the rest to come.
+pub fn begin(arguments: &str, outputs: &[&Path]) -> (Child, String, BufReader<std::process::ChildStderr>) {
+    let mut command = penumbra(&format!("render --device {} --time 3600 {arguments}", device()), &[&BOX]);
+    for output in outputs {
+        command.arg("-o").arg(output);
+    }
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("rendering") {
+        assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
+    }
+    (child, said, stderr)
+}
+
+fn end((mut child, mut said, mut stderr): (Child, String, BufReader<std::process::ChildStderr>)) -> Answer {
+    signal(&child, "-INT");
+    stderr.read_to_string(&mut said).unwrap();
+    Answer { code: child.wait().unwrap().code(), stdout: String::new(), stderr: said }
+}
+
+/// The system refuses to write on after two blocks, as it does on a full disk: the old files stay, nothing else does, and the
+/// error is one line that names the file.
+#[test]
+fn a_disk_that_fills_up_leaves_the_old_files() {
+    let folder = folder();
+    let image = folder.path().join("a.exr");
+    fs::write(&image, "old").unwrap();
+    for other in ["--checkpoint", "--stats"] {
+        let kept = folder.path().join(format!("kept{other}"));
+        fs::write(&kept, "old").unwrap();
+        let mut command = Command::new("sh");
+        command.args(["-c", "trap '' XFSZ; ulimit -f 2; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_penumbra"), "render"]);
+        command.args(format!("--quiet --spp 1 --aov all --device {} {SMALL}", device()).split_whitespace());
+        command.args([other, kept.to_str().unwrap(), "-o", image.to_str().unwrap(), BOX]);
+        command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
+        // Mesa's own cache would meet the limit, too.
+        command.env("MESA_SHADER_CACHE_DISABLE", "true");
+        Answer::of(&mut command).assert_refused(3, &["a.exr", "cannot write"]);
+        for file in [&image, &kept] {
+            assert_eq!(fs::read_to_string(file).unwrap(), "old", "{}", file.display());
+        }
+    }
+    assert_eq!(names(folder.path()), ["a.exr", "kept--checkpoint", "kept--stats"]);
+}
+
+/// A file system that is full, where tests may make one: what fits is written, and the image is kept elsewhere.
+#[test]
+fn an_image_that_a_full_disk_does_not_take_is_kept() {
+    let folder = folder();
+    let [disk, kept] = ["disk", "kept"].map(|name| folder.path().join(name));
+    fs::create_dir(&disk).unwrap();
+    fs::create_dir(&kept).unwrap();
+    // The mount is in a name space of its own, and goes with the process. A page is left: enough for the .png alone.
+    let script = "mount -t tmpfs -o size=64k none \"$1\" || exit 77; head -c 60000 /dev/zero > \"$1/rest\"
+        shift; \"$@\"; code=$?; ls -A \"$DISK\" > \"$TMPDIR/list\"; exit $code";
+    let mut command = Command::new("unshare");
+    command.args(["-rm", "sh", "-c", script, "sh"]).arg(&disk).arg(env!("CARGO_BIN_EXE_penumbra"));
+    command.args(format!("render --quiet --spp 1 --aov all --device {} {SMALL}", device()).split_whitespace());
+    command.args(["-o", disk.join("a.exr").to_str().unwrap(), "-o", disk.join("b.png").to_str().unwrap(), BOX]);
+    command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR")).env("TMPDIR", &kept).env("DISK", &disk);
+    let answer = match command.output() {
+        Ok(output) if output.status.code() != Some(77) && output.status.code() != Some(1) => Answer::from(output),
+        _ => {
+            println!("left out: a full file system, as none can be mounted here");
+            return;
+        }
+    };
+    answer.assert_refused(3, &["a.exr", "No space left", kept.to_str().unwrap()]);
+    assert_eq!(fs::read_to_string(kept.join("list")).unwrap(), "b.png\nrest\n");
+    let rescued: Vec<_> = names(&kept).into_iter().filter(|name| name.ends_with(".exr")).collect();
+    let image = Image::read(kept.join(&rescued[0])).unwrap();
+    assert_eq!((image.width, image.height, rescued.len()), (24, 16, 1));
+}
+
+/// The folder was there when the render began. Gone meanwhile, it is made anew; with a file in its place the image is kept
+/// elsewhere, and the error says where.
+#[test]
+fn an_output_folder_may_vanish() {
+    let folder = folder();
+    let outputs = folder.path().join("outputs");
+    let [image, stats] = ["a.exr", "a.json"].map(|name| outputs.join(name));
+    let arguments = format!("{SMALL} --stats {} --checkpoint {}", stats.display(), outputs.join("state").display());
+
+    fs::create_dir(&outputs).unwrap();
+    let render = begin(&arguments, &[&image]);
+    fs::remove_dir_all(&outputs).unwrap();
+    let answer = end(render);
+    assert_eq!(answer.code, Some(130), "{answer:?}");
+    assert_eq!(names(&outputs), ["a.exr", "a.json", "state"]);
+    Image::read(&image).unwrap();
+
+    let render = begin(&arguments, &[&image]);
+    fs::remove_dir_all(&outputs).unwrap();
+    fs::write(&outputs, "a file").unwrap();
+    let answer = end(render);
+    assert_eq!(answer.code, Some(3), "{answer:?}");
+    let error = answer.stderr.lines().last().unwrap();
+    let (problem, kept) = error.split_once("; the image is in ").unwrap_or_else(|| panic!("{answer:?}"));
+    assert!(problem.contains(image.to_str().unwrap()), "{answer:?}");
+    assert!(Image::read(kept).is_ok(), "{answer:?}");
+    fs::remove_file(kept).unwrap();
+    assert_eq!(fs::read_to_string(&outputs).unwrap(), "a file");
+}
+
+/// What can be written is, whatever else cannot.
+#[test]
+fn one_file_that_cannot_be_written_does_not_cost_the_others() {
+    let folder = folder();
+    let [lost, kept, state] = ["lost/a.exr", "b.exr", "lost/state"].map(|name| folder.path().join(name));
+    fs::create_dir(folder.path().join("lost")).unwrap();
+    let render = begin(&format!("{SMALL} --checkpoint {}", state.display()), &[&lost, &kept]);
+    fs::remove_dir_all(folder.path().join("lost")).unwrap();
+    fs::write(folder.path().join("lost"), "").unwrap();
+    let answer = end(render);
+    assert_eq!(answer.code, Some(3), "{answer:?}");
+    Image::read(&kept).unwrap();
+    let (_, rescued) = answer.stderr.trim_end().rsplit_once("; the image is in ").unwrap();
+    fs::remove_file(rescued).unwrap();
+}
