@@ -3,21 +3,39 @@
 
 use glam::DVec3;
 
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/cache.rs"]
+mod cache;
+#[allow(dead_code, unused_imports)]
 #[path = "../tests/common/device.rs"]
 mod device;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/flux.rs"]
+mod flux;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/irradiance.rs"]
+mod irradiance;
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/kit.rs"]
 mod kit;
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/light.rs"]
 mod light;
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
 #[path = "../tests/common/meshes.rs"]
 mod meshes;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/path.rs"]
+mod path;
 #[path = "../tests/kernels/precision.rs"]
 mod precision;
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/rooms.rs"]
+mod rooms;
+#[allow(dead_code, unused_imports)]
+#[path = "../tests/kernels/stage.rs"]
+mod stage;
+#[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/statistics.rs"]
 mod statistics;
 

@@ -241,6 +241,25 @@ fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) ->
     Tile { width, height, first_row, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
 }
 
+/// How far interpolated light is off, over the light times the largest coordinate in units of the smallest radius of a
+/// record, where records speak well for the point.
+pub fn rounding() -> Vec<f64> {
+    let features = device_features(gpu()).with("smooth_normals", true);
+    let setup = setup([128, 64], tile_of([128, 64], 0, 64, 1), 500, features, &mut Random(13));
+    let outcome = setup.run();
+    let largest = 0.5 / 0.02;
+    (0..setup.points.len())
+        .filter(|&i| setup.points[i].normal != INVALID_POINT && setup.albedos[i].min_element() > 0.0)
+        .filter_map(|i| {
+            let (irradiance, weight, ..) = setup.expected(i);
+            let right = setup.albedos[i].as_dvec3() * irradiance / PI;
+            let [r, g, b, _] = outcome.radiance[i].map(f64::from);
+            let off = (DVec3::new(r, g, b) - right).abs().max_element() / (right.max_element() * largest);
+            (weight >= ENOUGH).then_some(off)
+        })
+        .collect()
+}
+
 /// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks, several
 /// samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are those of brute
 /// force, with and without rotational gradients and glossy surfaces.

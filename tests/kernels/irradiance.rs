@@ -221,6 +221,32 @@ fn on(rectangle: &Rectangle, random: &mut Random) -> Vec3 {
     rectangle.0 + rectangle.1 * random.unit() + rectangle.2 * random.unit()
 }
 
+/// How far estimates on an open floor are off, relative to themselves.
+pub fn rounding() -> Vec<f64> {
+    let floor = [Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0))];
+    let bench = Bench::new(&floor);
+    let mut random = Random(4);
+    let mut lying = |flux: bool| {
+        let photon = photon(on(&floor[0], &mut random), Vec3::Y, 0, false);
+        // Of one sign: differences are as exact, but not relative to themselves.
+        Photon { word: photon.word | if flux { random.word() & 0x7fff_c000 } else { 0 }, ..photon }
+    };
+    let photons: Vec<Photon> = (0..20_000).map(|_| lying(true)).collect();
+    let places: Vec<Photon> = (0..1000).map(|_| lying(false)).collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
+    let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 1.0), 1000)), 1e-4);
+    let error = |(place, [r, g, b, _]): (&Photon, &[f32; 4])| {
+        let expected = brute_force(&photons, &shape, place);
+        let (share, _) = covered(&bench.stage, place, expected.radius).filter(|_| !expected.doubtful)?;
+        // The kernel chooses its disc by 3.1416 for pi where it is less than a cell, and takes the area of that disc.
+        let disc = if expected.radius < f64::from(shape.cell) { PI / 3.1416 } else { 1.0 };
+        let right = expected.density * f64::from(1e-4f32) / (share * disc);
+        let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
+        (share > 0.0).then(|| ((value - right).abs() / right).max_element())
+    };
+    told.places.iter().zip(&told.irradiances).filter_map(error).collect()
+}
+
 /// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, places about a
 /// workgroup, on surfaces, at edges and corners and in the open, in grids of cells that are full and that are not.
 #[test]
