@@ -1,7 +1,7 @@
 //! Renders that are written to a file and taken up again, bit for bit as if they had never stopped.
 //!
 //! Photons and irradiance records are made anew, as their seed says; what the file holds is what samples have left: the sums
-//! of the film, the photons that audits added, the cells that points asked about, and the counts.
+//! of the film, the photons that audits added, the cells that points asked about, what was seen of each light, and the counts.
 
 use std::io::Write;
 use std::path::Path;

@@ -2,6 +2,7 @@
 
 mod bsdf;
 mod cache;
+mod cells;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
@@ -28,3 +29,4 @@ mod stage;
 mod statistics;
 mod terminator;
 mod traverse;
+mod ward;
