@@ -73,15 +73,16 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
     };
     let mut list: Vec<(f64, usize)> = lamps.iter().map(potential).zip(0..).filter(|(p, _)| *p > 0.0).collect();
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
-    // Keys keep twelve bits of a potential.
-    let mut doubtful = list.windows(2).any(|pair| pair[0].0 < pair[1].0 * (1.0 + 1e-3));
+    let mut doubtful = false;
     let mut rest: f64 = list.iter().map(|(p, _)| p).sum();
     let (mut found, mut seen, mut expected) = (0.0, 0.0, 0.0);
     let mut tested = vec![false; lamps.len()];
     let rate = |light: usize| rates[light][0] / rates[light][1];
-    for (p, light) in &list {
+    for (place, (p, light)) in list.iter().enumerate() {
         doubtful |= rest > 0.0 && (rest - tolerance * found).abs() < 2e-3 * rest;
         if rest < tolerance * found {
+            // Keys keep twelve bits of a potential: which of two that are alike comes first, is not ours to say.
+            doubtful |= list[place - 1].0 < p * (1.0 + 1e-3);
             break;
         }
         tested[*light] = true;
