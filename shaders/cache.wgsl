@@ -1,5 +1,6 @@
 // cache: the irradiance cache. `place` finds the points for which no record speaks well enough: they get records of their own.
-// `interpolate` lights the points of a tile from the records; those that none speaks for are queued for paths.
+// `interpolate` lights the points of a tile from the records; those that none speaks for are queued for paths, and those that
+// reflect more than their diffuse part.
 
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
@@ -26,10 +27,10 @@ var<immediate> cache_pass: CacheParameters;
 @group(0) @binding(3) var<storage, read_write> wanted_points: array<u32>;
 // w: 1 where the diffuse part of the light is there.
 @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-// How many points no record speaks for, which, and the arguments of a dispatch over them.
-@group(0) @binding(5) var<storage, read_write> uncovered_count: array<atomic<u32>, 1>;
-@group(0) @binding(6) var<storage, read_write> uncovered_points: array<u32>;
-@group(0) @binding(7) var<storage, read_write> uncovered_arguments: array<u32, 3>;
+// How many points have light left for paths, which, and the arguments of a dispatch over them.
+@group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
+@group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
+@group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
 
 // Records weigh up to 1 each. With less than this together a point lies at their rims, where gradients reach far.
 const ENOUGH = 0.3;
@@ -54,24 +55,38 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     if at_point(i).weight < ENOUGH { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
+// Whether there is a surface whose light is not all its diffuse part's.
+fn reflects_beyond(i: u32) -> bool {
+    @if(glossy) {
+        if points[i].normal == INVALID_POINT { return false; }
+        var beyond = any(surfaces[i * SURFACE_VECTORS + 1u] != vec4f(0.0));
+        @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + 3u].xyz != vec3f(0.0)); }
+        @if(clearcoat) { beyond = beyond || surfaces[(i + 1u) * SURFACE_VECTORS - 1u].x != 0.0; }
+        return beyond;
+    }
+    @else { return false; }
+}
+
 @compute @workgroup_size(64)
 fn interpolate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= cache_pass.tile.point_count { return; }
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
+    var queued = reflects_beyond(i);
     if asks_irradiance(i) {
         let found = at_point(i);
         light = vec4f(surfaces[i * SURFACE_VECTORS].xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);
-            uncovered_points[atomicAdd(&uncovered_count[0], 1u)] = i;
+            queued = true;
         }
     }
+    if queued { path_points[atomicAdd(&path_count[0], 1u)] = i; }
     radiance_indirect[i] = light;
 }
 
 @compute @workgroup_size(1)
-fn arrange_uncovered() {
-    let size = dispatch_groups(atomicLoad(&uncovered_count[0]), PATH_GROUP);
-    uncovered_arguments = array(size.x, size.y, size.z);
+fn arrange_paths() {
+    let size = dispatch_groups(atomicLoad(&path_count[0]), PATH_GROUP);
+    path_arguments = array(size.x, size.y, size.z);
 }

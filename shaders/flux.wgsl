@@ -2,8 +2,10 @@
 // stored at every diffuse surface that it meets, and goes on by Russian roulette on the BSDF, sampled by it (section 2
 // of the paper; Jensen 1996). With the feature `negative_photons` the light's own rays leave shadow photons behind their
 // first hit in place of a photon there. Out: photons, in any order, appended to `flux_photons`.
+// With `caustic_photons` 1 they are the caustic map's: those that have met focusing surfaces alone, and at least one.
 
-import package::lib::bsdf::bsdf_sample;
+import package::lib::bsdf::{bsdf_sample, leaving_normal};
+@if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, traversal_overrun, traversal_turns};
 import package::lib::dispatch::group_index;
 import package::lib::light::{flux_window, light_emit};
@@ -38,6 +40,8 @@ var<immediate> flux_pass: FluxParameters;
 @group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, 4>;
 // The first ray of each light; behind the last one's the end.
 @group(0) @binding(2) var<storage, read> flux_rays: array<u32>;
+
+@if(caustics) override caustic_photons: u32;
 
 const FAR_AWAY = 1e30;
 
@@ -101,6 +105,7 @@ fn flux(
         let found = surface_at(hit, here);
         if found.unlit { break; }
         if bounce == 0u { flux *= flux_window(light, hit.t); }
+        @if(transmission) { flux *= found.transmittance; }
         let lots = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         let reflects = any(found.surface.albedo > vec3f(0.0));
         var stores = reflects;
@@ -109,19 +114,27 @@ fn flux(
             stores &= bounce > 0u;
             if bounce == 0u { rays += store_shadows(light, here, hit, found, flux, lots.x, bounce_seed); }
         }
+        var goes_on = bounce < flux_pass.max_bounces;
+        @if(caustics) {
+            if caustic_photons == 1u {
+                stores &= bounce > 0u;
+                goes_on &= focuses(found.surface);
+            }
+        }
         if stores { store(found.triangle_position, found.triangle_normal, flux, lots.x, false); }
-        if bounce >= flux_pass.max_bounces { break; }
+        if !goes_on { break; }
         // The first bounce of all rays together is as even as the rays themselves.
         let u = sobol2(ray, hash3(seed, bounce, 3u));
         let chosen = bsdf_sample(found.surface, vec3f(u, uniform_from_bits(hash2(bounce_seed, 4u))));
         if chosen.pdf <= 0.0 { break; }
-        let reflected = flux * chosen.weight;
+        var reflected = flux * chosen.weight;
+        @if(transmission) { reflected /= chosen.concentration; }
         let survival = max(reflected.x, max(reflected.y, reflected.z)) / max(flux.x, max(flux.y, flux.z));
         // Photons that survive carry as much as those that came, in the strongest channel.
         if !(lots.y < survival) { break; }
         flux = reflected / min(survival, 1.0);
         position = found.position;
-        normal = found.surface.geometric_normal;
+        normal = leaving_normal(found.surface, chosen.direction);
         direction = chosen.direction;
     }
     atomicAdd(&flux_counts[2], rays);

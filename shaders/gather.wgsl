@@ -5,6 +5,7 @@
 // In: points and surfaces, and which of them want records. Out: `record_heads`, `record_values`; see lib/record.
 
 import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
+@if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::camera::pixel_size;
 import package::lib::dispatch::{dispatch_groups, group_index};
@@ -103,8 +104,12 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             let known = irradiance_near(found.position, found.surface.geometric_normal);
             var follow = 0u;
             var follows = true;
-            if spread_along(leaving.pdf, hit.t) >= known.radius {
+            var wide = spread_along(leaving.pdf, hit.t) >= known.radius;
+            // The light of a focusing surface is in part the caustic map's; the walk knows which.
+            @if(caustics) { wide = wide && !focuses(found.surface); }
+            if wide {
                 brought = vec4f(bsdf_seen_afar(found.surface) * known.value, brought.w);
+                @if(transmission) { brought *= vec4f(found.transmittance, 1.0); }
                 follow = FOLLOW_RESIDUAL;
                 follows = reflects_more(found.surface);
             }
@@ -139,7 +144,8 @@ fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     vertex.sample_index = leaving.stratum;
     @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
     let start = PathStart(1u, spread_along(leaving.pdf, words.x));
-    let brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
+    var brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
+    @if(transmission) { brought.indirect *= found.transmittance; }
     gathered[id] = vec4f(gathered[id].xyz + brought.indirect, words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }

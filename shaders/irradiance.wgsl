@@ -1,15 +1,15 @@
 // irradiance: density estimates on the global map, precomputed at places all over the scene (Christensen 1999).
 // In: the global map and the places, both sorted by cell. Out: irradiance and radius of the disc, by place.
-// `show` estimates at the points of a tile: the map visualised directly.
+// `show` estimates at the points of a tile: the map visualised directly. `caustics` adds there what the caustic map tells.
 
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
 import package::lib::irradiance::encode_disc;
 import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
-@if(!photon_map) import package::lib::math::{PI, basis};
-@if(photon_map) import package::lib::math::{PI, basis, oct_decode16};
-@if(photon_map) import package::lib::point::{Point, SURFACE_VECTORS};
-@if(photon_map) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
+@if(!(photon_map || caustics)) import package::lib::math::{PI, basis};
+@if(photon_map || caustics) import package::lib::math::{PI, basis, oct_decode16};
+@if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
+@if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
@@ -24,7 +24,9 @@ struct IrradianceParameters {
     count: u32,
     // Power of a step of a photon's flux.
     step: f32,
-    padding: vec2u,
+    // Radius of a disc over that of one with k photons.
+    shrink: f32,
+    padding: u32,
 }
 
 var<immediate> irradiance_pass: IrradianceParameters;
@@ -32,10 +34,10 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @group(0) @binding(0) var<storage, read> places: array<Photon>;
 @group(0) @binding(1) var<storage, read_write> irradiances: array<vec4f>;
 
-@if(photon_map) @group(0) @binding(2) var<storage, read> points: array<Point>;
-@if(photon_map) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
-@if(photon_map) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-@if(photon_map) @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
+@if(photon_map || caustics) @group(0) @binding(2) var<storage, read> points: array<Point>;
+@if(photon_map || caustics) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
+@if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
+@if(photon_map || caustics) @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Photons and rows that an estimate may look at: a quarter of the iterations that lavapipe grants an invocation.
 const MOST_LOOKS = 16384u;
@@ -72,6 +74,21 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     radiance_indirect[i] = vec4f(light, 1.0);
 }
 
+// What light the caustic map tells at the points of a tile: focused light is far denser at some places than about them, so
+// discs are small, and their edges are not measured.
+@if(caustics)
+@compute @workgroup_size(64)
+fn caustics(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= irradiance_pass.count { return; }
+    let albedo = surfaces[i * SURFACE_VECTORS].xyz;
+    if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
+    let disc = flux_about(points[i].position, oct_decode16(points[i].normal));
+    if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
+    if disc.radius <= 0.0 { return; }
+    radiance_indirect[i] += vec4f(albedo * disc.flux / (PI * PI * disc.radius * disc.radius), 0.0);
+}
+
 // Light points that stand for a light without a closed form.
 @if(negative_photons) const UNSHADOWED_SAMPLES = 4u;
 
@@ -94,10 +111,25 @@ fn unshadowed(light: u32, position: vec3f, normal: vec3f) -> vec3f {
 // photons at the density of the 27 cells around, so its size does not depend on which of them lie in it, and the mean
 // is right whatever k is.
 fn density(position: vec3f, normal: vec3f) -> vec4f {
+    let disc = flux_about(position, normal);
+    let share = covered(position, normal, disc.radius);
+    // In gaps too narrow for any probe the area is anyone's guess.
+    if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
+    return vec4f(disc.flux / (PI * disc.radius * disc.radius * share.area), encode_disc(disc.radius, share.clear));
+}
+
+struct Disc {
+    // Power of its photons.
+    flux: vec3f,
+    // 0 where there were too many to look at.
+    radius: f32,
+}
+
+fn flux_about(position: vec3f, normal: vec3f) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
     // More than one cell would leave the 27.
-    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), 1.0), 1.0);
+    let reach = min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), 1.0);
     let radius = reach * grid.cell;
     let limit = radius * radius;
     var sum = vec3i(0);
@@ -109,7 +141,7 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
             looks += row.y - row.x + 1u;
             if looks > MOST_LOOKS {
                 traversal_overrun = true;
-                return vec4f(0.0, 0.0, 0.0, UNSURE);
+                return Disc(vec3f(0.0), 0.0);
             }
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
@@ -117,10 +149,7 @@ fn density(position: vec3f, normal: vec3f) -> vec4f {
             }
         }
     }
-    let share = covered(position, normal, radius);
-    // In gaps too narrow for any probe the area is anyone's guess.
-    if share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
-    return vec4f(vec3f(sum) * (irradiance_pass.step / (PI * limit * share.area)), encode_disc(radius, share.clear));
+    return Disc(vec3f(sum) * irradiance_pass.step, radius);
 }
 
 struct Covered {

@@ -27,9 +27,9 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// Points that no record speaks for. Where surfaces are glossy all points have something left.
-@if(irradiance_cache && !glossy) @group(0) @binding(5) var<storage, read> uncovered_count: array<u32, 1>;
-@if(irradiance_cache && !glossy) @group(0) @binding(6) var<storage, read> uncovered_points: array<u32>;
+// Points that records do not bring all light to: those that none speaks for, and those that are not Lambertian.
+@if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
+@if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
 
 var<immediate> parameters: PathParameters;
 
@@ -49,9 +49,9 @@ fn path(
     workgroupBarrier();
     var i = group_index(group, groups) * 64u + lane;
     var items = parameters.tile.point_count;
-    @if(irradiance_cache && !glossy) { items = uncovered_count[0]; }
+    @if(irradiance_cache) { items = path_count[0]; }
     if i < items {
-        @if(irradiance_cache && !glossy) { i = uncovered_points[i]; }
+        @if(irradiance_cache) { i = path_points[i]; }
         var indirect = vec3f(0.0);
         if points[i].normal != INVALID_POINT && light_count() > 0u {
             let found = radiance_along(i);
@@ -83,6 +83,8 @@ fn radiance_along(i: u32) -> PathRadiance {
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
+        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
+        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
     }
     var vertex: Vertex;
     vertex.position = points[i].position;

@@ -1,11 +1,12 @@
 // primary: camera rays to surface samples, and the radiance that is seen without any lighting.
 // In: the scene, the camera. Out: a point and a surface for each sample of the tile; emission in `radiance_direct`
-// (w: 1 where the ray met something, the image's alpha); the samples of those AOVs that are asked for.
+// (w: 1 where the ray met something, be it the environment: the image's alpha); the samples of those AOVs that are asked for.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
 import package::lib::bvh::{trace_closest, traversal_overrun};
+@if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
 import package::lib::surface::surface_at;
 import package::lib::math::oct_encode16;
@@ -43,6 +44,7 @@ fn primary(
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);
+    @if(environment) { if hit.triangle == NO_HIT { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); } }
     @if(aov_albedo) var albedo = vec4f(0.0);
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
@@ -55,6 +57,8 @@ fn primary(
         @if(glossy) {
             surfaces[i * SURFACE_VECTORS + 1u] = packed.b;
             surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
+            @if(transmission) { surfaces[i * SURFACE_VECTORS + 3u] = packed.d; }
+            @if(clearcoat || anisotropy) { surfaces[(i + 1u) * SURFACE_VECTORS - 1u] = packed.e; }
         }
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }

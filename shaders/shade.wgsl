@@ -12,8 +12,8 @@ import package::lib::light::{LightSample, light_dark, light_has_closed_form, lig
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
-@if(indirect && glossy && mesh_lights) import package::lib::bsdf::bsdf_pdf;
-@if(indirect && glossy && mesh_lights) import package::lib::sampling::mis_weight;
+@if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
+@if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
 import package::lib::constants::INVALID_POINT;
 import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
@@ -67,7 +67,7 @@ fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
     @if(glossy) {
         var residual = bsdf_residual(place.surface, chosen.direction) * incident;
         // The first ray of the path from here may meet the light too: pass `path` has the other weight.
-        @if(indirect && mesh_lights) {
+        @if(indirect && (mesh_lights || environment)) {
             if !chosen.delta {
                 residual *= mis_weight(f32(parameters.light_samples) * chosen.pdf, bsdf_pdf(place.surface, chosen.direction));
             }
@@ -166,6 +166,8 @@ fn shade(
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
+        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
+        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
         view = view_direction(place.position);
     }
     place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);

@@ -84,6 +84,8 @@ fn place_of(i: u32) -> Place {
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
+        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
+        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
         view = view_direction(place.position);
     }
     place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);

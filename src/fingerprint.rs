@@ -6,7 +6,7 @@ use std::hash::Hasher;
 use siphasher::sip128::{Hasher128, SipHasher24};
 
 use crate::Scene;
-use crate::scene::TextureImage;
+use crate::scene::{Panorama, TextureImage};
 
 /// 128 bits, as 32 hexadecimal digits, of the scene, of whatever else decides the image, and of Penumbra's version. Two
 /// inputs that differ have the same digits with a probability of 2^-128; the digits are not proof against an attacker.
@@ -21,6 +21,11 @@ pub fn fingerprint(scene: &Scene, rest: &impl Debug) -> String {
     for TextureImage { name, width, height, texels } in images {
         let _ = write!(digest, "{name:?} {width} {height}");
         digest.0.write(texels.as_flattened());
+    }
+    // Its debug form says only how large it is.
+    if let Some(Panorama { width, height, texels }) = scene.environment() {
+        let _ = write!(digest, "{width} {height}");
+        digest.0.write(bytemuck::cast_slice(texels));
     }
     hexadecimal(&digest.0)
 }

@@ -13,6 +13,7 @@ pub mod report;
 pub mod scene;
 pub mod settings;
 pub mod statistics;
+pub mod stress;
 pub mod tables;
 pub mod techniques;
 

@@ -1,6 +1,7 @@
 //! What a scene needs: the one place that decides which modules and branches the kernels are composed of, which
 //! buffers exist and which passes run.
 
+use glam::Vec3;
 use serde::Serialize;
 
 use crate::gpu::Features;
@@ -59,6 +60,14 @@ impl Needs {
             "every material is Lambertian",
             "specular terms at every light point; 32 B a point",
         );
+        let (on, why) = materials(m.transmission, "that light passes through");
+        let cost = "a lobe more at every glossy surface; 16 B a point";
+        needs.decide("transmission", on, why, "no light passes through any material", cost);
+        let (on, why) = materials(m.clearcoat, "with a clear coat");
+        needs.decide("clearcoat", on, why, "no material has a clear coat", cost);
+        let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
+        let cost = "a tangent at every surface; 16 B a point and a triangle";
+        needs.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
         needs.decide(
             "alpha_test",
@@ -91,35 +100,47 @@ impl Needs {
             let (on, why) = some_lights(number);
             needs.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
         }
+        let panorama = scene.environment();
+        let why = panorama
+            .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
+        let unneeded = "no --environment is given";
+        let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
+        needs.decide("environment", panorama.is_some(), why, unneeded, cost);
         let (on, why) = some_lights(m.textured_lights);
         needs.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
 
         needs.decide(
             "dark_points",
-            !scene.lights.is_empty(),
+            !scene.placed_lights().is_empty(),
             "points that face away from a light need no ray".into(),
-            "there is no light",
+            "there is no light that a point could face away from",
             "a test at every point and light",
         );
         let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
         needs.decide("emitter_pairs", on, why, "no light is a closed mesh", "two records at every light point");
         let map = settings.technique.uses_visibility_map();
-        let photons = u64::from(settings.photons) * scene.lights.len() as u64;
+        let placed = scene.placed_lights().len();
+        let photons = u64::from(settings.photons) * placed as u64;
         let unneeded = if !map {
             format!("the technique {} does not ask it", settings.technique)
+        } else if placed == 0 && panorama.is_some() {
+            format!("the environment is the only light: {NO_PHOTONS}")
         } else if scene.lights.is_empty() {
             "there is no light".to_owned()
         } else {
             "there is nothing to be lit".to_owned()
         };
-        let many = scene.lights.len() > MAX_LIGHTS as usize;
+        let many = placed > MAX_LIGHTS as usize;
         let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
-        let wanted = map && !many && !scene.lights.is_empty() && !scene.triangles.is_empty();
-        let why = format!("{photons} photons tell lit and shadowed points apart");
+        let wanted = map && !many && placed > 0 && !scene.triangles.is_empty();
+        let mut why = format!("{photons} photons tell lit and shadowed points apart");
+        if panorama.is_some() {
+            why += &format!("; none are of the environment: {NO_PHOTONS}");
+        }
         let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
         needs.decide("visibility_map", wanted, why, &unneeded, &cost);
-        let several = scene.lights.len() > 1;
-        let why = format!("{} lights", scene.lights.len());
+        let several = placed > 1;
+        let why = format!("{placed} lights");
         needs.decide(
             "light_tags",
             wanted && several,
@@ -137,6 +158,7 @@ impl Needs {
         let estimate = settings.technique == Technique::VisibilityEstimate;
         let why = "the photons' own visibility is shown (equation 1)".to_owned();
         let lit = !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let many = scene.lights.len() > MAX_LIGHTS as usize;
         let ward = lit && !many && scene.lights.len() > 1 && settings.technique == Technique::WardAdaptive;
         let why = if ward { "lights that are not tested are guessed".to_owned() } else { why };
         needs.decide(
@@ -170,19 +192,21 @@ impl Needs {
         needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
 
         let shaded = settings.technique.is_two_pass() && lit;
-        // Without bounces a path's first ray is left, for the highlights of lights that have a surface.
-        let highlights = m.glossy > 0 && m.mesh_lights > 0;
+        // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
+        let highlights = m.glossy > 0 && (m.mesh_lights > 0 || panorama.is_some());
         let why = match settings.max_bounces {
-            0 => "highlights of lights that have a surface".to_owned(),
+            0 => "highlights of lights that rays can meet".to_owned(),
             bounces => format!("up to {bounces} bounces"),
         };
         let unneeded = match settings.technique {
             Technique::Path => "paths bring all light",
             _ if settings.technique.shows_map() => "the map brings all light",
             _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ if lit => "every surface is black",
             _ => "there is nothing to be lit",
         };
-        let on = shaded && (settings.max_bounces > 0 || highlights);
+        let reflected = settings.max_bounces > 0 && m.reflecting > 0;
+        let on = shaded && (reflected || highlights);
         needs.decide(
             "indirect",
             on,
@@ -202,13 +226,17 @@ impl Needs {
         let negative = shown && settings.technique == Technique::NegativePhotons;
         let why = "shadow photons take the energy of the light that they lack".to_owned();
         needs.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
-        let bounces = on && settings.max_bounces > 0;
+        let bounces = on && reflected;
         let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
         let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
         needs.decide("global_map", shown || bounces, why, unneeded, &cost);
+        let why = format!("{} that light is focused by", count(m.focusing, "material"));
+        let unneeded = if bounces { "no material focuses light" } else { unneeded };
+        let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
+        needs.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
+        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
         let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
-        let unneeded = if bounces { "--no-cache" } else { unneeded };
         let cost = "passes gather, cache; about 100 B a record";
         needs.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
 
@@ -249,6 +277,9 @@ fn grid_bytes(scene: &Scene, settings: &Settings) -> u64 {
     8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells).cells())
 }
 
+/// Why the environment has no visibility photons.
+const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";
+
 /// A number of bytes as people read it.
 pub fn bytes_text(bytes: u64) -> String {
     match bytes {
@@ -260,8 +291,19 @@ pub fn bytes_text(bytes: u64) -> String {
 
 /// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
 fn is_lambertian(m: &Material) -> bool {
-    m.unlit || (m.metallic == 0.0 && m.specular == 0.0)
+    m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0)
 }
+
+/// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
+/// room for it, as textures multiply them.
+fn focuses(m: &Material) -> bool {
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6;
+    let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
+    !m.unlit && (m.transmission > 0.0 || (metal && smooth))
+}
+
+/// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
+pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
 /// Numbers of materials and lights that have some property, counting only materials that a triangle uses.
 #[derive(Default)]
@@ -270,6 +312,12 @@ struct Facts {
     uv1: usize,
     normal_maps: usize,
     glossy: usize,
+    transmission: usize,
+    clearcoat: usize,
+    focusing: usize,
+    anisotropy: usize,
+    /// All but black ones.
+    reflecting: usize,
     alpha: usize,
     unlit: usize,
     vertex_colours: bool,
@@ -289,18 +337,16 @@ impl Facts {
             used[triangle.material as usize] = true;
         }
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-            let slots = [
-                &m.base_colour_texture,
-                &m.metallic_roughness_texture,
-                &m.normal_texture,
-                &m.emissive_texture,
-                &m.specular_texture,
-                &m.specular_colour_texture,
-            ];
-            facts.textured += usize::from(slots.iter().any(|s| s.is_some()));
-            facts.uv1 += usize::from(slots.iter().any(|s| s.is_some_and(|s| s.uv_set == 1)));
+            facts.textured += usize::from(m.shown_slots().next().is_some());
+            facts.uv1 += usize::from(m.shown_slots().any(|s| s.uv_set == 1));
             facts.normal_maps += usize::from(m.normal_texture.is_some());
             facts.glossy += usize::from(!is_lambertian(m));
+            facts.transmission += usize::from(!m.unlit && m.transmission > 0.0);
+            facts.focusing += usize::from(focuses(m));
+            facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
+            facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
+            let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);
+            facts.reflecting += usize::from(!black);
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }
@@ -316,6 +362,7 @@ impl Facts {
                 LightKind::Point { .. } => facts.point_lights += 1,
                 LightKind::Spot { .. } => facts.spot_lights += 1,
                 LightKind::Directional { .. } => facts.directional_lights += 1,
+                LightKind::Environment { .. } => {}
             }
         }
         debug_assert!(scene.triangles.iter().all(|t| t.light == NO_LIGHT || (t.light as usize) < scene.lights.len()));

@@ -8,13 +8,21 @@ use serde_json::{Value, json};
 mod cornell_box;
 mod glb;
 mod marble_sphere;
+mod materials;
 mod mesh;
 mod noise;
+mod sky;
 mod still_life;
 
-/// File name and contents of each scene.
-pub fn scenes() -> [(&'static str, Vec<u8>); 3] {
-    [("sphere.glb", marble_sphere::glb()), ("box.glb", cornell_box::glb()), ("still_life.glb", still_life::glb())]
+/// File name and contents of each scene, and of the panorama.
+pub fn scenes() -> [(&'static str, Vec<u8>); 5] {
+    [
+        ("sphere.glb", marble_sphere::glb()),
+        ("box.glb", cornell_box::glb()),
+        ("still_life.glb", still_life::glb()),
+        ("materials.glb", materials::glb()),
+        ("sky.exr", sky::exr()),
+    ]
 }
 
 /// A glTF material that reflects by Lambert's law alone; linear RGB.

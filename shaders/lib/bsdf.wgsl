@@ -1,20 +1,30 @@
-// How surfaces reflect: glTF's metallic-roughness model (glTF 2.0, appendix B; KHR_materials_specular and _ior): a
-// GGX microfacet lobe over a Lambertian base.
+// How surfaces reflect and let light pass: glTF's metallic-roughness model (glTF 2.0, appendix B; KHR_materials_specular,
+// _ior, _transmission, _volume, _clearcoat and _anisotropy): a GGX microfacet lobe over a Lambertian base, of which a part may
+// let light pass, under a second GGX lobe, the coat.
 
 import package::lib::math::{PI, basis, safe_sqrt};
 import package::lib::sampling::sample_cosine;
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
-    // Reflectance of the diffuse base: base colour times (1 - metallic).
+    // Reflectance of the diffuse base: base colour times (1 - metallic), and times (1 - transmission).
     albedo: vec3f,
     // Specular reflectance at normal and at grazing incidence, metal and dielectric mixed.
     @if(glossy) f0: vec3f,
     @if(glossy) f90: f32,
     // The same of the dielectric layer over the diffuse base: what it reflects, the base does not get.
     @if(glossy) dielectric: vec2f,
-    // Width of the GGX distribution: roughness squared.
+    // Width of the GGX distribution: roughness squared; across the tangent where that is not 0.
     @if(glossy) alpha: f32,
+    @if(anisotropy) tangent: vec3f,
+    // The width along it.
+    @if(anisotropy) alpha_along: f32,
+    // What passes of the light that the dielectric layer does not reflect: base colour times (1 - metallic) times transmission.
+    @if(transmission) tint: vec3f,
+    // Index of refraction on the viewer's side over that on the other; 1 where light passes straight on (a thin wall).
+    @if(transmission) eta: f32,
+    // Of the coat: its factor, and its width as alpha.
+    @if(clearcoat) coat: vec2f,
     // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth surface.
     geometric_normal: vec3f,
     shading_normal: vec3f,
@@ -30,6 +40,18 @@ fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
     return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.shading_normal) > 0.0;
 }
 
+// Light from the direction passes through the surface.
+@if(transmission)
+fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
+    return any(s.tint > vec3f(0.0)) && dot(direction, s.geometric_normal) < 0.0 && dot(direction, s.shading_normal) < 0.0;
+}
+
+// The geometric normal on the side that the direction leaves to.
+fn leaving_normal(s: Surface, direction: vec3f) -> vec3f {
+    @if(transmission) { return select(s.geometric_normal, -s.geometric_normal, dot(direction, s.geometric_normal) < 0.0); }
+    @else { return s.geometric_normal; }
+}
+
 // The part of the BSDF that is the same for all directions.
 fn bsdf_diffuse(s: Surface) -> vec3f {
     return s.albedo / PI;
@@ -42,14 +64,70 @@ fn schlick(cosine: f32) -> f32 {
     return x2 * x2 * x;
 }
 
-// What the dielectric layer lets through to the base and out again: what it does not reflect at the lower of the two
-// angles. A rough layer reflects less at grazing angles than Fresnel's term says: a tenth of it at alpha 1, which is a
-// little above what its lobe sums to. Appendix B takes the term at the half vector instead, but then a white base under a smooth layer, seen at one degree, returns 1.8 times
-// what it gets; this stays within 1, and is the same both ways.
+// What a dielectric layer lets through to the base and out again: what it does not reflect at the lower of the two
+// angles, of reflectances at normal and at grazing incidence. A rough layer reflects less at grazing angles than Fresnel's
+// term says: a tenth of it at alpha 1, which is a little above what its lobe sums to. Appendix B takes the term at the half
+// vector instead, but then a white base under a smooth layer, seen at one degree, returns 1.8 times what it gets; this stays
+// within 1, and is the same both ways.
 @if(glossy)
-fn transmission(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    let grazing = max(s.dielectric.y * (1.0 - 0.9 * s.alpha), s.dielectric.x);
-    return 1.0 - mix(s.dielectric.x, grazing, schlick(min(light_z, view_z)));
+fn through_layer(reflectances: vec2f, alpha: f32, light_z: f32, view_z: f32) -> f32 {
+    let grazing = max(reflectances.y * (1.0 - 0.9 * alpha), reflectances.x);
+    return 1.0 - mix(reflectances.x, grazing, schlick(min(light_z, view_z)));
+}
+
+// Reflectances of the coat at normal and at grazing incidence: its index of refraction is 1.5 (KHR_materials_clearcoat).
+@if(clearcoat) const COAT_REFLECTANCES = vec2f(0.04, 1.0);
+
+// What the coat lets through to what lies below it.
+@if(glossy)
+fn through_coat(s: Surface, light_z: f32, view_z: f32) -> f32 {
+    @if(clearcoat) { return 1.0 - s.coat.x * (1.0 - through_layer(COAT_REFLECTANCES, s.coat.y, light_z, view_z)); }
+    @else { return 1.0; }
+}
+
+// What coat and dielectric layer let through to the diffuse base.
+@if(glossy)
+fn through_to_base(s: Surface, light_z: f32, view_z: f32) -> f32 {
+    return through_layer(s.dielectric, s.alpha, light_z, view_z) * through_coat(s, light_z, view_z);
+}
+
+// The cosine that Schlick's term is for: that on the side of the lower index of refraction. -1 where all is reflected.
+@if(transmission)
+fn fresnel_cosine(s: Surface, cosine: f32) -> f32 {
+    if s.eta <= 1.0 { return cosine; }
+    let sine_squared = s.eta * s.eta * (1.0 - cosine * cosine);
+    return select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
+}
+
+// Reflectance of the microfacets for light at that cosine to their normal.
+@if(glossy)
+fn reflectance(s: Surface, cosine: f32) -> vec3f {
+    @if(transmission) {
+        let outer = fresnel_cosine(s, cosine);
+        if outer < 0.0 { return vec3f(1.0); }
+        return mix(s.f0, vec3f(s.f90), schlick(outer));
+    }
+    @else { return mix(s.f0, vec3f(s.f90), schlick(cosine)); }
+}
+
+// What of light at that cosine to their normal passes the microfacets.
+@if(transmission)
+fn transmittance(s: Surface, cosine: f32) -> vec3f {
+    let outer = fresnel_cosine(s, cosine);
+    if outer < 0.0 { return vec3f(0.0); }
+    return s.tint * (1.0 - mix(s.dielectric.x, s.dielectric.y, schlick(outer)));
+}
+
+// Axes about the shading normal.
+fn shading_frame(s: Surface) -> mat3x3f {
+    @if(anisotropy) {
+        let along = s.tangent - s.shading_normal * dot(s.tangent, s.shading_normal);
+        if dot(along, along) > 1e-8 {
+            let x = normalize(along);
+            return mat3x3f(x, cross(s.shading_normal, x), s.shading_normal);
+        }
+    }
+    return basis(s.shading_normal);
 }
 
 // The view and another direction about the shading normal.
@@ -57,49 +135,109 @@ fn transmission(s: Surface, light_z: f32, view_z: f32) -> f32 {
 struct LocalPair {
     view: vec3f,
     light: vec3f,
-    alpha: f32,
+    // Widths along x and y.
+    alpha: vec2f,
 }
 
 @if(glossy)
 fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
-    let frame = transpose(basis(s.shading_normal));
+    let frame = transpose(shading_frame(s));
     var view = frame * s.view;
     // A bent shading normal leaves the view about its horizon, never behind it.
     view.z = max(view.z, 1e-4);
-    return LocalPair(view, frame * direction, max(s.alpha, MIN_ALPHA));
+    var alpha = vec2f(s.alpha);
+    @if(anisotropy) { if any(s.tangent != vec3f(0.0)) { alpha.x = s.alpha_along; } }
+    return LocalPair(view, frame * direction, max(alpha, vec2f(MIN_ALPHA)));
+}
+
+// The same of the coat.
+@if(clearcoat)
+fn coat_pair(s: Surface, pair: LocalPair) -> LocalPair {
+    return LocalPair(pair.view, pair.light, vec2f(max(s.coat.y, MIN_ALPHA)));
 }
 
 // GGX, of a half vector about the normal: by its tangent part, which has digits left where alpha is small.
 @if(glossy)
-fn ggx_density(h: vec3f, alpha: f32) -> f32 {
-    let x = dot(h.xy, h.xy) / (alpha * alpha) + h.z * h.z;
-    return 1.0 / (PI * alpha * alpha * x * x);
+fn ggx_density(h: vec3f, alpha: vec2f) -> f32 {
+    let across = h.xy / alpha;
+    let x = dot(across, across) + h.z * h.z;
+    return 1.0 / (PI * alpha.x * alpha.y * x * x);
 }
 
-// sqrt(alpha^2 + (1 - alpha^2) z^2): Smith's masking of a direction of height z is 2 z / (z + this).
+// Smith's masking of a direction of height z is 2 z / (z + this).
 @if(glossy)
-fn smith_root(z: f32, alpha: f32) -> f32 {
-    return sqrt(alpha * alpha + (1.0 - alpha * alpha) * z * z);
+fn smith_root(v: vec3f, alpha: vec2f) -> f32 {
+    let across = v.xy * alpha;
+    return sqrt(dot(across, across) + v.z * v.z);
 }
 
-// Specular part: distribution, height-correlated masking and shadowing, Fresnel.
+// Height-correlated masking and shadowing over 4 times both cosines.
+@if(glossy)
+fn smith_visibility(pair: LocalPair) -> f32 {
+    let light_z = abs(pair.light.z);
+    return 0.5 / (light_z * smith_root(pair.view, pair.alpha) + pair.view.z * smith_root(pair.light, pair.alpha));
+}
+
+// Distribution, masking and shadowing: what is left is Fresnel's term.
+@if(glossy)
+fn microfacets(pair: LocalPair, h: vec3f) -> f32 {
+    return smith_visibility(pair) * ggx_density(h, pair.alpha);
+}
+
+// Light that microfacets reflect; less what the coat keeps from them, and the coat's own.
 @if(glossy)
 fn specular_value(s: Surface, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
-    let light_z = pair.light.z;
-    let view_z = pair.view.z;
-    let visibility = 0.5 / (light_z * smith_root(view_z, pair.alpha) + view_z * smith_root(light_z, pair.alpha));
-    let fresnel = mix(s.f0, vec3f(s.f90), schlick(dot(pair.view, h)));
-    return fresnel * (visibility * ggx_density(h, pair.alpha));
+    let value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h);
+    @if(clearcoat) {
+        let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
+        return value * through_coat(s, pair.light.z, pair.view.z) + s.coat.x * fresnel * microfacets(coat_pair(s, pair), h);
+    }
+    @else { return value; }
 }
 
-// The BSDF less its diffuse part, for light from the unit `direction`. Negative where the dielectric layer keeps
-// more from the base than it reflects this way.
+// The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely
+// directions lie about it: the normal's density times this is the direction's (Walter et al. 2007, equations 16 and 17). 0
+// where there is none. A thin wall bends no light: it spreads it as its mirror image is spread.
+@if(transmission)
+struct Passing {
+    normal: vec3f,
+    jacobian: f32,
+}
+
+@if(transmission)
+fn passing(s: Surface, pair: LocalPair) -> Passing {
+    if s.eta == 1.0 {
+        let mirrored = vec3f(pair.light.xy, -pair.light.z);
+        let h = normalize(pair.view + mirrored);
+        return Passing(h, 0.25 / max(dot(pair.view, h), 1e-6));
+    }
+    let bent = -(pair.light + s.eta * pair.view);
+    let h = normalize(select(bent, -bent, bent.z < 0.0));
+    let view_h = dot(pair.view, h);
+    let light_h = dot(pair.light, h);
+    if view_h <= 0.0 || light_h >= 0.0 { return Passing(h, 0.0); }
+    let root = light_h + s.eta * view_h;
+    return Passing(h, -light_h / (root * root));
+}
+
+// The BSDF for light that passes from the other side. Radiance is denser where the index of refraction is higher.
+@if(transmission)
+fn transmitted_value(s: Surface, pair: LocalPair) -> vec3f {
+    let found = passing(s, pair);
+    let view_h = dot(pair.view, found.normal);
+    let value = transmittance(s, view_h) * (4.0 * view_h * found.jacobian * s.eta * s.eta * microfacets(pair, found.normal));
+    return value * through_coat(s, -pair.light.z, pair.view.z);
+}
+
+// The BSDF less its diffuse part, for light from the unit `direction`. Negative where the layers keep more from the base
+// than they reflect this way.
 fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @if(glossy) {
-        if !bsdf_faces(s, direction) { return vec3f(0.0); }
         let pair = local_pair(s, direction);
-        return specular_value(s, pair) - bsdf_diffuse(s) * (1.0 - transmission(s, pair.light.z, pair.view.z));
+        @if(transmission) { if bsdf_passes(s, direction) { return transmitted_value(s, pair); } }
+        if !bsdf_faces(s, direction) { return vec3f(0.0); }
+        return specular_value(s, pair) - bsdf_diffuse(s) * (1.0 - through_to_base(s, pair.light.z, pair.view.z));
     }
     @else { return vec3f(0.0); }
 }
@@ -107,10 +245,26 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
 // Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
 @if(glossy) const DIELECTRIC = 0.2;
 
-// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal.
+// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal, and what passes.
 fn reflects_more(s: Surface) -> bool {
-    @if(glossy) { return max(s.f0.x, max(s.f0.y, s.f0.z)) > DIELECTRIC; }
+    @if(glossy) {
+        var more = max(s.f0.x, max(s.f0.y, s.f0.z)) > DIELECTRIC;
+        @if(transmission) { more = more || any(s.tint > vec3f(0.0)); }
+        return more;
+    }
     @else { return false; }
+}
+
+// Widest lobes of metals that count as focusing.
+@if(caustics) override focusing_alpha: f32;
+
+// Whether light that the surface sends on is the caustic map's: that from lights by way of such surfaces alone, on surfaces
+// that are seen.
+@if(caustics)
+fn focuses(s: Surface) -> bool {
+    var focusing = reflects_more(s) && s.alpha <= focusing_alpha;
+    @if(transmission) { focusing = focusing || any(s.tint > vec3f(0.0)); }
+    return focusing;
 }
 
 // What of the irradiance of the geometric surface is reflected towards one direction, where a path ends. A dielectric layer
@@ -122,43 +276,70 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
     let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
     @if(glossy) {
         if !reflects_more(s) {
-            // As in `transmission`, a rough layer reflects less at grazing angles.
+            // As in `through_layer`, a rough layer reflects less at grazing angles.
             let rough = 1.0 - 0.9 * s.alpha;
             let layer = s.f0 + (vec3f(s.f90) - s.f0) * (rough / 21.0);
             let kept = s.dielectric.x + (s.dielectric.y - s.dielectric.x) * (rough * 11.0 / 126.0);
-            return (s.albedo * (1.0 - kept) + layer) * facing;
+            let base = s.albedo * (1.0 - kept) + layer;
+            @if(clearcoat) {
+                let coat = COAT_REFLECTANCES.x + (COAT_REFLECTANCES.y - COAT_REFLECTANCES.x) * ((1.0 - 0.9 * s.coat.y) * vec2f(1.0 / 21.0, 11.0 / 126.0));
+                return (base * (1.0 - s.coat.x * coat.y) + s.coat.x * coat.x) * facing;
+            }
+            @else { return base * facing; }
         }
     }
     return s.albedo * facing;
 }
 
-// The BSDF, per steradian; 0 for directions that the surface does not face.
+// The BSDF, per steradian; 0 for directions that the surface neither faces nor lets pass.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
-    if !bsdf_faces(s, direction) { return vec3f(0.0); }
     @if(glossy) {
-        let pair = local_pair(s, direction);
-        return specular_value(s, pair) + bsdf_diffuse(s) * transmission(s, pair.light.z, pair.view.z);
+        let residual = bsdf_residual(s, direction);
+        if !bsdf_faces(s, direction) { return residual; }
+        return residual + bsdf_diffuse(s);
     }
-    @else { return bsdf_diffuse(s); }
+    @else {
+        if !bsdf_faces(s, direction) { return vec3f(0.0); }
+        return bsdf_diffuse(s);
+    }
 }
 
-// How often the specular lobe is sampled: by its share of what is reflected straight back.
+// How often each lobe is sampled, by its share of what is reflected straight back; the diffuse base has the rest.
 @if(glossy)
-fn specular_share(s: Surface, view_z: f32) -> f32 {
-    let specular = mix(s.f0, vec3f(s.f90), schlick(view_z));
-    let specular_sum = specular.x + specular.y + specular.z;
-    let diffuse_sum = (s.albedo.x + s.albedo.y + s.albedo.z) * transmission(s, view_z, view_z);
-    if diffuse_sum <= 0.0 { return 1.0; }
-    if specular_sum <= 0.0 { return 0.0; }
+struct LobeChances {
+    // The lobe that reflects and lets pass.
+    microfacets: f32,
+    @if(clearcoat) coat: f32,
+}
+
+@if(glossy)
+fn lobe_chances(s: Surface, view_z: f32) -> LobeChances {
+    var specular = dot(reflectance(s, view_z), vec3f(1.0));
+    @if(transmission) { specular += dot(transmittance(s, view_z), vec3f(1.0)); }
+    let diffuse = dot(s.albedo, vec3f(1.0)) * through_layer(s.dielectric, s.alpha, view_z, view_z);
     // Neither lobe so seldom that its samples weigh more than ten times their value.
-    return clamp(specular_sum / (specular_sum + diffuse_sum), 0.1, 0.9);
+    var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
+    share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);
+    @if(clearcoat) {
+        let through = through_coat(s, view_z, view_z);
+        let coat = 3.0 * (1.0 - through);
+        let coat_share = select(0.0, clamp(coat / (coat + through * (specular + diffuse)), 0.1, 0.9), s.coat.x > 0.0);
+        return LobeChances(share * (1.0 - coat_share), coat_share);
+    }
+    @else { return LobeChances(share); }
 }
 
-// Density of the visible normals, reflected (Heitz 2018).
+// How often a microfacet is sampled as one that lets pass.
+@if(transmission)
+fn passing_share(s: Surface, cosine: f32) -> f32 {
+    let passes = dot(transmittance(s, cosine), vec3f(1.0));
+    return passes / max(passes + dot(reflectance(s, cosine), vec3f(1.0)), 1e-30);
+}
+
+// Density of the visible normals, over four times its cosine to the view: that of reflected directions (Heitz 2018).
 @if(glossy)
-fn specular_pdf(pair: LocalPair) -> f32 {
-    let h = normalize(pair.view + pair.light);
-    return ggx_density(h, pair.alpha) / (2.0 * (pair.view.z + smith_root(pair.view.z, pair.alpha)));
+fn visible_density(pair: LocalPair, h: vec3f) -> f32 {
+    return ggx_density(h, pair.alpha) / (2.0 * (pair.view.z + smith_root(pair.view, pair.alpha)));
 }
 
 struct BsdfSample {
@@ -166,37 +347,73 @@ struct BsdfSample {
     direction: vec3f,
     // BSDF times cosine over density.
     weight: vec3f,
-    // By solid angle; 0 where the sample went into the surface: the path ends.
+    // By solid angle; 0 where the sample went into a surface that lets nothing pass: the path ends.
     pdf: f32,
+    // Radiance over flux: light that passes into a medium of another index is denser there, a photon's flux is not.
+    @if(transmission) concentration: f32,
 }
 
 // The density, by solid angle, with which `bsdf_sample` chooses the direction.
 fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
-    if !bsdf_faces(s, direction) { return 0.0; }
-    let diffuse = dot(direction, s.shading_normal) / PI;
     @if(glossy) {
         let pair = local_pair(s, direction);
-        return mix(diffuse, specular_pdf(pair), specular_share(s, pair.view.z));
+        let chances = lobe_chances(s, pair.view.z);
+        @if(transmission) {
+            if bsdf_passes(s, direction) {
+                let found = passing(s, pair);
+                let view_h = dot(pair.view, found.normal);
+                let density = 4.0 * view_h * found.jacobian * visible_density(pair, found.normal);
+                return chances.microfacets * passing_share(s, view_h) * density;
+            }
+        }
+        if !bsdf_faces(s, direction) { return 0.0; }
+        let h = normalize(pair.view + pair.light);
+        var specular = chances.microfacets;
+        @if(transmission) { specular *= 1.0 - passing_share(s, dot(pair.view, h)); }
+        var diffuse = 1.0 - chances.microfacets;
+        @if(clearcoat) { diffuse -= chances.coat; }
+        var pdf = specular * visible_density(pair, h) + max(diffuse, 0.0) * (pair.light.z / PI);
+        @if(clearcoat) { pdf += chances.coat * visible_density(coat_pair(s, pair), h); }
+        return pdf;
     }
-    @else { return diffuse; }
+    @else {
+        if !bsdf_faces(s, direction) { return 0.0; }
+        return dot(direction, s.shading_normal) / PI;
+    }
 }
 
-// A direction that light is reflected from, about as often as much is.
+// A direction that light comes from, about as often as much does.
 fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
-    let frame = basis(s.shading_normal);
+    let frame = shading_frame(s);
     @if(glossy) {
         let pair = local_pair(s, s.view);
-        var direction: vec3f;
-        if u.z < specular_share(s, pair.view.z) {
-            direction = reflect(-pair.view, sample_visible_normal(pair.view, pair.alpha, u.xy));
-        } else {
-            direction = sample_cosine(u.xy);
+        let chances = lobe_chances(s, pair.view.z);
+        var below = chances.microfacets;
+        var alpha = pair.alpha;
+        @if(clearcoat) {
+            below += chances.coat;
+            if u.z >= chances.microfacets { alpha = coat_pair(s, pair).alpha; }
         }
-        direction = normalize(frame * direction);
-        let pdf = bsdf_pdf(s, direction);
-        if pdf <= 0.0 { return BsdfSample(direction, vec3f(0.0), 0.0); }
-        let cosine = dot(direction, s.shading_normal);
-        return BsdfSample(direction, bsdf_evaluate(s, direction) * (cosine / pdf), pdf);
+        let h = sample_visible_normal(pair.view, alpha, u.xy);
+        var local = select(sample_cosine(u.xy), reflect(-pair.view, h), u.z < below);
+        @if(transmission) var passed = false;
+        @if(transmission) {
+            // The lots of the microfacets' lobe come in two parts: those that pass first.
+            passed = u.z < chances.microfacets * passing_share(s, dot(pair.view, h));
+            if passed {
+                if s.eta == 1.0 { local.z = -local.z; } else { local = refract(-pair.view, h, s.eta); }
+            }
+        }
+        let direction = normalize(frame * local);
+        var result = BsdfSample();
+        result.direction = direction;
+        // Light that is reflected into the surface, or bent out of it, would meet more microfacets: it is left out.
+        @if(transmission) { if bsdf_passes(s, direction) != passed { return result; } }
+        result.pdf = bsdf_pdf(s, direction);
+        if result.pdf <= 0.0 { return result; }
+        result.weight = bsdf_evaluate(s, direction) * (abs(dot(direction, s.shading_normal)) / result.pdf);
+        @if(transmission) { result.concentration = select(1.0, s.eta * s.eta, bsdf_passes(s, direction)); }
+        return result;
     }
     @else {
         let direction = normalize(frame * sample_cosine(u.xy));
@@ -207,7 +424,7 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
 
 // A microfacet normal as the view sees them, by a spherical cap (Dupuy and Benyoub 2023).
 @if(glossy)
-fn sample_visible_normal(view: vec3f, alpha: f32, u: vec2f) -> vec3f {
+fn sample_visible_normal(view: vec3f, alpha: vec2f, u: vec2f) -> vec3f {
     let stretched = normalize(vec3f(alpha * view.xy, view.z));
     let phi = 2.0 * PI * u.x;
     let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;

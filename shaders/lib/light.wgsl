@@ -8,6 +8,8 @@ import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
     LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
+@if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
+@if(environment) import package::lib::environment::environment_sample;
 @if(emissive_textures) import package::lib::surface::emission_at;
 @if(mesh_lights && alpha_test) import package::lib::alpha::alpha_coverage;
 
@@ -56,6 +58,11 @@ fn light_record_f32(light: u32, record: u32) -> vec4f {
 
 fn light_has_closed_form(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+@if(environment)
+fn is_environment(light: u32) -> bool {
+    return (light_record(light, 0u).x & LIGHT_KIND_MASK) == LIGHT_ENVIRONMENT;
 }
 
 // ---- Choice
@@ -154,6 +161,8 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
 // between. Exact for lights of a closed form; of others some dark ones may be called not dark.
 fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     let header = light_record(light, 0u);
+    // Nobody turns away from all that is around.
+    @if(environment) { if is_environment(light) { return false; } }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -202,7 +211,7 @@ struct LightSample {
     radiance: vec3f,
     // By solid angle, 0 where nothing arrives; 1 of punctual lights.
     pdf: f32,
-    // Geometric normal of the emitter on the side of the position; 0 of punctual lights.
+    // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
     normal: vec3f,
     // There is one direction only: no other way of sampling finds this light.
     delta: bool,
@@ -215,6 +224,12 @@ fn no_light_sample() -> LightSample {
 // A point of the light as the position sees it, occluders and horizon aside.
 fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u);
+            return LightSample(chosen.direction, FAR_DISTANCE, chosen.radiance, chosen.pdf, vec3f(0.0), false);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -432,20 +447,58 @@ fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
     return atan2(sine, dot(a, b)) * (dot(n, c) / sine);
 }
 
+// Of lights that span less than this, radius over distance, the edges' terms are summed in another way: Lambert's are each
+// as large as the angle that the edge spans and their sum as small as its square, so that digits are lost.
+@if(mesh_lights) const SMALL_LIGHT = 0.125;
+
+// What the term of an edge of a small light is in excess of its part of the area, in the form that loses no digits. With a
+// and b the ends of the edge as the position sees them, an edge's term is a x b over |a| |b| times angle / sine, and the
+// sum of all a x b is twice the light's area, whatever place they are seen from: so the light is its area over the
+// squared distance p^2 of its middle, plus for each edge what angle / sine over |a| |b| is more than 1 / p^2. Here a and
+// b are relative to the middle; the excess is that over 1 / p^2, times the component of a x b along n.
+@if(mesh_lights)
+fn small_edge_excess(middle: vec3f, distance2: f32, a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    // |a|^2 and |b|^2 over p^2, less 1; and their product, less 1.
+    let x = dot(a, 2.0 * middle + a) / distance2;
+    let y = dot(b, 2.0 * middle + b) / distance2;
+    let product = x + y + x * y;
+    let root = sqrt(1.0 + product);
+    let across = cross(middle + a, b - a);
+    // asin(s) / s - 1 by its series, s^2 being at most a sixteenth.
+    let s2 = dot(across, across) / (distance2 * distance2 * (1.0 + product));
+    let bend = s2 * (1.0 / 6.0 + s2 * (3.0 / 40.0 + s2 * (15.0 / 336.0)));
+    return (bend - product / (1.0 + root)) / root * dot(across, n);
+}
+
+// An edge's term of the sum below: of small lights times p^2.
+@if(mesh_lights)
+fn contour_term(a: vec3f, b: vec3f, small: bool, middle: vec3f, distance2: f32, n: vec3f) -> f32 {
+    if small { return dot(cross(a, b), n) + small_edge_excess(middle, distance2, a, b, n); }
+    return edge_term(a, b, n);
+}
+
 // The integral of the cosine over the directions in which the position sees the light, by Lambert's formula over its
-// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle the light spans.
+// contours clipped at the surface's horizon. Its absolute error is about 1e-6 times the angle that the light spans, and
+// about 1e-6 of the integral where that is small.
 @if(mesh_lights)
 fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let two_sided = (header.x & LIGHT_TWO_SIDED) != 0u;
     let end = header.w + light_record(light, 3u).x;
+    let sphere = light_record_f32(light, 1u);
+    let middle = sphere.xyz - position;
+    let distance2 = dot(middle, middle);
+    let small = sphere.w * sphere.w < SMALL_LIGHT * SMALL_LIGHT * distance2;
+    // What edges are relative to.
+    let origin = select(position, sphere.xyz, small);
+    let reference = select(vec3f(0.0), middle, small);
     var at = header.w;
     var sum = 0.0;
     while at < end {
         let plane = load_light_vertex(at);
         let loop_end = at + 1u + u32(plane.w);
         at += 1u;
-        var a = load_light_vertex(at).xyz - position;
-        let side = dot(plane.xyz, a);
+        var a = load_light_vertex(at).xyz - origin;
+        let side = dot(plane.xyz, reference + a);
         if select(side < 0.0, side != 0.0, two_sided) {
             // Sutherland and Hodgman's clipping, each point used as it comes. Contours are closed: the last vertex
             // is the first again.
@@ -453,29 +506,30 @@ fn mesh_form_factor(light: u32, header: vec4u, position: vec3f, normal: vec3f) -
             var started = false;
             var first: vec3f;
             var last: vec3f;
-            var height_a = dot(normal, a);
+            let height = dot(normal, reference);
+            var height_a = height + dot(normal, a);
             for (at += 1u; at < loop_end; at += 1u) {
-                let b = load_light_vertex(at).xyz - position;
-                let height_b = dot(normal, b);
+                let b = load_light_vertex(at).xyz - origin;
+                let height_b = height + dot(normal, b);
                 if height_a > 0.0 {
-                    if started { loop_sum += edge_term(last, a, normal); } else { first = a; started = true; }
+                    if started { loop_sum += contour_term(last, a, small, middle, distance2, normal); } else { first = a; started = true; }
                     last = a;
                 }
                 if (height_a > 0.0) != (height_b > 0.0) {
                     let crossing = a + (b - a) * (height_a / (height_a - height_b));
-                    if started { loop_sum += edge_term(last, crossing, normal); } else { first = crossing; started = true; }
+                    if started { loop_sum += contour_term(last, crossing, small, middle, distance2, normal); } else { first = crossing; started = true; }
                     last = crossing;
                 }
                 a = b;
                 height_a = height_b;
             }
-            if started { loop_sum += edge_term(last, first, normal); }
+            if started { loop_sum += contour_term(last, first, small, middle, distance2, normal); }
             // Counter-clockwise seen from the front is clockwise seen along the rays that arrive.
             sum += select(loop_sum, -loop_sum, side < 0.0);
         }
         at = loop_end;
     }
-    return max(0.5 * sum, 0.0);
+    return max(0.5 * select(sum, sum / distance2, small), 0.0);
 }
 
 // ---- Emission
@@ -492,10 +546,28 @@ struct EmittedRay {
     flux: vec3f,
 }
 
+// A ray along a direction through the disc that the scene's bounding sphere is across it, of a light that is far away;
+// `irradiance` over the density of the direction's choice.
+@if(directional_lights || environment)
+fn far_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> EmittedRay {
+    let sphere = light_record_f32(light, 4u);
+    // Some more, so that no rounding leaves out the rim.
+    let reach = sphere.w * 1.001;
+    let offset = basis(direction) * vec3f(reach * sample_disc(u), -2.0 * reach);
+    return EmittedRay(sphere.xyz + offset, direction, direction, NO_EMITTER, irradiance * (PI * reach * reach));
+}
+
 // A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
-// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene.
+// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene, from the environment
+// over such a disc across a direction chosen by radiance.
 fn light_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_record(light, 0u);
+    @if(environment) {
+        if is_environment(light) {
+            let chosen = environment_sample(u.xy);
+            return far_ray(light, -chosen.direction, chosen.radiance / chosen.pdf, u.zw);
+        }
+    }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
         if kind != LIGHT_MESH {
@@ -504,11 +576,7 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
             let axis = light_record_f32(light, 3u);
             @if(directional_lights) {
                 if kind == LIGHT_DIRECTIONAL {
-                    // The bounding sphere of the scene, and some more, so that no rounding leaves out its rim.
-                    let sphere = light_record_f32(light, 4u);
-                    let reach = sphere.w * 1.001;
-                    let offset = basis(axis.xyz) * vec3f(reach * sample_disc(u.xy), -2.0 * reach);
-                    return EmittedRay(sphere.xyz + offset, axis.xyz, axis.xyz, NO_EMITTER, intensity * (PI * reach * reach));
+                    return far_ray(light, axis.xyz, intensity, u.xy);
                 }
             }
             @if(spot_lights) {

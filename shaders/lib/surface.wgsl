@@ -1,5 +1,5 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
-// _unlit, _emissive_strength, KHR_texture_transform).
+// _transmission, _volume, _clearcoat, _anisotropy, _unlit, _emissive_strength, KHR_texture_transform).
 
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::bvh::triangle_corners;
@@ -15,7 +15,7 @@ import package::lib::constants::{
 override surface_stride: u32;
 @if(textures) override uv_record: u32;
 @if(vertex_colours) override colour_record: u32;
-@if(normal_maps) override tangent_record: u32;
+@if(normal_maps || anisotropy) override tangent_record: u32;
 
 @if(texture_loads) @group(1) @binding(2) var surface_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(2) var<storage, read> surface_records: array<vec4u>;
@@ -169,12 +169,15 @@ struct MaterialTexels {
     @if(glossy) roughness_metallic: vec2f,
     @if(glossy) specular: f32,
     @if(glossy) specular_colour: vec3f,
+    @if(transmission) transmission: f32,
+    @if(clearcoat) coat: vec2f,
+    @if(anisotropy) anisotropy: vec3f,
 }
 
 // One turn for each texture that there is: software devices run the body of an if for every lane, whatever its condition,
 // and six texture look-ups one after the other would be done for materials that have one.
 @if(textures)
-fn material_texels(words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
+fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
     let uv = uv_at(hit.triangle, hit.u, hit.v);
     var result: MaterialTexels;
     result.base = vec3f(1.0);
@@ -184,15 +187,26 @@ fn material_texels(words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
         result.specular = 1.0;
         result.specular_colour = vec3f(1.0);
     }
+    @if(transmission) { result.transmission = 1.0; }
+    @if(clearcoat) { result.coat = vec2f(1.0); }
+    // Along the tangent, and all of the strength.
+    @if(anisotropy) { result.anisotropy = vec3f(1.0, 0.5, 1.0); }
+    @if(transmission || clearcoat || anisotropy) let lobes = load_material_record(material + 8u);
     var left = u32(words.y != 0u) | (u32(more.x != 0u) << 1u);
     @if(normal_maps) { left |= u32(words.w != 0u) << 2u; }
     @if(glossy) { left |= (u32(words.z != 0u) << 3u) | (u32(more.y != 0u) << 4u) | (u32(more.z != 0u) << 5u); }
+    @if(transmission) { left |= u32(lobes.x != 0u) << 6u; }
+    @if(clearcoat) { left |= (u32(lobes.y != 0u) << 7u) | (u32(lobes.z != 0u) << 8u); }
+    @if(anisotropy) { left |= u32(lobes.w != 0u) << 9u; }
     while left != 0u {
         let which = firstTrailingBit(left);
         left &= left - 1u;
         var slot = select(words.y, more.x, which == 1u);
         @if(normal_maps) { slot = select(slot, words.w, which == 2u); }
         @if(glossy) { slot = select(select(select(slot, words.z, which == 3u), more.y, which == 4u), more.z, which == 5u); }
+        @if(transmission) { slot = select(slot, lobes.x, which == 6u); }
+        @if(clearcoat) { slot = select(select(slot, lobes.y, which == 7u), lobes.z, which == 8u); }
+        @if(anisotropy) { slot = select(slot, lobes.w, which == 9u); }
         let texel = texture_at(slot, uv);
         result.base = select(result.base, texel.xyz, which == 0u);
         result.emission = select(result.emission, texel.xyz, which == 1u);
@@ -202,6 +216,9 @@ fn material_texels(words: vec4u, more: vec4u, hit: Hit) -> MaterialTexels {
             result.specular = select(result.specular, texel.w, which == 4u);
             result.specular_colour = select(result.specular_colour, texel.xyz, which == 5u);
         }
+        @if(transmission) { result.transmission = select(result.transmission, texel.x, which == 6u); }
+        @if(clearcoat) { result.coat = select(result.coat, texel.xy, vec2<bool>(which == 7u, which == 8u)); }
+        @if(anisotropy) { result.anisotropy = select(result.anisotropy, texel.xyz, which == 9u); }
     }
     return result;
 }
@@ -219,6 +236,8 @@ struct SurfaceHit {
     unlit: bool,
     // Base colour, for the albedo AOV.
     base_colour: vec3f,
+    // What the volume that the ray came through has left of its light.
+    @if(transmission) transmittance: vec3f,
     surface: Surface,
 }
 
@@ -278,7 +297,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     var metallic = m1.w;
     @if(vertex_colours) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
     @if(textures) let more = load_material_record(material + 5u);
-    @if(textures) let texels = material_texels(words, more, hit);
+    @if(textures) let texels = material_texels(material, words, more, hit);
     @if(textures) {
         base *= texels.base;
         emission *= texels.emission;
@@ -322,28 +341,76 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         surface.dielectric = vec2f(max(dielectric.x, max(dielectric.y, dielectric.z)), specular);
         surface.alpha = roughness * roughness;
     }
+    @if(transmission || clearcoat || anisotropy) let m7 = bitcast<vec4f>(load_material_record(material + 7u));
+    @if(transmission) var volume_transmittance = vec3f(1.0);
+    @if(transmission) {
+        let m6 = bitcast<vec4f>(load_material_record(material + 6u));
+        var passing = m6.x;
+        @if(textures) { passing *= texels.transmission; }
+        surface.tint = surface.albedo * passing;
+        surface.albedo *= 1.0 - passing;
+        // Behind its back face lies the volume.
+        surface.eta = select(m7.x, 1.0 / m7.x, front);
+        if !front { volume_transmittance = exp(-m6.yzw * hit.t); }
+        // Light that passes leaves from the other side of the triangle itself, not from over it.
+        if any(surface.tint > vec3f(0.0)) {
+            leaving = position;
+            surface.geometric_normal = triangle_normal;
+        }
+    }
+    @if(clearcoat) {
+        surface.coat = m7.yz;
+        @if(textures) { surface.coat *= texels.coat; }
+        surface.coat.y *= surface.coat.y;
+    }
+    @if(anisotropy) {
+        let m9 = bitcast<vec4f>(load_material_record(material + 9u));
+        surface.alpha_along = surface.alpha;
+        if m9.x != 0.0 {
+            var strength = m9.x;
+            var axis = m9.yz;
+            @if(textures) {
+                strength *= texels.anisotropy.z;
+                let turn = texels.anisotropy.xy * 2.0 - 1.0;
+                axis = vec2f(axis.x * turn.x - axis.y * turn.y, axis.y * turn.x + axis.x * turn.y);
+            }
+            let frame = tangent_frame(hit, select(-shading_normal, shading_normal, front));
+            let tangent = frame * axis;
+            surface.tangent = select(vec3f(0.0), tangent / max(length(tangent), 1e-6), dot(tangent, tangent) > 1e-12);
+            surface.alpha_along = mix(surface.alpha, 1.0, strength * strength);
+        }
+    }
     var unlit = false;
     @if(unlit) {
         if (words.x & MATERIAL_UNLIT) != 0u {
             unlit = true;
             emission = base;
             surface.albedo = vec3f(0.0);
+            @if(transmission) { surface.tint = vec3f(0.0); }
         }
     }
     if !unlit && !front && (words.x & MATERIAL_DOUBLE_SIDED) == 0u { emission = vec3f(0.0); }
-    return SurfaceHit(leaving, position, triangle_normal, emission, unlit, base, surface);
+    @if(transmission) { return SurfaceHit(leaving, position, triangle_normal, emission, unlit, base, volume_transmittance, surface); }
+    @else { return SurfaceHit(leaving, position, triangle_normal, emission, unlit, base, surface); }
+}
+
+// Tangent and bitangent about a normal on the outer side.
+@if(normal_maps || anisotropy)
+fn tangent_frame(hit: Hit, normal: vec3f) -> mat2x3f {
+    let record = load_surface_record(hit.triangle * surface_stride + tangent_record);
+    let w = 1.0 - hit.u - hit.v;
+    let t = w * oct_decode16(record.x) + hit.u * oct_decode16(record.y) + hit.v * oct_decode16(record.z);
+    let across = t - normal * dot(t, normal);
+    if dot(across, across) < 1e-12 { return mat2x3f(); }
+    let tangent = normalize(across);
+    return mat2x3f(tangent, cross(normal, tangent) * select(1.0, -1.0, (record.w & 1u) != 0u));
 }
 
 // The normal of a normal map, on the outer side.
 @if(normal_maps)
 fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f) -> vec3f {
-    let record = load_surface_record(hit.triangle * surface_stride + tangent_record);
-    let w = 1.0 - hit.u - hit.v;
-    let t = w * oct_decode16(record.x) + hit.u * oct_decode16(record.y) + hit.v * oct_decode16(record.z);
-    let across = t - normal * dot(t, normal);
-    if dot(across, across) < 1e-12 { return normal; }
-    let tangent = normalize(across);
-    let bitangent = cross(normal, tangent) * select(1.0, -1.0, (record.w & 1u) != 0u);
+    let frame = tangent_frame(hit, normal);
+    if all(frame[0] == vec3f(0.0)) { return normal; }
     let local = (texel * 2.0 - 1.0) * vec3f(scale, scale, 1.0);
-    return normalize(local.x * tangent + local.y * bitangent + max(local.z, 1e-3) * normal);
+    return normalize(frame * local.xy + max(local.z, 1e-3) * normal);
 }

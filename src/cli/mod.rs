@@ -10,6 +10,7 @@ mod plan;
 mod progress;
 mod render;
 mod report;
+mod stress;
 mod table1;
 
 use std::fmt::Display;
@@ -42,6 +43,8 @@ enum Command {
     Report(Box<report::Arguments>),
     /// Render the paper's two scenes by its four techniques, and print its table beside what they took
     Table1(table1::Arguments),
+    /// Push small scenes to extremes, and say where their images are no longer what they should be
+    Stress(stress::Arguments),
 }
 
 const EXIT_CODES: &str = "\
@@ -76,6 +79,7 @@ pub fn run() -> ExitCode {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Table1(arguments) => table1::run(&arguments),
+        Command::Stress(arguments) => stress::run(&arguments),
     };
     match ending {
         Ok(Ending::Done) => ExitCode::SUCCESS,

@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::gpu::{DeviceChoice, Gpu};
 use penumbra::report::reference::Reference;
-use penumbra::scene::ImportOptions;
+use penumbra::scene::{ImportOptions, Panorama};
 use penumbra::tables::camera::CameraUniform;
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 
@@ -24,9 +25,38 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop a primitive with NaN or infinite numbers instead of refusing the file
+    /// Drop a primitive with NaN or infinite numbers instead of refusing the file; take such texels of a panorama as 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
+
+    /// Panorama around the scene, equirectangular .exr or .hdr: linear Rec.709 radiance, its middle seen along +X and what is
+    /// a quarter of its width to the left of that along -Z, as in Blender and the Khronos viewers
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    environment: Option<PathBuf>,
+
+    /// Turn the panorama about +Y, counter-clockwise seen from above
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 0.0,
+        value_parser = finite::<f64>,
+        allow_negative_numbers = true,
+        requires = "environment",
+        help_heading = "Scene"
+    )]
+    environment_rotation: f64,
+
+    /// Factor on the panorama's radiance
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 1.0,
+        value_parser = finite::<f32>,
+        allow_negative_numbers = true,
+        requires = "environment",
+        help_heading = "Scene"
+    )]
+    environment_strength: f32,
 }
 
 impl SceneOptions {
@@ -34,6 +64,11 @@ impl SceneOptions {
     pub fn load(&self) -> Result<(Scene, Camera)> {
         let options = ImportOptions { default_light: self.default_light, lenient: self.lenient };
         let mut scene = Scene::load(&self.scene, &options)?;
+        if let Some(path) = &self.environment {
+            let (panorama, notes) = Panorama::load(path, self.lenient)?;
+            scene.set_environment(Arc::new(panorama), self.environment_rotation, self.environment_strength)?;
+            scene.notes.extend(notes);
+        }
         let camera = self.choose_camera(&scene)?;
         if scene.cameras.is_empty() {
             scene.notes.push("the view is that of a camera that frames the scene".into());

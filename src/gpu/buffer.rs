@@ -185,6 +185,14 @@ impl Gpu {
         Ok(Table::Texture(texture.create_view(&Default::default())))
     }
 
+    /// Records of the largest table.
+    pub fn max_table_records(&self) -> u64 {
+        match self.texture_loads {
+            true => u64::from(self.limits.max_texture_dimension_2d) * u64::from(TABLE_WIDTH),
+            false => self.max_buffer_bytes() / 16,
+        }
+    }
+
     /// Bytes of the largest buffer that kernels can bind.
     pub fn max_buffer_bytes(&self) -> u64 {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)

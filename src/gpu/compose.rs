@@ -33,6 +33,7 @@ shaders!(
     "lib/bvh",
     "lib/camera",
     "lib/dispatch",
+    "lib/environment",
     "lib/grid",
     "lib/irradiance",
     "lib/light",
@@ -68,6 +69,12 @@ pub const FEATURES: &[&str] = &[
     "smooth_normals",
     // Scene: some material reflects other than as a Lambertian.
     "glossy",
+    // Scene: some material lets light pass.
+    "transmission",
+    // Scene: some material has a clear coat.
+    "clearcoat",
+    // Scene: some material spreads its reflections more along its tangent than across.
+    "anisotropy",
     // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
     "alpha_test",
     // Scene: some material is unlit.
@@ -77,6 +84,8 @@ pub const FEATURES: &[&str] = &[
     "point_lights",
     "spot_lights",
     "directional_lights",
+    // Scene: a panorama is all around it.
+    "environment",
     // Scene: some mesh light is closed, so that half of it faces away.
     "emitter_pairs",
     // Scene: some mesh light has an emissive texture.
@@ -103,6 +112,8 @@ pub const FEATURES: &[&str] = &[
     "photon_map",
     // Method: shadow photons take away the energy of light that other surfaces got.
     "negative_photons",
+    // Method: a map of its own brings what light focusing surfaces send on to those that are seen.
+    "caustics",
     // Method: records bring the diffuse part of indirect light.
     "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.
@@ -168,6 +179,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_POINT", crate::tables::lights::POINT),
     ("LIGHT_SPOT", crate::tables::lights::SPOT),
     ("LIGHT_DIRECTIONAL", crate::tables::lights::DIRECTIONAL),
+    ("LIGHT_ENVIRONMENT", crate::tables::lights::ENVIRONMENT),
     ("LIGHT_KIND_MASK", crate::tables::lights::KIND_MASK),
     ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
     ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
@@ -175,6 +187,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),
+    ("ENVIRONMENT_HEADER", crate::tables::environment::HEADER),
 ];
 
 /// The features that a kernel is composed with: a subset of [`FEATURES`].
@@ -272,7 +285,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
-    let mut options = wesl::CompileOptions::default();
+    // naga validates what comes out.
+    let mut options = wesl::CompileOptions { validate: false, ..Default::default() };
     options.features.default = wesl::Feature::Error;
     for name in FEATURES {
         options.features.flags.insert((*name).to_owned(), features.has(name).into());

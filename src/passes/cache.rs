@@ -122,12 +122,12 @@ pub struct Cache(Kernel);
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
-    /// How many points no record speaks for.
-    pub uncovered_count: Buffer,
+    /// How many points have light left for paths: no record speaks for them, or they are not Lambertian.
+    pub path_count: Buffer,
     /// Which.
-    pub uncovered_points: Buffer,
+    pub path_points: Buffer,
     /// Arguments of a dispatch over them.
-    pub uncovered_arguments: Buffer,
+    pub path_arguments: Buffer,
 }
 
 impl CacheBuffers {
@@ -140,15 +140,15 @@ impl CacheBuffers {
         Ok(CacheBuffers {
             wanted_count: words("penumbra/cache/wanted_count", 1)?,
             wanted_points: words("penumbra/cache/wanted_points", points)?,
-            uncovered_count: words("penumbra/cache/uncovered_count", 1)?,
-            uncovered_points: words("penumbra/cache/uncovered_points", points)?,
-            uncovered_arguments: words("penumbra/cache/uncovered_arguments", 3)?,
+            path_count: words("penumbra/cache/path_count", 1)?,
+            path_points: words("penumbra/cache/path_points", points)?,
+            path_arguments: words("penumbra/cache/path_arguments", 3)?,
         })
     }
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        self.wanted_points.bytes + self.uncovered_points.bytes
+        self.wanted_points.bytes + self.path_points.bytes
     }
 }
 
@@ -157,9 +157,9 @@ impl Bindings for CacheBuffers {
         Some(match name {
             "wanted_count" => (&self.wanted_count).into(),
             "wanted_points" => (&self.wanted_points).into(),
-            "uncovered_count" => (&self.uncovered_count).into(),
-            "uncovered_points" => (&self.uncovered_points).into(),
-            "uncovered_arguments" => (&self.uncovered_arguments).into(),
+            "path_count" => (&self.path_count).into(),
+            "path_points" => (&self.path_points).into(),
+            "path_arguments" => (&self.path_arguments).into(),
             _ => return None,
         })
     }
@@ -171,7 +171,7 @@ impl Cache {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features) -> Result<Cache> {
-        let own = ["points", "surfaces", "radiance_indirect", "wanted_points", "uncovered_points"];
+        let own = ["points", "surfaces", "radiance_indirect", "wanted_points", "path_points"];
         Ok(Cache(kernel(gpu, "cache", features, &[], &own)?))
     }
 
@@ -194,7 +194,7 @@ impl Cache {
         Ok(BoundCache {
             place: entry("place")?,
             interpolate: entry("interpolate")?,
-            arrange_uncovered: entry("arrange_uncovered")?,
+            arrange_paths: entry("arrange_paths")?,
             blocks: records.blocks,
             columns: records.columns,
             rows: records.rows,
@@ -206,7 +206,7 @@ impl Cache {
 pub struct BoundCache {
     place: BoundKernel,
     interpolate: BoundKernel,
-    arrange_uncovered: BoundKernel,
+    arrange_paths: BoundKernel,
     blocks: [f32; 2],
     columns: u32,
     rows: u32,
@@ -223,11 +223,11 @@ impl BoundCache {
         frame.run(&self.place, tile.point_count, &self.parameters(tile));
     }
 
-    /// Lights the points of the tile, and lists those that no record speaks for.
+    /// Lights the points of the tile, and lists those that have light left for paths.
     pub fn record_interpolate(&self, frame: &mut Frame<'_>, buffers: &CacheBuffers, tile: &Tile) {
-        frame.clear(&buffers.uncovered_count);
+        frame.clear(&buffers.path_count);
         frame.run(&self.interpolate, tile.point_count, &self.parameters(tile));
-        frame.run(&self.arrange_uncovered, 1, &self.parameters(tile));
+        frame.run(&self.arrange_paths, 1, &self.parameters(tile));
     }
 }
 

@@ -61,7 +61,21 @@ impl Flux {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Flux> {
-        Ok(Flux(kernel(gpu, "flux", features, constants, FluxBindings::NAMES)?))
+        Self::with_caustic_photons(gpu, features, constants, false)
+    }
+
+    /// As [`Flux::new`], for the photons of the caustic map: those that focusing surfaces alone have sent on.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn of_caustics(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Flux> {
+        Self::with_caustic_photons(gpu, features, constants, true)
+    }
+
+    fn with_caustic_photons(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], on: bool) -> Result<Flux> {
+        let mut constants = constants.to_vec();
+        constants.push(("caustic_photons", f64::from(u8::from(on))));
+        Ok(Flux(kernel(gpu, "flux", features, &constants, FluxBindings::NAMES)?))
     }
 
     /// Traces `rays` rays from all lights together, by their power, each light at least one. Photons are stored after at

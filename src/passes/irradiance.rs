@@ -15,7 +15,8 @@ shared_struct! {
         grid: GridShape,
         count: u32,
         step: f32,
-        padding: [u32; 2],
+        shrink: f32,
+        padding: u32,
     }
 }
 
@@ -92,7 +93,7 @@ impl Irradiance {
         let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances };
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
         let parameters =
-            IrradianceParameters { grid: map.shape, count: places.count, step: step as f32, padding: [0; 2] };
+            IrradianceParameters { grid: map.shape, count: places.count, step: step as f32, shrink: 1.0, padding: 0 };
         let mut frame = gpu.frame("irradiance");
         frame.run(&bound, places.count, &parameters);
         let bytes = places.bytes + irradiances.bytes;
@@ -107,11 +108,12 @@ impl Irradiance {
     }
 }
 
-/// Entry point `show`, bound to a tile.
+/// Entry point `show` or `caustics`, bound to a tile.
 pub struct BoundShow {
     kernel: BoundKernel,
     shape: GridShape,
     step: f32,
+    shrink: f32,
 }
 
 impl Irradiance {
@@ -127,6 +129,34 @@ impl Irradiance {
         map: &SortedPhotons,
         step: f64,
     ) -> Result<BoundShow> {
+        self.bind_entry(gpu, "show", tile, scene, map, [step, 1.0])
+    }
+
+    /// Binds `caustics` likewise; the radius of a disc is `shrink` times that of one that holds [`IRRADIANCE_NEAREST`] photons.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind_caustics(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        scene: &dyn Bindings,
+        map: &SortedPhotons,
+        step: f64,
+        shrink: f64,
+    ) -> Result<BoundShow> {
+        self.bind_entry(gpu, "caustics", tile, scene, map, [step, shrink])
+    }
+
+    fn bind_entry(
+        &self,
+        gpu: &Gpu,
+        entry: &str,
+        tile: &TileBuffers,
+        scene: &dyn Bindings,
+        map: &SortedPhotons,
+        [step, shrink]: [f64; 2],
+    ) -> Result<BoundShow> {
         let mut own = Resources::new()
             .with("points", &tile.points)
             .with("surfaces", &tile.surfaces)
@@ -134,8 +164,8 @@ impl Irradiance {
         if let Some(indirect) = &tile.radiance_indirect {
             own = own.with("radiance_indirect", indirect);
         }
-        let kernel = self.kernel.bind(gpu, "show", &[&own, map, scene])?;
-        Ok(BoundShow { kernel, shape: map.shape, step: step as f32 })
+        let kernel = self.kernel.bind(gpu, entry, &[&own, map, scene])?;
+        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32 })
     }
 }
 
@@ -143,7 +173,8 @@ impl BoundShow {
     /// The light that the map tells at the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         let count = tile.point_count;
-        let parameters = IrradianceParameters { grid: self.shape, count, step: self.step, padding: [0; 2] };
+        let Self { shape: grid, step, shrink, .. } = *self;
+        let parameters = IrradianceParameters { grid, count, step, shrink, padding: 0 };
         frame.run(&self.kernel, count, &parameters);
     }
 }

@@ -100,8 +100,9 @@ impl Classes {
         // Of |V - c| over the decided points.
         let (mut sum, mut squares) = (0.0, 0.0);
         let mut map = vec![0; image.pixels()];
-        for channel in &image.channels {
-            let Some(light) = channel.name.strip_suffix(".class") else { continue };
+        let classes = image.channels.iter().filter_map(|channel| Some((channel, channel.name.strip_suffix(".class")?)));
+        // Photons are not asked about the environment, the last light.
+        for (channel, light) in classes.take(subject.scene.placed_lights().len()) {
             let Some(visibility) = truth.0.channel(&format!("{light}.visibility")) else { continue };
             for ((class, visibility), shown) in channel.samples.iter().zip(visibility).zip(&mut map) {
                 let (class, visibility) = ((*class as usize).min(CODES - 1), f64::from(*visibility));

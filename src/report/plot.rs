@@ -7,6 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::settings::Technique;
+use crate::stress::{self, Family, Reading};
 use crate::{Error, Result};
 
 use super::document::{Report, SnapshotReport, TechniqueReport};
@@ -69,11 +70,11 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
 /// # Errors
 /// As [`error_over_time`].
 pub fn sweep(sweep: &Sweep) -> Result<String> {
-    let exact = |value: f64| Interval { value, low: value, high: value };
     let series = |name: &str, colour: RGBColor, quantity: &dyn Fn(&SweepPoint) -> Interval| {
         let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(point)));
         // Nothing has no place on a logarithmic axis.
-        Series { name: name.to_owned(), colour, points: points.filter(|(_, y)| y.value > 0.0).collect() }
+        let points = points.filter(|(_, y)| y.value > 0.0).collect();
+        Series { name: name.to_owned(), colour, points, bound: Vec::new() }
     };
     let series = [
         series("boundary share", COLOURS[0], &|point| exact(point.boundary_share)),
@@ -83,6 +84,37 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
     ];
     let (setting, law) = (sweep.setting.name(), sweep.setting.law());
     draw(&format!("sweep-{setting}.svg"), |area| logarithmic(area, &series, [setting, ""], Some(law), None))
+}
+
+/// Deviations at or below this are drawn there, as 0 has no place on a logarithmic axis.
+const LEAST_DEVIATION: f64 = 1e-9;
+
+/// What a family's deviations do along its parameter, with their bounds dashed. Renders that ended with an error are left out.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn stress(family: &Family, curves: &[(&stress::Series, Vec<Reading>)]) -> Result<String> {
+    let series = COLOURS.into_iter().cycle().zip(curves).map(|(colour, (series, readings))| {
+        let place = |deviation: f64| deviation.max(LEAST_DEVIATION);
+        let finite = |reading: &Reading| {
+            let deviation = *reading.outcome.as_ref().ok()?;
+            deviation.is_finite().then(|| (reading.value, exact(place(deviation))))
+        };
+        Series {
+            name: series.name.to_owned(),
+            colour,
+            points: readings.iter().filter_map(finite).collect(),
+            bound: readings.iter().map(|reading| (reading.value, place(reading.bound))).collect(),
+        }
+    });
+    let series: Vec<_> = series.collect();
+    let deviation = format!("deviation (0 at {LEAST_DEVIATION:.0e})");
+    draw(&format!("{}.svg", family.name), |area| logarithmic(area, &series, [family.parameter, &deviation], None, None))
+}
+
+/// A number without a band.
+fn exact(value: f64) -> Interval {
+    Interval { value, low: value, high: value }
 }
 
 /// Where the time of each technique goes, until its last snapshot.
@@ -168,6 +200,8 @@ struct Series {
     colour: RGBColor,
     /// x, and y with its band.
     points: Vec<(f64, Interval)>,
+    /// What y is to stay below, if anything: dashed.
+    bound: Vec<(f64, f64)>,
 }
 
 impl Series {
@@ -178,6 +212,7 @@ impl Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],
             points: technique.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
+            bound: Vec::new(),
         }
     }
 }
@@ -214,7 +249,8 @@ fn logarithmic(
     let floor = floor.filter(|floor| *floor > 0.0);
     let points = || series.iter().flat_map(|series| &series.points);
     let x = axis(points().map(|(x, _)| *x));
-    let y = axis(points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]).chain(floor));
+    let bounds = series.iter().flat_map(|series| &series.bound).map(|(_, y)| *y);
+    let y = axis(points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]).chain(floor).chain(bounds));
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(44)
@@ -247,7 +283,9 @@ fn logarithmic(
             .label(format!("power {power}"))
             .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK.mix(0.6)));
     }
-    for Series { name, colour, points } in series {
+    for Series { name, colour, points, bound } in series {
+        let dashes = DashedLineSeries::new(bound.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
+        chart.draw_series(dashes)?;
         let inside = |value: f64| value.clamp(y.start, y.end);
         let upper = points.iter().map(|(x, y)| (*x, inside(y.high)));
         let lower = points.iter().rev().map(|(x, y)| (*x, inside(y.low)));

@@ -1,5 +1,7 @@
 //! Triangles in world space (f64), and their way into normalised space.
 
+use std::iter::Peekable;
+
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -218,10 +220,17 @@ impl Geometry {
 }
 
 impl Scene {
-    /// Takes over the mesh lights of `node`; those without emitters are none.
-    pub(super) fn adopt_mesh_lights(&mut self, lights: &mut Vec<PlacedMeshLight>, node: usize, name: Option<String>) {
-        let of_node = lights.iter().take_while(|light| light.node == node).count();
-        for light in lights.drain(..of_node).filter(|light| !light.emitters.is_empty()) {
+    /// Takes over the mesh lights of `node`, which come next; those without emitters are none.
+    pub(super) fn adopt_mesh_lights(
+        &mut self,
+        lights: &mut Peekable<impl Iterator<Item = PlacedMeshLight>>,
+        node: usize,
+        name: Option<String>,
+    ) {
+        while let Some(light) = lights.next_if(|light| light.node == node) {
+            if light.emitters.is_empty() {
+                continue;
+            }
             let index = self.lights.len();
             for emitter in &light.emitters {
                 self.triangles[emitter.triangle as usize].light = index as u32;

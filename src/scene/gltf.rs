@@ -20,12 +20,16 @@ pub struct ImportOptions {
 }
 
 /// Extensions that are rendered.
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 11] = [
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
@@ -84,7 +88,7 @@ impl Scene {
             notes.push("no light in the file: a soft one is added above the scene".into());
         }
         scene.normalisation = geometry.normalisation();
-        let mut mesh_lights = geometry.finish(&mut scene, &mut notes);
+        let mut mesh_lights = geometry.finish(&mut scene, &mut notes).into_iter().peekable();
 
         for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
             scene.adopt_mesh_lights(&mut mesh_lights, i, node.json.name()?);

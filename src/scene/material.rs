@@ -6,7 +6,7 @@ use glam::{Mat2, Vec2, Vec3, Vec4};
 
 use super::json::Json;
 use super::texture::{self, Encoded};
-use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot};
+use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot, Volume};
 use crate::Result;
 
 impl Default for Material {
@@ -21,6 +21,12 @@ impl Default for Material {
             ior: 1.5,
             specular: 1.0,
             specular_colour: Vec3::ONE,
+            transmission: 0.0,
+            volume: None,
+            clearcoat: 0.0,
+            clearcoat_roughness: 0.0,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
             normal_scale: 1.0,
             alpha: AlphaMode::Opaque,
             double_sided: false,
@@ -32,6 +38,10 @@ impl Default for Material {
             emissive_texture: None,
             specular_texture: None,
             specular_colour_texture: None,
+            transmission_texture: None,
+            clearcoat_texture: None,
+            clearcoat_roughness_texture: None,
+            anisotropy_texture: None,
         }
     }
 }
@@ -39,14 +49,22 @@ impl Default for Material {
 impl Material {
     /// The textures it uses.
     pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
+        self.shown_slots().chain(&self.occlusion_texture)
+    }
+
+    /// The textures that are seen in an image: all but occlusion.
+    pub fn shown_slots(&self) -> impl Iterator<Item = &TextureSlot> {
         [
             &self.base_colour_texture,
             &self.metallic_roughness_texture,
             &self.normal_texture,
-            &self.occlusion_texture,
             &self.emissive_texture,
             &self.specular_texture,
             &self.specular_colour_texture,
+            &self.transmission_texture,
+            &self.clearcoat_texture,
+            &self.clearcoat_roughness_texture,
+            &self.anisotropy_texture,
         ]
         .into_iter()
         .flatten()
@@ -133,6 +151,41 @@ impl Reader<'_, '_> {
             m.specular_colour = specular.numbers_in::<3>("specularColorFactor", 1.0, 0.0..)?.into();
             m.specular_texture = self.slot(&specular, "specularTexture", Linear)?;
             m.specular_colour_texture = self.slot(&specular, "specularColorTexture", Srgb)?;
+        }
+        if let Some(transmission) = json.extension("KHR_materials_transmission")? {
+            m.transmission = transmission.number_in("transmissionFactor", 0.0, 0.0..=1.0)?;
+            m.transmission_texture = self.slot(&transmission, "transmissionTexture", Linear)?;
+        }
+        if let Some(volume) = json.extension("KHR_materials_volume")? {
+            // How thick says the mesh itself; 0 is a thin wall.
+            if volume.number_in("thicknessFactor", 0.0, 0.0..)? > 0.0 {
+                m.volume = Some(Volume {
+                    attenuation_distance: match volume.get("attenuationDistance")? {
+                        Some(_) => volume.number_in("attenuationDistance", 1.0, 0.0..)?,
+                        None => f32::INFINITY,
+                    },
+                    attenuation_colour: volume.numbers_in::<3>("attenuationColor", 1.0, 0.0..=1.0)?.into(),
+                });
+                if let Some(distance) = volume.get("attenuationDistance")?
+                    && m.volume.is_some_and(|v| v.attenuation_distance == 0.0)
+                {
+                    return Err(distance.error("attenuationDistance is 0: it must be more"));
+                }
+            }
+        }
+        if let Some(coat) = json.extension("KHR_materials_clearcoat")? {
+            m.clearcoat = coat.number_in("clearcoatFactor", 0.0, 0.0..=1.0)?;
+            m.clearcoat_roughness = coat.number_in("clearcoatRoughnessFactor", 0.0, 0.0..=1.0)?;
+            m.clearcoat_texture = self.slot(&coat, "clearcoatTexture", Linear)?;
+            m.clearcoat_roughness_texture = self.slot(&coat, "clearcoatRoughnessTexture", Linear)?;
+            if coat.get("clearcoatNormalTexture")?.is_some() {
+                self.note("normal maps of clear coats are not supported: coats have their bases' normals".into());
+            }
+        }
+        if let Some(anisotropy) = json.extension("KHR_materials_anisotropy")? {
+            m.anisotropy = anisotropy.number_in("anisotropyStrength", 0.0, 0.0..=1.0)?;
+            m.anisotropy_rotation = anisotropy.number_in("anisotropyRotation", 0.0, ..)?;
+            m.anisotropy_texture = self.slot(&anisotropy, "anisotropyTexture", Linear)?;
         }
         let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
         m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {

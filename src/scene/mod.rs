@@ -7,6 +7,7 @@
 mod accessor;
 mod camera;
 mod container;
+mod environment;
 mod geometry;
 mod gltf;
 mod json;
@@ -16,7 +17,10 @@ mod mesh;
 mod node;
 mod texture;
 
+pub use environment::Panorama;
 pub use gltf::ImportOptions;
+
+use std::sync::Arc;
 
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
 
@@ -33,7 +37,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Decoded images.
     pub images: Vec<TextureImage>,
-    /// Lights in the order of the file's nodes: emissive meshes and punctual lights alike.
+    /// Lights in the order of the file's nodes, emissive meshes and punctual lights alike; last the environment, where there
+    /// is one.
     pub lights: Vec<Light>,
     /// Cameras in the order of the file's nodes; empty if the file has none.
     pub cameras: Vec<Camera>,
@@ -62,6 +67,7 @@ impl Scene {
                 LightKind::Mesh { emitters, .. } => emitters.iter_mut().for_each(|emitter| emitter.radiance *= factor),
                 LightKind::Point { intensity, .. } | LightKind::Spot { intensity, .. } => *intensity *= factor,
                 LightKind::Directional { irradiance, .. } => *irradiance *= factor,
+                LightKind::Environment { strength, .. } => *strength *= factor,
             }
         }
     }
@@ -148,6 +154,18 @@ pub struct Material {
     pub specular: f32,
     /// KHR_materials_specular colour factor; one where absent.
     pub specular_colour: Vec3,
+    /// KHR_materials_transmission factor, 0 to 1: the part of the base that lets light pass.
+    pub transmission: f32,
+    /// KHR_materials_volume, where its thickness is not 0: the surface bounds a volume and bends light. None: a thin wall.
+    pub volume: Option<Volume>,
+    /// KHR_materials_clearcoat factor, 0 to 1.
+    pub clearcoat: f32,
+    /// KHR_materials_clearcoat roughness, 0 to 1.
+    pub clearcoat_roughness: f32,
+    /// KHR_materials_anisotropy strength, 0 to 1.
+    pub anisotropy: f32,
+    /// KHR_materials_anisotropy rotation from the tangent, counter-clockwise, in radians.
+    pub anisotropy_rotation: f32,
     /// Scale of the normal texture's x and y.
     pub normal_scale: f32,
     /// Alpha mode.
@@ -171,6 +189,23 @@ pub struct Material {
     pub specular_texture: Option<TextureSlot>,
     /// Specular colour (sRGB).
     pub specular_colour_texture: Option<TextureSlot>,
+    /// Transmission in R.
+    pub transmission_texture: Option<TextureSlot>,
+    /// Clear coat in R.
+    pub clearcoat_texture: Option<TextureSlot>,
+    /// Roughness of the clear coat in G.
+    pub clearcoat_roughness_texture: Option<TextureSlot>,
+    /// Direction of anisotropy in R and G, its strength in B.
+    pub anisotropy_texture: Option<TextureSlot>,
+}
+
+/// What light passes through inside a closed surface (KHR_materials_volume).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// World length after which white light has the attenuation colour; infinite where nothing is absorbed.
+    pub attenuation_distance: f32,
+    /// See [`Volume::attenuation_distance`]; each 0 to 1.
+    pub attenuation_colour: Vec3,
 }
 
 /// A use of a texture by a material.
@@ -293,6 +328,15 @@ pub enum LightKind {
         direction: Vec3,
         /// Irradiance on a plane across the direction.
         irradiance: Vec3,
+    },
+    /// What is all around the scene, infinitely far away; see [`Scene::set_environment`].
+    Environment {
+        /// The radiance from each direction, shared: it may be large.
+        panorama: Arc<Panorama>,
+        /// Rotation about +Y in turns, 0 to 1, counter-clockwise seen from above.
+        turn: f32,
+        /// Factor on the radiance, at least 0.
+        strength: f32,
     },
 }
 

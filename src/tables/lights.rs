@@ -9,6 +9,7 @@ use crate::gpu::buffer::TableFormat;
 use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
+use super::environment::EnvironmentTable;
 use super::sobol;
 
 /// Kinds of lights, and flags, in the first word of a light's records.
@@ -16,11 +17,12 @@ pub(crate) const MESH: u32 = 0;
 pub(crate) const POINT: u32 = 1;
 pub(crate) const SPOT: u32 = 2;
 pub(crate) const DIRECTIONAL: u32 = 3;
-pub(crate) const KIND_MASK: u32 = 3;
-pub(crate) const TWO_SIDED: u32 = 4;
-pub(crate) const CLOSED_FORM: u32 = 8;
+pub(crate) const ENVIRONMENT: u32 = 4;
+pub(crate) const KIND_MASK: u32 = 7;
+pub(crate) const TWO_SIDED: u32 = 8;
+pub(crate) const CLOSED_FORM: u32 = 16;
 /// Some of the surface may be missing: its material is an alpha mask or blends.
-pub(crate) const COVERAGE: u32 = 16;
+pub(crate) const COVERAGE: u32 = 32;
 /// Records before the first light's, of a light, and of an emitter triangle.
 pub(crate) const HEADER: u32 = 1;
 pub(crate) const RECORDS: u32 = 6;
@@ -34,11 +36,13 @@ const MAX_CONTOUR_EDGES: usize = 64;
 /// a few roundings of f32 coordinates of a scene of unit size.
 const COPLANAR: f64 = 2e-6;
 
-/// The scene's lights on the device, bound by the names `light_records`, `emitter_records`, `light_vertices` and
-/// `sobol_directions`.
+/// The scene's lights on the device, bound by the names `light_records`, `emitter_records`, `light_vertices`,
+/// `environment_records` and `sobol_directions`.
 pub struct LightTables {
     /// What the host wants to know of each light, in the scene's order.
     pub lights: Vec<LightInfo>,
+    /// The panorama, where there is one.
+    pub environment: Option<EnvironmentTable>,
     records: Table,
     emitters: Table,
     vertices: Table,
@@ -49,7 +53,7 @@ pub struct LightTables {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightInfo {
     /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
-    /// directional light: through the disc that covers the scene.
+    /// directional light and of the environment: through the disc that covers the scene.
     pub power: f64,
     /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
     pub closed_form: bool,
@@ -63,7 +67,7 @@ pub struct LightInfo {
     pub planar: bool,
     /// Centre of a sphere around the light; of a directional light around the scene.
     pub centre: Vec3,
-    /// Radius of that sphere; 0 of point and spot lights.
+    /// Radius of that sphere; 0 of point and spot lights, and of the environment.
     pub radius: f32,
 }
 
@@ -74,6 +78,9 @@ impl LightTables {
     /// As [`Gpu::table`].
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<LightTables> {
         let mut build = Build::default();
+        if let Some(Light { kind: LightKind::Environment { panorama, turn, strength }, .. }) = scene.lights.last() {
+            build.environment = Some(EnvironmentTable::new(gpu, panorama, *turn, *strength)?);
+        }
         for (index, light) in scene.lights.iter().enumerate() {
             build.push(scene, index as u32, light);
         }
@@ -84,6 +91,7 @@ impl LightTables {
         build.emitters.extend(build.slots);
         Ok(LightTables {
             lights: build.lights,
+            environment: build.environment,
             records: gpu.table("penumbra/scene/light_records", &records, TableFormat::Uint)?,
             emitters: gpu.table("penumbra/scene/emitter_records", &build.emitters, TableFormat::Uint)?,
             vertices: gpu.table("penumbra/scene/light_vertices", &build.vertices, TableFormat::Float)?,
@@ -98,6 +106,7 @@ impl Bindings for LightTables {
             "light_records" => Some((&self.records).into()),
             "emitter_records" => Some((&self.emitters).into()),
             "light_vertices" => Some((&self.vertices).into()),
+            "environment_records" => self.environment.as_ref().map(|environment| (&environment.records).into()),
             "sobol_directions" => Some((&self.sobol).into()),
             _ => None,
         }
@@ -107,6 +116,7 @@ impl Bindings for LightTables {
 #[derive(Default)]
 struct Build {
     lights: Vec<LightInfo>,
+    environment: Option<EnvironmentTable>,
     records: Vec<[u32; 4]>,
     emitters: Vec<[u32; 4]>,
     /// By BVH slot of an emitter triangle: its light and its place in `emitters`.
@@ -175,8 +185,26 @@ impl Build {
                 let area = std::f64::consts::PI * f64::from(radius).powi(2);
                 punctual(mean(*irradiance) * area, centre, radius)
             }
+            LightKind::Environment { .. } => self.push_environment(scene),
         };
         self.lights.push(info);
+    }
+
+    fn push_environment(&mut self, scene: &Scene) -> LightInfo {
+        let none = [0; 4];
+        let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
+        self.records.extend([[ENVIRONMENT, 0, 0, 0], none, none, none, bits(centre, radius), none]);
+        let irradiance = self.environment.as_ref().map_or(0.0, |environment| environment.irradiance);
+        LightInfo {
+            power: irradiance * std::f64::consts::PI * f64::from(radius).powi(2),
+            closed_form: false,
+            contour_edges: 0,
+            two_sided: false,
+            punctual: false,
+            planar: false,
+            centre,
+            radius: 0.0,
+        }
     }
 
     fn push_mesh(&mut self, scene: &Scene, index: u32, material: u32, emitters: &[EmitterTriangle]) -> LightInfo {

@@ -1,6 +1,7 @@
 //! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
 
 pub mod camera;
+pub mod environment;
 pub mod lights;
 pub mod sobol;
 pub mod surfaces;
@@ -56,12 +57,14 @@ impl SceneTables {
         let (textures, slots) = TextureTables::new(gpu, scene)?;
         let surfaces = SurfaceTables::new(gpu, scene, &slots, features)?;
         let records = bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
+        let lights = LightTables::new(gpu, scene)?;
+        let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(SceneTables {
-            lights: LightTables::new(gpu, scene)?,
+            lights,
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
-            bytes: records as u64 * 16 + textures.bytes,
+            bytes: records as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
         })

@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 use crate::Result;
 use crate::gpu::buffer::TableFormat;
 use crate::gpu::{Features, Gpu, Table};
-use crate::scene::{AlphaMode, Material, Scene, Triangle};
+use crate::scene::{AlphaMode, Material, Scene, Triangle, Volume};
 
 use super::oct_encode16;
 use super::textures::MaterialSlots;
@@ -41,7 +41,8 @@ impl Layout {
         let uv1 = features.has("uv1");
         let uv = take("textures", if uv1 { 3 } else { 2 });
         let colour = take("vertex_colours", 2);
-        let tangent = take("normal_maps", 1);
+        let tangents = if features.has("normal_maps") { "normal_maps" } else { "anisotropy" };
+        let tangent = take(tangents, 1);
         Layout { uv, uv1, colour, tangent, stride }
     }
 }
@@ -61,7 +62,7 @@ impl SurfaceTables {
             push_triangle(&mut records, scene, triangle, &layout);
         }
         let materials: Vec<[u32; 4]> =
-            scene.materials.iter().zip(slots).flat_map(|(m, s)| material_records(m, s)).collect();
+            scene.materials.iter().zip(slots).flat_map(|(m, s)| material_records(scene, m, s)).collect();
         Ok(SurfaceTables {
             surfaces: gpu.table("penumbra/scene/surface_records", &records, TableFormat::Uint)?,
             materials: gpu.table("penumbra/scene/material_records", &materials, TableFormat::Uint)?,
@@ -77,7 +78,8 @@ impl SurfaceTables {
     /// The `override`s of the kernels that read surfaces.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let Layout { uv, colour, tangent, stride, .. } = self.layout;
-        let mut constants = vec![("surface_stride", f64::from(stride))];
+        let focusing_alpha = f64::from(crate::needs::FOCUSING_ALPHA);
+        let mut constants = vec![("surface_stride", f64::from(stride)), ("focusing_alpha", focusing_alpha)];
         let optional = [("uv_record", uv), ("colour_record", colour), ("tangent_record", tangent)];
         constants.extend(optional.into_iter().filter_map(|(name, at)| Some((name, f64::from(at?)))));
         constants
@@ -117,7 +119,8 @@ fn push_triangle(records: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle
 /// The direction of growing u over the triangle, and the handedness of u and v: what glTF asks for where a file
 /// has no tangents, without MikkTSpace's averaging between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
-    let set = scene.materials[triangle.material as usize].normal_texture.map_or(0, |t| t.uv_set as usize);
+    let material = &scene.materials[triangle.material as usize];
+    let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| t.uv_set as usize);
     let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize]);
     let (e1, e2) = (b.position - a.position, c.position - a.position);
     let (d1, d2) = (b.uv[set] - a.uv[set], c.uv[set] - a.uv[set]);
@@ -134,9 +137,19 @@ pub(crate) const UNLIT: u32 = 2;
 pub(crate) const MASK: u32 = 4;
 pub(crate) const BLEND: u32 = 8;
 /// Records a material.
-pub(crate) const MATERIAL_RECORDS: u32 = 6;
+pub(crate) const MATERIAL_RECORDS: u32 = 10;
 
-fn material_records(m: &Material, slots: &MaterialSlots) -> [[u32; 4]; MATERIAL_RECORDS as usize] {
+/// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
+const LEAST_BENDING: f32 = 1e-3;
+
+/// Absorption by normalised length: over the attenuation distance, light becomes the attenuation colour (Beer and Lambert).
+fn absorption(volume: &Volume, scale: f64) -> [f32; 3] {
+    let distance = f64::from(volume.attenuation_distance) * scale;
+    // What nothing passes still has a logarithm: e^-80 is less than any radiance that shows.
+    volume.attenuation_colour.to_array().map(|c| (-f64::from(c).ln().max(-80.0) / distance) as f32)
+}
+
+fn material_records(scene: &Scene, m: &Material, slots: &MaterialSlots) -> [[u32; 4]; MATERIAL_RECORDS as usize] {
     let bits = |v: [f32; 4]| v.map(f32::to_bits);
     let (alpha, cutoff) = match m.alpha {
         AlphaMode::Opaque => (0, 0.0),
@@ -147,6 +160,10 @@ fn material_records(m: &Material, slots: &MaterialSlots) -> [[u32; 4]; MATERIAL_
     // Reflectance at normal incidence, KHR_materials_ior.
     let f0 = ((m.ior - 1.0) / (m.ior + 1.0)).powi(2);
     let emissive = m.emissive.to_array();
+    let bends = m.volume.is_some() && (m.ior - 1.0).abs() >= LEAST_BENDING;
+    // An index of 0 stands for an infinite one, which reflects all.
+    let refraction = if bends && m.ior > 0.0 { m.ior } else { 1.0 };
+    let [red, green, blue] = m.volume.map_or([0.0; 3], |volume| absorption(&volume, scene.normalisation.scale()));
     [
         bits(m.base_colour.to_array()),
         bits([emissive[0], emissive[1], emissive[2], m.metallic]),
@@ -154,5 +171,9 @@ fn material_records(m: &Material, slots: &MaterialSlots) -> [[u32; 4]; MATERIAL_
         bits(m.specular_colour.extend(cutoff).to_array()),
         [flags, slots.base_colour, slots.metallic_roughness, slots.normal],
         [slots.emissive, slots.specular, slots.specular_colour, 0],
+        bits([m.transmission, red, green, blue]),
+        bits([refraction, m.clearcoat, m.clearcoat_roughness, 0.0]),
+        [slots.transmission, slots.clearcoat, slots.clearcoat_roughness, slots.anisotropy],
+        bits([m.anisotropy, m.anisotropy_rotation.cos(), m.anisotropy_rotation.sin(), 0.0]),
     ]
 }

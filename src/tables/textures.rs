@@ -26,6 +26,10 @@ pub struct MaterialSlots {
     pub(super) emissive: u32,
     pub(super) specular: u32,
     pub(super) specular_colour: u32,
+    pub(super) transmission: u32,
+    pub(super) clearcoat: u32,
+    pub(super) clearcoat_roughness: u32,
+    pub(super) anisotropy: u32,
 }
 
 /// Records a slot.
@@ -74,6 +78,10 @@ impl TextureTables {
             emissive: slot(&m.emissive_texture),
             specular: slot(&m.specular_texture),
             specular_colour: slot(&m.specular_colour_texture),
+            transmission: slot(&m.transmission_texture),
+            clearcoat: slot(&m.clearcoat_texture),
+            clearcoat_roughness: slot(&m.clearcoat_roughness_texture),
+            anisotropy: slot(&m.anisotropy_texture),
         };
         let materials = scene.materials.iter().map(|m| slots(m, &mut slot)).collect();
         let slots = gpu.table("penumbra/scene/texture_slots", &records, TableFormat::Uint)?;

@@ -17,8 +17,8 @@ use super::visibility_map::extent;
 
 pub(super) struct GlobalMapKernels {
     flux: Flux,
-    grid: Grid,
-    irradiance: Irradiance,
+    pub grid: Grid,
+    pub irradiance: Irradiance,
 }
 
 impl GlobalMapKernels {
@@ -70,6 +70,7 @@ impl GlobalMap {
             emitted: u64::from(photons.emitted),
             photons: u64::from(photons.count),
             cut: photons.cut,
+            caustics: totals.indirect.caustics,
             ..Indirect::default()
         };
         let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);

@@ -1,5 +1,6 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
+mod caustic_map;
 mod cells;
 mod checkpoint;
 mod direct;
@@ -22,9 +23,11 @@ use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
 use crate::statistics::{self, Counter, Statistics};
+use crate::tables::environment::EnvironmentTable;
 use crate::tables::{CameraUniform, SceneTables};
 use crate::{Image, Result};
 
+use caustic_map::{CausticKernels, CausticMap};
 use direct::{Direct, Shared};
 use global_map::{GlobalMap, GlobalMapKernels};
 use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
@@ -54,6 +57,8 @@ pub struct Renderer<'g> {
     /// Direct light by the photons and shadow rays, where the technique has it apart.
     direct: Option<Direct>,
     indirect: Indirect,
+    /// The caustic map of the samples under way, where there are focusing surfaces.
+    caustics: Option<CausticMap>,
     indirect_kernels: IndirectKernels,
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
@@ -92,7 +97,7 @@ impl Indirect {
     ) -> Result<Indirect> {
         let stage = stage(samples);
         let settings = &refined(settings, stage);
-        let IndirectKernels { map, cache, path, features } = kernels;
+        let IndirectKernels { map, cache, path, features, .. } = kernels;
         let Shared { gpu, tables, tile, .. } = *shared;
         totals.indirect_bytes = 0;
         let paths = path.is_some();
@@ -107,7 +112,7 @@ impl Indirect {
         Ok(Indirect { map, cache, path, stage })
     }
 
-    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters, glossy: bool) {
+    fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         if let Some(map) = &self.map {
             map.record(frame, &parameters.tile);
         }
@@ -115,10 +120,8 @@ impl Indirect {
             cache.record(frame, &parameters.tile);
         }
         match (&self.path, &self.cache) {
-            (Some(path), Some(cache)) if !glossy => {
-                path.record_queued(frame, &cache.buffers().uncovered_arguments, parameters);
-            }
-            (Some(path), _) => path.record(frame, parameters),
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
             (None, _) => {}
         }
     }
@@ -126,7 +129,7 @@ impl Indirect {
 
 /// Samples a pixel from which on photons and gather rays are more than at first: four times, and four times again for each
 /// four times the samples. Points share what these tell, so no number of samples would take their error away.
-const REFINED: u32 = 16;
+const REFINED: u32 = 32;
 
 /// Most such steps: a million photon rays by default, and some thousand rays a record.
 const MOST_STAGES: u32 = 2;
@@ -234,7 +237,7 @@ impl<'g> Renderer<'g> {
         totals.frame_bytes += indirect.cache.as_ref().map_or(0, IrradianceCache::frame_bytes);
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene, settings, &totals.indirect);
+        let notes = notes(&scene, settings, &totals.indirect, tables.lights.environment.as_ref());
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
@@ -247,6 +250,7 @@ impl<'g> Renderer<'g> {
             primary,
             direct,
             indirect,
+            caustics: None,
             indirect_kernels,
             buffers,
             tiles,
@@ -290,6 +294,7 @@ impl<'g> Renderer<'g> {
             let shared = Shared { gpu, scene, tables, tile };
             direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
         }
+        self.trace_caustics()?;
         self.batches += 1;
         for index in 0..self.tiles.len() {
             let film = &self.tiles[index];
@@ -312,7 +317,10 @@ impl<'g> Renderer<'g> {
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
             }
-            self.indirect.record(&mut frame, &path_parameters, self.needs.features.has("glossy"));
+            self.indirect.record(&mut frame, &path_parameters);
+            if let Some(caustics) = &self.caustics {
+                caustics.record(&mut frame, &tile);
+            }
             for plane in film.planes() {
                 plane.record(&mut frame, &tile);
             }
@@ -352,9 +360,24 @@ impl<'g> Renderer<'g> {
         Ok(())
     }
 
+    /// Makes the caustic map of the next samples, unless they share that of the last.
+    fn trace_caustics(&mut self) -> Result<()> {
+        let number = CausticMap::number_at(self.samples);
+        let IndirectKernels { map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
+            return Ok(());
+        };
+        if self.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
+            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
+            let shared = Shared { gpu, scene, tables, tile };
+            let traced = CausticMap::new(&shared, kernels, map, &self.settings, number, &mut self.totals)?;
+            self.caustics = Some(traced);
+        }
+        Ok(())
+    }
+
     /// Leaves the visibility map out if the first samples say that it does not pay.
     fn end_pilot(&mut self) -> Result<()> {
-        let share = self.totals.points().boundary_share;
+        let share = self.asked_boundary_share();
         // Without a map every point is unknown; and whoever asks for the classes, or for what the map alone says, gets it.
         let asked = self.settings.technique == Technique::VisibilityEstimate || self.needs.features.has("aov_shadow");
         if !self.needs.features.has("visibility_map") || asked || share <= PILOT_SHARE {
@@ -364,6 +387,18 @@ impl<'g> Renderer<'g> {
             "it does not pay: {:.0} % of the first points were boundary or unknown",
             100.0 * share
         ))
+    }
+
+    /// Boundary and unknown points over all, of the lights that photons are asked about: every point is unknown to the
+    /// environment.
+    fn asked_boundary_share(&self) -> f64 {
+        let points = self.totals.points();
+        let lights = self.scene.lights.len() as u64;
+        let others = lights - self.scene.placed_lights().len() as u64;
+        // Every light has the same points, dark ones included.
+        let unasked = others * (points.total + points.dark) / lights.max(1);
+        let asking = points.boundary + points.unknown - unasked;
+        asking as f64 / (points.total - unasked).max(1) as f64
     }
 
     /// Goes on without the visibility map.
@@ -430,6 +465,7 @@ struct Kernels {
 /// Those of [`Indirect`].
 struct IndirectKernels {
     map: Option<GlobalMapKernels>,
+    caustics: Option<CausticKernels>,
     cache: Option<CacheKernels>,
     path: Option<Path>,
     features: Features,
@@ -462,8 +498,13 @@ impl IndirectKernels {
         // The map shows all that Lambertian surfaces reflect.
         let rest = has("photon_map") && has("glossy");
         let paths = technique == Technique::Path || has("indirect") || rest;
-        let (map, (cache, path)) = rayon::join(
-            || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+        let ((map, caustics), (cache, path)) = rayon::join(
+            || {
+                rayon::join(
+                    || has("global_map").then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+                    || has("caustics").then(|| CausticKernels::new(gpu, features, constants)).transpose(),
+                )
+            },
             || {
                 rayon::join(
                     || has("irradiance_cache").then(|| CacheKernels::new(gpu, features, constants)).transpose(),
@@ -471,7 +512,7 @@ impl IndirectKernels {
                 )
             },
         );
-        Ok(IndirectKernels { map: map?, cache: cache?, path: path?, features: features.clone() })
+        Ok(IndirectKernels { map: map?, caustics: caustics?, cache: cache?, path: path?, features: features.clone() })
     }
 }
 
@@ -485,8 +526,16 @@ pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }
 
-fn notes(scene: &Scene, settings: &Settings, indirect: &statistics::Indirect) -> Vec<String> {
+fn notes(
+    scene: &Scene,
+    settings: &Settings,
+    indirect: &statistics::Indirect,
+    environment: Option<&EnvironmentTable>,
+) -> Vec<String> {
     let mut notes = Vec::new();
+    if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
+        notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
+    }
     if scene.triangles.is_empty() {
         notes.push("the scene has no triangles: the image is empty".to_owned());
     }

@@ -91,18 +91,19 @@ impl VisibilityMap {
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<VisibilityMap> {
-        let lights = scene.lights.len() as u32;
+        let lights = scene.placed_lights().len() as u32;
         let rays = settings.photons.min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         let counts = traced.emitted.iter().zip(&traced.stored);
-        let by_light = scene.lights.iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
-            light: light.name.clone(),
-            emitted: u64::from(*emitted),
-            illumination: u64::from(*illumination),
-            shadow: u64::from(*shadow),
-            healed: 0,
-        });
+        let by_light =
+            scene.placed_lights().iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
+                light: light.name.clone(),
+                emitted: u64::from(*emitted),
+                illumination: u64::from(*illumination),
+                shadow: u64::from(*shadow),
+                healed: 0,
+            });
         totals.photons = by_light.collect();
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);

@@ -2,12 +2,14 @@
 
 mod bad_input;
 mod compare;
+mod environment;
 mod plan;
 mod program;
 mod render;
 mod report;
 mod scenes;
 mod schema;
+mod stress;
 mod table1;
 mod usage;
 #[cfg(unix)]

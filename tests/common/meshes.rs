@@ -1,8 +1,10 @@
 //! Scenes of triangles for tests: squares, cubes, rooms, and cameras in them.
 
+use std::f64::consts::PI;
+
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Triangle, Vertex,
 };
 
 pub type Corners = [DVec3; 3];
@@ -75,4 +77,15 @@ pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
     let axes = [right, backward.cross(right), backward].map(|a| a.as_vec3());
     let projection = Projection::Perspective { yfov, aspect: None };
     Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
+}
+
+/// A panorama of the radiance along the directions of its texels' middles.
+pub fn panorama(width: u32, height: u32, radiance: impl Fn(DVec3) -> DVec3) -> Panorama {
+    let at = |i: u32| {
+        let (x, y) = (f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
+        let (azimuth, below) = ((2.0 * x / f64::from(width) - 1.0) * PI, y / f64::from(height) * PI);
+        let direction = DVec3::new(below.sin() * azimuth.cos(), below.cos(), below.sin() * azimuth.sin());
+        radiance(direction).as_vec3().to_array()
+    };
+    Panorama { width, height, texels: (0..width * height).map(at).collect() }
 }

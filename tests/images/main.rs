@@ -4,6 +4,7 @@
 mod device;
 mod direct;
 mod earlier;
+mod environment;
 mod indirect;
 #[path = "../common/meshes.rs"]
 mod meshes;

@@ -1,12 +1,13 @@
 //! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
 use penumbra::needs::Needs;
 use penumbra::scene::{
-    AlphaMode, ColourSpace, Filter, LightKind, Material, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
 use penumbra::{Aov, Settings, Technique};
 use rayon::prelude::*;
@@ -17,16 +18,16 @@ use crate::stage::hash1;
 
 /// A choice for each of some thirty properties of a scene, its settings and the device.
 #[derive(Clone, Copy)]
-struct Choice(u32);
+struct Choice(u64);
 
 /// Choices by chance: of two properties each of the four combinations is in one of four, so that 128 leave one out of
 /// the two thousand with a probability of 2e-13.
 fn choices() -> impl ParallelIterator<Item = Choice> {
-    (0..128u32).into_par_iter().map(|i| Choice(hash1(i)))
+    (0..128u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
 
 impl Choice {
-    fn has(self, property: u32) -> bool {
+    fn has(self, property: u64) -> bool {
         self.0 >> property & 1 != 0
     }
 
@@ -39,17 +40,25 @@ impl Choice {
         let panel = |i: f64| square(DVec3::new(0.1 * i, 0.0, 0.0), 0.04 * DVec3::X, 0.04 * DVec3::Y);
         let mut meshes: Vec<(Vec<Corners>, Material)> = vec![(panel(-5.0), plain.clone())];
         let materials = [
-            Material { metallic: 1.0, ..plain.clone() },
+            Material { metallic: 1.0, roughness: if self.has(32) { 0.1 } else { 1.0 }, ..plain.clone() },
             Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
             Material { unlit: true, ..plain.clone() },
             Material { base_colour_texture: slot(0), ..plain.clone() },
             Material { base_colour_texture: slot(1), ..plain.clone() },
-            Material { normal_texture: slot(0), ..plain },
+            Material { normal_texture: slot(0), ..plain.clone() },
             lamp.clone(),
             Material { emissive_texture: slot(0), ..lamp.clone() },
         ];
         for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
-            meshes.push((panel(f64::from(i) - 4.0), material));
+            meshes.push((panel(i as f64 - 4.0), material));
+        }
+        let lobed = [
+            Material { transmission: 1.0, ..plain.clone() },
+            Material { clearcoat: 1.0, ..plain.clone() },
+            Material { specular: 1.0, anisotropy: 0.5, ..plain },
+        ];
+        for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
+            meshes.push((panel(i as f64 - 29.0), material));
         }
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
@@ -63,6 +72,10 @@ impl Choice {
         ];
         let punctual = (9..).zip(punctual).filter(|(i, _)| self.has(*i) && !dark).map(|(_, light)| light).collect();
         let mut scene = scene(&meshes, punctual);
+        if self.has(31) {
+            let panorama = Panorama { width: 1, height: 1, texels: vec![[1.0; 3]] };
+            scene.set_environment(Arc::new(panorama), 0.0, 1.0).unwrap();
+        }
         scene.images = vec![TextureImage { name: String::new(), width: 1, height: 1, texels: vec![[255; 4]] }];
         let wrap = [Wrap::Repeat; 2];
         scene.textures = vec![Texture { image: 0, wrap, filter: Filter::Linear, space: ColourSpace::Srgb }];
@@ -79,7 +92,7 @@ impl Choice {
         let techniques = Technique::ALL;
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         let settings = Settings {
-            technique: techniques[hash1(self.0) as usize % techniques.len()],
+            technique: techniques[hash1(self.0 as u32) as usize % techniques.len()],
             audit: if self.has(18) { 1.0 } else { 0.0 },
             paper_counting: self.has(19),
             max_bounces: if self.has(20) { 64 } else { 0 },
@@ -139,13 +152,16 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 13] = [
+    const FORCED: [&str; 16] = [
         "textures",
         "uv1",
         "vertex_colours",
         "normal_maps",
         "smooth_normals",
         "glossy",
+        "transmission",
+        "clearcoat",
+        "anisotropy",
         "alpha_test",
         "unlit",
         "point_lights",

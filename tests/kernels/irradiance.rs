@@ -80,7 +80,7 @@ impl Bench {
         let shape: [u32; 8] = bytemuck::cast(map.shape);
         let mut parameters = [0; 12];
         parameters[..8].copy_from_slice(&shape);
-        parameters[8..10].copy_from_slice(&[places.count, step.to_bits()]);
+        parameters[8..11].copy_from_slice(&[places.count, step.to_bits(), 1f32.to_bits()]);
         let mut frame = gpu().frame("test");
         frame.run(&bound, places.count, &parameters);
         frame.submit().unwrap();

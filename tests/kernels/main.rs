@@ -6,6 +6,7 @@ mod cells;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
+mod environment;
 mod features;
 mod film;
 mod flux;

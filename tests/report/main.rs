@@ -4,6 +4,7 @@
 mod device;
 
 mod curves;
+mod honesty;
 mod intervals;
 mod planted;
 mod reference;

@@ -9,7 +9,8 @@ override seed: u32;
 // 1: the samples of one sequence; 0: a sequence each, so that they are independent.
 override stratified: u32;
 
-// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal; view.
+// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal; view; tint and eta;
+// coat, alpha along the tangent +x.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -30,10 +31,19 @@ fn tested_surface() -> Surface {
     s.geometric_normal = vec3f(surface[2].z, 0.0, surface[2].w);
     s.shading_normal = surface[3].xyz;
     s.view = surface[4].xyz;
+    @if(transmission) {
+        s.tint = surface[5].xyz;
+        s.eta = surface[5].w;
+    }
+    @if(clearcoat) { s.coat = surface[6].xy; }
+    @if(anisotropy) {
+        s.tangent = vec3f(1.0, 0.0, 0.0);
+        s.alpha_along = surface[6].z;
+    }
     return s;
 }
 
-// The BSDF and its density, for each direction; then its two parts' sum.
+// The BSDF and its density, for each direction; then its two parts' sum, where the base reflects.
 @compute @workgroup_size(64)
 fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = item(group, groups, lane);
@@ -41,15 +51,18 @@ fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
     let s = tested_surface();
     let direction = directions[i].xyz;
     results[2u * i] = vec4f(bsdf_evaluate(s, direction), bsdf_pdf(s, direction));
-    results[2u * i + 1u] = vec4f(bsdf_diffuse(s) + bsdf_residual(s, direction), 0.0);
+    let base = select(vec3f(0.0), bsdf_diffuse(s), dot(direction, s.shading_normal) > 0.0);
+    results[2u * i + 1u] = vec4f(base + bsdf_residual(s, direction), 0.0);
 }
 
-// Samples: direction and density, weight.
+// Samples: direction and density, weight of radiance, that of flux.
 @compute @workgroup_size(64)
 fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = bsdf_sample(tested_surface(), sobol4(i, select(seed + i, seed, stratified == 1u)).xyz);
     results[2u * i] = vec4f(s.direction, s.pdf);
-    results[2u * i + 1u] = vec4f(s.weight, 0.0);
+    var flux = s.weight.x;
+    @if(transmission) { flux /= max(s.concentration, 1e-20); }
+    results[2u * i + 1u] = vec4f(s.weight, flux);
 }

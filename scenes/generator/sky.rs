@@ -1,0 +1,55 @@
+//! A panorama: a clear sky with the sun in it over grey ground.
+
+use std::f64::consts::{PI, TAU};
+use std::io::Cursor;
+
+use exr::image::write::WritableImage;
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
+use exr::meta::header::LayerAttributes;
+use glam::DVec3;
+use half::f16;
+
+const WIDTH: usize = 256;
+const HEIGHT: usize = 128;
+
+/// Towards the sun: 40 degrees above the horizon, in front and to the left of a camera that looks along -Z.
+const SUN: DVec3 = DVec3::new(-0.54, 0.64, -0.55);
+
+/// Radiance of the sun's disc: it gives a surface across it an irradiance of about 9, the sky gives 2.
+const SUNLIGHT: DVec3 = DVec3::new(1600.0, 1450.0, 1200.0);
+
+/// Cosines of the angles at which the disc begins to fade and is gone: 2.2 and 3 degrees, two texels, so that it is round.
+const DISC: [f64; 2] = [0.99926, 0.99863];
+
+/// An OpenEXR file of 16-bit floats.
+pub fn exr() -> Vec<u8> {
+    let texels: Vec<DVec3> = (0..WIDTH * HEIGHT).map(|i| radiance(direction(i % WIDTH, i / WIDTH))).collect();
+    let channel = |name: &str, c: usize| {
+        AnyChannel::new(name, FlatSamples::F16(texels.iter().map(|texel| f16::from_f64(texel[c])).collect()))
+    };
+    let channels = AnyChannels::sort([channel("R", 0), channel("G", 1), channel("B", 2)].into_iter().collect());
+    let layer = Layer::new((WIDTH, HEIGHT), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut bytes).expect("a vector takes what is written");
+    bytes.into_inner()
+}
+
+/// Of a texel's middle.
+fn direction(x: usize, y: usize) -> DVec3 {
+    let azimuth = ((x as f64 + 0.5) / WIDTH as f64) * TAU - PI;
+    let below = ((y as f64 + 0.5) / HEIGHT as f64) * PI;
+    DVec3::new(below.sin() * azimuth.cos(), below.cos(), below.sin() * azimuth.sin())
+}
+
+fn radiance(direction: DVec3) -> DVec3 {
+    let sun = SUN.normalize();
+    if direction.y < 0.0 {
+        return DVec3::new(0.30, 0.28, 0.25);
+    }
+    let horizon = DVec3::new(0.95, 0.95, 0.90);
+    let zenith = DVec3::new(0.18, 0.36, 0.80);
+    let cosine = direction.dot(sun);
+    let glow = cosine.max(0.0).powi(32) * DVec3::new(0.8, 0.7, 0.5);
+    let disc = ((cosine - DISC[1]) / (DISC[0] - DISC[1])).clamp(0.0, 1.0);
+    horizon.lerp(zenith, direction.y.sqrt()) + glow + disc * SUNLIGHT
+}

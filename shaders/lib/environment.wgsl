@@ -1,0 +1,144 @@
+// The environment: an equirectangular panorama infinitely far away. Radiance is interpolated between the middles of four
+// texels, over a patch; directions are chosen among cells of whole patches by what comes from there, and evenly within a cell.
+// Tables are made by src/tables/environment.rs.
+
+import package::lib::constants::ENVIRONMENT_HEADER;
+import package::lib::math::{PI, safe_sqrt};
+@if(texture_loads) import package::lib::table::table_place;
+
+// Size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells, strength.
+// By row of cells: cumulative probability; height below the nearer pole where it begins, and by how much that changes to its end;
+// one over the solid angle of one patch of width, negative where the pole is the nadir.
+// By cell, four to a record: cumulative probability within the row. By texel: radiance.
+@if(texture_loads) @group(1) @binding(21) var environment_records: texture_storage_2d<rgba32float, read>;
+@if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_records: array<vec4f>;
+
+fn load_environment_record(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(environment_records, table_place(i)); }
+    @else { return environment_records[i]; }
+}
+
+struct EnvironmentShape {
+    size: vec2u,
+    step: u32,
+    turn: f32,
+    cells: vec2u,
+    strength: f32,
+}
+
+fn environment_shape() -> EnvironmentShape {
+    let a = load_environment_record(0u);
+    let b = load_environment_record(1u);
+    return EnvironmentShape(vec2u(a.xy), u32(a.z), a.w, vec2u(b.xy), b.z);
+}
+
+// Cumulative probability of a cell within its row.
+fn environment_cell(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
+    let i = row * shape.cells.x + column;
+    return load_environment_record(ENVIRONMENT_HEADER + shape.cells.y + (i >> 2u))[i & 3u];
+}
+
+// Patches along the width of a column of cells.
+fn environment_cell_width(shape: EnvironmentShape, column: u32) -> f32 {
+    return f32(min(shape.step, shape.size.x - column * shape.step));
+}
+
+// By solid angle, within a cell.
+fn environment_density(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
+    let own = load_environment_record(ENVIRONMENT_HEADER + row);
+    var of_row = own.x;
+    if row > 0u { of_row -= load_environment_record(ENVIRONMENT_HEADER + row - 1u).x; }
+    var of_cell = environment_cell(shape, row, column);
+    if column > 0u { of_cell -= environment_cell(shape, row, column - 1u); }
+    return of_row * of_cell * abs(own.w) / environment_cell_width(shape, column);
+}
+
+// The patch that a direction meets, and where.
+struct EnvironmentPlace {
+    column: u32,
+    row: u32,
+    within: vec2f,
+}
+
+fn environment_place(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPlace {
+    // At the poles any azimuth will do, but not that of 0, 0: there is none.
+    let x_axis = select(direction.x, 1.0, all(direction.xz == vec2f(0.0)));
+    let u = fract(atan2(direction.z, x_axis) * (0.5 / PI) + 0.5 + shape.turn);
+    // The arc cosine would lose the poles.
+    let v = atan2(length(direction.xz), direction.y) / PI;
+    // A patch begins at the middle of a texel; the first row's at the zenith.
+    let x = u * f32(shape.size.x) - 0.5;
+    let y = v * f32(shape.size.y) + 0.5;
+    let column = i32(floor(x));
+    let row = min(u32(y), shape.size.y);
+    return EnvironmentPlace(select(u32(column), shape.size.x - 1u, column < 0), row, vec2f(x - floor(x), y - f32(row)));
+}
+
+fn environment_texel(shape: EnvironmentShape, column: u32, row: u32) -> vec3f {
+    let cells = shape.cells.x * shape.cells.y;
+    let base = ENVIRONMENT_HEADER + shape.cells.y + ((cells + 3u) >> 2u);
+    return load_environment_record(base + row * shape.size.x + column).xyz;
+}
+
+fn environment_radiance_at(shape: EnvironmentShape, place: EnvironmentPlace) -> vec3f {
+    let right = select(place.column + 1u, 0u, place.column + 1u == shape.size.x);
+    let upper = max(place.row, 1u) - 1u;
+    let lower = min(place.row, shape.size.y - 1u);
+    let above = mix(environment_texel(shape, place.column, upper), environment_texel(shape, right, upper), place.within.x);
+    let below = mix(environment_texel(shape, place.column, lower), environment_texel(shape, right, lower), place.within.x);
+    return shape.strength * mix(above, below, place.within.y);
+}
+
+// What comes from a direction.
+fn environment_radiance(direction: vec3f) -> vec3f {
+    let shape = environment_shape();
+    return environment_radiance_at(shape, environment_place(shape, direction));
+}
+
+// What comes from a direction, and the density by solid angle with which `environment_sample` chooses it.
+fn environment_met(direction: vec3f) -> vec4f {
+    let shape = environment_shape();
+    let place = environment_place(shape, direction);
+    let pdf = environment_density(shape, place.row / shape.step, place.column / shape.step);
+    return vec4f(environment_radiance_at(shape, place), pdf);
+}
+
+struct EnvironmentSample {
+    // Unit, towards the environment.
+    direction: vec3f,
+    // By solid angle.
+    pdf: f32,
+    radiance: vec3f,
+}
+
+fn environment_sample(u: vec2f) -> EnvironmentSample {
+    let shape = environment_shape();
+    // The first row and, within it, column whose cumulative probability exceeds the number; what is left of that is uniform.
+    var row = 0u;
+    var last = shape.cells.y - 1u;
+    while row < last {
+        let middle = (row + last) / 2u;
+        if load_environment_record(ENVIRONMENT_HEADER + middle).x > u.x { last = middle; } else { row = middle + 1u; }
+    }
+    var column = 0u;
+    last = shape.cells.x - 1u;
+    while column < last {
+        let middle = (column + last) / 2u;
+        if environment_cell(shape, row, middle) > u.y { last = middle; } else { column = middle + 1u; }
+    }
+    let own = load_environment_record(ENVIRONMENT_HEADER + row);
+    var before = vec2f(0.0);
+    if row > 0u { before.y = load_environment_record(ENVIRONMENT_HEADER + row - 1u).x; }
+    if column > 0u { before.x = environment_cell(shape, row, column - 1u); }
+    let share = vec2f(environment_cell(shape, row, column), own.x) - before;
+    let left = clamp((u.yx - before) / share, vec2f(0.0), vec2f(1.0));
+
+    let width = environment_cell_width(shape, column);
+    let along = (f32(column * shape.step) + 0.5 + left.x * width) / f32(shape.size.x);
+    let azimuth = (along - 0.5 - shape.turn) * (2.0 * PI);
+    let below = own.y + left.y * own.z;
+    let across = safe_sqrt(below * (2.0 - below));
+    let direction = vec3f(across * cos(azimuth), select(1.0 - below, below - 1.0, own.w < 0.0), across * sin(azimuth));
+    let pdf = share.x * share.y * abs(own.w) / width;
+    return EnvironmentSample(direction, pdf, environment_radiance_at(shape, environment_place(shape, direction)));
+}

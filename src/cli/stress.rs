@@ -1,0 +1,74 @@
+//! `penumbra stress`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use penumbra::report::plot;
+use penumbra::stress::{FAMILIES, Family, Reading, breakdown};
+use penumbra::{Result, film};
+
+use super::options::DeviceOptions;
+use super::{Ending, print, say};
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Families to measure [default: all]
+    #[arg(value_name = "FAMILY")]
+    families: Vec<String>,
+
+    /// Write a chart of each family to this folder, as SVG
+    #[arg(short, long, value_name = "DIR", help_heading = "Output")]
+    output: Option<PathBuf>,
+
+    #[command(flatten)]
+    device: DeviceOptions,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let named = arguments.families.iter().map(|name| Family::named(name));
+    let mut families = named.collect::<Result<Vec<_>>>()?;
+    if families.is_empty() {
+        families = FAMILIES.to_vec();
+    }
+    let file = |family: &Family| arguments.output.as_ref().map(|folder| folder.join(format!("{}.svg", family.name)));
+    if let Some(folder) = &arguments.output {
+        std::fs::create_dir_all(folder).map_err(|problem| penumbra::Error::output(folder, problem))?;
+    }
+    families.iter().filter_map(|family| file(family)).try_for_each(film::check_target)?;
+    let gpu = arguments.device.open()?;
+    for family in families {
+        print(&format!("{}: {}\n{}: {}\n", family.name, family.title, "deviation", family.deviation))?;
+        let mut curves = Vec::new();
+        for series in family.series {
+            print(&format!("\n{:>12}  {:>9}  {:>9}  {}\n", "value", "deviation", "bound", series.name))?;
+            let mut lines = Ok(());
+            let readings = series.run(&gpu, series.values, |reading| {
+                if lines.is_ok() {
+                    lines = print(&line(reading));
+                }
+            })?;
+            lines?;
+            let held = match breakdown(&readings) {
+                None => "within the bound throughout".to_owned(),
+                Some(value) => format!("leaves the bound at {value:.0e}"),
+            };
+            print(&format!("{held}\n"))?;
+            curves.push((series, readings));
+        }
+        print("\n")?;
+        if let Some(path) = file(family) {
+            let chart = plot::stress(family, &curves)?;
+            film::write_atomically(&path, |file| Ok(file.write_all(chart.as_bytes())?))?;
+            say(format_args!("wrote {}", path.display()));
+        }
+    }
+    Ok(Ending::Done)
+}
+
+fn line(reading: &Reading) -> String {
+    let end = if reading.holds() { "" } else { "  beyond the bound" };
+    match &reading.outcome {
+        Ok(deviation) => format!("{:>12.2e}  {deviation:>9.1e}  {:>9.1e}{end}\n", reading.value, reading.bound),
+        Err(error) => format!("{:>12.2e}  {:>9}  {:>9.1e}  {error}\n", reading.value, "-", reading.bound),
+    }
+}

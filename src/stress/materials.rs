@@ -1,0 +1,199 @@
+//! Materials: what reflects nearly everything, mirrors, and what lets light through.
+
+use std::f64::consts::FRAC_PI_4;
+
+use glam::DVec3;
+
+use crate::gpu::Gpu;
+use crate::{Result, Settings, Technique};
+
+use super::oracle::{ggx_albedo, green, mean, polygon_irradiance, reflected, relative};
+use super::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use super::{Family, Measure, Series, image, settings};
+
+/// A furnace.
+pub static ALBEDO: Family = Family {
+    name: "albedo",
+    title: "all surfaces emit what they do not reflect: the radiance is 1 everywhere",
+    parameter: "1 - albedo",
+    deviation: "relative error of the mean",
+    series: &[
+        Series {
+            name: "path, objects under a bright sky",
+            values: &ABSORBED,
+            bound: |_| FURNACE,
+            prepare: |gpu| open(gpu, Technique::Path),
+        },
+        Series {
+            name: "shadow-photons, objects under a bright sky",
+            values: &ABSORBED,
+            bound: |_| FURNACE,
+            prepare: |gpu| open(gpu, Technique::ShadowPhotons),
+        },
+        Series {
+            name: "path, closed room",
+            values: &ABSORBED,
+            bound: |_| CLOSED_FURNACE,
+            prepare: |gpu| closed(gpu, Technique::Path),
+        },
+        Series {
+            name: "shadow-photons, closed room",
+            values: &ABSORBED,
+            bound: |_| CLOSED_FURNACE,
+            prepare: |gpu| closed(gpu, Technique::ShadowPhotons),
+        },
+    ],
+};
+
+const ABSORBED: [f64; 8] = [0.5, 0.2, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
+
+/// What is asked of furnaces.
+const FURNACE: f64 = 1e-3;
+
+/// A closed room gathers its light from 1 / (1 - albedo) bounces, and its noise with it.
+const CLOSED_FURNACE: f64 = 5e-2;
+
+fn open(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
+    // As many samples as bring the noise below the bound: paths ask one light of two, photons are shared.
+    let spp = if technique == Technique::Path { 1024 } else { 256 };
+    let settings = settings(technique, 24, spp, 1000);
+    Ok(Box::new(move |absorbed| {
+        let eye = Eye {
+            position: DVec3::new(0.7, 0.9, 1.5),
+            towards: DVec3::new(-0.7, -1.0, -1.5),
+            view: View::Perspective(0.3),
+        };
+        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * 0.3);
+        // A corner of three walls, and a cube in it.
+        let corner = [square(x + z, z, x), square(x + y, x, y), square(y + z, y, z)].concat();
+        let objects = [corner, cube(DVec3::splat(0.15), 0.1)].concat();
+        let paint = Paint { radiance: absorbed, double_sided: true, ..Paint::matte(1.0 - absorbed) };
+        let stage = Stage::new(eye).with(objects, paint).with(inside_out(cube(DVec3::ZERO, 2.0)), Paint::lamp(1.0));
+        Ok(relative(mean(&image(gpu, &stage, &settings)?), 1.0))
+    }))
+}
+
+fn closed(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
+    Ok(Box::new(move |absorbed| {
+        let eye = Eye {
+            position: DVec3::new(0.1, -0.2, 0.3),
+            towards: DVec3::new(0.3, 0.5, -1.0),
+            view: View::Perspective(1.5),
+        };
+        // What is left after so many bounces is a thousandth.
+        let bounces = (7.0 / absorbed).ceil() as u32;
+        let paint = Paint { radiance: absorbed, ..Paint::matte(1.0 - absorbed) };
+        let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), paint);
+        // Each photon leaves 1 / (1 - albedo) behind: fewer fill the device.
+        let settings = Settings { flux_photons: 1 << 12, ..settings(technique, 16, 32, bounces) };
+        Ok(relative(mean(&image(gpu, &stage, &settings)?), 1.0))
+    }))
+}
+
+/// A metal that becomes a mirror.
+pub static ROUGHNESS: Family = Family {
+    name: "roughness",
+    title: "a metal under uniform light of radiance 1 reflects the share that its microfacets let out",
+    parameter: "roughness",
+    deviation: "relative error of the mean, against the integral in f64",
+    series: &[
+        Series {
+            name: "path",
+            values: &ROUGHNESSES,
+            bound: |_| MIRROR,
+            prepare: |gpu| roughness(gpu, Technique::Path),
+        },
+        Series {
+            name: "shadow-photons",
+            values: &ROUGHNESSES,
+            bound: |_| MIRROR,
+            prepare: |gpu| roughness(gpu, Technique::ShadowPhotons),
+        },
+    ],
+};
+
+const ROUGHNESSES: [f64; 9] = [1.0, 0.5, 0.2, 0.1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5];
+
+/// Noise of some thousand samples that are weighted between 0 and 1.
+const MIRROR: f64 = 5e-3;
+
+fn roughness(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
+    let settings = settings(technique, 16, 64, 4);
+    Ok(Box::new(move |roughness| {
+        let eye = Eye {
+            position: DVec3::new(0.0, 0.5, 0.5),
+            towards: DVec3::new(0.0, -1.0, -1.0),
+            view: View::Orthographic(0.2),
+        };
+        let metal = Paint { metallic: 1.0, roughness, ..Paint::matte(1.0) };
+        let stage = Stage::new(eye)
+            .with(square(DVec3::ZERO, DVec3::Z * 0.5, DVec3::X * 0.5), metal)
+            .with(inside_out(cube(DVec3::ZERO, 2.0)), Paint::lamp(1.0));
+        let expected = ggx_albedo(roughness * roughness, FRAC_PI_4.cos());
+        Ok(relative(mean(&image(gpu, &stage, &settings)?), expected))
+    }))
+}
+
+/// A stack of panes.
+pub static LAYERS: Family = Family {
+    name: "layers",
+    title: "black panes that let half the light through together: half of it arrives",
+    parameter: "panes",
+    deviation: "relative error of the mean",
+    series: &[
+        Series { name: "seen through", values: &PANES, bound: |_| HALF, prepare: |gpu| layers(gpu, None) },
+        Series {
+            name: "lit through, two-pass",
+            values: &PANES,
+            bound: |_| HALF,
+            prepare: |gpu| layers(gpu, Some(Technique::TwoPass)),
+        },
+        Series {
+            name: "lit through, shadow-photons",
+            values: &PANES,
+            bound: |_| HALF,
+            prepare: |gpu| layers(gpu, Some(Technique::ShadowPhotons)),
+        },
+        Series {
+            name: "lit through, path",
+            values: &PANES,
+            bound: |_| HALF,
+            prepare: |gpu| layers(gpu, Some(Technique::Path)),
+        },
+    ],
+};
+
+const PANES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4];
+
+/// Each of some ten thousand rays is stopped or not: a percent, and three times that to be sure.
+const HALF: f64 = 3e-2;
+
+fn layers(gpu: &Gpu, lit_by: Option<Technique>) -> Result<Measure<'_>> {
+    let settings = settings(lit_by.unwrap_or(Technique::Path), 16, 64, 0);
+    Ok(Box::new(move |panes| {
+        let alpha = 1.0 - 0.5f64.powf(1.0 / panes);
+        let pane = |i: u32| {
+            let height = 0.2 + 0.2 * (f64::from(i) + 0.5) / panes;
+            square(DVec3::Y * height, DVec3::Z * 0.5, DVec3::X * 0.5)
+        };
+        let glass = Paint { alpha, double_sided: true, ..Paint::matte(0.0) };
+        let lamp = square(DVec3::Y * 0.6, DVec3::X * 0.1, DVec3::Z * 0.1);
+        let (position, towards, half) = match lit_by {
+            // Up at the lamp through the panes, or down at the floor below them.
+            None => (DVec3::ZERO, DVec3::Y, 0.05),
+            Some(_) => (DVec3::Y * 0.1, -DVec3::Y, 1e-3),
+        };
+        let eye = Eye { position, towards, view: View::Orthographic(half) };
+        let stage = Stage::new(eye)
+            .with((0..panes as u32).flat_map(pane).collect(), glass)
+            .with(square(DVec3::ZERO, DVec3::Z * 0.3, DVec3::X * 0.3), Paint::matte(0.5))
+            .with(lamp.clone(), Paint::lamp(1.0));
+        let whole = match lit_by {
+            None => 1.0,
+            Some(_) => reflected(0.5, polygon_irradiance(&outline(&lamp), DVec3::ZERO, DVec3::Y)),
+        };
+        let image = image(gpu, &stage, &settings)?;
+        let finite = green(&image).all(f64::is_finite);
+        Ok(if finite { relative(mean(&image), 0.5 * whole) } else { f64::INFINITY })
+    }))
+}

@@ -1,0 +1,165 @@
+//! The environment as `shaders/lib/environment.wgsl` reads it: a table by which directions are chosen, and the texels.
+//!
+//! Radiance is interpolated between the middles of four texels: over a *patch*. The sampling table is made of the same
+//! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches more than of texels, as
+//! the first and the last are half as high, from the pole to the middle of the texels there.
+
+use std::borrow::Cow;
+use std::f64::consts::{PI, TAU};
+
+use rayon::prelude::*;
+
+use crate::Result;
+use crate::gpu::buffer::TableFormat;
+use crate::gpu::{Gpu, Table};
+use crate::scene::Panorama;
+
+/// Most cells along the width and, but for one, along the height: a table of 2 MiB, and twenty steps to search it.
+const MOST_CELLS: [u32; 2] = [1024, 512];
+
+/// Most texels on the device: half a GiB, a panorama of 8192 x 4096.
+const MOST_TEXELS: u64 = 1 << 25;
+
+/// Least probability of what has any within its row, and of a row: 16 steps of the cumulative probabilities, which are f32, so
+/// that their rounding leaves nothing out.
+const LEAST_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
+
+/// Records before those of the rows of cells.
+pub(crate) const HEADER: u32 = 2;
+
+/// The panorama on the device.
+pub struct EnvironmentTable {
+    /// Header, rows of cells, cells, texels.
+    pub(super) records: Table,
+    /// Radiance, mean of the three channels, times solid angle.
+    pub(super) irradiance: f64,
+    /// Bytes of the table.
+    pub bytes: u64,
+    /// Width and height that it was reduced to, where the device has no room for all its texels.
+    pub reduced: Option<[u32; 2]>,
+}
+
+impl EnvironmentTable {
+    /// Uploads a panorama, turned by `turn` turns.
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn new(gpu: &Gpu, panorama: &Panorama, turn: f32, strength: f32) -> Result<EnvironmentTable> {
+        // What the sampling table may take beside the texels.
+        let others = u64::from(HEADER + (MOST_CELLS[0] / 4 + 1) * (MOST_CELLS[1] + 2));
+        let fitting = fitting(panorama, MOST_TEXELS.min(gpu.max_table_records().saturating_sub(others)).max(1));
+        let Records { records, irradiance } = Records::new(&fitting, turn, strength);
+        let reduced = matches!(fitting, Cow::Owned(_)).then_some([fitting.width, fitting.height]);
+        let bytes = size_of_val(records.as_slice()) as u64;
+        let records = gpu.table("penumbra/scene/environment_records", &records, TableFormat::Float)?;
+        Ok(EnvironmentTable { records, irradiance: irradiance * f64::from(strength), bytes, reduced })
+    }
+}
+
+/// The panorama, or one of at most so many texels that has the same means over solid angle.
+fn fitting(panorama: &Panorama, most: u64) -> Cow<'_, Panorama> {
+    let [width, height] = [panorama.width, panorama.height].map(f64::from);
+    let scale = (most as f64 / (width * height)).sqrt();
+    if scale >= 1.0 {
+        return Cow::Borrowed(panorama);
+    }
+    let [columns, rows] = [width, height].map(|side| ((side * scale) as u32).max(1));
+    let mut texels = vec![[0.0; 3]; columns as usize * rows as usize];
+    texels.par_chunks_exact_mut(columns as usize).enumerate().for_each(|(row, texels)| {
+        for (column, texel) in texels.iter_mut().enumerate() {
+            let (mut sum, mut weight) = ([0.0; 3], 0.0);
+            for (y, [top, bottom]) in covered(row, rows, panorama.height) {
+                let across = (PI * top / height).cos() - (PI * bottom / height).cos();
+                for (x, [left, right]) in covered(column, columns, panorama.width) {
+                    let part = across * (right - left);
+                    let from = panorama.texels[y * panorama.width as usize + x];
+                    (0..3).for_each(|c| sum[c] += part * f64::from(from[c]));
+                    weight += part;
+                }
+            }
+            *texel = sum.map(|sum| (sum / weight) as f32);
+        }
+    });
+    Cow::Owned(Panorama { width: columns, height: rows, texels })
+}
+
+/// The texels out of `size` that the `i`-th of `count` even parts covers, and from where to where.
+fn covered(i: usize, count: u32, size: u32) -> impl Iterator<Item = (usize, [f64; 2])> {
+    let end = |i: usize| i as f64 * f64::from(size) / f64::from(count);
+    let (low, high) = (end(i), end(i + 1));
+    let texels = low as usize..(high.ceil() as usize).min(size as usize);
+    texels.map(move |k| (k, [low.max(k as f64), high.min(k as f64 + 1.0)])).filter(|(_, [a, b])| b > a)
+}
+
+struct Records {
+    records: Vec<[f32; 4]>,
+    irradiance: f64,
+}
+
+impl Records {
+    fn new(panorama: &Panorama, turn: f32, strength: f32) -> Records {
+        let Panorama { width, height, texels } = panorama;
+        // Cells are squares of whole patches; the last of a row or column may be cut off.
+        let step = width.div_ceil(MOST_CELLS[0]).max(height.div_ceil(MOST_CELLS[1]));
+        let [columns, rows] = [width.div_ceil(step), (height + 1).div_ceil(step)];
+        let brightness = |x: u32, y: u32| {
+            let texel = texels[y as usize * *width as usize + (x % width) as usize];
+            texel.iter().map(|radiance| f64::from(*radiance)).sum::<f64>() / 3.0
+        };
+        // Angle from the zenith at which a row of patches begins.
+        let angle = |row: u32| ((f64::from(row) - 0.5) / f64::from(*height)).clamp(0.0, 1.0) * PI;
+        let weigh = |row: u32| -> Vec<f64> {
+            let mut weights = vec![0.0; columns as usize];
+            for patch in row * step..((row + 1) * step).min(height + 1) {
+                let (upper, lower) = (patch.max(1) - 1, patch.min(height - 1));
+                let solid_angle = (angle(patch).cos() - angle(patch + 1).cos()) * TAU / f64::from(*width);
+                for x in 0..*width {
+                    let corners = [(x, upper), (x + 1, upper), (x, lower), (x + 1, lower)];
+                    let mean = corners.map(|(x, y)| brightness(x, y)).iter().sum::<f64>() / 4.0;
+                    weights[(x / step) as usize] += mean * solid_angle;
+                }
+            }
+            weights
+        };
+        let weights: Vec<Vec<f64>> = (0..rows).into_par_iter().map(weigh).collect();
+        let row_weights: Vec<f64> = weights.iter().map(|row| row.iter().sum()).collect();
+
+        let mut records =
+            vec![[*width as f32, *height as f32, step as f32, turn], [columns as f32, rows as f32, strength, 0.0]];
+        for (row, cumulative) in (0..rows).zip(cumulative(&row_weights)) {
+            let ends = [angle(row * step), angle(((row + 1) * step).min(height + 1))];
+            // Heights below the nearer pole, where the digits are: of the zenith in rows above the horizon.
+            let above = ends[0] + ends[1] <= PI;
+            let [first, last] = ends.map(|end| match above {
+                true => 2.0 * (end / 2.0).sin().powi(2),
+                false => 2.0 * (end / 2.0).cos().powi(2),
+            });
+            // One over the solid angle of one column of patches; its sign says from which pole heights are.
+            let density = f64::from(*width) / (TAU * (last - first).abs());
+            let density = if above { density } else { -density };
+            records.push([cumulative, first as f32, (last - first) as f32, density as f32]);
+        }
+        let cells: Vec<f32> = weights.iter().flat_map(|row| cumulative(row)).collect();
+        records.extend(cells.chunks(4).map(|four| std::array::from_fn(|i| four.get(i).copied().unwrap_or(1.0))));
+        records.extend(texels.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]));
+        Records { records, irradiance: row_weights.iter().sum() }
+    }
+}
+
+/// Cumulative probabilities by weight, the last being 1; all alike where nothing weighs anything.
+fn cumulative(weights: &[f64]) -> Vec<f32> {
+    let least = weights.iter().sum::<f64>() * LEAST_PROBABILITY;
+    let raised = |weight: &f64| match *weight {
+        _ if least <= 0.0 => 1.0,
+        weight if weight > 0.0 => weight.max(least),
+        _ => 0.0,
+    };
+    let sums = || {
+        weights.iter().map(raised).scan(0.0, |sum, weight| {
+            *sum += weight;
+            Some(*sum)
+        })
+    };
+    let total = sums().last().unwrap_or(1.0);
+    sums().map(|sum| (sum / total) as f32).collect()
+}

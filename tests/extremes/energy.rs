@@ -1,0 +1,159 @@
+//! Light that must add up: furnaces, flux, reciprocity, mirrors, and indirect light in narrow places.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use penumbra::stress::materials::{ALBEDO, ROUGHNESS};
+use penumbra::stress::oracle::{green, mean, relative};
+use penumbra::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, square};
+use penumbra::{Settings, Technique};
+
+use crate::setup::{assert_holds, mean_and_error, render, run, settings, with_variance};
+
+#[test]
+fn furnaces_are_white() {
+    // Nothing is absorbed at 0.
+    for technique in ["path", "shadow-photons"] {
+        assert_holds(&ALBEDO, &format!("{technique}, objects under a bright sky"), &[0.5, 1e-3, 0.0]);
+        assert_holds(&ALBEDO, &format!("{technique}, closed room"), &[0.5, 1e-2]);
+    }
+}
+
+/// What needs more bounces than a device can do in a row ends with an error, never with an image that is too dark.
+#[test]
+fn light_that_bounces_without_end_is_refused() {
+    let reading = run(&ALBEDO, "path, closed room", &[1e-6]);
+    let error = reading[0].outcome.as_ref().expect_err("a room that absorbs a millionth").to_string();
+    assert!(error.contains("loop budget"), "{error}");
+}
+
+/// A furnace seen along its edges into a corner, by records and by gathering at each point: no record is too far, and
+/// none too near, to be right there.
+#[test]
+fn corners_are_as_white() {
+    let towards = DVec3::new(-1.0, -1.0, -1.0);
+    let eye = Eye { position: DVec3::splat(-0.3), towards, view: View::Perspective(0.8) };
+    let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), Paint { radiance: 0.5, ..Paint::matte(0.5) });
+    for cache in [true, false] {
+        let settings = Settings { cache, ..settings(Technique::ShadowPhotons, 24, 32, 32) };
+        let (image, _) = render(&stage, &settings);
+        let off = green(&image).map(|radiance| relative(radiance, 1.0)).fold(0.0, f64::max);
+        println!("cache {cache}: {off}");
+        // Half of the light is indirect, from the estimates of a few dozen photons.
+        assert!(off < 0.06, "cache {cache}: {off}");
+    }
+}
+
+#[test]
+fn metals_become_mirrors() {
+    for technique in ["path", "shadow-photons"] {
+        assert_holds(&ROUGHNESS, technique, &[1.0, 0.1, 1e-3, 1e-5]);
+    }
+}
+
+/// A lamp in a black box: what arrives at the walls is what it emits.
+#[test]
+fn walls_receive_what_lamps_emit() {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let half = 0.1;
+    // Seen from just before each wall; the lamp faces down from the ceiling, which gets nothing.
+    let walls = [x, -x, -y, z, -z];
+    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+        let flux = |wall: DVec3| {
+            let eye = Eye { position: wall * 0.499, towards: wall, view: View::Orthographic(0.5) };
+            let stage = Stage::new(eye)
+                .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(0.5))
+                .with(square(y * 0.45 + x * 0.1, x * half, z * half), Paint::lamp(1.0));
+            // Radiance is albedo over pi of the irradiance, and a wall's area is 1.
+            mean(&render(&stage, &settings(technique, 24, 16, 0)).0) * PI / 0.5
+        };
+        let arrived: f64 = walls.into_iter().map(flux).sum();
+        let emitted = PI * (2.0 * half).powi(2);
+        println!("{technique}: {arrived} of {emitted}");
+        // Points fall evenly over 576 pixels; the walls' brightest places, beside the lamp, are as small as it is.
+        assert!(relative(arrived, emitted) < 5e-3, "{technique}: {arrived} of {emitted}");
+    }
+}
+
+/// Of two squares with something in between, each sends the other as much as it would receive.
+#[test]
+fn flux_is_the_same_both_ways() {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let below = square(DVec3::ZERO, z * 0.5, x * 0.5);
+    let above = square(y + x * 0.2, x * 0.2, z * 0.2);
+    let shade = [square(y * 0.4, z * 0.15, x * 0.15), square(y * 0.4, x * 0.15, z * 0.15)].concat();
+    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+        // Irradiance of the receiver times its area.
+        let flux = |lamp: &Vec<_>, receiver: &Vec<_>, eye: Eye, area: f64| {
+            let stage = Stage::new(eye)
+                .with(receiver.clone(), Paint::matte(0.5))
+                .with(shade.clone(), Paint::matte(0.0))
+                .with(lamp.clone(), Paint::lamp(1.0));
+            let (image, _) = render(&stage, &with_variance(settings(technique, 24, 64, 0)));
+            let (mean, error) = mean_and_error(&image);
+            [mean * area * PI / 0.5, error * area * PI / 0.5]
+        };
+        let up = Eye { position: y * 0.9 + x * 0.2, towards: y, view: View::Orthographic(0.2) };
+        let down = Eye { position: y * 0.1, towards: -y, view: View::Orthographic(0.5) };
+        let [a, error_a] = flux(&above, &below, down, 1.0);
+        let [b, error_b] = flux(&below, &above, up, 0.16);
+        let off = (a - b).abs();
+        println!("{technique}: {a} +- {error_a} and {b} +- {error_b}");
+        // Variances are those of independent samples, which is more than stratified ones have.
+        assert!(off < 3.0 * error_a.hypot(error_b), "{technique}: {a} and {b}");
+        assert!(error_a.hypot(error_b) < 0.01 * a, "{technique}: too noisy to tell");
+    }
+}
+
+/// Black surfaces reflect nothing: no photon, no record and no path is traced for what they do not.
+#[test]
+fn black_surfaces_leave_indirect_light_out() {
+    let eye = Eye { position: DVec3::Y * 0.4, towards: -DVec3::Y, view: View::Orthographic(0.4) };
+    let stage = |albedo: f64| {
+        Stage::new(eye)
+            .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(albedo))
+            .with(square(DVec3::Y * 0.45, DVec3::X * 0.1, DVec3::Z * 0.1), Paint::lamp(1.0))
+    };
+    let settings = settings(Technique::ShadowPhotons, 16, 2, 8);
+    let (_, black) = render(&stage(0.0), &settings);
+    assert_eq!((black.rays.bounce, black.rays.gather, black.indirect.photons), (0, 0, 0), "{:?}", black.rays);
+    for part in ["indirect", "global_map", "irradiance_cache"] {
+        assert!(black.left_out.iter().any(|name| name == part), "{part}: {:?}", black.left_out);
+    }
+    let (_, grey) = render(&stage(0.5), &settings);
+    assert!(grey.indirect.photons > 0 && grey.rays.gather > 0, "the test is blind");
+}
+
+/// Two rooms joined by a slit; the lamp is in the other one. The light that comes through is the path tracer's.
+#[test]
+fn light_finds_its_way_through_a_slit() {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let eye = Eye {
+        position: DVec3::new(0.9, 0.2, 0.3),
+        towards: DVec3::new(-0.6, -0.5, -0.8),
+        view: View::Perspective(1.2),
+    };
+    let slit = 0.02;
+    let part = |from: f64, to: f64| {
+        let middle = y * (0.5 * (from + to));
+        let half = y * (0.5 * (to - from));
+        [square(middle + x * 0.01, half, z * 0.5), square(middle - x * 0.01, z * 0.5, half)].concat()
+    };
+    let rooms = inside_out(
+        cube(DVec3::ZERO, 0.5).into_iter().map(|corners| corners.map(|c| c * DVec3::new(2.0, 1.0, 1.0))).collect(),
+    );
+    let stage = Stage::new(eye)
+        .with(rooms, Paint::matte(0.7))
+        .with([part(-0.5, -slit), part(slit, 0.5)].concat(), Paint::matte(0.7))
+        .with(square(DVec3::new(-0.4, 0.45, 0.0), x * 0.2, z * 0.2), Paint::lamp(10.0));
+    let of = |technique, spp| {
+        let settings = Settings { flux_photons: 1 << 16, gather_rays: 256, ..settings(technique, 24, spp, 16) };
+        mean_and_error(&render(&stage, &with_variance(settings)).0)
+    };
+    let (paths, photons) = (of(Technique::Path, 512), of(Technique::ShadowPhotons, 16));
+    println!("{paths:?}, {photons:?}");
+    let (off, error) = ((paths.0 - photons.0).abs(), paths.1.hypot(photons.1));
+    // One in a hundred photons comes through: what they share is off by some percent.
+    assert!(off < 3.5 * error + 0.05 * paths.0, "{photons:?}, paths {paths:?}");
+    assert!(3.5 * error < 0.1 * paths.0, "too noisy to tell");
+}

@@ -1,0 +1,134 @@
+//! Lights that touch, graze, vanish, fill the sky, or are many.
+
+use glam::DVec3;
+use penumbra::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
+use penumbra::stress::oracle::{mean, polygon_irradiance, reflected, relative};
+use penumbra::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use penumbra::{Aov, Settings, Technique};
+
+use crate::setup::{assert_finite, assert_holds, brightest, render, settings};
+
+#[test]
+fn a_lamp_of_any_size_has_lamberts_irradiance() {
+    assert_holds(&RADIUS, "shadow-photons", &[10.0, 0.1, 1e-3, 1e-6, 1e-9]);
+    assert_holds(&RADIUS, "shadow-photons, away from the middle", &[1e-4]);
+    assert_holds(&RADIUS, "two-pass", &[1e-6]);
+    assert_holds(&RADIUS, "path", &[1e3, 1e-6]);
+}
+
+#[test]
+fn a_lamp_that_nearly_touches_has_lamberts_irradiance() {
+    assert_holds(&DISTANCE, "under a square", &[1e-2, 1e-4]);
+    assert_holds(&DISTANCE, "under a disc", &[1e-4]);
+    assert_holds(&DISTANCE, "on a wall beside it", &[1e-4, 1e-7]);
+    assert_holds(&DISTANCE, "path, under a square", &[1e-4]);
+}
+
+#[test]
+fn radiance_is_a_factor() {
+    let two = 2f64.powi(40);
+    for technique in ["path", "two-pass", "shadow-photons", "photon-map"] {
+        assert_holds(&RADIANCE, technique, &[1.0 / two, two]);
+    }
+    assert_holds(&RADIANCE, "shadow-photons", &[1e-8, 1e8]);
+}
+
+#[test]
+fn a_strong_light_leaves_another_room_alone() {
+    for technique in ["path", "two-pass"] {
+        assert_holds(&RATIO, technique, &[1e12]);
+    }
+    assert_holds(&RATIO, "shadow-photons", &[1e4]);
+}
+
+#[test]
+fn many_lights_are_one() {
+    assert_holds(&LIGHTS, "shadow-photons", &[1024.0, 10_000.0]);
+    assert_holds(&LIGHTS, "path", &[10_000.0]);
+}
+
+/// A strip of light at the floor's edge, of a height of two millionths of its distance: it is seen at 1e-6 rad over the
+/// floor. Half of what the strip's closed form says would be a horizon in its middle.
+#[test]
+fn light_may_graze_at_a_millionth() {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let strip = square(x + y * 1e-6, z * 0.5, y * 1e-6);
+    let eye = Eye { position: y * 0.5, towards: -y, view: View::Orthographic(0.02) };
+    let stage = Stage::new(eye)
+        .with(square(DVec3::ZERO, z, x), Paint::matte(0.5))
+        .with(strip.clone(), Paint { double_sided: true, ..Paint::lamp(1e6) });
+    let expected = reflected(0.5, 1e6 * polygon_irradiance(&outline(&strip), DVec3::ZERO, y));
+    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+        let (image, _) = render(&stage, &settings(technique, 16, 16, 0));
+        let off = relative(mean(&image), expected);
+        println!("{technique}: {off}");
+        // Of 4,096 points that take light points between nothing and twice the mean; and the view is 2 % wide, to both sides.
+        assert!(off < 0.03, "{technique}: {} for {expected}", mean(&image));
+    }
+}
+
+/// A lamp that lies on the floor, and one that is sunk into it: what is over the floor is finite, below it is darkness.
+#[test]
+fn lamps_may_touch_and_pierce_surfaces() {
+    let view = |height: f64| Eye {
+        position: DVec3::new(0.3, height, 0.35),
+        towards: DVec3::new(-0.5, -height, -0.55),
+        view: View::Perspective(1.0),
+    };
+    let floor =
+        [square(DVec3::ZERO, DVec3::Z * 0.5, DVec3::X * 0.5), square(DVec3::ZERO, DVec3::X * 0.5, DVec3::Z * 0.5)];
+    let lying = square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.1);
+    let sunk = cube(DVec3::Y * 0.05, 0.1);
+    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+        for (name, lamp) in [("lying", &lying), ("sunk", &sunk)] {
+            let stage = |eye: Eye| {
+                Stage::new(eye)
+                    .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(0.5))
+                    .with(floor.concat(), Paint::matte(0.5))
+            };
+            let lit = stage(view(0.3)).with(lamp.clone(), Paint::lamp(1.0));
+            let (image, statistics) = render(&lit, &settings(technique, 24, 4, 4));
+            assert_finite(&image);
+            assert_eq!(statistics.not_finite, 0, "{technique}, {name}");
+            assert!(brightest(&image) > 0.0, "{technique}, {name}: the test sees nothing");
+            // The cube reaches through the floor: below there is its light too.
+            if name == "lying" {
+                let below = stage(view(-0.3)).with(lamp.clone(), Paint::lamp(1.0));
+                let (image, _) = render(&below, &settings(technique, 24, 4, 4));
+                assert_eq!(brightest(&image), 0.0, "{technique}: light below the floor");
+            }
+        }
+    }
+}
+
+/// The shadow of an edge halfway between a square lamp and the floor: as wide as the lamp, and even from one side to the
+/// other.
+#[test]
+fn penumbrae_have_their_width() {
+    const SIDE: u32 = 48;
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let half = 0.1;
+    let eye = Eye { position: y * 0.4, towards: -y, view: View::Orthographic(0.2) };
+    let stage = Stage::new(eye)
+        .with(square(DVec3::ZERO, z, x), Paint::matte(0.5))
+        // All of x > 0, at half the lamp's height.
+        .with(
+            [square(x * 0.5 + y * 0.5, z, x * 0.5), square(x * 0.5 + y * 0.5, x * 0.5, z)].concat(),
+            Paint::matte(0.5),
+        )
+        .with(square(y, x * half, z * half), Paint::lamp(1.0));
+    for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+        let settings = Settings { aovs: vec![Aov::Shadow], shadow_samples: 256, ..settings(technique, SIDE, 1, 0) };
+        let (image, _) = render(&stage, &settings);
+        let visibility = image.channel("shadow.light 0.visibility").unwrap();
+        for column in 0..SIDE {
+            let rows = (0..SIDE).map(|row| f64::from(visibility[(row * SIDE + column) as usize]));
+            let seen = rows.sum::<f64>() / f64::from(SIDE);
+            let (origin, _) = eye.ray([column, 0], SIDE);
+            // The lamp's edges cast theirs at -half and half.
+            let expected = ((half - origin.x) / (2.0 * half)).clamp(0.0, 1.0);
+            // 256 light points in 16 columns, and what the photons take for lit or dark at the penumbra's rims.
+            assert!((seen - expected).abs() < 0.02, "{technique}, column {column}: {seen} for {expected}");
+        }
+    }
+}
