@@ -5,6 +5,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use crate::gpu::Features;
+use crate::passes::cells;
 use crate::passes::grid::MAX_LIGHTS;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::{Aov, Settings, Technique};
@@ -156,13 +157,33 @@ impl Needs {
         );
         let estimate = settings.technique == Technique::VisibilityEstimate;
         let why = "the photons' own visibility is shown (equation 1)".to_owned();
+        let lit = !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let many = scene.lights.len() > MAX_LIGHTS as usize;
+        let ward = lit && !many && scene.lights.len() > 1 && settings.technique == Technique::WardAdaptive;
+        let why = if ward { "lights that are not tested are guessed".to_owned() } else { why };
         needs.decide(
             "visibility_estimate",
-            wanted && estimate,
+            (wanted && estimate) || ward,
             why,
             "shadow rays decide at boundaries",
             "blurred shadows",
         );
+        let other = format!("the technique {} does not ask it", settings.technique);
+        let cells = lit && settings.technique.uses_cells();
+        let why = format!("{} rays a cell and light tell what its points see", settings.cell_rays);
+        let cost = format!("pass cells; about {}", bytes_text(grid_bytes(scene, settings)));
+        needs.decide("cells", cells, why, &other, &cost);
+        let tags = cells && settings.technique == Technique::VoxelTags;
+        let why = "voxels that agree with their neighbours need no shadow ray".to_owned();
+        needs.decide("voxel_tags", tags, why, &other, "a look at 26 neighbours a cell");
+        let why = format!("lights are tested until the rest is below {} of a point's light", settings.shadow_tolerance);
+        let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
+        let unneeded = match settings.technique {
+            Technique::WardAdaptive if many => too_many.as_str(),
+            Technique::WardAdaptive => "there is one light at most, which is always tested",
+            _ => &other,
+        };
+        needs.decide("ward", ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
         let audited = wanted && !estimate && settings.audit > 0.0;
         let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.audit);
         let reason =
@@ -170,7 +191,6 @@ impl Needs {
         let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
         needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
 
-        let lit = !scene.lights.is_empty() && !scene.triangles.is_empty();
         let shaded = settings.technique.is_two_pass() && lit;
         // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
         let highlights = m.glossy > 0 && (m.mesh_lights > 0 || panorama.is_some());
@@ -259,6 +279,11 @@ impl Needs {
         let list = if on { &mut self.kept } else { &mut self.left_out };
         list.push(Item { name, reason, cost: cost.to_owned() });
     }
+}
+
+/// Bytes of the grid that cells are judged by: a count and a class word for each cell and light.
+fn grid_bytes(scene: &Scene, settings: &Settings) -> u64 {
+    8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells).cells())
 }
 
 /// Why the environment has no visibility photons.

@@ -18,6 +18,15 @@ pub enum Technique {
     ShadowPhotons,
     /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
     VisibilityEstimate,
+    /// The two-pass method with lights tested in the order of what they could contribute, until the rest could not matter;
+    /// the rest is guessed by what was seen of it so far (Ward 1991).
+    WardAdaptive,
+    /// The two-pass method without shadow rays from cells of space out of which no sample ray saw the light (Zimmerman and
+    /// Shirley 1995).
+    VisibilityCells,
+    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and Amanatides
+    /// 1990).
+    VoxelTags,
     /// The global map shown directly, by density estimation.
     PhotonMap,
     /// As [`Technique::PhotonMap`], but direct light is that of a scene where everything is lit, less the energy of shadow
@@ -27,11 +36,14 @@ pub enum Technique {
 
 impl Technique {
     /// All techniques.
-    pub const ALL: [Technique; 6] = [
+    pub const ALL: [Technique; 9] = [
         Technique::Path,
         Technique::TwoPass,
         Technique::ShadowPhotons,
         Technique::VisibilityEstimate,
+        Technique::WardAdaptive,
+        Technique::VisibilityCells,
+        Technique::VoxelTags,
         Technique::PhotonMap,
         Technique::NegativePhotons,
     ];
@@ -43,6 +55,9 @@ impl Technique {
             Technique::TwoPass => "two-pass",
             Technique::ShadowPhotons => "shadow-photons",
             Technique::VisibilityEstimate => "visibility-estimate",
+            Technique::WardAdaptive => "ward-adaptive",
+            Technique::VisibilityCells => "visibility-cells",
+            Technique::VoxelTags => "voxel-tags",
             Technique::PhotonMap => "photon-map",
             Technique::NegativePhotons => "negative-photons",
         }
@@ -51,6 +66,16 @@ impl Technique {
     /// It asks the visibility map.
     pub fn uses_visibility_map(self) -> bool {
         matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
+    }
+
+    /// It says of points beforehand, by photons or by cells, whether they are lit, shadowed or neither.
+    pub fn classifies(self) -> bool {
+        self.uses_visibility_map() || self.uses_cells()
+    }
+
+    /// Rays from the cells of a grid say beforehand what its points see.
+    pub fn uses_cells(self) -> bool {
+        matches!(self, Technique::VisibilityCells | Technique::VoxelTags)
     }
 
     /// It shows the global map directly.
@@ -157,6 +182,13 @@ pub struct Settings {
     pub audit: f32,
     /// Count photons without regard to their normals, as the paper does.
     pub paper_counting: bool,
+    /// Cells along the longest side of the scene, of the techniques that judge cells: 1 to [`Settings::MAX_CELLS`].
+    pub cells: u32,
+    /// Rays from each cell to each light, of those techniques: 1 to [`Settings::MAX_CELL_RAYS`].
+    pub cell_rays: u32,
+    /// Share of a point's light below which the lights that are left are not tested, of `ward-adaptive`: 0 to 1. 0 tests
+    /// all of them.
+    pub shadow_tolerance: f32,
     /// Most bounces of indirect light; 0 for direct light alone.
     pub max_bounces: u32,
     /// Rays from all lights together, by their power, whose photons carry flux, 1 to [`Settings::MAX_PHOTONS`].
@@ -190,6 +222,11 @@ impl Default for Settings {
             dilate: None,
             audit: 1.0 / 64.0,
             paper_counting: false,
+            cells: 64,
+            // Zimmerman and Shirley: up to 100.
+            cell_rays: 100,
+            // What the renderer that the method was made for has by default (Radiance, -dt).
+            shadow_tolerance: 0.05,
             // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
             max_bounces: 64,
             flux_photons: 65_536,
@@ -215,6 +252,10 @@ impl Settings {
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
+    /// Most cells along a side: 2^24 in all.
+    pub const MAX_CELLS: u32 = 256;
+    /// Most rays of a cell and a light: they are counted in half a word.
+    pub const MAX_CELL_RAYS: u32 = 4096;
 
     /// Largest radius of a record, in distances of its surroundings.
     pub const MAX_ACCURACY: f32 = 10.0;
@@ -227,7 +268,9 @@ impl Settings {
         match self.technique {
             Technique::Path | Technique::TwoPass => true,
             Technique::ShadowPhotons => self.audit > 0.0,
-            Technique::VisibilityEstimate | Technique::PhotonMap | Technique::NegativePhotons => false,
+            Technique::WardAdaptive => self.shadow_tolerance == 0.0,
+            Technique::VisibilityEstimate | Technique::VisibilityCells | Technique::VoxelTags => false,
+            Technique::PhotonMap | Technique::NegativePhotons => false,
         }
     }
 
@@ -261,6 +304,12 @@ impl Settings {
         range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
         if !(0.0..=1.0).contains(&self.audit) {
             return Err(Error::Usage(format!("--audit is {}; it must be from 0 to 1", self.audit)));
+        }
+        range("--cells", self.cells, 1, Self::MAX_CELLS)?;
+        range("--cell-rays", self.cell_rays, 1, Self::MAX_CELL_RAYS)?;
+        if !(0.0..=1.0).contains(&self.shadow_tolerance) {
+            let given = self.shadow_tolerance;
+            return Err(Error::Usage(format!("--shadow-tolerance is {given}; it must be from 0 to 1")));
         }
         if !(self.light_scale >= 0.0 && self.light_scale.is_finite()) {
             return Err(Error::Usage(format!("--light-scale is {}; it must be 0 or more", self.light_scale)));

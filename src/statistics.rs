@@ -56,6 +56,8 @@ pub struct Rays {
     pub camera: u64,
     /// Of photons: from lights, and on through the scene.
     pub photon: u64,
+    /// From the cells of a grid to lights, before the first sample.
+    pub cell: u64,
     /// To lights, for boundary points.
     pub shadow: u64,
     /// To lights, for audits of decided points.
@@ -71,7 +73,7 @@ pub struct Rays {
 impl Rays {
     /// With `total` the sum of the rest.
     pub fn summed(mut self) -> Self {
-        self.total = self.camera + self.photon + self.shadow + self.audit + self.bounce + self.gather;
+        self.total = self.camera + self.photon + self.cell + self.shadow + self.audit + self.bounce + self.gather;
         self
     }
 }

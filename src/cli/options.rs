@@ -251,6 +251,23 @@ pub struct SettingsOptions {
     /// Count photons without regard to their normals, as the paper does
     #[arg(long, help_heading = "Visibility map")]
     paper_counting: bool,
+
+    /// Cells along the longest side of the scene: visibility-cells, voxel-tags
+    #[arg(long, value_name = "N", default_value_t = Settings::default().cells, help_heading = "Earlier methods")]
+    cells: u32,
+
+    /// Rays from each cell to each light: visibility-cells, voxel-tags
+    #[arg(long, value_name = "N", default_value_t = Settings::default().cell_rays, help_heading = "Earlier methods")]
+    cell_rays: u32,
+
+    /// Share of a point's light below which the lights that are left are guessed: ward-adaptive; 0 tests all
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = Settings::default().shadow_tolerance,
+        help_heading = "Earlier methods"
+    )]
+    shadow_tolerance: f32,
 }
 
 impl SettingsOptions {
@@ -295,6 +312,9 @@ impl SettingsOptions {
             dilate: self.dilate,
             audit: self.audit,
             paper_counting: self.paper_counting,
+            cells: self.cells,
+            cell_rays: self.cell_rays,
+            shadow_tolerance: self.shadow_tolerance,
             max_bounces: self.max_bounces,
             flux_photons: self.flux_photons,
             cache: !self.no_cache,
@@ -314,6 +334,13 @@ pub fn techniques() -> impl TypedValueParser<Value = Technique> {
             Technique::TwoPass => "the two-pass method with all shadow rays",
             Technique::ShadowPhotons => "shadow rays only where the photons do not decide",
             Technique::VisibilityEstimate => "no shadow rays: the photons' own visibility, equation 1 of the paper",
+            Technique::WardAdaptive => "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
+            Technique::VisibilityCells => {
+                "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)"
+            }
+            Technique::VoxelTags => {
+                "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)"
+            }
             Technique::PhotonMap => "the photon map shown directly, by density estimation",
             Technique::NegativePhotons => "everything taken as lit, shadow photons take their energy away",
         })

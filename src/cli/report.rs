@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         return Ok(Ending::Stopped);
     };
     let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
-    let asks = !arguments.sweep.is_empty() || techniques.iter().any(|technique| technique.uses_visibility_map());
+    let asks = !arguments.sweep.is_empty() || techniques.iter().any(|technique| technique.classifies());
     let truth = if asks { Truth::make(&subject, &folder)? } else { None };
 
     let started = Instant::now();
@@ -127,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     let mut classes = Vec::new();
     if let Some(truth) = &truth {
-        for technique in techniques.iter().filter(|technique| technique.uses_visibility_map()) {
+        for technique in techniques.iter().filter(|technique| technique.classifies()) {
             classes.extend(Classes::new(&subject, *technique, truth)?);
         }
     }

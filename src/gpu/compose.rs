@@ -15,6 +15,7 @@ macro_rules! shaders {
 
 shaders!(
     "cache",
+    "cells",
     "classify",
     "film",
     "flux",
@@ -26,6 +27,7 @@ shaders!(
     "primary",
     "shade",
     "shadow",
+    "ward",
     "lib/alpha",
     "lib/bsdf",
     "lib/bvh",
@@ -96,6 +98,12 @@ pub const FEATURES: &[&str] = &[
     "light_tags",
     // Method: photons are counted without regard to normals.
     "paper_counting",
+    // Method: rays from the cells of a grid say what points see.
+    "cells",
+    // Method: cells that agree with their neighbours decide.
+    "voxel_tags",
+    // Method: lights are tested in the order of what they could contribute.
+    "ward",
     // Method: decided points are audited.
     "audit",
     // Method: rays end where photons have brought flux.
@@ -112,7 +120,7 @@ pub const FEATURES: &[&str] = &[
     "irradiance_cache",
     // Method: paths from the points bring light of more bounces; direct light is another pass's.
     "indirect",
-    // Method: visibility is that of the photons, without shadow rays.
+    // Method: visibility is that of the photons, or a guess, without shadow rays.
     "visibility_estimate",
     // Output: channels that are asked for.
     "aov_albedo",
@@ -152,6 +160,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_FLUX", 0xa000_0000),
     ("DIMENSION_GATHER", 0xb000_0000),
     ("DIMENSION_CHAIN", 0xc000_0000),
+    ("DIMENSION_CELL", 0xd000_0000),
     ("MAX_GROUPS", super::frame::MAX_GROUPS),
     ("LEAST_RADIUS_PIXELS", crate::passes::gather::LEAST_RADIUS_PIXELS),
     ("PATH_GROUP", crate::passes::path::GROUP),

@@ -44,6 +44,8 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::Point::SHARED,
     &passes::Tile::SHARED,
     &passes::cache::CacheParameters::SHARED,
+    &passes::cells::CellParameters::SHARED,
+    &passes::cells::CellPoint::SHARED,
     &passes::classify::ClassifyParameters::SHARED,
     &passes::film::FilmParameters::SHARED,
     &passes::flux::FluxParameters::SHARED,
@@ -57,6 +59,8 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::path::PathParameters::SHARED,
     &passes::shade::ShadeParameters::SHARED,
     &passes::shadow::ShadowParameters::SHARED,
+    &passes::ward::WardParameters::SHARED,
+    &passes::ward::WardState::SHARED,
     &tables::CameraUniform::SHARED,
 ];
 

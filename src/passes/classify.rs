@@ -243,19 +243,8 @@ impl BoundClassify {
         queue_group: u32,
     ) {
         let slots = tile.point_count * chunk.lights;
-        let parameters = |queue: Queue, queue_group| ClassifyParameters {
-            grid: self.shape,
-            tile: *tile,
-            slot_count: slots,
-            first_light: chunk.first_light,
-            dilate_radius: chunk.dilate,
-            audit_probability: chunk.audit_probability,
-            queue: queue as u32,
-            queue_group,
-            padding: [0; 2],
-        };
         let arguments = &buffers.queue_arguments;
-        let query = parameters(Queue::Query, self.query_group);
+        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
         frame.clear(&buffers.queue_lengths);
         frame.run(&self.classify, slots, &query);
         if let Some(Undecided { ask, judge_asked, query: search }) = &self.undecided {
@@ -264,6 +253,21 @@ impl BoundClassify {
             judge_asked.record(frame);
             frame.run_indirect(search, arguments, Queue::Query.arguments_offset(), &query);
         }
+        self.record_queues(frame, buffers, tile, chunk, queue_group);
+    }
+
+    /// The part of [`BoundClassify::record`] that follows the classes, whoever wrote them: dilation, counts and queues. The
+    /// lengths of the queues must be 0.
+    pub fn record_queues(
+        &self,
+        frame: &mut Frame<'_>,
+        buffers: &ClassifyBuffers,
+        tile: &Tile,
+        chunk: &Chunk,
+        queue_group: u32,
+    ) {
+        let slots = tile.point_count * chunk.lights;
+        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
         if chunk.dilate > 0 {
             frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(slots) * 4);
             frame.run(&self.dilate, slots, &query);
@@ -271,8 +275,27 @@ impl BoundClassify {
         } else {
             frame.run(&self.compact_undilated, slots, &query);
         }
-        frame.run(&self.arrange, 1, &parameters(Queue::Boundary, queue_group));
-        frame.run(&self.arrange, 1, &parameters(Queue::Audit, queue_group));
+        self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
+        self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
+    }
+
+    /// Makes the length of a queue into indirect arguments for workgroups of `queue_group` invocations.
+    pub fn record_arguments(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue: Queue, queue_group: u32) {
+        frame.run(&self.arrange, 1, &self.parameters(tile, chunk, queue, queue_group));
+    }
+
+    fn parameters(&self, tile: &Tile, chunk: &Chunk, queue: Queue, queue_group: u32) -> ClassifyParameters {
+        ClassifyParameters {
+            grid: self.shape,
+            tile: *tile,
+            slot_count: tile.point_count * chunk.lights,
+            first_light: chunk.first_light,
+            dilate_radius: chunk.dilate,
+            audit_probability: chunk.audit_probability,
+            queue: queue as u32,
+            queue_group,
+            padding: [0; 2],
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! The passes of a frame: one host file each, one kernel of the same stem in `shaders/`.
 
 pub mod cache;
+pub mod cells;
 pub mod classify;
 pub mod film;
 pub mod flux;
@@ -12,6 +13,7 @@ pub mod photons;
 pub mod primary;
 pub mod shade;
 pub mod shadow;
+pub mod ward;
 
 use crate::gpu::{Buffer, Features, Gpu, Kernel, compose};
 use crate::{Result, shared_struct};

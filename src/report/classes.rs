@@ -1,4 +1,4 @@
-//! How well photons tell lit, shadowed and boundary points apart: their classes against true visibility.
+//! How well photons, or cells, tell lit, shadowed and boundary points apart: their classes against true visibility.
 
 use std::fs;
 use std::path::Path;
@@ -89,13 +89,13 @@ impl Truth {
 }
 
 impl Classes {
-    /// Classes the points of a technique; none where it has no visibility map.
+    /// Classes the points of a technique; none where it has left its visibility map out.
     ///
     /// # Errors
     /// As [`crate::Renderer::new`].
     pub fn new(subject: &Subject<'_>, technique: Technique, truth: &Truth) -> Result<Option<Classes>> {
-        let (image, map) = render(subject, &one_sample(subject, technique))?;
-        if !map {
+        let (image, classed) = render(subject, &one_sample(subject, technique))?;
+        if !classed {
             return Ok(None);
         }
         let mut counts = [Confusion::default(); CODES];
@@ -171,9 +171,10 @@ fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
     Settings { technique, spp: 1, max_bounces: 0, aovs: vec![Aov::Shadow], ..subject.settings.clone() }
 }
 
-/// The image, and whether there was a visibility map.
+/// The image, and whether there was something to class points by.
 fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
     let mut renderer = subject.renderer(settings)?;
     renderer.render_batch()?;
-    Ok((renderer.image()?, renderer.needs().features.has("visibility_map")))
+    let features = &renderer.needs().features;
+    Ok((renderer.image()?, features.has("visibility_map") || features.has("cells")))
 }

@@ -231,17 +231,17 @@ impl Report {
     /// Every image by itself, as comma-separated values with a line of names.
     pub fn csv(&self) -> String {
         let mut text = "technique,seed,budget,time,samples,rmse,relmse,mae,p99,flip,relmse_boundary,relmse_elsewhere,\
-                        rays_camera,rays_photon,rays_shadow,rays_audit,rays_bounce,rays_gather,rays_total\n"
+                        rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,rays_bounce,rays_gather,rays_total\n"
             .to_owned();
         for Row { technique, seed, budget, time, samples, measures, parts, rays } in &self.rows {
             let Measures { rmse, relmse, mae, p99, flip } = measures;
             let [boundary, elsewhere] = parts.map_or(Default::default(), |parts| parts.map(|x| x.to_string()));
-            let Rays { camera, photon, shadow, audit, bounce, gather, total } = rays;
+            let Rays { camera, photon, cell, shadow, audit, bounce, gather, total } = rays;
             // A String takes whatever is written.
             let _ = writeln!(
                 text,
                 "{technique},{seed},{budget},{time},{samples},{rmse},{relmse},{mae},{p99},{flip},{boundary},{elsewhere},\
-                 {camera},{photon},{shadow},{audit},{bounce},{gather},{total}"
+                 {camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
             );
         }
         text
@@ -375,6 +375,7 @@ impl SnapshotReport {
             rays: Rays {
                 camera: rays(&|r| r.camera),
                 photon: rays(&|r| r.photon),
+                cell: rays(&|r| r.cell),
                 shadow: rays(&|r| r.shadow),
                 audit: rays(&|r| r.audit),
                 bounce: rays(&|r| r.bounce),

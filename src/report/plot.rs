@@ -47,17 +47,20 @@ pub fn error_over_time(report: &Report) -> Result<String> {
     draw("error.svg", |area| logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), report.reference.relmse))
 }
 
-/// relMSE against the rays that ask for visibility: shadow rays, audits and photons. `path` has none of its own.
+/// relMSE against the rays that ask for visibility: shadow rays, audits, photons and rays of cells. `path` has none of its own.
 ///
 /// # Errors
 /// As [`error_over_time`].
 pub fn error_over_rays(report: &Report) -> Result<String> {
-    let rays = |snapshot: &SnapshotReport| (snapshot.rays.shadow + snapshot.rays.audit + snapshot.rays.photon) as f64;
+    let rays = |snapshot: &SnapshotReport| {
+        let rays = snapshot.rays;
+        (rays.shadow + rays.audit + rays.photon + rays.cell) as f64
+    };
     let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::Path;
     let techniques = report.techniques.iter().filter(own);
     let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
     draw("rays.svg", |area| {
-        let names = ["shadow rays, audits and photons", "relMSE"];
+        let names = ["shadow rays, audits, photons and rays of cells", "relMSE"];
         logarithmic(area, &curves, names, None, report.reference.relmse)
     })
 }

@@ -1,7 +1,7 @@
 //! Renders that are kept and taken up again, in another process or on another device, bit for bit as if they had never stopped.
 //!
 //! Photons and irradiance records are made anew, as their seed says; what a checkpoint holds is what samples have left: the sums
-//! of the film, the photons that audits added, the cells that points asked about, and the counts.
+//! of the film, the photons that audits added, the cells that points asked about, what was seen of each light, and the counts.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Direct light by shadow photons: the techniques `two-pass`, `shadow-photons` and `visibility-estimate`.
+//! Direct light by shadow photons: the techniques `two-pass`, `shadow-photons` and `visibility-estimate`; and by the earlier
+//! methods that they are compared with (`earlier.rs`).
 //!
 //! They differ in what `needs` keeps: without a visibility map every point is unknown and asks all shadow rays; with
 //! one only boundary and unknown points do; and the visibility estimate asks none where there are photons at all.
@@ -14,11 +15,17 @@ use crate::scene::Scene;
 use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
+use super::earlier::{BoundEarlier, Earlier, EarlierKernels};
 use super::totals::Totals;
 use super::visibility_map::{MapKernels, MapState, VisibilityMap};
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
+
+/// Most points of a tile that the technique can work on at once, all lights of a point together where it must.
+pub(super) fn most_points(features: &Features, lights: usize) -> u32 {
+    if features.has("ward") { (CHUNK_SLOTS / lights.max(1) as u32).max(1) } else { u32::MAX }
+}
 
 /// Most words of visibilities at once: half of the smallest storage binding that devices offer.
 const CHUNK_WORDS: u32 = 1 << 24;
@@ -32,6 +39,7 @@ pub(super) struct Kernels {
     shadow: Shadow,
     shade: Shade,
     map: Option<MapKernels>,
+    earlier: Option<EarlierKernels>,
     /// They audit.
     audit: bool,
 }
@@ -40,23 +48,27 @@ impl Kernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
         // Elsewhere the photons' visibility is a control variate, for which any guess will do.
         let exact_counts = features.has("aov_shadow") || features.has("visibility_estimate");
-        let ((classify, map), (shadow, shade)) = rayon::join(
+        let ((classify, (map, earlier)), (shadow, shade)) = rayon::join(
             || {
+                let map =
+                    || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings));
                 rayon::join(
                     || Classify::new(gpu, features, settings.nearest, exact_counts),
-                    || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings)),
+                    || rayon::join(map, || EarlierKernels::new(gpu, features, constants)),
                 )
             },
             || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
+        let (map, earlier) = (map.transpose()?, earlier?);
         let audit = features.has("audit");
-        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map: map.transpose()?, audit })
+        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map, earlier, audit })
     }
 }
 
 pub(super) struct Direct {
     buffers: Buffers,
     map: Option<VisibilityMap>,
+    earlier: Option<Earlier>,
     passes: Passes,
     bound: Bound,
     lights: u32,
@@ -86,6 +98,7 @@ struct Buffers {
 /// The passes bound to the current map: a new grid binds anew.
 struct Bound {
     classify: BoundClassify,
+    earlier: Option<BoundEarlier>,
     shadow: BoundShadow,
     shade: BoundShade,
 }
@@ -117,11 +130,12 @@ impl Direct {
         totals: &mut Totals,
     ) -> Result<Direct> {
         let Shared { gpu, scene, tables, .. } = *shared;
-        let Kernels { classify, shadow, shade, map, audit } = kernels;
+        let Kernels { classify, shadow, shade, map, earlier, audit } = kernels;
         let audit_probability = if audit { settings.audit } else { 0.0 };
         let lights = scene.lights.len() as u32;
         let words = settings.shadow_samples.div_ceil(32);
-        let lights_in_chunk = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words)).clamp(1, lights.max(1));
+        let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words)).clamp(1, lights.max(1));
+        let lights_in_chunk = if matches!(earlier, Some(EarlierKernels::Ward(_))) { lights } else { fitting };
         let slots = points * lights_in_chunk;
         let film = settings.aovs.contains(&Aov::Shadow);
         let buffers = Buffers {
@@ -132,12 +146,26 @@ impl Direct {
                 .transpose()?,
         };
         let map = map.map(|kernels| VisibilityMap::new(gpu, kernels, scene, tables, settings, totals)).transpose()?;
+        let earlier =
+            earlier.map(|kernels| Earlier::new(gpu, kernels, scene, tables, points, settings, totals)).transpose()?;
         let wide = tables.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
         let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
-        let bound = passes.bind(shared, &buffers, map.as_ref(), dilate)?;
+        let bound = passes.bind(shared, &buffers, map.as_ref(), earlier.as_ref(), dilate)?;
         let settings = settings.clone();
-        Ok(Direct { buffers, map, passes, bound, lights, lights_in_chunk, words, settings, dilate, audit_probability })
+        Ok(Direct {
+            buffers,
+            map,
+            earlier,
+            passes,
+            bound,
+            lights,
+            lights_in_chunk,
+            words,
+            settings,
+            dilate,
+            audit_probability,
+        })
     }
 
     /// Adds the direct light of every light to the tile's points.
@@ -147,7 +175,6 @@ impl Direct {
             let audit_probability = self.audit_probability;
             let chunk = Chunk { first_light, lights, dilate: self.dilate, audit_probability };
             let group = self.passes.shadow.workgroup_size();
-            self.bound.classify.record(frame, &self.buffers.classify, tile, &chunk, group);
             let shadow = ShadowParameters {
                 tile: *tile,
                 first_light,
@@ -155,13 +182,25 @@ impl Direct {
                 visibility_words: self.words,
                 heal_capacity: self.map.as_ref().map_or(0, VisibilityMap::heal_capacity),
             };
-            self.bound.shadow.record(
-                frame,
-                &self.buffers.classify.queue_arguments,
-                Queue::Boundary.arguments_offset(),
-                Queue::Audit.arguments_offset(),
-                &shadow,
-            );
+            let buffers = &self.buffers.classify;
+            let trace = |frame: &mut Frame<'_>| {
+                let [boundary, audit] = [Queue::Boundary, Queue::Audit].map(Queue::arguments_offset);
+                self.bound.shadow.record(frame, &buffers.queue_arguments, boundary, audit, &shadow);
+            };
+            let Bound { classify, earlier, .. } = &self.bound;
+            if let Some(earlier) = earlier {
+                earlier.record(frame, buffers, tile, &chunk, &self.settings, |frame| {
+                    classify.record_arguments(frame, tile, &chunk, Queue::Boundary, group);
+                    trace(frame);
+                });
+                frame.clear(&buffers.queue_lengths);
+                classify.record_queues(frame, buffers, tile, &chunk, group);
+            } else {
+                classify.record(frame, buffers, tile, &chunk, group);
+            }
+            if !earlier.as_ref().is_some_and(BoundEarlier::has_tested) {
+                trace(frame);
+            }
             let shade = ShadeParameters {
                 tile: *tile,
                 first_light,
@@ -188,21 +227,28 @@ impl Direct {
     pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
         if map.heal(shared.gpu, due, totals)? {
-            self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
+            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.dilate)?;
         }
         Ok(())
     }
 
-    /// What samples have left in the map.
+    /// What samples have left in the map, or in what stands in for it.
     pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
-        self.map.as_ref().map_or(Ok(MapState::default()), |map| map.state(gpu))
+        match (&self.map, &self.earlier) {
+            (Some(map), _) => map.state(gpu),
+            (None, Some(earlier)) => Ok(MapState { rest: earlier.state(gpu)?, ..MapState::default() }),
+            (None, None) => Ok(MapState::default()),
+        }
     }
 
     /// Puts back what samples had left in a map that has nothing of it; false where it is not of this map.
     pub fn restore(&mut self, shared: &Shared<'_>, state: &MapState, totals: &mut Totals) -> Result<bool> {
-        let Some(map) = &mut self.map else { return Ok(state.asked.is_empty()) };
+        let Some(map) = &mut self.map else {
+            let fits = |earlier: &Earlier| earlier.restore(shared.gpu, &state.rest);
+            return Ok(self.earlier.as_ref().map_or(state.rest.is_empty(), fits));
+        };
         let fits = map.restore(shared.gpu, state, totals)?;
-        self.bound = self.passes.bind(shared, &self.buffers, Some(map), self.dilate)?;
+        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.dilate)?;
         Ok(fits)
     }
 
@@ -211,11 +257,19 @@ impl Direct {
         self.buffers.classify.bytes()
             + self.buffers.visibility.bytes
             + self.buffers.shadow_samples.as_ref().map_or(0, |b| b.bytes)
+            + self.earlier.as_ref().map_or(0, Earlier::frame_bytes)
     }
 }
 
 impl Passes {
-    fn bind(&self, shared: &Shared<'_>, buffers: &Buffers, map: Option<&VisibilityMap>, dilate: u32) -> Result<Bound> {
+    fn bind(
+        &self,
+        shared: &Shared<'_>,
+        buffers: &Buffers,
+        map: Option<&VisibilityMap>,
+        earlier: Option<&Earlier>,
+        dilate: u32,
+    ) -> Result<Bound> {
         let Shared { gpu, tables, tile, .. } = *shared;
         let classes = buffers.classify.final_classes(dilate);
         let shadow = ShadowBuffers {
@@ -227,7 +281,9 @@ impl Passes {
             heal: map.map(VisibilityMap::heal_buffers),
         };
         let samples = buffers.shadow_samples.as_ref();
+        let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, tables);
         Ok(Bound {
+            earlier: earlier.map(bind).transpose()?,
             classify: self.classify.bind(gpu, tile, map.map(VisibilityMap::grid), &buffers.classify, tables)?,
             shadow: self.shadow.bind(gpu, tile, &shadow, tables)?,
             shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, tables)?,

@@ -1,9 +1,11 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
 mod caustic_map;
+mod cells;
 mod checkpoint;
 mod conditioning;
 mod direct;
+mod earlier;
 mod global_map;
 mod irradiance_cache;
 mod output;
@@ -65,6 +67,8 @@ pub struct Renderer<'g> {
     buffers: TileBuffers,
     tiles: Vec<TileFilm>,
     rows: u32,
+    /// Most samples of a pixel in a tile.
+    layers: u32,
     samples: u32,
     /// Calls of [`Renderer::render_batch`] so far. The map is mended after the first, the second, the fourth, ...: what
     /// audits find is found early, and sorting the map anew then costs little of a long render.
@@ -214,8 +218,10 @@ impl<'g> Renderer<'g> {
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
-        let rows = (TILE_POINTS / settings.width).clamp(1, settings.height);
-        let points = rows * settings.width * most_layers(rows, settings);
+        let most = TILE_POINTS.min(direct::most_points(&features, scene.lights.len()));
+        let rows = (most / settings.width).clamp(1, settings.height);
+        let layers = most_layers(most, rows, settings);
+        let points = rows * settings.width * layers;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let has_indirect = indirect_kernels.path.is_some() || indirect_kernels.map.is_some();
         let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
@@ -255,6 +261,7 @@ impl<'g> Renderer<'g> {
             buffers,
             tiles,
             rows,
+            layers,
             samples: 0,
             batches: 0,
             totals,
@@ -279,7 +286,7 @@ impl<'g> Renderer<'g> {
         self.refine()?;
         let start = Instant::now();
         let width = self.settings.width;
-        let most = most_layers(self.rows, &self.settings).min(limit.max(1));
+        let most = self.layers.min(limit.max(1));
         let missing = self.settings.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
         // The first sample of each pixel is the pilot.
@@ -413,7 +420,7 @@ impl<'g> Renderer<'g> {
         let features = device_features(self.gpu, self.needs.features.clone());
         let kernels = direct::Kernels::new(self.gpu, &features, &self.tables.constants(), &self.settings)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
-        let points = self.rows * self.settings.width * most_layers(self.rows, &self.settings);
+        let points = self.rows * self.settings.width * self.layers;
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
         let shared = Shared { gpu, scene, tables, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
@@ -530,9 +537,9 @@ impl IndirectKernels {
     }
 }
 
-/// Most samples of a pixel in a tile of `rows` rows.
-fn most_layers(rows: u32, settings: &Settings) -> u32 {
-    (TILE_POINTS / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp))
+/// Most samples of a pixel in a tile of `rows` rows and at most `points` points.
+fn most_layers(points: u32, rows: u32, settings: &Settings) -> u32 {
+    (points / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp))
 }
 
 /// `features` with those of the device.

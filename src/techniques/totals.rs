@@ -16,6 +16,7 @@ pub(super) struct Totals {
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,
     pub photon_rays: u64,
+    pub cell_rays: u64,
     pub gather_rays: u64,
     pub indirect: Indirect,
     /// Irradiance records of the least radius.
@@ -89,6 +90,7 @@ impl Totals {
         Rays {
             camera: self.camera_rays,
             photon: self.photon_rays,
+            cell: self.cell_rays,
             shadow: self.get(Counter::ShadowRays),
             audit: self.get(Counter::AuditRays),
             bounce: self.get(Counter::BounceRays),

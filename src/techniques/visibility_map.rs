@@ -58,14 +58,14 @@ pub(super) struct MapState {
     pub left: u32,
     /// Those of them that there was room for.
     pub kept: Vec<Photon>,
-    /// See [`PhotonGrid::asked_state`].
-    pub asked: Vec<u32>,
+    /// See [`PhotonGrid::asked_state`]; or what stands in for the map has left.
+    pub rest: Vec<u32>,
 }
 
 impl MapState {
     /// Everything but `left`, in order.
     pub fn words(&self) -> Vec<u32> {
-        [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.asked].concat()
+        [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.rest].concat()
     }
 
     /// From [`MapState::words`]; none where there are too few, or more photons than audits leave.
@@ -75,9 +75,9 @@ impl MapState {
         }
         let size = size_of::<Photon>() / 4;
         let (first, rest) = words.split_at_checked(added * size)?;
-        let (then, asked) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
+        let (then, rest) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
         let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
-        Some(MapState { added: photons(first), left, kept: photons(then), asked: asked.to_vec() })
+        Some(MapState { added: photons(first), left, kept: photons(then), rest: rest.to_vec() })
     }
 }
 
@@ -159,7 +159,7 @@ impl VisibilityMap {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
             kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
-            asked: self.grid.asked_state(gpu)?,
+            rest: self.grid.asked_state(gpu)?,
         })
     }
 
@@ -178,7 +178,7 @@ impl VisibilityMap {
         }
         gpu.write(&self.heal_photons, &state.kept);
         gpu.write(&self.heal_count, &[state.left]);
-        Ok(self.grid.restore_asked(gpu, &state.asked))
+        Ok(self.grid.restore_asked(gpu, &state.rest))
     }
 
     pub fn grid(&self) -> &PhotonGrid {

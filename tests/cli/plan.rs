@@ -44,6 +44,19 @@ fn the_plan_follows_the_settings() {
         assert_eq!(plan["settings"]["technique"], technique);
     }
     assert!(names(&plan("--audit 0")["left_out"]).contains("audit"));
+    for (technique, kept, left_out) in [
+        ("voxel-tags", &["cells", "voxel_tags"][..], &["visibility_map", "ward"][..]),
+        ("visibility-cells", &["cells"], &["visibility_map", "voxel_tags", "ward"]),
+        // Of the box's one light nothing can be left untested.
+        ("ward-adaptive", &[], &["cells", "ward", "visibility_estimate"]),
+        ("shadow-photons", &["visibility_map"], &["cells", "voxel_tags", "ward"]),
+    ] {
+        let plan = plan(&format!("--technique {technique}"));
+        assert!(kept.iter().all(|part| names(&plan["kept"]).contains(part)), "{technique}");
+        assert!(left_out.iter().all(|part| names(&plan["left_out"]).contains(part)), "{technique}");
+    }
+    let plan = run("plan --json --technique ward-adaptive", &[&STILL_LIFE]).json();
+    assert!(["ward", "visibility_estimate"].iter().all(|part| names(&plan["kept"]).contains(part)));
 }
 
 #[test]

@@ -38,6 +38,7 @@ fn help_of(option: &str) -> String {
 fn help_states_the_defaults_and_names() {
     let Settings { height, spp, seed, photons, nearest, shadow_photons_per_ray, .. } = Settings::default();
     let Settings { shadow_samples, audit, max_bounces, light_scale, technique, .. } = Settings::default();
+    let Settings { cells, cell_rays, shadow_tolerance, .. } = Settings::default();
     for (option, default) in [
         ("--technique <", technique.to_string()),
         ("--height <", height.to_string()),
@@ -50,6 +51,9 @@ fn help_states_the_defaults_and_names() {
         ("--audit <", audit.to_string()),
         ("--max-bounces <", max_bounces.to_string()),
         ("--light-scale <", light_scale.to_string()),
+        ("--cells <", cells.to_string()),
+        ("--cell-rays <", cell_rays.to_string()),
+        ("--shadow-tolerance <", shadow_tolerance.to_string()),
     ] {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");
@@ -87,6 +91,9 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --dilate 2", "--dilate"),
         ("render no-scene.glb -o x.png --audit 1.5", "--audit"),
         ("render no-scene.glb -o x.png --audit nan", "--audit"),
+        ("render no-scene.glb -o x.png --cells 257", "--cells"),
+        ("render no-scene.glb -o x.png --cell-rays 0", "--cell-rays"),
+        ("render no-scene.glb -o x.png --shadow-tolerance nan", "--shadow-tolerance"),
         ("render no-scene.glb -o x.png --light-scale -1", "--light-scale"),
         ("render no-scene.glb -o x.png --light-scale inf", "--light-scale"),
         ("render no-scene.glb -o x.exr --aov beauty", "beauty"),

@@ -3,6 +3,7 @@
 #[path = "../common/device.rs"]
 mod device;
 mod direct;
+mod earlier;
 mod environment;
 mod indirect;
 #[path = "../common/meshes.rs"]

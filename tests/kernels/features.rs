@@ -92,7 +92,7 @@ impl Choice {
         let techniques = Technique::ALL;
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         let settings = Settings {
-            technique: techniques[(self.0 >> 14 & 15) as usize % techniques.len()],
+            technique: techniques[hash1(self.0 as u32) as usize % techniques.len()],
             audit: if self.has(18) { 1.0 } else { 0.0 },
             paper_counting: self.has(19),
             max_bounces: if self.has(20) { 64 } else { 0 },
@@ -114,6 +114,8 @@ fn runs(kernel: &str, features: &Features) -> bool {
     match kernel {
         "photons" | "grid" => features.has("visibility_map"),
         "flux" | "irradiance" => features.has("global_map"),
+        "cells" => features.has("cells"),
+        "ward" => features.has("ward"),
         "gather" | "cache" => features.has("irradiance_cache"),
         _ => true,
     }

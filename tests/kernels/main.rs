@@ -2,6 +2,7 @@
 
 mod bsdf;
 mod cache;
+mod cells;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
@@ -30,3 +31,4 @@ mod stage;
 mod statistics;
 mod terminator;
 mod traverse;
+mod ward;

@@ -1,0 +1,166 @@
+//! Pass `ward`: the lights of each point in the order of what they could contribute, and guesses of those not tested.
+
+use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
+use crate::{Result, shared_struct};
+
+use super::classify::ClassifyBuffers;
+use super::{Tile, TileBuffers, kernel};
+
+shared_struct! {
+    /// Immediates of the pass; see `shaders/ward.wgsl`.
+    pub struct WardParameters {
+        /// The tile.
+        pub tile: Tile,
+        /// Lights, all of them in one chunk.
+        pub light_count: u32,
+        /// First light that `order` adds; the pass sets it, and the next.
+        pub first_light: u32,
+        /// End of those.
+        pub end_light: u32,
+        /// Light points of a slot.
+        pub light_samples: u32,
+        /// Words of visibilities of a slot.
+        pub visibility_words: u32,
+        /// Share of the light found below which the rest is not tested, 0 to 1.
+        pub tolerance: f32,
+        /// To a multiple of sixteen bytes.
+        pub padding: [u32; 2],
+    }
+}
+
+shared_struct! {
+    /// Where a point is in its list of lights; see `shaders/ward.wgsl`.
+    pub struct WardState {
+        rest: f32,
+        found: f32,
+        seen: f32,
+        expected: f32,
+        waiting: u32,
+        current: u32,
+    }
+}
+
+/// Lights whose potentials one invocation works out: with the light points of each, and the search for an emitter triangle
+/// of each of those, well below the 65,535 iterations that lavapipe grants it.
+const LIGHTS_AT_ONCE: u32 = 64;
+
+/// The pass; see `shaders/ward.wgsl`.
+pub struct Ward(Kernel);
+
+/// What points and tiles leave to the next: how far a point is, and what was seen of each light so far.
+pub struct WardBuffers {
+    keys: Buffer,
+    states: Buffer,
+    rates: Buffer,
+    tests: Buffer,
+}
+
+impl WardBuffers {
+    /// Buffers for so many points and lights.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, points: u32, lights: u32) -> Result<WardBuffers> {
+        Ok(WardBuffers {
+            keys: gpu.buffer::<u32>("penumbra/ward/keys", points as usize * lights as usize)?,
+            states: gpu.buffer::<WardState>("penumbra/ward/states", points as usize)?,
+            // As if each had been seen once: where nothing is known, nothing is in between.
+            rates: gpu.upload("penumbra/ward/rates", &vec![[1u32; 2]; lights as usize])?,
+            tests: gpu.buffer::<[u32; 2]>("penumbra/ward/tests", lights as usize)?,
+        })
+    }
+
+    /// By light: light points that were seen so far, and that were asked for.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn rates(&self, gpu: &Gpu) -> Result<Vec<u32>> {
+        gpu.read(&self.rates, (self.rates.bytes / 4) as usize)
+    }
+
+    /// Puts back what [`WardBuffers::rates`] gave; false, and nothing done, where it is not of so many lights.
+    pub fn restore(&self, gpu: &Gpu, rates: &[u32]) -> bool {
+        let fits = rates.len() as u64 * 4 == self.rates.bytes;
+        if fits {
+            gpu.write(&self.rates, rates);
+        }
+        fits
+    }
+
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        [&self.keys, &self.states, &self.rates, &self.tests].into_iter().map(|buffer| buffer.bytes).sum()
+    }
+}
+
+impl Ward {
+    /// Compiles the kernel.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Ward> {
+        let own = ["points", "surfaces", "classes", "visibility", "light_keys", "ward_states", "light_rates"];
+        Ok(Ward(kernel(gpu, "ward", features, constants, &own)?))
+    }
+
+    /// Binds it. The classes are those before dilation.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        classify: &ClassifyBuffers,
+        visibility: &Buffer,
+        buffers: &WardBuffers,
+        scene: &dyn Bindings,
+    ) -> Result<BoundWard> {
+        let own = Resources::new()
+            .with("points", &tile.points)
+            .with("surfaces", &tile.surfaces)
+            .with("classes", &classify.classes)
+            .with("visibility", visibility)
+            .with("queue_lengths", &classify.queue_lengths)
+            .with("boundary_queue", &classify.boundary_queue)
+            .with("light_keys", &buffers.keys)
+            .with("ward_states", &buffers.states)
+            .with("light_rates", &buffers.rates)
+            .with("light_tests", &buffers.tests);
+        let bind = |entry| self.0.bind(gpu, entry, &[&own, scene]);
+        Ok(BoundWard { order: bind("order")?, next: bind("next")?, guess: bind("guess")?, learn: bind("learn")? })
+    }
+}
+
+/// The pass, bound.
+pub struct BoundWard {
+    order: BoundKernel,
+    next: BoundKernel,
+    guess: BoundKernel,
+    learn: BoundKernel,
+}
+
+impl BoundWard {
+    /// Writes the classes of a tile's points for all lights: unknown where a light is tested, else boundary with the
+    /// visibility that is guessed. `test` records the shadow rays of the slots in the boundary queue, once for each light.
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        classify: &ClassifyBuffers,
+        parameters: &WardParameters,
+        test: impl Fn(&mut Frame<'_>),
+    ) {
+        let points = parameters.tile.point_count;
+        for first_light in (0..parameters.light_count).step_by(LIGHTS_AT_ONCE as usize) {
+            let end_light = (first_light + LIGHTS_AT_ONCE).min(parameters.light_count);
+            frame.run(&self.order, points, &WardParameters { first_light, end_light, ..*parameters });
+        }
+        for _ in 0..parameters.light_count {
+            frame.clear(&classify.queue_lengths);
+            frame.run(&self.next, points, parameters);
+            test(frame);
+        }
+        frame.run(&self.guess, points, parameters);
+        frame.run(&self.learn, parameters.light_count, parameters);
+    }
+}

@@ -1,0 +1,246 @@
+//! Direct light by cells of space that are judged before the first sample: the techniques `visibility-cells` and
+//! `voxel-tags`, which shadow photons are compared with.
+//!
+//! *visibility-cells* is Zimmerman and Shirley's source visibility preprocess (1995): up to 100 rays from each cell to
+//! points of each light; where all of them are blocked, nothing in the cell is thought to see the light, and no shadow ray
+//! is traced. That is wrong where a small part of a cell is lit, and shows as jagged edges. The share of rays that were
+//! seen weighs the lights' chances in the original, which samples one of many; here, where each light is sampled, it is
+//! the control variate of pass `shade`.
+//!
+//! *voxel-tags* is Woo and Amanatides' voxel occlusion testing (1990): each voxel is tagged lit, shadowed or neither for
+//! each light, and shadow rays are for the last kind alone. They tag by scanning the shadow volumes of polygons into the
+//! grid, which finds no shadow that several polygons cast together; rays find them all but what falls between them. So
+//! a tag stands only where the 26 voxels around have it too.
+//!
+//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a cell
+//! on a floor is below the floor, and tells nothing about its points.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::Result;
+use crate::gpu::Gpu;
+use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells, grid_of};
+use crate::passes::grid::GridShape;
+use crate::scene::Scene;
+use crate::settings::Settings;
+use crate::tables::SceneTables;
+
+use super::totals::Totals;
+
+/// Traces the rays of all cells.
+pub(super) fn table(
+    gpu: &Gpu,
+    kernel: &Cells,
+    scene: &Scene,
+    tables: &SceneTables,
+    settings: &Settings,
+    totals: &mut Totals,
+) -> Result<CellTable> {
+    let shape = grid_of(scene, settings.cells);
+    let surfaces = Surfaces::new(scene, &shape);
+    let (rays, seed) = (settings.cell_rays, settings.seed);
+    let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
+    let table = kernel.trace(gpu, tables, &grid, surfaces.points(rays, seed))?;
+    totals.cell_rays += table.rays;
+    totals.photon_bytes += table.bytes;
+    Ok(table)
+}
+
+/// A triangle that lies in one cell, a part of a triangle of the scene.
+struct Piece {
+    cell: u32,
+    triangle: u32,
+    corners: [DVec3; 3],
+}
+
+impl Piece {
+    fn area(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        (b - a).cross(c - a).length()
+    }
+}
+
+/// The surfaces of a scene, cut by cell.
+struct Surfaces(Vec<Piece>);
+
+impl Surfaces {
+    fn new(scene: &Scene, shape: &GridShape) -> Surfaces {
+        let triangles = (0..scene.triangles.len()).into_par_iter();
+        let mut pieces: Vec<Piece> = triangles.flat_map_iter(|i| pieces(scene, shape, i)).collect();
+        pieces.par_sort_by_key(|piece| (piece.cell, piece.triangle));
+        Surfaces(pieces)
+    }
+
+    /// `rays` points in each cell that has some surface, stratified by area, cell by cell, in batches of whole cells.
+    fn points(&self, rays: u32, seed: u32) -> impl Iterator<Item = Vec<CellPoint>> {
+        let cells: Vec<&[Piece]> = self.0.chunk_by(|a, b| a.cell == b.cell).collect();
+        let of_batch = (BATCH_RAYS / rays) as usize;
+        let batches: Vec<Vec<&[Piece]>> = cells.chunks(of_batch).map(<[_]>::to_vec).collect();
+        batches.into_iter().map(move |cells| {
+            cells.into_par_iter().flat_map_iter(|pieces| points_of_cell(pieces, rays, seed)).collect()
+        })
+    }
+}
+
+fn points_of_cell(pieces: &[Piece], rays: u32, seed: u32) -> impl Iterator<Item = CellPoint> {
+    let mut random = Random(u64::from(seed) << 32 | u64::from(pieces[0].cell));
+    let total: f64 = pieces.iter().map(Piece::area).sum();
+    let (mut next, mut below) = (0, pieces[0].area());
+    (0..rays).map(move |ray| {
+        let at = total * (f64::from(ray) + random.uniform()) / f64::from(rays);
+        while below < at && next + 1 < pieces.len() {
+            next += 1;
+            below += pieces[next].area();
+        }
+        let Piece { corners: [a, b, c], triangle, .. } = pieces[next];
+        let (root, v) = (random.uniform().sqrt(), random.uniform());
+        let position = a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v);
+        CellPoint { position: position.as_vec3().to_array(), triangle }
+    })
+}
+
+/// The parts of a triangle by cell: cut into slabs along x, those along y, those along z.
+fn pieces(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<Piece> {
+    let mut found = Vec::new();
+    let corners = scene.triangle_positions(triangle).map(|p| p.as_dvec3());
+    slabs(&corners, shape, 0, &mut |x, slab| {
+        slabs(slab, shape, 1, &mut |y, column| {
+            slabs(column, shape, 2, &mut |z, part| {
+                let cell = (z * shape.size[1] + y) * shape.size[0] + x;
+                let fans = (2..part.len()).map(|i| [part[0], part[i - 1], part[i]]);
+                let pieces = fans.map(|corners| Piece { cell, triangle: triangle as u32, corners });
+                found.extend(pieces.filter(|piece| piece.area() > 0.0));
+            });
+        });
+    });
+    found
+}
+
+/// Cuts a convex polygon at the grid's planes across an axis; `each` is given the parts that have corners.
+fn slabs(polygon: &[DVec3], shape: &GridShape, axis: usize, each: &mut dyn FnMut(u32, &[DVec3])) {
+    let (origin, cell) = (f64::from(shape.origin[axis]), f64::from(shape.cell));
+    let last = shape.size[axis] - 1;
+    let index = |x: f64| (((x - origin) / cell).max(0.0) as u32).min(last);
+    let places = || polygon.iter().map(|p| p[axis]);
+    let first = index(places().fold(f64::INFINITY, f64::min));
+    let end = index(places().fold(f64::NEG_INFINITY, f64::max));
+    for slab in first..=end {
+        let mut part = polygon.to_vec();
+        if slab > first {
+            part = clipped(&part, axis, origin + cell * f64::from(slab), 1.0);
+        }
+        if slab < end {
+            part = clipped(&part, axis, origin + cell * f64::from(slab + 1), -1.0);
+        }
+        if part.len() > 2 {
+            each(slab, &part);
+        }
+    }
+}
+
+/// The part of a convex polygon on the side `sign` of a plane across an axis (Sutherland and Hodgman).
+fn clipped(polygon: &[DVec3], axis: usize, plane: f64, sign: f64) -> Vec<DVec3> {
+    let mut part = Vec::with_capacity(polygon.len() + 1);
+    for (i, &a) in polygon.iter().enumerate() {
+        let b = polygon[(i + 1) % polygon.len()];
+        let (of_a, of_b) = (sign * (a[axis] - plane), sign * (b[axis] - plane));
+        if of_a >= 0.0 {
+            part.push(a);
+        }
+        if (of_a > 0.0 && of_b < 0.0) || (of_a < 0.0 && of_b > 0.0) {
+            part.push(a + (b - a) * (of_a / (of_a - of_b)));
+        }
+    }
+    part
+}
+
+/// Uniform numbers: SplitMix64 (Steele et al. 2014).
+struct Random(u64);
+
+impl Random {
+    /// In [0, 1).
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use crate::scene::{NO_LIGHT, Triangle, Vertex};
+
+    use super::*;
+
+    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the triangle, in
+    /// their cell, as many in each as were asked for, and spread over it by area.
+    #[test]
+    fn triangles_are_cut_at_cells() {
+        let mut random = Random(7);
+        let mut point = || Vec3::from_array(std::array::from_fn(|_| random.uniform() as f32 * 2.0 - 1.0));
+        let mut scene = Scene::default();
+        for i in 0..40 {
+            let corners = [point(), point(), point()];
+            scene.vertices.extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
+            scene.triangles.push(Triangle { vertices: [3 * i, 3 * i + 1, 3 * i + 2], material: 0, light: NO_LIGHT });
+        }
+        let shape = grid_of(&scene, 7);
+        let cell_of = |p: DVec3| {
+            let at = (p - Vec3::from(shape.origin).as_dvec3()) / f64::from(shape.cell);
+            (at, [at.x, at.y, at.z].map(|x| x.floor() as u32))
+        };
+        for i in 0..scene.triangles.len() {
+            let [a, b, c] = scene.triangle_positions(i).map(|p| p.as_dvec3());
+            let pieces = pieces(&scene, &shape, i);
+            let area: f64 = pieces.iter().map(Piece::area).sum();
+            let whole = (b - a).cross(c - a).length();
+            assert!((area - whole).abs() < 1e-9 * whole, "triangle {i}: {area} of {whole}");
+            for piece in &pieces {
+                let middle = (piece.corners[0] + piece.corners[1] + piece.corners[2]) / 3.0;
+                let [x, y, z] = cell_of(middle).1;
+                assert_eq!(piece.cell, (z * shape.size[1] + y) * shape.size[0] + x);
+                for corner in piece.corners {
+                    let (at, _) = cell_of(corner);
+                    let from = (at - DVec3::new(f64::from(x), f64::from(y), f64::from(z)) - 0.5).abs().max_element();
+                    assert!(from < 0.5 + 1e-5, "a corner {from} from the middle of its cell");
+                }
+            }
+        }
+        let rays = 16;
+        let points: Vec<_> = Surfaces::new(&scene, &shape).points(rays, 1).flatten().collect();
+        assert!(points.len() > 1000);
+        for points in points.chunks(rays as usize) {
+            let cells: Vec<_> = points.iter().map(|p| cell_of(Vec3::from(p.position).as_dvec3()).1).collect();
+            // Rounding to f32 moves points over the faces between cells, a few in a million.
+            assert!(cells.iter().filter(|cell| **cell != cells[0]).count() <= 1);
+            for point in points {
+                let [a, b, c] = scene.triangle_positions(point.triangle as usize).map(|p| p.as_dvec3());
+                let normal = (b - a).cross(c - a).normalize();
+                let off = normal.dot(Vec3::from(point.position).as_dvec3() - a).abs();
+                assert!(off < 1e-6, "a point {off} off its triangle");
+            }
+        }
+
+        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end, and
+        // the middle of its points is its own within five standard errors of independent ones.
+        let rays = 4000;
+        let surfaces = Surfaces::new(&scene, &grid_of(&scene, 1));
+        let total: f64 = surfaces.0.iter().map(Piece::area).sum();
+        let points: Vec<_> = surfaces.points(rays, 1).flatten().collect();
+        assert_eq!((surfaces.0.len(), points.len()), (scene.triangles.len(), rays as usize));
+        for piece in &surfaces.0 {
+            let own = points.iter().filter(|point| point.triangle == piece.triangle);
+            let count = own.clone().count() as f64;
+            assert!((count - f64::from(rays) * piece.area() / total).abs() <= 2.0, "{count} points");
+            let sum: DVec3 = own.map(|point| Vec3::from(point.position).as_dvec3()).sum();
+            let [a, b, c] = piece.corners;
+            let size = (b - a).length().max((c - a).length());
+            let off = (sum / count - (a + b + c) / 3.0).length();
+            assert!(off < 5.0 * size / count.sqrt(), "the middle is {off} off");
+        }
+    }
+}

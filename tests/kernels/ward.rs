@@ -1,0 +1,207 @@
+//! Pass `ward` against Ward's procedure in f64, from the same visibilities.
+
+use glam::{DVec3, Vec3};
+use penumbra::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
+use penumbra::passes::ward::{Ward, WardBuffers, WardParameters};
+use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::scene::{LightKind, Scene};
+use penumbra::settings::Technique;
+
+use crate::kit::gpu;
+use crate::light::square;
+use crate::path::{camera, scene, surface};
+use crate::stage::{Stage, hash1, oct_encode, whole};
+use crate::statistics::Random;
+
+/// More than `order` takes at once.
+const LIGHTS: usize = 70;
+const SAMPLES: u32 = 2;
+const ALBEDO: f32 = 0.6;
+
+struct Lamp {
+    position: DVec3,
+    intensity: f64,
+}
+
+fn lamps() -> Vec<Lamp> {
+    let mut random = Random(11);
+    let mut lamp = || {
+        let p = random.point();
+        Lamp { position: DVec3::new(0.5 * p.x, 0.3 + 0.2 * p.y, 0.5 * p.z).as_vec3().as_dvec3(), intensity: 0.0 }
+    };
+    let mut lamps: Vec<Lamp> = (0..LIGHTS).map(|_| lamp()).collect();
+    // From one to a thousand.
+    lamps.iter_mut().enumerate().for_each(|(i, lamp)| {
+        lamp.intensity = f64::from((10.0f64).powf(3.0 * (i * 37 % LIGHTS) as f64 / LIGHTS as f64) as f32);
+    });
+    // One below the floor, and one that sends nothing.
+    lamps[5].position.y = -0.6;
+    lamps[66].intensity = 0.0;
+    lamps
+}
+
+fn room(lamps: &[Lamp]) -> Scene {
+    let floor = square(DVec3::new(0.0, -0.5, 0.0), DVec3::Z * 0.6, DVec3::X * 0.6);
+    let punctual = |lamp: &Lamp| LightKind::Point {
+        position: lamp.position.as_vec3(),
+        intensity: Vec3::splat(lamp.intensity as f32),
+        range: f32::INFINITY,
+    };
+    scene(&[(floor, surface(ALBEDO, 0.0))], lamps.iter().map(punctual).collect())
+}
+
+/// The visibility bits of a slot: by chance, and by the light so, that lights differ in how often they are seen.
+fn bits(slot: u32, points: u32) -> u32 {
+    let (light, word) = (slot / points, hash1(slot));
+    (0..SAMPLES).filter(|j| (word >> (8 * j) & 255) < 40 + 3 * light).map(|j| 1 << j).sum()
+}
+
+/// What the procedure makes of one point: the lights that are tested, the guess for others, and whether a decision or the
+/// order hangs on rounding.
+struct Expected {
+    tested: Vec<bool>,
+    guess: Vec<f64>,
+    doubtful: bool,
+}
+
+fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64; 2]], tolerance: f64) -> Expected {
+    let position = Vec3::from(point.position).as_dvec3();
+    let potential = |lamp: &Lamp| {
+        let offset = lamp.position - position;
+        let cosine = (offset.y / offset.length()).max(0.0);
+        f64::from(ALBEDO) / std::f64::consts::PI * lamp.intensity * cosine / offset.length_squared()
+    };
+    let mut list: Vec<(f64, usize)> = lamps.iter().map(potential).zip(0..).filter(|(p, _)| *p > 0.0).collect();
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut doubtful = false;
+    let mut rest: f64 = list.iter().map(|(p, _)| p).sum();
+    let (mut found, mut seen, mut expected) = (0.0, 0.0, 0.0);
+    let mut tested = vec![false; lamps.len()];
+    let rate = |light: usize| rates[light][0] / rates[light][1];
+    for (place, (p, light)) in list.iter().enumerate() {
+        doubtful |= rest > 0.0 && (rest - tolerance * found).abs() < 2e-3 * rest;
+        if rest < tolerance * found {
+            // Keys keep twelve bits of a potential: which of two that are alike comes first, is not ours to say.
+            doubtful |= list[place - 1].0 < p * (1.0 + 1e-3);
+            break;
+        }
+        tested[*light] = true;
+        rest = (rest - p).max(0.0);
+        let share = f64::from(bits(*light as u32 * points + index, points).count_ones()) / f64::from(SAMPLES);
+        found += p * share;
+        seen += share;
+        expected += rate(*light);
+    }
+    let here = if expected > 0.0 { seen / expected } else { 0.5 };
+    let listed: Vec<usize> = list.iter().map(|(_, light)| *light).collect();
+    let guess = |light| if listed.contains(&light) { (here * rate(light)).min(1.0) } else { 0.0 };
+    Expected { guess: (0..lamps.len()).map(guess).collect(), tested, doubtful }
+}
+
+/// Two tiles, one after the other: at every point the lights that Ward's procedure tests are, no others, and the rest is
+/// guessed as it guesses; the second tile goes by what the first has learnt. Another tolerance is told apart.
+#[test]
+fn lights_are_tested_as_ward_does() {
+    let gpu = gpu();
+    let lamps = lamps();
+    let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
+    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WardAdaptive, |features| features);
+    assert!(stage.features.has("ward"));
+    let tile: Tile = whole([65, 3], 1);
+    let count = tile.point_count;
+    let mut random = Random(4);
+    let mut points: Vec<Point> = (0..count)
+        .map(|_| {
+            let p = random.point();
+            let place = DVec3::new(0.58 * p.x, -0.5, 0.58 * p.z);
+            Point { position: place.as_vec3().to_array(), normal: oct_encode(DVec3::Y) }
+        })
+        .collect();
+    points[64].normal = INVALID_POINT;
+    let normal = f32::from_bits(oct_encode(DVec3::Y));
+    let mut buffers = TileBuffers::new(gpu, &stage.features, count, false).unwrap();
+    buffers.points = gpu.upload("test/points", &points).unwrap();
+    buffers.surfaces = gpu.upload("test/surfaces", &vec![[ALBEDO, ALBEDO, ALBEDO, normal]; count as usize]).unwrap();
+    let slots = count * LIGHTS as u32;
+    let seen: Vec<u32> = (0..slots).map(|slot| bits(slot, count)).collect();
+    let visibility = gpu.upload("test/visibility", &seen).unwrap();
+
+    for tolerance in [0.0f32, 0.1, 1.0] {
+        let mut classify = ClassifyBuffers::new(gpu, slots).unwrap();
+        classify.classes = gpu.poisoned::<u32>("test/classes", slots as usize).unwrap();
+        let own = WardBuffers::new(gpu, count, LIGHTS as u32).unwrap();
+        let pass = Ward::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
+        let bound = pass.bind(gpu, &buffers, &classify, &visibility, &own, &stage.tables).unwrap();
+        let mut rates = vec![[1.0f64; 2]; LIGHTS];
+        for turn in 0..2 {
+            let parameters = WardParameters {
+                tile,
+                light_count: LIGHTS as u32,
+                light_samples: SAMPLES,
+                visibility_words: 1,
+                tolerance,
+                ..WardParameters::default()
+            };
+            let mut frame = gpu.frame("test");
+            // The visibilities are there: nothing is traced.
+            bound.record(&mut frame, &classify, &parameters, |_| {});
+            frame.submit().unwrap();
+            let words: Vec<u32> = gpu.read(&classify.classes, slots as usize).unwrap();
+            let is_tested =
+                |light: usize, i: usize| Classified::new(words[light * count as usize + i]).class == Class::Unknown;
+            let (mut tests, mut doubtful, mut blind) = (0, 0, 0);
+            for (i, point) in points.iter().enumerate() {
+                let of = |tolerance| by_hand(point, i as u32, count, &lamps, &rates, f64::from(tolerance));
+                let expected = of(tolerance);
+                if point.normal == INVALID_POINT {
+                    assert!((0..LIGHTS).all(|light| words[light * count as usize + i] == Class::Dark as u32));
+                    continue;
+                }
+                if expected.doubtful && tolerance > 0.0 {
+                    doubtful += 1;
+                    continue;
+                }
+                for (light, lamp) in lamps.iter().enumerate() {
+                    let got = Classified::new(words[light * count as usize + i]);
+                    let what = format!("tolerance {tolerance}, turn {turn}, point {i}, light {light}: {got:?}");
+                    if lamp.position.y < -0.5 || lamp.intensity == 0.0 {
+                        assert_eq!(got.class, Class::Dark, "{what}");
+                    } else if expected.tested[light] {
+                        assert_eq!(got.class, Class::Unknown, "{what}");
+                    } else {
+                        assert_eq!(got.class, Class::Boundary, "{what}");
+                        let guess = expected.guess[light];
+                        // Half a step of eleven bits.
+                        assert!((f64::from(got.visibility) - guess).abs() < 0.6 / 2047.0, "{what}, {guess}");
+                    }
+                }
+                let number = expected.tested.iter().filter(|tested| **tested).count();
+                tests += number;
+                let other = of(tolerance * 1.5);
+                blind += usize::from(other.tested.iter().filter(|tested| **tested).count() == number);
+            }
+            // What was tested is learnt, whether we were in doubt or not.
+            for (light, rate) in rates.iter_mut().enumerate() {
+                for i in (0..points.len()).filter(|i| is_tested(light, *i)) {
+                    rate[0] += f64::from(bits(light as u32 * count + i as u32, count).count_ones());
+                    rate[1] += f64::from(SAMPLES);
+                }
+            }
+            let learnt: Vec<u32> = own.rates(gpu).unwrap();
+            assert!(learnt.iter().map(|n| f64::from(*n)).eq(rates.iter().flatten().copied()), "{learnt:?}");
+            println!("tolerance {tolerance}: {tests} tests of {} points, {doubtful} in doubt", points.len());
+            let all = (LIGHTS - 2) * (points.len() - 1);
+            let checked = points.len() - 1 - doubtful;
+            match tolerance {
+                0.0 => assert_eq!(tests, all),
+                _ => {
+                    assert!(checked * 2 > points.len() && tests < all / 2, "{checked} checked, {tests} tests");
+                    assert!(blind * 2 < checked, "half as much more tolerance changes nothing at {blind} of {checked}");
+                }
+            }
+        }
+        let lengths: Vec<u32> = gpu.read(&classify.queue_lengths, 4).unwrap();
+        let last: Vec<u32> = gpu.read(&classify.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap();
+        assert!(last.len() <= points.len());
+    }
+}
