@@ -3,7 +3,7 @@
 // for ray tracing", 1991). Pass `shadow` traces what `next` queues, one light of each point a round.
 
 import package::lib::bsdf::{Surface, bsdf_evaluate};
-@if(glossy) import package::lib::camera::view_direction;
+@if(glossy && !chains) import package::lib::camera::view_direction;
 import package::lib::constants::INVALID_POINT;
 import package::lib::dispatch::group_index;
 @if(dark_points) import package::lib::light::light_dark;
@@ -11,6 +11,9 @@ import package::lib::light_choice::nth_light_sample;
 import package::lib::math::{luminance, oct_decode16};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN, class_word};
 import package::lib::point::{PackedSurface, Point, SURFACE_VECTORS, unpack_surface};
+@if(transmission) import package::lib::point::TINT_VECTOR;
+@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(glossy && chains) import package::lib::point::{CHAIN_VECTOR, unpack_chain};
 import package::lib::tile::{Tile, pixel_seed, tile_sample};
 
 struct WardParameters {
@@ -84,9 +87,10 @@ fn place_of(i: u32) -> Place {
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.d = surfaces[i * SURFACE_VECTORS + 3u]; }
-        @if(clearcoat || anisotropy) { packed.e = surfaces[(i + 1u) * SURFACE_VECTORS - 1u]; }
-        view = view_direction(place.position);
+        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
+        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
+        @if(!chains) { view = view_direction(place.position); }
+        @if(chains) { view = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], place.position).view; }
     }
     place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
     place.seed = pixel_seed(ward_pass.tile, i);

@@ -2,7 +2,7 @@
 
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::constants::REACH_CELLS;
-import package::lib::math::{oct_decode7, oct_within7};
+import package::lib::math::{PI, oct_decode7, oct_within7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN};
 
 // Nearest photons asked for (k).
@@ -224,5 +224,5 @@ fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
         let base = cell_index(grid, light, vec3u(0u, u32(y), u32(z)));
         photons += load_cell_start(base + u32(high.x) + 1u) - load_cell_start(base + u32(low.x));
     }
-    return spare * sqrt(f32(nearest) * 9.0 / (3.1416 * f32(max(photons, 1u))));
+    return spare * sqrt(f32(nearest) * 9.0 / (PI * f32(max(photons, 1u))));
 }

@@ -238,9 +238,7 @@ pub fn rounding() -> Vec<f64> {
     let error = |(place, [r, g, b, _]): (&Photon, &[f32; 4])| {
         let expected = brute_force(&photons, &shape, place);
         let (share, _) = covered(&bench.stage, place, expected.radius).filter(|_| !expected.doubtful)?;
-        // The kernel chooses its disc by 3.1416 for pi where it is less than a cell, and takes the area of that disc.
-        let disc = if expected.radius < f64::from(shape.cell) { PI / 3.1416 } else { 1.0 };
-        let right = expected.density * f64::from(1e-4f32) / (share * disc);
+        let right = expected.density * f64::from(1e-4f32) / share;
         let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
         (share > 0.0).then(|| ((value - right).abs() / right).max_element())
     };
@@ -295,7 +293,7 @@ fn estimates_are_those_of_brute_force() {
                 continue;
             }
             let right = expected.density * f64::from(step) / share;
-            // Sums are whole numbers: what is left are a square and some quotients in f32, and 3.1416 for pi.
+            // Sums are whole numbers: what is left are a square and some quotients in f32.
             let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
             assert!(agrees(right), "{place:?}: {value}, expected {right}");
             // The last eight bits are another number.
