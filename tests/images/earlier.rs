@@ -92,7 +92,8 @@ fn tags_do_not_bias_and_cells_darken() {
         let (off, error) = difference(&tagged, &all);
         let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
         println!("{name}: tags {off} +- {error} of {mean}, {rays} of the rays and {} of cells", tests.rays.cell);
-        assert!(off.abs() < 3.5 * error, "{name}: {off} +- {error}");
+        // Where no light has a closed form both are of the same samples, and nothing differs at all.
+        assert!(off.abs() <= 3.5 * error, "{name}: {off} +- {error}");
         assert!(rays < 0.34 && tests.rays.cell > 0, "{name}: {rays} of the rays");
         assert!((off - 1e-3 * mean).abs() > 3.5 * error, "{name}: a thousandth is not seen");
 
@@ -103,9 +104,9 @@ fn tags_do_not_bias_and_cells_darken() {
                 pairs.filter(|(all, dark)| sign * (*all - *dark) > 0.2 * all.max(**dark).max(0.01)).count()
             })
         };
-        // Eight rays from each of a few large cells: some that are partly lit see nothing.
+        // Two rays from each of a few large cells: some that are partly lit see nothing.
         let (coarse, fine) =
-            (of(Technique::VisibilityCells, 12, 8).0, of(Technique::VisibilityCells, cells, cell_rays).0);
+            (of(Technique::VisibilityCells, 12, 2).0, of(Technique::VisibilityCells, cells, cell_rays).0);
         let [[lost, gained], [less, _]] = [&coarse, &fine].map(lost_and_gained);
         println!("{name}: {lost} pixels darker, {gained} brighter; {less} of fine cells");
         assert!(lost > 10 && gained == 0 && less < lost, "{name}: {lost} pixels darker, {gained} brighter; {less}");
