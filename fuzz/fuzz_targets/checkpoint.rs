@@ -14,11 +14,11 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     if let Some((head, rest)) = whole.split_at_mut_checked(MAGIC + DIGEST) {
         head[MAGIC..].copy_from_slice(digest(rest).as_bytes());
     }
-    for bytes in [bytes, &whole] {
+    for bytes in [bytes, whole.as_slice()] {
         // 64 bytes are a value of JSON.
         let honest = bytes.len() + 64 * bytes.iter().filter(|byte| b",:[{".contains(byte)).count();
         match bounded(|| Checkpoint::from_bytes(bytes, "state"), |_| honest) {
-            Ok(checkpoint) => drop(checkpoint.samples()),
+            Ok(checkpoint) => _ = checkpoint.samples(),
             Err(error) => check(&error),
         }
     }

@@ -17,7 +17,10 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         Ok(image) => {
             assert!(image.channels.iter().all(|channel| channel.samples.len() == image.pixels()));
             // FLIP's own code is slow; a few pixels show what it does.
-            match if image.pixels() < 256 { Measures::new(&image, &image).map(drop) } else { metrics::rmse(&image, &image).map(drop) } {
+            let few = image.pixels() < 256;
+            let measured =
+                if few { Measures::new(&image, &image).map(drop) } else { metrics::rmse(&image, &image).map(drop) };
+            match measured {
                 Ok(()) => {}
                 Err(error) => check(&error),
             }
