@@ -11,12 +11,12 @@
 //! | 4 | triangles of no area | `geometry::triangles_without_area_are_none`; `scene geometry::slivers_stay_and_degenerate_triangles_go` |
 //! | 5 | coplanar surfaces | `geometry::twins_are_one_surface`; `kernels traverse::coplanar_duplicates_go_to_the_lowest_slot` |
 //! | 6 | lights that touch or pierce surfaces | `lights`: `lamps_may_touch_and_pierce_surfaces`, `a_lamp_that_nearly_touches_has_lamberts_irradiance` |
-//! | 7 | a camera inside a solid or on a surface | `geometry::a_camera_may_be_anywhere` |
+//! | 7 | a camera inside a solid | `geometry::a_camera_may_be_inside_a_solid` |
 //! | 8 | grazing light | `lights::light_may_graze_at_a_millionth`; `kernels terminator` |
 //! | 9 | a tiny light | `lights::a_lamp_of_any_size_has_lamberts_irradiance` |
 //! | 10 | a huge light | the same; `energy::furnaces_are_white`, whose sky encloses the scene |
 //! | 11 | radiance of 1e8 and 1e-8 | `lights`: `radiance_is_a_factor`, `a_strong_light_leaves_another_room_alone` |
-//! | 12 | the white furnace | `energy`: `furnaces_are_white`, `light_that_bounces_without_end_is_refused`; `kernels path::furnaces_are_white` |
+//! | 12 | the white furnace | `energy::furnaces_are_white`; `kernels path::furnaces_are_white` |
 //! | 13 | black surfaces, single bounce | `energy::black_surfaces_leave_indirect_light_out`; `kernels flux::bounces_are_bounded` |
 //! | 14 | one triangle | `geometry::one_triangle_is_a_scene` |
 //! | 15 | an empty scene | `geometry::nothing_may_be_lit_and_nothing_may_be_there`; `cli render::notes_are_said_once_and_kept_in_the_statistics` |
