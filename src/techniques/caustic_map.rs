@@ -66,8 +66,12 @@ impl CausticMap {
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
         let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, settings.max_bounces, seed)?;
-        totals.photon_rays += traced.rays;
-        totals.indirect.caustics += u64::from(traced.count);
+        // A render that is taken up again traces the map of its next samples once more.
+        if number >= totals.caustic_maps {
+            totals.caustic_maps = number + 1;
+            totals.photon_rays += traced.rays;
+            totals.indirect.caustics += u64::from(traced.count);
+        }
         totals.count(Counter::Overrun, traced.overruns);
         totals.count(Counter::NotFiniteFlux, traced.not_finite);
         if traced.count == 0 {

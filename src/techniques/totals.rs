@@ -19,6 +19,8 @@ pub(super) struct Totals {
     pub cell_rays: u64,
     pub gather_rays: u64,
     pub indirect: Indirect,
+    /// Caustic maps that are counted.
+    pub caustic_maps: u32,
     /// Irradiance records of the least radius.
     pub least_records: u64,
     /// Points that asked the visibility map, and those of them that found too few photons.
