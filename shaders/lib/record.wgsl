@@ -42,8 +42,8 @@ fn load_block_record(i: u32) -> u32 {
 // Offsets along the normal count as ten times as long: no record speaks for a surface above or below its own.
 const OFF_PLANE = 99.0;
 
-// A record says nothing of normals more than 20 degrees off: 1 / sqrt(1 - cos 20).
-const PER_NORMAL = 4.072;
+// A record says nothing of normals more than 20 degrees off: the length of the difference of two such.
+const PER_NORMAL = 1.0 / 0.34729636;
 
 struct Interpolated {
     irradiance: vec3f,
@@ -64,7 +64,8 @@ fn interpolate_records(block: u32, position: vec3f, normal: vec3f) -> Interpolat
         let offset = position - place.xyz;
         let off_plane = dot(offset, 0.5 * (normal + side.xyz));
         let distance = sqrt(dot(offset, offset) + OFF_PLANE * off_plane * off_plane) / place.w;
-        let turned = sqrt(max(1.0 - dot(normal, side.xyz), 0.0)) * PER_NORMAL;
+        // One less the cosine would say the same, but keeps three digits of normals that are alike to 1e-3.
+        let turned = length(normal - side.xyz) * PER_NORMAL;
         let w = max(1.0 - max(distance, turned), 0.0);
         let base = id * RECORD_VALUES;
         let r = load_value(base);

@@ -39,6 +39,10 @@ var<private> heavy_path: bool;
 // Turns of the searches for a direction of the environment, of 1024 x 512 cells at most.
 @if(environment) const ENVIRONMENT_TURNS = 20u;
 
+// Turns of all traversals of a path after which it gives up and says so. Software devices count turns for all lanes of a vector
+// together, and in each traversal another lane may be the slowest: a quarter of what they grant.
+const PATH_TURNS = 16384u;
+
 // Loop turns that a vertex may take beside its traversals: binary searches for a light and, twice, for one of the emitter
 // triangles, or for a direction of the environment.
 fn vertex_turns() -> u32 {
@@ -190,6 +194,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
                 @if(global_map) { spread += spread_along(chosen.pdf, hit.t); }
             }
         }
+        traversal_overrun |= traversal_turns > PATH_TURNS;
         if traversal_overrun || !going_on || bounce >= max_bounces { break; }
         @if(global_map) {
             let known = irradiance_near(vertex.position, vertex.surface.geometric_normal);

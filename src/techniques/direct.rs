@@ -30,6 +30,10 @@ pub(super) fn most_points(features: &Features, lights: usize) -> u32 {
 /// Most words of visibilities at once: half of the smallest storage binding that devices offer.
 const CHUNK_WORDS: u32 = 1 << 24;
 
+/// Turns of loops that `shade` takes at most for the lights of a chunk: lavapipe ends all loops of an invocation in silence after
+/// 65,535 of them. Ten thousand lights in one chunk lost half of their light.
+const SHADE_TURNS: u32 = 32_768;
+
 /// A light wider than this share of the scene's radius has penumbrae so wide that faint ones would be missed without
 /// dilation; the boundaries of a narrower one are too wide already (the two scenes of the paper: 0.33 and 0.02).
 const WIDE_LIGHT: f32 = 0.05;
@@ -134,7 +138,10 @@ impl Direct {
         let audit_probability = if audit { settings.audit } else { 0.0 };
         let lights = scene.lights.len() as u32;
         let words = settings.shadow_samples.div_ceil(32);
-        let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words)).clamp(1, lights.max(1));
+        let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words));
+        // Of a light `shade` takes a turn, one for each light point, and those of the closed form.
+        let edges = tables.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
+        let fitting = fitting.min(SHADE_TURNS / (2 + settings.shadow_samples + 2 * edges)).clamp(1, lights.max(1));
         let lights_in_chunk = if matches!(earlier, Some(EarlierKernels::Ward(_))) { lights } else { fitting };
         let slots = points * lights_in_chunk;
         let film = settings.aovs.contains(&Aov::Shadow);
