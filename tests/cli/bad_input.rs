@@ -34,7 +34,7 @@ fn scenes_that_are_none() {
     let folder = folder();
     let folder = folder.path();
     assert_refused(folder, &folder.join("missing.glb"), &["No such file"]);
-    assert_refused(folder, folder, &["directory"]);
+    assert_refused(folder, folder, &["is a folder"]);
     assert_refused(folder, &scene(folder, "empty.glb", ""), &["empty"]);
     assert_refused(folder, &scene(folder, "empty.gltf", ""), &[]);
     assert_refused(folder, &scene(folder, "text.glb", "not a scene"), &[]);
