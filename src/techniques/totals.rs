@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
-/// Share of all rays that may meet the loop budget. Their samples are left out of the image, which is an estimate of the rest
-/// of them: a thousandth of them is below what shows, and a scene that is all overlapping layers is far above.
+/// Share of the samples that may meet the loop budget. They are left out of the image, which is an estimate of the rest of
+/// them: a thousandth of them is below what shows, and a scene that is all overlapping layers is far above.
 const MOST_OVERRUNS: f64 = 1e-3;
 
 /// Sums over all samples so far.
@@ -75,15 +75,17 @@ impl Totals {
     /// [`Error::Computation`] where more rays met the loop budget than an image can do without.
     pub fn check(&self) -> Result<()> {
         let overruns = self.get(Counter::Overrun);
-        let rays = self.rays().total;
-        if overruns as f64 <= MOST_OVERRUNS * rays as f64 {
+        // Of samples and not of rays: what is lost of a long path is all of it, and it may have been thousands of rays.
+        let samples = self.camera_rays;
+        if overruns as f64 <= MOST_OVERRUNS * samples as f64 {
             return Ok(());
         }
         Err(Error::Computation {
             kernel: "bvh".to_owned(),
             problem: format!(
-                "{overruns} of {rays} rays met more geometry than the device's loop budget of 65,535 turns allows; the \
-                 image would be wrong. Remove overlapping layers, or choose a hardware device with --device"
+                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 turns allows; the \
+                 image would be wrong. Remove overlapping layers, ask for fewer --max-bounces, or choose a hardware device \
+                 with --device"
             ),
         })
     }
