@@ -6,13 +6,10 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
-@if(!chains) import package::lib::camera::view_direction;
 import package::lib::light::light_count;
-import package::lib::math::{is_finite3, oct_decode16, spoilt};
-import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
+import package::lib::math::{is_finite3, spoilt};
+import package::lib::seen::{points, seen_surface};
+@if(chains) import package::lib::seen::seen_chain;
 import package::lib::rng::hash2;
 import package::lib::walk::{PathRadiance, PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, walk};
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
@@ -25,8 +22,6 @@ struct PathParameters {
     light_samples: u32,
 }
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
@@ -94,27 +89,17 @@ fn path(
 
 // What a path from point i brings back.
 fn radiance_along(i: u32) -> PathRadiance {
-    var packed: PackedSurface;
-    packed.a = surfaces[i * SURFACE_VECTORS];
-    @if(glossy) {
-        packed.b = surfaces[i * SURFACE_VECTORS + 1u];
-        packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
-        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
-    }
     var vertex: Vertex;
     vertex.position = points[i].position;
-    @if(!chains) let view = view_direction(vertex.position);
-    @if(chains) let chain = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], vertex.position);
-    @if(chains) let view = chain.view;
-    vertex.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
+    vertex.surface = seen_surface(i);
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     var found = walk(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
     @if(chains) {
-        found.direct *= chain.throughput;
-        found.indirect *= chain.throughput;
+        let throughput = seen_chain(i).throughput;
+        found.direct *= throughput;
+        found.indirect *= throughput;
     }
     return found;
 }

@@ -7,7 +7,7 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::math::{is_finite3, oct_decode16};
+import package::lib::math::is_finite3;
 import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
 import package::lib::light_choice::{nth_light_sample, audit_light_sample};
 import package::lib::bsdf::{Surface, bsdf_diffuse};
@@ -15,14 +15,12 @@ import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
 import package::lib::constants::{INVALID_POINT, COUNTER_NOT_FINITE_SHADE};
-import package::lib::point::{Point, SURFACE_VECTORS, PackedSurface, unpack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
+import package::lib::point::SURFACE_VECTORS;
+import package::lib::seen::{points, seen_surface, surfaces};
+@if(chains) import package::lib::seen::seen_chain;
 import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
 @if(aov_shadow) import package::lib::photon::{class_illumination, class_shadow};
 @if(audit) import package::lib::photon::{audit_chance, is_audited};
-@if(glossy && !chains) import package::lib::camera::view_direction;
 
 struct ShadeParameters {
     tile: Tile,
@@ -34,8 +32,6 @@ struct ShadeParameters {
     padding: u32,
 }
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read> classes: array<u32>;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
@@ -168,22 +164,10 @@ fn shade(
     }
     var place: Place;
     place.position = points[i].position;
-    @if(chains) let chain = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], place.position);
-    var packed: PackedSurface;
-    packed.a = surfaces[i * SURFACE_VECTORS];
-    var view = vec3f(0.0);
-    @if(glossy) {
-        packed.b = surfaces[i * SURFACE_VECTORS + 1u];
-        packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
-        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
-        @if(!chains) { view = view_direction(place.position); }
-        @if(chains) { view = chain.view; }
-    }
-    place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
+    place.surface = seen_surface(i);
     place.seed = pixel_seed(parameters.tile, i);
     place.sample_index = tile_sample(parameters.tile, i);
-    place.flat = bitcast<u32>(packed.a.w) == points[i].normal;
+    place.flat = bitcast<u32>(surfaces[i * SURFACE_VECTORS].w) == points[i].normal;
     var sum = vec3f(0.0);
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {
         let slot = l * parameters.tile.point_count + i;
@@ -196,7 +180,7 @@ fn shade(
             shadow_samples[slot].y = estimate.visibility;
         }
     }
-    @if(chains) { sum *= chain.throughput; }
+    @if(chains) { sum *= seen_chain(i).throughput; }
     if !is_finite3(sum) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);

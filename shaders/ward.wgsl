@@ -3,17 +3,13 @@
 // for ray tracing", 1991). Pass `shadow` traces what `next` queues, one light of each point a round.
 
 import package::lib::bsdf::{Surface, bsdf_evaluate};
-@if(glossy && !chains) import package::lib::camera::view_direction;
 import package::lib::constants::INVALID_POINT;
 import package::lib::dispatch::group_index;
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light_choice::nth_light_sample;
-import package::lib::math::{luminance, oct_decode16};
+import package::lib::math::luminance;
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN, class_word};
-import package::lib::point::{PackedSurface, Point, SURFACE_VECTORS, unpack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(glossy && chains) import package::lib::point::{CHAIN_VECTOR, unpack_chain};
+import package::lib::seen::{points, seen_surface};
 import package::lib::tile::{Tile, pixel_seed, tile_sample};
 
 struct WardParameters {
@@ -46,8 +42,6 @@ struct WardState {
 
 var<immediate> ward_pass: WardParameters;
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> classes: array<u32>;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> queue_lengths: array<atomic<u32>, 4>;
@@ -81,18 +75,7 @@ struct Place {
 fn place_of(i: u32) -> Place {
     var place: Place;
     place.position = points[i].position;
-    var packed: PackedSurface;
-    packed.a = surfaces[i * SURFACE_VECTORS];
-    var view = vec3f(0.0);
-    @if(glossy) {
-        packed.b = surfaces[i * SURFACE_VECTORS + 1u];
-        packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
-        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
-        @if(!chains) { view = view_direction(place.position); }
-        @if(chains) { view = unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], place.position).view; }
-    }
-    place.surface = unpack_surface(packed, oct_decode16(points[i].normal), view);
+    place.surface = seen_surface(i);
     place.seed = pixel_seed(ward_pass.tile, i);
     place.sample_index = tile_sample(ward_pass.tile, i);
     return place;

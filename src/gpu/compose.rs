@@ -45,6 +45,7 @@ shaders!(
     "lib/record",
     "lib/rng",
     "lib/sampling",
+    "lib/seen",
     "lib/surface",
     "lib/table",
     "lib/tile",

@@ -71,9 +71,9 @@ impl CausticMap {
             totals.caustic_maps = number + 1;
             totals.photon_rays += traced.rays;
             totals.indirect.caustics += u64::from(traced.count);
+            totals.count(Counter::Overrun, traced.overruns);
+            totals.count(Counter::NotFiniteFlux, traced.not_finite);
         }
-        totals.count(Counter::Overrun, traced.overruns);
-        totals.count(Counter::NotFiniteFlux, traced.not_finite);
         if traced.count == 0 {
             return Ok(CausticMap { number, show: None });
         }
