@@ -7,27 +7,7 @@ use penumbra::scene::{
     Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Triangle, Vertex,
 };
 
-pub type Corners = [DVec3; 3];
-
-pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
-    let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
-    vec![[a, b, c], [a, c, d]]
-}
-
-pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-    (0..3)
-        .flat_map(|i| {
-            let [n, s, t] = [axes[i], axes[(i + 1) % 3], axes[(i + 2) % 3]].map(|a| a * half);
-            // Counter-clockwise seen from outside: s x t points along n.
-            [square(centre + n, s, t), square(centre - n, t, s)].concat()
-        })
-        .collect()
-}
-
-pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
-    triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
-}
+pub use penumbra::stress::stage::{Corners, cube, inside_out, square};
 
 /// A surface that reflects the share `albedo` and emits `emission`.
 pub fn surface(albedo: f32, emission: f32) -> Material {
