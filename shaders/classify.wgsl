@@ -7,6 +7,8 @@ import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR,
 @if(dark_points) import package::lib::light::light_dark;
 @if(visibility_map && environment) import package::lib::light::is_environment;
 @if(visibility_estimate) import package::lib::photon::asks_shadow_rays;
+import package::lib::light_choice::slot_light;
+@if(light_choice) import package::lib::light_choice::NO_LIGHT;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED, COUNTER_NEAR, COUNTER_NEAR_AUDITED};
@@ -19,6 +21,7 @@ struct ClassifyParameters {
     tile: Tile,
     // (light, point) pairs: points of the chunk's first light, of its second, ...
     slot_count: u32,
+    // Or turn, where lights are chosen; see lib/light_choice.
     first_light: u32,
     dilate_radius: u32,
     audit_probability: f32,
@@ -88,12 +91,17 @@ fn classify(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     if queued { query_queue[group_base + rank] = slot; }
 }
 
+fn light_of_slot(slot: u32) -> u32 {
+    return slot_light(slot, classify_pass.first_light, classify_pass.tile.point_count);
+}
+
 fn class_by_verdict(slot: u32) -> u32 {
     let local_light = slot / classify_pass.tile.point_count;
     let point = points[slot - local_light * classify_pass.tile.point_count];
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let normal = oct_decode16(point.normal);
-    let light = classify_pass.first_light + local_light;
+    let light = light_of_slot(slot);
+    @if(light_choice) { if light == NO_LIGHT { return class_word(CLASS_DARK, 0u, 0u, 0.0); } }
     @if(dark_points) {
         if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
@@ -132,7 +140,7 @@ fn ask(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
     let point = points[slot - local_light * classify_pass.tile.point_count];
     let at = cell_of(classify_pass.grid, point.position);
     let from_centre = from_centre_of(at, point.position);
-    let cell = cell_index(classify_pass.grid, classify_pass.first_light + local_light, at);
+    let cell = cell_index(classify_pass.grid, light_of_slot(slot), at);
     let place = asked_places[cell];
     // Cells that are judged already stay as they are.
     if !in_cell(from_centre) || place <= atomicLoad(&asked_lengths[1]) { return; }
@@ -266,7 +274,7 @@ fn query(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
     let slot = query_queue[i];
     let local_light = slot / classify_pass.tile.point_count;
     let point = points[slot - local_light * classify_pass.tile.point_count];
-    let light = classify_pass.first_light + local_light;
+    let light = light_of_slot(slot);
     let normal = oct_decode16(point.normal);
     var verdict = verdict_at(light, point.position, normal);
     if verdict.reach == 0.0 { verdict = asked_verdict_at(light, point.position, normal); }
@@ -463,7 +471,9 @@ fn dilate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             let other = u32(y * width + x);
             let word = classes[first + other];
             let class_ = class_of(word);
-            if (class_ == CLASS_LIT || class_ == CLASS_SHADOWED) && same_surface(points[other], points[pixel]) {
+            var same = same_surface(points[other], points[pixel]);
+            @if(light_choice) { same = same && light_of_slot(first + other) == light_of_slot(slot); }
+            if (class_ == CLASS_LIT || class_ == CLASS_SHADOWED) && same {
                 dilated_classes[first + other] = (word & ~7u) | CLASS_BOUNDARY;
             }
         }
@@ -495,7 +505,9 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     if slot < classify_pass.slot_count {
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
-        if points[pixel].normal != INVALID_POINT {
+        var is_point = points[pixel].normal != INVALID_POINT;
+        @if(light_choice) { is_point = is_point && light_of_slot(slot) != NO_LIGHT; }
+        if is_point {
             let word = dilated_classes[slot];
             class_ = class_of(word);
             if class_ == CLASS_UNKNOWN {
@@ -505,7 +517,7 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
                 rank = atomicAdd(&group_classes, 1u << (8u * class_)) >> 24u;
             }
             if class_ == CLASS_LIT || class_ == CLASS_SHADOWED {
-                let light = classify_pass.first_light + local_light;
+                let light = light_of_slot(slot);
                 let sample_index = tile_sample(classify_pass.tile, pixel);
                 let chance = audit_chance(word, classify_pass.audit_probability);
                 audited = is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light, chance);

@@ -9,7 +9,8 @@ import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
-import package::lib::light_choice::{nth_light_sample, audit_light_sample};
+import package::lib::light_choice::{nth_light_sample, audit_light_sample, slot_light};
+@if(light_choice) import package::lib::light_choice::slot_weight;
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
@@ -24,6 +25,7 @@ import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow
 
 struct ShadeParameters {
     tile: Tile,
+    // Lights of the chunk, or turns where lights are chosen.
     first_light: u32,
     lights_in_chunk: u32,
     light_samples: u32,
@@ -171,8 +173,10 @@ fn shade(
     var sum = vec3f(0.0);
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {
         let slot = l * parameters.tile.point_count + i;
-        let estimate = direct_light(place, parameters.first_light + l, slot, classes[slot]);
-        sum += estimate.radiance;
+        let light = slot_light(slot, parameters.first_light, parameters.tile.point_count);
+        let estimate = direct_light(place, light, slot, classes[slot]);
+        @if(light_choice) { sum += estimate.radiance * slot_weight(slot, parameters.first_light, parameters.tile.point_count); }
+        @else { sum += estimate.radiance; }
         @if(aov_shadow) {
             let word = classes[slot];
             let class_ = select(0u, class_of(word), place.sample_index == 0u);

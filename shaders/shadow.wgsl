@@ -7,7 +7,7 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
 import package::lib::math::{oct_decode16, oct_encode7, spoilt};
 import package::lib::light::shadow_ray;
-import package::lib::light_choice::{nth_light_sample, audit_light_sample};
+import package::lib::light_choice::{nth_light_sample, audit_light_sample, slot_light};
 import package::lib::point::Point;
 import package::lib::rng::{hash2, hash3};
 @if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, is_near, photon_word};
@@ -18,7 +18,7 @@ import package::lib::constants::{
 
 struct ShadowParameters {
     tile: Tile,
-    // The chunk's first light, and the map's own index of it in the photons' words.
+    // The chunk's first light, or turn.
     first_light: u32,
     // Light points of a slot, and words of 32 visibilities that hold them.
     light_samples: u32,
@@ -62,7 +62,7 @@ fn asked_by(slot: u32) -> Asked {
     return Asked(
         points[i].position,
         oct_decode16(points[i].normal),
-        parameters.first_light + slot / tile.point_count,
+        slot_light(slot, parameters.first_light, tile.point_count),
         pixel_seed(tile, i),
         tile_sample(tile, i),
     );

@@ -89,6 +89,35 @@ impl Technique {
     }
 }
 
+/// Which lights a point asks, where direct light is a pass of its own; and by what paths choose one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightChoice {
+    /// All of them.
+    All,
+    /// A few, each as likely as the other.
+    Uniform,
+    /// A few, half by power and half alike.
+    Power,
+    /// A few of those that reach the point's zone, by what they send there: the paper's proposal for many lights.
+    Zones,
+}
+
+impl LightChoice {
+    /// All of them.
+    pub const ALL: [LightChoice; 4] = [LightChoice::All, LightChoice::Uniform, LightChoice::Power, LightChoice::Zones];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            LightChoice::All => "all",
+            LightChoice::Uniform => "uniform",
+            LightChoice::Power => "power",
+            LightChoice::Zones => "zones",
+        }
+    }
+}
+
 /// A group of channels of the image beside the picture itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -154,6 +183,7 @@ macro_rules! by_name {
 }
 by_name!(Technique, "technique");
 by_name!(Aov, "AOV");
+by_name!(LightChoice, "choice of lights");
 
 /// The settings of a render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -178,7 +208,12 @@ pub struct Settings {
     pub shadow_samples: u32,
     /// Pixels by which boundaries are widened, 0 or 1; none: 1 for lights with wide penumbrae, 0 for small ones.
     pub dilate: Option<u32>,
-    /// Probability that a decided point is audited, 0 to 1. 0 is the paper, and biased.
+    /// Which lights points ask; none: `zones` in scenes of more than [`Settings::MANY_LIGHTS`] lights where the technique has
+    /// photons of them, else `all`, and `power` of paths.
+    pub light_choice: Option<LightChoice>,
+    /// Lights that a point asks where they are chosen, 2 to [`Settings::MAX_CHOSEN_LIGHTS`].
+    pub chosen_lights: u32,
+    /// Probability that a decided point is audited, 0 to 1. 0 is the paper, and biased; zones are then not audited either.
     pub audit: f32,
     /// Count photons without regard to their normals, as the paper does.
     pub paper_counting: bool,
@@ -220,6 +255,8 @@ impl Default for Settings {
             shadow_photons_per_ray: 10,
             shadow_samples: 4,
             dilate: None,
+            light_choice: None,
+            chosen_lights: 8,
             audit: 1.0 / 64.0,
             paper_counting: false,
             cells: 64,
@@ -250,6 +287,10 @@ impl Settings {
     pub const MAX_SHADOW_SAMPLES: u32 = 1024;
     /// Most shadow photons that are kept of one ray: what an invocation has registers for.
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
+    /// Most lights that all points ask by default.
+    pub const MANY_LIGHTS: u32 = 32;
+    /// Most lights that a point asks where they are chosen: as many as a zone lists.
+    pub const MAX_CHOSEN_LIGHTS: u32 = 64;
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
     /// Most cells along a side: 2^24 in all.
@@ -302,6 +343,8 @@ impl Settings {
         range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;
         range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
+        range("--chosen-lights", self.chosen_lights, 2, Self::MAX_CHOSEN_LIGHTS)?;
+        self.check_light_choice()?;
         if !(0.0..=1.0).contains(&self.audit) {
             return Err(Error::Usage(format!("--audit is {}; it must be from 0 to 1", self.audit)));
         }
@@ -315,5 +358,27 @@ impl Settings {
             return Err(Error::Usage(format!("--light-scale is {}; it must be 0 or more", self.light_scale)));
         }
         Ok(())
+    }
+
+    fn check_light_choice(&self) -> Result<()> {
+        let refuse = |why: String| Err(Error::Usage(why));
+        match self.light_choice {
+            Some(LightChoice::Zones) if !self.technique.uses_visibility_map() => {
+                refuse(format!("--light-choice zones comes of photons, which {} does not trace", self.technique))
+            }
+            Some(LightChoice::All) if self.technique == Technique::Path => {
+                refuse("--light-choice all: paths ask one light at each vertex".to_owned())
+            }
+            Some(LightChoice::Uniform | LightChoice::Power)
+                if !self.technique.uses_visibility_map()
+                    && !matches!(self.technique, Technique::Path | Technique::TwoPass) =>
+            {
+                refuse(format!("--light-choice: {} asks all lights", self.technique))
+            }
+            Some(choice) if choice != LightChoice::All && self.aovs.contains(&Aov::Shadow) => {
+                refuse(format!("--light-choice {choice}: the AOV shadow is of all lights"))
+            }
+            _ => Ok(()),
+        }
     }
 }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 mod cornell_box;
 mod glb;
+mod lamps;
 mod marble_sphere;
 mod materials;
 mod mesh;
@@ -15,12 +16,13 @@ mod sky;
 mod still_life;
 
 /// File name and contents of each scene, and of the panorama.
-pub fn scenes() -> [(&'static str, Vec<u8>); 5] {
+pub fn scenes() -> [(&'static str, Vec<u8>); 6] {
     [
         ("sphere.glb", marble_sphere::glb()),
         ("box.glb", cornell_box::glb()),
         ("still_life.glb", still_life::glb()),
         ("materials.glb", materials::glb()),
+        ("lamps.glb", lamps::glb()),
         ("sky.exr", sky::exr()),
     ]
 }

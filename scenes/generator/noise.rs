@@ -22,7 +22,7 @@ fn value(p: DVec3) -> f64 {
 }
 
 /// The 3D PCG of Jarzynski and Olano (Hash Functions for GPU Rendering, JCGT 9(3), 2020), its first component.
-fn hash(p: IVec3) -> u32 {
+pub fn hash(p: IVec3) -> u32 {
     let mut v = p.as_uvec3().map(|x| x.wrapping_mul(1664525).wrapping_add(1013904223));
     for round in 0..2 {
         v.x = v.x.wrapping_add(v.y.wrapping_mul(v.z));

@@ -3,11 +3,12 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
+@if(mesh_lights) import package::lib::math::oct_decode16;
 @if(mesh_lights) import package::lib::math::angle_of;
 import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
-    LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
+    LIGHT_COVERAGE, LIGHT_NO_AXIS, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
 @if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
 @if(environment) import package::lib::environment::environment_sample;
@@ -78,11 +79,22 @@ struct LightChoice {
 
 // How likely `choose_light` is to choose the light.
 fn light_probability(light: u32) -> f32 {
-    return light_record_f32(light, 5u).y;
+    @if(uniform_choice) { return 1.0 / f32(light_count()); }
+    @else { return light_record_f32(light, 5u).y; }
 }
 
-// A light, by power; there must be one.
+// A light, by power or alike; there must be one.
 fn choose_light(u: f32) -> LightChoice {
+    @if(uniform_choice) {
+        let count = light_count();
+        let scaled = u * f32(count);
+        let light = min(u32(scaled), count - 1u);
+        return LightChoice(light, 1.0 / f32(count), clamp(scaled - f32(light), 0.0, 1.0 - 1.0 / 16777216.0));
+    }
+    @else { return choose_light_by_power(u); }
+}
+
+fn choose_light_by_power(u: f32) -> LightChoice {
     // The first light whose cumulative probability exceeds u.
     var first = 0u;
     var last = light_count() - 1u;
@@ -200,6 +212,47 @@ fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool 
         at = loop_end;
     }
     return true;
+}
+
+// ---- Potential
+
+// Cosines at the surface and at the emitter that count at least, where any light may arrive: the light is wider than its
+// middle, and normals are rounded. No light that arrives may be left to a chance of nearly nothing.
+const LEAST_COSINE = 0.1;
+const LEAST_EMITTED_COSINE = 0.02;
+// An emitter's normal is rounded to 16 bits a coordinate.
+const BEHIND_EMITTER = -1e-3;
+
+// About the irradiance that the light brings to the surface with nothing in between, in units that all lights share. It is
+// positive wherever `light_dark` is false and the light sends anything: what lights are chosen by.
+fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
+    let emission = light_record(light, 5u).zw;
+    let strength = bitcast<f32>(emission.x);
+    let header = light_record(light, 0u);
+    @if(environment) { if is_environment(light) { return strength; } }
+    @if(point_lights || spot_lights || directional_lights) {
+        let kind = header.x & LIGHT_KIND_MASK;
+        if kind != LIGHT_MESH {
+            let arriving = punctual_at(light, kind, position);
+            let cosine = dot(arriving.direction, normal);
+            let irradiance = (arriving.irradiance.x + arriving.irradiance.y + arriving.irradiance.z) / 3.0;
+            return select(0.0, strength * irradiance * max(cosine, LEAST_COSINE), cosine > 0.0);
+        }
+    }
+    @if(mesh_lights) {
+        let sphere = light_record_f32(light, 1u);
+        let offset = sphere.xyz - position;
+        let radius2 = sphere.w * sphere.w;
+        let distance2 = dot(offset, offset);
+        let inverse = inverseSqrt(max(distance2, radius2));
+        let height = dot(normal, offset) + sphere.w;
+        let behind = dot(oct_decode16(emission.y), offset) * inverse;
+        var emitted = 1.0;
+        if emission.y != LIGHT_NO_AXIS { emitted = select(max(-behind, LEAST_EMITTED_COSINE), 0.0, -behind <= BEHIND_EMITTER); }
+        let cosine = clamp(height * inverse, LEAST_COSINE, 1.0);
+        return select(0.0, strength * emitted * cosine / (distance2 + radius2), height > 0.0);
+    }
+    @else { return 0.0; }
 }
 
 // ---- Sampling

@@ -8,6 +8,7 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::gpu::{DeviceChoice, Gpu};
 use penumbra::report::reference::Reference;
+use penumbra::settings::LightChoice;
 use penumbra::scene::{ImportOptions, Panorama};
 use penumbra::tables::camera::CameraUniform;
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
@@ -244,6 +245,15 @@ pub struct SettingsOptions {
     #[arg(long, value_name = "PIXELS", help_heading = "Visibility map")]
     dilate: Option<u32>,
 
+    /// Lights that a point asks, and by what they are chosen [default: zones of many lights where there are photons, else all;
+    /// power of paths]
+    #[arg(long, value_name = "CHOICE", value_parser = light_choices(), help_heading = "Many lights")]
+    light_choice: Option<LightChoice>,
+
+    /// Lights that a point asks where they are chosen
+    #[arg(long, value_name = "N", default_value_t = Settings::default().chosen_lights, help_heading = "Many lights")]
+    chosen_lights: u32,
+
     /// Probability of a shadow ray where the photons decide: keeps the image unbiased; 0 is the paper, and biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().audit, help_heading = "Visibility map")]
     audit: f32,
@@ -310,6 +320,8 @@ impl SettingsOptions {
             shadow_photons_per_ray: self.shadow_photons_per_ray,
             shadow_samples: self.shadow_samples,
             dilate: self.dilate,
+            light_choice: self.light_choice,
+            chosen_lights: self.chosen_lights,
             audit: self.audit,
             paper_counting: self.paper_counting,
             cells: self.cells,
@@ -343,6 +355,19 @@ pub fn techniques() -> impl TypedValueParser<Value = Technique> {
             }
             Technique::PhotonMap => "the photon map shown directly, by density estimation",
             Technique::NegativePhotons => "everything taken as lit, shadow photons take their energy away",
+        })
+    });
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
+}
+
+/// One of the choices of lights, by name.
+fn light_choices() -> impl TypedValueParser<Value = LightChoice> {
+    let values = LightChoice::ALL.map(|choice| {
+        PossibleValue::new(choice.name()).help(match choice {
+            LightChoice::All => "all lights",
+            LightChoice::Uniform => "a few, each as likely as the other",
+            LightChoice::Power => "a few, half by power and half alike",
+            LightChoice::Zones => "a few of those that reach the zone, as photons tell",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

@@ -16,6 +16,7 @@ macro_rules! shaders {
 shaders!(
     "cache",
     "cells",
+    "choose",
     "classify",
     "film",
     "flux",
@@ -28,6 +29,7 @@ shaders!(
     "shade",
     "shadow",
     "ward",
+    "zones",
     "lib/alpha",
     "lib/bsdf",
     "lib/bvh",
@@ -105,6 +107,12 @@ pub const FEATURES: &[&str] = &[
     "voxel_tags",
     // Method: lights are tested in the order of what they could contribute.
     "ward",
+    // Method: points ask a few of many lights, which a pass chooses.
+    "light_choice",
+    // Method: lights are chosen alike, not by power.
+    "uniform_choice",
+    // Method: photons tell which lights reach a zone, and are chosen there.
+    "zones",
     // Method: decided points are audited.
     "audit",
     // Method: rays end where photons have brought flux.
@@ -162,6 +170,9 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_GATHER", 0xb000_0000),
     ("DIMENSION_CHAIN", 0xc000_0000),
     ("DIMENSION_CELL", 0xd000_0000),
+    ("DIMENSION_CHOICE", 0xe000_0000),
+    ("MAX_LIGHTS", crate::passes::grid::MAX_LIGHTS),
+    ("ZONE_LIGHTS", crate::passes::zones::ZONE_LIGHTS),
     ("MAX_GROUPS", super::frame::MAX_GROUPS),
     ("LEAST_RADIUS_PIXELS", crate::passes::gather::LEAST_RADIUS_PIXELS),
     ("PATH_GROUP", crate::passes::path::GROUP),
@@ -195,6 +206,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
     ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
     ("LIGHT_COVERAGE", crate::tables::lights::COVERAGE),
+    ("LIGHT_NO_AXIS", crate::tables::lights::NO_AXIS),
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),

@@ -69,6 +69,12 @@ impl Bindings for Resources<'_> {
     }
 }
 
+impl<const N: usize> Bindings for [&dyn Bindings; N] {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        self.iter().find_map(|set| set.get(name))
+    }
+}
+
 /// Declares the bindings of a pass: a struct whose fields are the WGSL variable names.
 #[macro_export]
 macro_rules! bindings {

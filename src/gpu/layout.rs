@@ -57,9 +57,11 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::irradiance::IrradianceParameters::SHARED,
     &passes::photons::PhotonParameters::SHARED,
     &passes::path::PathParameters::SHARED,
+    &passes::choose::ChooseParameters::SHARED,
     &passes::shade::ShadeParameters::SHARED,
     &passes::shadow::ShadowParameters::SHARED,
     &passes::ward::WardParameters::SHARED,
+    &passes::zones::ZoneParameters::SHARED,
     &passes::ward::WardState::SHARED,
     &tables::CameraUniform::SHARED,
 ];

@@ -74,14 +74,20 @@ impl GridShape {
 
     /// As [`GridShape::new`]: a cell on an evenly covered surface holds `per_cell` photons, at least 1.
     pub fn with_cells_of(per_cell: f32, bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
+        // Cells beyond twice the photons would be empty, most of them.
+        let most = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons));
+        Self::with_most_cells(per_cell, bounds, area, photons, most)
+    }
+
+    /// The same, of no more than `most` cells, all lights together.
+    pub fn with_most_cells(per_cell: f32, bounds: (Vec3, Vec3), area: f32, photons: u32, most: f64) -> GridShape {
         // A border keeps photons on the scene's hull off the grid's.
         let border = 1e-3f32.max((bounds.1 - bounds.0).max_element() * 1e-3);
         let (low, high) = (bounds.0 - border, bounds.1 + border);
         let extent = (high - low).as_dvec3();
         let per_cell = f64::from(per_cell.max(1.0));
         let mut cell = (f64::from(area) * per_cell / f64::from(photons.max(1))).sqrt();
-        // Cells beyond twice the photons would be empty, most of them.
-        let most = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons)).max(1.0);
+        let most = most.max(1.0);
         cell = cell.clamp(extent.max_element() / 2048.0, extent.max_element());
         let size = |cell: f64| (extent / cell).ceil().max(glam::DVec3::ONE);
         while size(cell).element_product() > most && cell < extent.max_element() {

@@ -2,6 +2,7 @@
 
 pub mod cache;
 pub mod cells;
+pub mod choose;
 pub mod classify;
 pub mod film;
 pub mod flux;
@@ -14,6 +15,7 @@ pub mod primary;
 pub mod shade;
 pub mod shadow;
 pub mod ward;
+pub mod zones;
 
 use crate::gpu::{Buffer, Features, Gpu, Kernel, compose};
 use crate::{Result, shared_struct};

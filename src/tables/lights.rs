@@ -10,7 +10,7 @@ use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
 use super::environment::EnvironmentTable;
-use super::sobol;
+use super::{oct_encode16, sobol};
 
 /// Kinds of lights, and flags, in the first word of a light's records.
 pub(crate) const MESH: u32 = 0;
@@ -55,6 +55,8 @@ pub struct LightInfo {
     /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
     /// directional light and of the environment: through the disc that covers the scene.
     pub power: f64,
+    /// What it sends where, about.
+    pub emission: Emission,
     /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
     pub closed_form: bool,
     /// Edges of its contours; 0 where there is no closed form and of punctual lights.
@@ -70,6 +72,19 @@ pub struct LightInfo {
     /// Radius of that sphere; 0 of point and spot lights, and of the environment.
     pub radius: f32,
 }
+
+/// About what a light sends into a direction, mean of the three channels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Largest radiant intensity, or the mean over all directions where there is no axis; of directional lights and the
+    /// environment irradiance.
+    pub strength: f64,
+    /// The normal of a light that lies in a plane and shines from one side, by the cosine law.
+    pub axis: Option<Vec3>,
+}
+
+/// [`Emission::axis`] where there is none, in the records: no normal has this code, as -32768 is no signed 16-bit fraction.
+pub(crate) const NO_AXIS: u32 = 0x8000_8000;
 
 impl LightTables {
     /// Uploads the lights of a scene whose triangles are in the order of the BVH.
@@ -130,24 +145,31 @@ fn bits(v: Vec3, w: f32) -> [u32; 4] {
 
 impl Build {
     /// Writes how likely each light is to be chosen: half by power, half alike, so that a weak light near by is not
-    /// left to rare samples of great weight.
+    /// left to rare samples of great weight; and what the kernels' `light_potential` needs.
     fn choose(&mut self) {
         let count = self.lights.len() as f64;
         let total: f64 = self.lights.iter().map(|light| light.power).sum();
         let mut cumulative = 0.0;
         let mut below = 0f32;
+        // In units of the strongest: its weight anywhere is about 1 over a squared distance, whatever the scene's units.
+        let unit = self.lights.iter().map(|light| light.emission.strength).fold(f64::MIN_POSITIVE, f64::max);
         for (i, light) in self.lights.iter().enumerate() {
             cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };
             // As for emitter triangles, the probabilities are those of the rounded numbers.
             let end = if i + 1 == self.lights.len() { 1.0 } else { cumulative as f32 };
-            self.records[(i + 1) * RECORDS as usize - 1] = [end.to_bits(), (end - below).to_bits(), 0, 0];
+            let Emission { strength, axis } = light.emission;
+            let strength = if light.punctual { 1.0 / unit } else { strength / unit };
+            let axis = axis.map_or(NO_AXIS, oct_encode16);
+            self.records[(i + 1) * RECORDS as usize - 1] =
+                [end.to_bits(), (end - below).to_bits(), (strength as f32).to_bits(), axis];
             below = end;
         }
     }
 
     fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
-        let punctual = |power, centre, radius| LightInfo {
+        let punctual = |power, strength, centre, radius| LightInfo {
             power,
+            emission: Emission { strength, axis: None },
             closed_form: true,
             contour_edges: 0,
             two_sided: false,
@@ -165,7 +187,8 @@ impl Build {
             LightKind::Point { position, intensity, range } => {
                 let kind = [POINT | CLOSED_FORM, 0, 0, 0];
                 self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none, none]);
-                punctual(mean(*intensity) * 4.0 * std::f64::consts::PI, *position, 0.0)
+                let strength = mean(*intensity);
+                punctual(strength * 4.0 * std::f64::consts::PI, strength, *position, 0.0)
             }
             LightKind::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
                 let kind = [SPOT | CLOSED_FORM, 0, 0, 0];
@@ -175,7 +198,7 @@ impl Build {
                 // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
                 let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
                 let steradians = 2.0 * std::f64::consts::PI * ((1.0 - inner) + (inner - outer) / 3.0);
-                punctual(mean(*intensity) * steradians, *position, 0.0)
+                punctual(mean(*intensity) * steradians, mean(*intensity), *position, 0.0)
             }
             LightKind::Directional { direction, irradiance } => {
                 let kind = [DIRECTIONAL | CLOSED_FORM, 0, 0, 0];
@@ -183,7 +206,7 @@ impl Build {
                 let disc = bits(centre, radius);
                 self.records.extend([kind, none, bits(*irradiance, 0.0), bits(*direction, 0.0), disc, none]);
                 let area = std::f64::consts::PI * f64::from(radius).powi(2);
-                punctual(mean(*irradiance) * area, centre, radius)
+                punctual(mean(*irradiance) * area, mean(*irradiance), centre, radius)
             }
             LightKind::Environment { .. } => self.push_environment(scene),
         };
@@ -197,6 +220,8 @@ impl Build {
         let irradiance = self.environment.as_ref().map_or(0.0, |environment| environment.irradiance);
         LightInfo {
             power: irradiance * std::f64::consts::PI * f64::from(radius).powi(2),
+            // A surface gets about half of what comes across all directions.
+            emission: Emission { strength: irradiance / 2.0, axis: None },
             closed_form: false,
             contour_edges: 0,
             two_sided: false,
@@ -264,13 +289,18 @@ impl Build {
         ]);
         let sides = if two_sided { 2.0 } else { 1.0 };
         let normals = contours.iter().flatten().map(|contour| contour.normal);
+        let power = total * std::f64::consts::PI * sides;
+        let planar = contours.is_some() && normals.clone().all(|n| normals.clone().all(|m| m == n));
+        let axis = normals.clone().next().filter(|_| planar && !two_sided);
         LightInfo {
-            power: total * std::f64::consts::PI * sides,
+            power,
+            // Along the axis the radiance times the area; without one, the mean over all directions.
+            emission: Emission { strength: axis.map_or(power / (4.0 * std::f64::consts::PI), |_| total), axis },
             closed_form: contours.is_some(),
             contour_edges: contours.iter().flatten().map(|contour| contour.vertices.len()).sum(),
             two_sided,
             punctual: false,
-            planar: contours.is_some() && normals.clone().all(|n| normals.clone().all(|m| m == n)),
+            planar,
             centre,
             radius,
         }

@@ -5,7 +5,8 @@
 //! one only boundary and unknown points do; and the visibility estimate asks none where there are photons at all.
 
 use crate::Result;
-use crate::gpu::{Buffer, Features, Frame, Gpu};
+use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
+use crate::passes::choose::BoundChoose;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
 use crate::passes::film::{Film, Plane};
 use crate::passes::shade::{BoundShade, Shade, ShadeParameters};
@@ -16,15 +17,22 @@ use crate::settings::{Aov, Settings};
 use crate::tables::SceneTables;
 
 use super::earlier::{BoundEarlier, Earlier, EarlierKernels};
+use super::light_choice::{Choice, ChoiceKernels};
 use super::totals::Totals;
 use super::visibility_map::{MapKernels, MapState, VisibilityMap};
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
 
-/// Most points of a tile that the technique can work on at once, all lights of a point together where it must.
-pub(super) fn most_points(features: &Features, lights: usize) -> u32 {
-    if features.has("ward") { (CHUNK_SLOTS / lights.max(1) as u32).max(1) } else { u32::MAX }
+/// Most points of a tile that the technique can work on at once, all lights of a point together where it must, and so that what is
+/// counted of a tile, light points of all lights at most, fits a word.
+pub(super) fn most_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
+    let lights = lights.max(1) as u32;
+    if features.has("ward") {
+        return (CHUNK_SLOTS / lights).max(1);
+    }
+    let asked = if features.has("light_choice") { settings.chosen_lights } else { lights };
+    (u32::MAX / asked.saturating_mul(settings.shadow_samples)).max(1)
 }
 
 /// Most words of visibilities at once: half of the smallest storage binding that devices offer.
@@ -44,6 +52,7 @@ pub(super) struct Kernels {
     shade: Shade,
     map: Option<MapKernels>,
     earlier: Option<EarlierKernels>,
+    choice: Option<ChoiceKernels>,
     /// They audit.
     audit: bool,
 }
@@ -52,20 +61,21 @@ impl Kernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<Kernels> {
         // Elsewhere the photons' visibility is a control variate, for which any guess will do.
         let exact_counts = features.has("aov_shadow") || features.has("visibility_estimate");
-        let ((classify, (map, earlier)), (shadow, shade)) = rayon::join(
+        let ((classify, (map, (earlier, choice))), (shadow, shade)) = rayon::join(
             || {
                 let map =
                     || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings));
+                let choice = || ChoiceKernels::new(gpu, features, constants, settings);
                 rayon::join(
                     || Classify::new(gpu, features, settings.nearest, exact_counts),
-                    || rayon::join(map, || EarlierKernels::new(gpu, features, constants)),
+                    || rayon::join(map, || rayon::join(|| EarlierKernels::new(gpu, features, constants), choice)),
                 )
             },
             || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
-        let (map, earlier) = (map.transpose()?, earlier?);
+        let (map, earlier, choice) = (map.transpose()?, earlier?, choice?);
         let audit = features.has("audit");
-        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map, earlier, audit })
+        Ok(Kernels { classify: classify?, shadow: shadow?, shade: shade?, map, earlier, choice, audit })
     }
 }
 
@@ -73,8 +83,10 @@ pub(super) struct Direct {
     buffers: Buffers,
     map: Option<VisibilityMap>,
     earlier: Option<Earlier>,
+    choice: Option<Choice>,
     passes: Passes,
     bound: Bound,
+    /// That each point asks.
     lights: u32,
     lights_in_chunk: u32,
     /// Words of visibilities of a slot.
@@ -101,6 +113,7 @@ struct Buffers {
 
 /// The passes bound to the current map: a new grid binds anew.
 struct Bound {
+    choose: Option<BoundChoose>,
     classify: BoundClassify,
     earlier: Option<BoundEarlier>,
     shadow: BoundShadow,
@@ -125,18 +138,25 @@ pub(super) struct Shared<'a> {
 }
 
 impl Direct {
-    /// Makes the map and the buffers for tiles of `points` points.
+    /// Makes the map and the buffers for tiles of `points` points. `before`: what there was of it with a map, of which the choice of
+    /// lights stays.
     pub fn new(
         shared: &Shared<'_>,
         kernels: Kernels,
+        before: Option<Direct>,
         points: u32,
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<Direct> {
         let Shared { gpu, scene, tables, .. } = *shared;
-        let Kernels { classify, shadow, shade, map, earlier, audit } = kernels;
+        let Kernels { classify, shadow, shade, map, earlier, choice, audit } = kernels;
         let audit_probability = if audit { settings.audit } else { 0.0 };
-        let lights = scene.lights.len() as u32;
+        let choice = match (before.and_then(|before| before.choice), choice) {
+            (Some(choice), _) => Some(choice),
+            (None, Some(kernels)) => Some(Choice::new(gpu, kernels, scene, tables, points, settings, totals)?),
+            (None, None) => None,
+        };
+        let lights = choice.as_ref().map_or(scene.lights.len() as u32, Choice::slots);
         let words = settings.shadow_samples.div_ceil(32);
         let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words));
         // Of a light `shade` takes a turn, one for each light point, and those of the closed form.
@@ -158,12 +178,13 @@ impl Direct {
         let wide = tables.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
         let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
-        let bound = passes.bind(shared, &buffers, map.as_ref(), earlier.as_ref(), dilate)?;
+        let bound = passes.bind(shared, &buffers, map.as_ref(), earlier.as_ref(), choice.as_ref(), dilate)?;
         let settings = settings.clone();
         Ok(Direct {
             buffers,
             map,
             earlier,
+            choice,
             passes,
             bound,
             lights,
@@ -177,6 +198,9 @@ impl Direct {
 
     /// Adds the direct light of every light to the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, films: &[ShadowFilm]) {
+        if let Some(choose) = &self.bound.choose {
+            choose.record(frame, tile);
+        }
         for first_light in (0..self.lights).step_by(self.lights_in_chunk as usize) {
             let lights = self.lights_in_chunk.min(self.lights - first_light);
             let audit_probability = self.audit_probability;
@@ -234,7 +258,7 @@ impl Direct {
     pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
         if map.heal(shared.gpu, due, totals)? {
-            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.dilate)?;
+            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.choice.as_ref(), self.dilate)?;
         }
         Ok(())
     }
@@ -255,7 +279,7 @@ impl Direct {
             return Ok(self.earlier.as_ref().map_or(state.rest.is_empty(), fits));
         };
         let fits = map.restore(shared.gpu, state, totals)?;
-        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.dilate)?;
+        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.choice.as_ref(), self.dilate)?;
         Ok(fits)
     }
 
@@ -265,6 +289,7 @@ impl Direct {
             + self.buffers.visibility.bytes
             + self.buffers.shadow_samples.as_ref().map_or(0, |b| b.bytes)
             + self.earlier.as_ref().map_or(0, Earlier::frame_bytes)
+            + self.choice.as_ref().map_or(0, Choice::frame_bytes)
     }
 }
 
@@ -275,9 +300,12 @@ impl Passes {
         buffers: &Buffers,
         map: Option<&VisibilityMap>,
         earlier: Option<&Earlier>,
+        choice: Option<&Choice>,
         dilate: u32,
     ) -> Result<Bound> {
         let Shared { gpu, tables, tile, .. } = *shared;
+        let chosen = choice.map(Choice::resources).unwrap_or_default();
+        let scene: [&dyn Bindings; 2] = [tables, &chosen];
         let classes = buffers.classify.final_classes(dilate);
         let shadow = ShadowBuffers {
             classes,
@@ -291,9 +319,10 @@ impl Passes {
         let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, tables);
         Ok(Bound {
             earlier: earlier.map(bind).transpose()?,
-            classify: self.classify.bind(gpu, tile, map.map(VisibilityMap::grid), &buffers.classify, tables)?,
-            shadow: self.shadow.bind(gpu, tile, &shadow, tables)?,
-            shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, tables)?,
+            choose: choice.map(|choice| choice.bind(gpu, tile, tables)).transpose()?,
+            classify: self.classify.bind(gpu, tile, map.map(VisibilityMap::grid), &buffers.classify, &scene)?,
+            shadow: self.shadow.bind(gpu, tile, &shadow, &scene)?,
+            shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, &scene)?,
         })
     }
 }

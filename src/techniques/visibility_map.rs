@@ -3,8 +3,8 @@
 use crate::Result;
 use crate::gpu::{Buffer, Features, Gpu};
 use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
-use crate::passes::photons::Photons;
-use crate::scene::Scene;
+use crate::passes::photons::{Photons, Traced};
+use crate::scene::{Light, Scene};
 use crate::settings::Settings;
 use crate::statistics::{Counter, LightPhotons};
 use crate::tables::SceneTables;
@@ -96,16 +96,7 @@ impl VisibilityMap {
         let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);
-        let counts = traced.emitted.iter().zip(&traced.stored);
-        let by_light =
-            scene.placed_lights().iter().zip(counts).map(|(light, (emitted, [illumination, shadow]))| LightPhotons {
-                light: light.name.clone(),
-                emitted: u64::from(*emitted),
-                illumination: u64::from(*illumination),
-                shadow: u64::from(*shadow),
-                healed: 0,
-            });
-        totals.photons = by_light.collect();
+        totals.photons = by_light(scene, &traced);
         let (bounds, area) = extent(scene);
         let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
@@ -192,6 +183,19 @@ impl VisibilityMap {
     pub fn heal_buffers(&self) -> [&Buffer; 2] {
         [&self.heal_photons, &self.heal_count]
     }
+}
+
+/// What was traced of each light.
+pub(super) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
+    let counts = traced.emitted.iter().zip(&traced.stored);
+    let of_light = |(light, (emitted, [illumination, shadow])): (&Light, (&u32, &[u32; 2]))| LightPhotons {
+        light: light.name.clone(),
+        emitted: u64::from(*emitted),
+        illumination: u64::from(*illumination),
+        shadow: u64::from(*shadow),
+        healed: 0,
+    };
+    scene.placed_lights().iter().zip(counts).map(of_light).collect()
 }
 
 /// Bounds and area of the scene's surfaces.

@@ -1,0 +1,105 @@
+//! Pass `zones`: light zones, which the paper proposes for scenes of many lights: each cell of a coarse grid knows which lights
+//! reach it, from the photons.
+
+use glam::Vec3;
+
+use crate::gpu::buffer::{TableFormat, whole_rows};
+use crate::gpu::{Binding, Bindings, Buffer, Features, Frame, Gpu, Kernel, Table};
+use crate::{Result, bindings, shared_struct};
+
+use super::grid::{GridShape, SortedPhotons};
+use super::kernel;
+
+/// Most lights that a zone lists, a multiple of four; a word each. What does not fit is left to audits, which tell little of much
+/// light. They share a workgroup's memory with those of 63 other points: more would not fit every device.
+pub const ZONE_LIGHTS: u32 = 64;
+
+/// Most zones: 8 MiB of lists.
+const MAX_ZONES: f64 = (1u32 << 15) as f64;
+
+/// Photons of a light that a zone and those around it hold where all surfaces have as many: nine zones on an even surface.
+/// Lights near by leave many times more.
+const PHOTONS_PER_LIGHT: f32 = 4.0;
+
+/// Invocations of a workgroup, one workgroup a zone.
+const GROUP: u32 = 256;
+
+shared_struct! {
+    /// Immediates of the pass; see `shaders/zones.wgsl`.
+    pub struct ZoneParameters {
+        zones: GridShape,
+        light_count: u32,
+        environment: u32,
+        padding: [u32; 2],
+    }
+}
+
+bindings! {
+    /// What the kernel reads beside the photons, and what it writes.
+    struct ZoneBindings { light_powers, listed_lights }
+}
+
+/// The pass; see `shaders/zones.wgsl`.
+pub struct Zones(Kernel);
+
+/// The lights of each zone, bound as `zone_lists`.
+pub struct ZoneTable {
+    /// Shape of the grid of zones.
+    pub shape: GridShape,
+    /// Bytes on the device.
+    pub bytes: u64,
+    /// [`ZONE_LIGHTS`] words a zone, x fastest, padded to whole rows of a table.
+    pub lists: Buffer,
+    table: Table,
+}
+
+impl Bindings for ZoneTable {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        (name == "zone_lists").then(|| (&self.table).into())
+    }
+}
+
+/// Zones over `bounds` (least and greatest corner) for so many photons of `lights` lights in all, on surfaces of area `area`.
+pub fn zone_shape(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
+    let per_zone = PHOTONS_PER_LIGHT * lights as f32 / 9.0;
+    GridShape::with_most_cells(per_zone, bounds, area, photons, MAX_ZONES)
+}
+
+impl Zones {
+    /// Compiles the kernel.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn new(gpu: &Gpu, features: &Features) -> Result<Zones> {
+        // Photons are sorted by zone alone.
+        let features = features.clone().with("light_tags", false);
+        Ok(Zones(kernel(gpu, "zones", &features, &[], ZoneBindings::NAMES)?))
+    }
+
+    /// Lists the lights of every zone. `powers` are those of the lights that photons are of, in any unit; `environment`: one more
+    /// light, which has none, is in every list.
+    ///
+    /// # Errors
+    /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`].
+    pub fn list(&self, gpu: &Gpu, photons: &SortedPhotons, powers: &[f64], environment: bool) -> Result<ZoneTable> {
+        let largest = powers.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let powers: Vec<f32> = powers.iter().map(|power| (power / largest) as f32).collect();
+        let light_powers = gpu.upload("penumbra/zones/light_powers", &powers)?;
+        let zones = photons.shape.cells();
+        let records = whole_rows((zones * ZONE_LIGHTS / 4) as usize);
+        let lists = gpu.buffer::<[u32; 4]>("penumbra/zones/listed_lights", records)?;
+        let own = ZoneBindings { light_powers: &light_powers, listed_lights: &lists };
+        let bound = self.0.bind(gpu, "list", &[&own, photons])?;
+        let parameters = ZoneParameters {
+            zones: photons.shape,
+            light_count: powers.len() as u32,
+            environment: u32::from(environment),
+            padding: [0; 2],
+        };
+        let mut frame: Frame<'_> = gpu.frame("zones");
+        frame.run(&bound, zones * GROUP, &parameters);
+        let table = gpu.kernel_table(&mut frame, lists.clone(), TableFormat::Uint)?;
+        frame.submit()?;
+        Ok(ZoneTable { shape: photons.shape, bytes: lists.bytes, lists, table })
+    }
+}
