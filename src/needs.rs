@@ -143,8 +143,11 @@ impl Needs {
         let many = placed > MAX_LIGHTS as usize;
         let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
         let sparse = few && placed > MAPPED_LIGHTS;
-        let unneeded =
-            if sparse { format!("of {placed} lights photons would be too sparse to tell what is lit") } else { unneeded };
+        let unneeded = if sparse {
+            format!("of {placed} lights photons would be too sparse to tell what is lit")
+        } else {
+            unneeded
+        };
         let wanted = map && !many && !sparse && placed > 0 && !scene.triangles.is_empty();
         let mut why = format!("{photons} photons tell lit and shadowed points apart");
         if panorama.is_some() {
@@ -308,28 +311,35 @@ fn light_choice(scene: &Scene, settings: &Settings) -> (LightChoice, String) {
         let choice = settings.light_choice.unwrap_or(LightChoice::Power);
         return (choice, "paths ask one light at each vertex".into());
     }
+    let all = |why: String| (LightChoice::All, why);
+    let technique = settings.technique;
     if lights <= chosen || scene.triangles.is_empty() {
-        return (LightChoice::All, format!("points ask all of {lights} lights"));
+        return all(format!("{lights} lights are few enough to ask all of them"));
     }
+    if settings.aovs.contains(&Aov::Shadow) {
+        return all("the AOV shadow is of all lights".into());
+    }
+    if !technique.uses_visibility_map() && technique != Technique::TwoPass {
+        return all(format!("the technique {technique} asks all lights"));
+    }
+    let asked =
+        |choice: LightChoice| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
     match settings.light_choice {
-        Some(LightChoice::Zones) if !photons => {
-            let why = format!("a photon's word has room for {MAX_LIGHTS} lights: points ask {chosen} of {lights} by power");
-            (LightChoice::Power, why)
-        }
-        Some(LightChoice::All) => (LightChoice::All, "--light-choice all".into()),
-        Some(choice) => (choice, format!("points ask {chosen} of {lights} lights: {choice}")),
+        Some(LightChoice::Uniform) => asked(LightChoice::Uniform),
+        Some(LightChoice::Power) => asked(LightChoice::Power),
+        Some(LightChoice::All) => all("--light-choice all".into()),
+        None if technique == Technique::TwoPass => all(format!("the technique {technique} asks all lights")),
         None if lights <= Settings::MANY_LIGHTS as usize => {
-            (LightChoice::All, format!("points ask all of {lights} lights"))
+            all(format!("{lights} lights are few enough to ask all of them"))
         }
-        None if !settings.technique.uses_visibility_map() => {
-            (LightChoice::All, format!("the technique {} asks all lights", settings.technique))
+        _ if photons => {
+            (LightChoice::Zones, format!("points ask {chosen} of {lights} lights, by what reaches their zone"))
         }
-        None if settings.aovs.contains(&Aov::Shadow) => (LightChoice::All, "the AOV shadow is of all lights".into()),
-        None if !photons => {
-            let why = format!("a photon's word has room for {MAX_LIGHTS} lights: points ask {chosen} of {lights} by power");
+        _ => {
+            let why =
+                format!("points ask {chosen} of {lights} lights by power: a photon's word has room for {MAX_LIGHTS}");
             (LightChoice::Power, why)
         }
-        None => (LightChoice::Zones, format!("points ask {chosen} of {lights} lights, by what reaches their zone")),
     }
 }
 

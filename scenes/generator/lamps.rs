@@ -28,7 +28,8 @@ pub fn glb() -> Vec<u8> {
     // Each wall in two pieces, with a door in between.
     let length = 0.25 * ROOM - 0.5 * DOOR;
     let across = DVec3::new(length, 0.5 * WALL, 0.03);
-    let walls = [across, DVec3::new(across.z, across.y, across.x)].map(|half| glb.mesh("wall", &Mesh::cuboid(half), grey));
+    let walls =
+        [across, DVec3::new(across.z, across.y, across.x)].map(|half| glb.mesh("wall", &Mesh::cuboid(half), grey));
     for line in 0..=ROOMS {
         for room in 0..ROOMS {
             for side in [-1.0, 1.0] {

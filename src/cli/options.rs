@@ -8,8 +8,8 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::gpu::{DeviceChoice, Gpu};
 use penumbra::report::reference::Reference;
-use penumbra::settings::LightChoice;
 use penumbra::scene::{ImportOptions, Panorama};
+use penumbra::settings::LightChoice;
 use penumbra::tables::camera::CameraUniform;
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 

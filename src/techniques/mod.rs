@@ -228,7 +228,8 @@ impl<'g> Renderer<'g> {
         let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
         let shared = Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
-        let direct = direct.map(|direct| Direct::new(&shared, direct, None, points, settings, &mut totals)).transpose()?;
+        let direct =
+            direct.map(|direct| Direct::new(&shared, direct, None, points, settings, &mut totals)).transpose()?;
         let view = CameraUniform::new(camera, settings.width, settings.height);
         let indirect = Indirect::new(&shared, &primary, &indirect_kernels, &view, settings, 0, &mut totals)?;
         let first_rows = (0..settings.height).step_by(rows as usize);

@@ -54,6 +54,7 @@ fn help_states_the_defaults_and_names() {
         ("--cells <", cells.to_string()),
         ("--cell-rays <", cell_rays.to_string()),
         ("--shadow-tolerance <", shadow_tolerance.to_string()),
+        ("--chosen-lights <", Settings::default().chosen_lights.to_string()),
     ] {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");
@@ -92,6 +93,14 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --audit 1.5", "--audit"),
         ("render no-scene.glb -o x.png --audit nan", "--audit"),
         ("render no-scene.glb -o x.png --cells 257", "--cells"),
+        ("render no-scene.glb -o x.png --light-choice some", "--light-choice"),
+        ("render no-scene.glb -o x.png --light-choice zones --technique path", "--light-choice"),
+        ("render no-scene.glb -o x.png --light-choice all --technique path", "--light-choice"),
+        ("render no-scene.glb -o x.png --light-choice zones --technique two-pass", "--light-choice"),
+        ("render no-scene.glb -o x.png --light-choice power --technique voxel-tags", "--light-choice"),
+        ("render no-scene.glb -o x.exr --light-choice power --aov shadow", "--light-choice"),
+        ("render no-scene.glb -o x.png --chosen-lights 1", "--chosen-lights"),
+        ("render no-scene.glb -o x.png --chosen-lights 65", "--chosen-lights"),
         ("render no-scene.glb -o x.png --cell-rays 0", "--cell-rays"),
         ("render no-scene.glb -o x.png --shadow-tolerance nan", "--shadow-tolerance"),
         ("render no-scene.glb -o x.png --light-scale -1", "--light-scale"),

@@ -6,6 +6,7 @@ mod direct;
 mod earlier;
 mod environment;
 mod indirect;
+mod many_lights;
 #[path = "../common/meshes.rs"]
 mod meshes;
 mod models;

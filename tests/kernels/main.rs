@@ -3,6 +3,7 @@
 mod bsdf;
 mod cache;
 mod cells;
+mod choose;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
@@ -32,3 +33,4 @@ mod statistics;
 mod terminator;
 mod traverse;
 mod ward;
+mod zones;

@@ -1,0 +1,108 @@
+//! A few of many lights at each point: the same image, from a fraction of the rays.
+
+use glam::{DVec3, Vec3};
+use penumbra::scene::{LightKind, Scene};
+use penumbra::settings::LightChoice;
+use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
+
+use crate::meshes::{camera, cube, inside_out, scene, square, surface};
+use crate::setup::{deviation, mean_and_error, render_scene};
+
+/// Four rooms under `lights` point lights and a square one, the strongest a hundred times the weakest.
+fn rooms(lights: u32) -> (Scene, Camera) {
+    let wall = |across: DVec3| {
+        let slab = cube(DVec3::ZERO, 0.5);
+        let shape = DVec3::new(0.02, 0.8, 0.9) * across.x + DVec3::new(0.9, 0.8, 0.02) * across.z;
+        slab.iter().map(|corners| corners.map(|p| p * shape + DVec3::new(0.0, -0.1, -0.05))).collect::<Vec<_>>()
+    };
+    let lamp = |i: u32| {
+        let at = |step: f64| (f64::from(i) * step).fract() * 0.94 - 0.47;
+        // Two irrational steps: nowhere in rows.
+        let position =
+            DVec3::new(at(0.754_877_666), -0.2 + 0.3 * (at(0.381_966_011) + 0.5), at(0.569_840_291)).as_vec3();
+        let intensity = Vec3::splat(2.0 / lights as f32 * 0.01f32.powf((i * 29 % lights) as f32 / lights as f32));
+        LightKind::Point { position, intensity, range: f32::INFINITY }
+    };
+    let meshes = [
+        (inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)),
+        ([wall(DVec3::X), wall(DVec3::Z)].concat(), surface(0.5, 0.0)),
+        (square(DVec3::new(0.2, 0.0, 0.2), DVec3::X * 0.05, DVec3::Z * 0.05), surface(0.0, 1.0)),
+    ];
+    let view = camera(DVec3::new(0.1, 0.45, 0.4), DVec3::new(-0.15, -0.9, -0.6), 1.6);
+    (scene(&meshes, (0..lights).map(lamp).collect()), view)
+}
+
+fn render(lights: u32, changed: impl Fn(Settings) -> Settings) -> (Image, Statistics) {
+    let (scene, view) = rooms(lights);
+    let settings = Settings {
+        width: 32,
+        height: 32,
+        max_bounces: 0,
+        photons: 2000,
+        aovs: vec![Aov::Variance],
+        ..Settings::default()
+    };
+    render_scene(scene, &view, &changed(settings))
+}
+
+fn has(statistics: &Statistics, part: &str) -> bool {
+    statistics.kept.iter().any(|kept| kept == part)
+}
+
+/// Zones, power and equal chances give the image that asks all lights; zones also where no photon speaks for most of the lights, as
+/// long as they are audited. Without audits what they do not speak for is missing, which is seen.
+#[test]
+fn chosen_lights_bring_all_light() {
+    let settings = |spp, seed| move |settings: Settings| Settings { spp, seed, ..settings };
+    let all = render(200, |s| Settings { technique: Technique::TwoPass, ..settings(8, 1)(s) });
+    assert!(!has(&all.1, "light_choice"));
+    let truth = mean_and_error(&all.0, "G");
+    println!("all lights: {truth:?}, {} rays", all.1.rays.shadow);
+    let of = |what: &str, image: &(Image, Statistics)| {
+        let found = mean_and_error(&image.0, "G");
+        let off = deviation(found, truth);
+        println!(
+            "{what}: {found:?}, {off} standard errors off, {} rays, kept {}",
+            image.1.rays.shadow,
+            image.1.kept.join(" ")
+        );
+        (found, off)
+    };
+
+    let zones = render(200, settings(32, 2));
+    assert!(has(&zones.1, "zones") && has(&zones.1, "light_choice"));
+    let (found, off) = of("zones", &zones);
+    assert!(off < 3.5 && found.1 < 0.02 * found.0, "zones: {off}");
+    // By the sample, eight of 201 lights.
+    assert!(zones.1.rays.shadow / 32 < all.1.rays.shadow / 8 / 10, "{} rays", zones.1.rays.shadow);
+
+    for choice in [LightChoice::Power, LightChoice::Uniform] {
+        let some = render(200, |s| Settings { light_choice: Some(choice), ..settings(32, 3)(s) });
+        let ((_, error), off) = of(choice.name(), &some);
+        assert!(off < 3.5, "{choice}: {off}");
+        assert!(error > 2.0 * found.1, "{choice} is no noisier than zones: {error}");
+        let paths =
+            render(200, |s| Settings { technique: Technique::Path, light_choice: Some(choice), ..settings(64, 3)(s) });
+        let (_, off) = of("path", &paths);
+        assert!(off < 3.5, "path, {choice}: {off}");
+    }
+
+    // One ray of each light; and zones list 64 of them.
+    let blind = |audit| render(200, |s| Settings { photons: 1, audit, ..settings(32, 4)(s) });
+    let (_, off) = of("one photon, audited", &blind(Settings::default().audit));
+    assert!(off < 3.5, "one photon, audited: {off}");
+    let ((mean, _), off) = of("one photon, not audited", &blind(0.0));
+    assert!(off > 10.0 && mean < truth.0, "what zones do not speak for is not missed: {off}");
+}
+
+/// More lights than a photon's word has room for are chosen by power, and the image is that of all of them.
+#[test]
+fn more_lights_than_photons_can_name_are_chosen_by_power() {
+    let small = |settings: Settings| Settings { width: 12, height: 12, ..settings };
+    let all = render(2100, |s| Settings { technique: Technique::TwoPass, spp: 4, ..small(s) });
+    let some = render(2100, |s| Settings { spp: 256, seed: 1, ..small(s) });
+    assert!(has(&some.1, "light_choice") && !has(&some.1, "zones") && !has(&some.1, "visibility_map"));
+    let [all, some] = [&all, &some].map(|(image, _)| mean_and_error(image, "G"));
+    println!("{all:?}, {some:?}");
+    assert!(deviation(all, some) < 3.5 && some.1 < 0.05 * some.0, "{all:?}, {some:?}");
+}

@@ -1,0 +1,334 @@
+//! Pass `choose`: what is chosen stands for all lights; and the potentials that lights are chosen by.
+
+use std::collections::BTreeSet;
+
+use glam::{DVec3, Vec3};
+use penumbra::gpu::{Features, Kernel, Resources, compose};
+use penumbra::passes::choose::{Choose, NO_LIGHT};
+use penumbra::passes::grid::{Grid, GridShape, Photon};
+use penumbra::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
+use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::settings::Technique;
+
+use crate::kit::{device_features, gpu};
+use crate::light::{sphere, square};
+use crate::path::{camera, scene, surface};
+use crate::rooms::photon;
+use crate::stage::{Stage, oct_encode};
+use crate::statistics::{Random, mean_and_error, z_test};
+
+const LIGHTS: usize = 90;
+const CHOSEN: u32 = 8;
+/// Pixels, one more than a workgroup has, and samples of each.
+const PIXELS: u32 = 65;
+const SAMPLES: u32 = 1024;
+
+struct Lamp {
+    position: DVec3,
+    intensity: f64,
+}
+
+fn lamps() -> Vec<Lamp> {
+    let mut random = Random(21);
+    let lamp = |i: usize| {
+        let p = random.point();
+        let position = DVec3::new(0.5 * p.x, 0.1 + 0.4 * p.y.abs(), 0.1 * p.z).as_vec3().as_dvec3();
+        // From one to a hundred; one sends nothing.
+        let intensity =
+            if i == 30 { 0.0 } else { f64::from(100f64.powf((i * 37 % LIGHTS) as f64 / LIGHTS as f64) as f32) };
+        Lamp { position, intensity }
+    };
+    let mut lamps: Vec<Lamp> = (0..LIGHTS).map(lamp).collect();
+    // Below the floor.
+    lamps[5].position.y = -0.3;
+    lamps
+}
+
+fn room(lamps: &[Lamp]) -> Scene {
+    let floor = square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.5);
+    let punctual = |lamp: &Lamp| LightKind::Point {
+        position: lamp.position.as_vec3(),
+        intensity: Vec3::splat(lamp.intensity as f32),
+        range: f32::INFINITY,
+    };
+    scene(&[(floor, surface(0.5, 0.0))], lamps.iter().map(punctual).collect())
+}
+
+/// A row of ten zones. Photons are in the second, fifth and eighth of them, so that zones list 3, 40 and more than 64 lights, and the
+/// last none.
+fn zones() -> (GridShape, Vec<Photon>) {
+    let shape = GridShape { origin: [-0.5, -0.05, -0.1], cell: 0.1, size: [10, 1, 2], inverse_cell: 10.0 };
+    let at = |zone: u32| Vec3::new(0.1 * zone as f32 - 0.45, 0.0, 0.0);
+    let mut photons = Vec::new();
+    for (zone, lights) in [(1, 3), (4, 40), (7, LIGHTS as u32)] {
+        for light in 0..lights {
+            // A share of one in 1 to 4 arrived.
+            let shadows = (0..light % 4).map(|_| photon(at(zone), Vec3::Y, light, true));
+            photons.extend(std::iter::once(photon(at(zone), Vec3::Y, light, false)).chain(shadows));
+        }
+    }
+    (shape, photons)
+}
+
+struct Setup {
+    stage: Stage,
+    lamps: Vec<Lamp>,
+    points: Vec<Point>,
+    tile: Tile,
+}
+
+impl Setup {
+    fn new(features: impl Fn(Features) -> Features) -> Setup {
+        let lamps = lamps();
+        let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
+        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::ShadowPhotons, features);
+        let mut random = Random(8);
+        let points = (0..PIXELS).map(|i| {
+            let position =
+                Vec3::new((f64::from(i) / f64::from(PIXELS) - 0.5) as f32, 0.0, 0.18 * random.uniform() as f32 - 0.09);
+            Point { position: position.to_array(), normal: if i == 33 { INVALID_POINT } else { oct_encode(DVec3::Y) } }
+        });
+        let points: Vec<Point> = points.collect();
+        let points = points.repeat(SAMPLES as usize);
+        let tile = Tile {
+            width: PIXELS,
+            height: 1,
+            first_row: 0,
+            pixel_count: PIXELS,
+            point_count: PIXELS * SAMPLES,
+            first_sample: 0,
+            seed: 4,
+            centred: 0,
+        };
+        Setup { stage, lamps, points, tile }
+    }
+
+    fn table(&self) -> (ZoneTable, Vec<u32>) {
+        let (gpu, features) = (gpu(), device_features(gpu()));
+        let (shape, photons) = zones();
+        let buffer = gpu.upload("test/photons", &photons).unwrap();
+        let sorting = Grid::sorting_only(gpu, &features).unwrap();
+        let sorted = sorting.sort(gpu, &buffer, photons.len() as u32, 1, shape).unwrap();
+        let powers: Vec<f64> = self.lamps.iter().map(|lamp| lamp.intensity).collect();
+        let table = Zones::new(gpu, &features).unwrap().list(gpu, &sorted, &powers, false).unwrap();
+        let words = gpu.read(&table.lists, (shape.cells() * ZONE_LIGHTS) as usize).unwrap();
+        (table, words)
+    }
+
+    /// By slot the light and what it stands for.
+    fn choose(&self, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
+        let gpu = gpu();
+        let Stage { features, tables, .. } = &self.stage;
+        let pass = Choose::new(gpu, features, &tables.constants(), CHOSEN, audited).unwrap();
+        let mut buffers = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
+        buffers.points = gpu.upload("test/points", &self.points).unwrap();
+        let slots = (self.tile.point_count * CHOSEN) as usize;
+        let chosen = gpu.poisoned::<[u32; 2]>("test/chosen", slots).unwrap();
+        let bound = pass.bind(gpu, &buffers, &chosen, zones, tables).unwrap();
+        let mut frame = gpu.frame("test");
+        bound.record(&mut frame, &self.tile);
+        frame.submit().unwrap();
+        let slots: Vec<[u32; 2]> = gpu.read(&chosen, slots).unwrap();
+        slots.into_iter().map(|[light, weight]| (light, f32::from_bits(weight))).collect()
+    }
+
+    /// The slots of one sample of a pixel.
+    fn slots(&self, chosen: &[(u32, f32)], pixel: u32, sample: u32) -> Vec<(u32, f32)> {
+        let at = |turn: u32| chosen[(turn * self.tile.point_count + sample * PIXELS + pixel) as usize];
+        (0..CHOSEN).map(at).collect()
+    }
+
+    fn irradiance(&self, pixel: u32, light: usize) -> f64 {
+        let Lamp { position, intensity } = self.lamps[light];
+        let offset = position - Vec3::from(self.points[pixel as usize].position).as_dvec3();
+        intensity * offset.y.max(0.0) / offset.length().powi(3)
+    }
+
+    /// Whether the mean over the samples of what is chosen, of lights that are `visible`, is the sum over all lights of `within`.
+    fn sums_up(
+        &self,
+        chosen: &[(u32, f32)],
+        pixel: u32,
+        visible: impl Fn(usize) -> bool,
+        within: impl Fn(usize) -> bool,
+    ) -> Result<(), String> {
+        let of = |light: usize| if visible(light) { self.irradiance(pixel, light) } else { 0.0 };
+        let exact: f64 = (0..LIGHTS).filter(|light| within(*light)).map(of).sum();
+        let estimate = |sample: u32| -> f64 {
+            let slots = self.slots(chosen, pixel, sample);
+            slots
+                .iter()
+                .filter(|(light, _)| *light != NO_LIGHT)
+                .map(|(light, w)| f64::from(*w) * of(*light as usize))
+                .sum()
+        };
+        let all: Vec<f64> = (0..SAMPLES).map(estimate).collect();
+        let (mean, error) = mean_and_error(all.iter().copied());
+        // Floats, where there is no noise.
+        z_test(mean, error.max(1e-5 * exact.max(1e-9)), exact, 4 * PIXELS).map_err(|e| format!("pixel {pixel}: {e}"))
+    }
+}
+
+/// By zones: of a point's samples the mean of what is chosen is the sum over all lights, whatever each of them is hidden from; without
+/// audits, over those that the zone lists. No light is chosen twice, each with a probability of at most one, and all of a list that
+/// has room. A weight that is off by an eighth is seen.
+#[test]
+fn what_zones_choose_stands_for_all_lights() {
+    let setup = Setup::new(|features| features);
+    assert!(setup.stage.features.has("zones"));
+    let (table, lists) = setup.table();
+    let (shape, _) = zones();
+    let list = |pixel: u32| -> BTreeSet<usize> {
+        let position = Vec3::from(setup.points[pixel as usize].position);
+        let cell = |axis: usize| ((position[axis] - shape.origin[axis]) * shape.inverse_cell).floor() as u32;
+        let zone = (cell(2) * shape.size[1] + cell(1)) * shape.size[0] + cell(0);
+        let words = &lists[(zone * ZONE_LIGHTS) as usize..][..ZONE_LIGHTS as usize];
+        words.iter().filter(|word| **word != 0).map(|word| (word & 0xffff) as usize).collect()
+    };
+    let lengths: BTreeSet<usize> = (0..PIXELS).map(|pixel| list(pixel).len()).collect();
+    assert_eq!(lengths, BTreeSet::from([0, 3, 40, 64]));
+    let every = |_: usize| true;
+    let odd = |light: usize| light % 3 == 1;
+    for audited in [true, false] {
+        let chosen = setup.choose(Some(&table), audited);
+        let wrong: Vec<(u32, f32)> = chosen.iter().map(|(light, w)| (*light, w * 0.875)).collect();
+        let (mut caught, mut zones) = (0, 0);
+        for pixel in 0..PIXELS {
+            if pixel == 33 {
+                assert!(
+                    (0..SAMPLES).all(|s| setup.slots(&chosen, pixel, s).iter().all(|(light, _)| *light == NO_LIGHT))
+                );
+                continue;
+            }
+            let listed = list(pixel);
+            let picks = (CHOSEN - u32::from(audited)) as usize;
+            let reaching = listed.iter().filter(|light| setup.irradiance(pixel, **light) > 0.0).count();
+            for sample in 0..SAMPLES {
+                let slots = setup.slots(&chosen, pixel, sample);
+                let lights: Vec<usize> =
+                    slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| *light as usize).collect();
+                let what = format!("pixel {pixel}, sample {sample}: {slots:?}");
+                assert_eq!(lights.iter().collect::<BTreeSet<_>>().len(), lights.len(), "{what}");
+                let of_list = slots.iter().filter(|(light, _)| listed.contains(&(*light as usize)));
+                assert!(of_list.clone().all(|(_, weight)| *weight >= 1.0), "{what}");
+                assert!(of_list.clone().count() <= picks, "{what}");
+                assert!(lights.len() - of_list.clone().count() <= usize::from(audited), "{what}");
+                if reaching <= picks {
+                    assert!(of_list.clone().count() == reaching && of_list.clone().all(|(_, w)| *w == 1.0), "{what}");
+                }
+            }
+            let within = |light: usize| audited || listed.contains(&light);
+            setup.sums_up(&chosen, pixel, every, within).unwrap();
+            setup.sums_up(&chosen, pixel, odd, within).unwrap();
+            caught += u32::from(setup.sums_up(&wrong, pixel, every, within).is_err());
+            zones += u32::from(!listed.is_empty() || audited);
+        }
+        println!("audited {audited}: an eighth is seen at {caught} of {zones} points");
+        assert!(caught * 10 > zones * 9, "an eighth is seen at {caught} of {zones} points");
+    }
+}
+
+/// By power and alike: the same of all lights, and no light twice.
+#[test]
+fn what_power_chooses_stands_for_all_lights() {
+    for uniform in [false, true] {
+        let setup = Setup::new(|features| features.with("zones", false).with("uniform_choice", uniform));
+        let chosen = setup.choose(None, false);
+        let wrong: Vec<(u32, f32)> = chosen.iter().map(|(light, w)| (*light, w * 0.75)).collect();
+        let mut caught = 0;
+        for pixel in (0..PIXELS).filter(|pixel| *pixel != 33) {
+            for sample in 0..SAMPLES {
+                let slots = setup.slots(&chosen, pixel, sample);
+                let lights = slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| light);
+                assert_eq!(lights.clone().collect::<BTreeSet<_>>().len(), lights.count(), "{slots:?}");
+            }
+            setup.sums_up(&chosen, pixel, |_| true, |_| true).unwrap();
+            caught += u32::from(setup.sums_up(&wrong, pixel, |_| true, |_| true).is_err());
+        }
+        println!("uniform {uniform}: a quarter is seen at {caught} points");
+        assert!(caught > PIXELS / 2, "a quarter is seen at {caught} points");
+    }
+}
+
+/// The potential of a light is positive wherever it is not dark, and of lights that are small and not at the horizon their
+/// irradiance in one unit for all of them.
+#[test]
+fn potentials_are_irradiances() {
+    let panel = |at: DVec3, half: f64| square(at, DVec3::X * half, DVec3::Z * half);
+    let double_sided = |material: Material| Material { double_sided: true, ..material };
+    let meshes = [
+        (square(DVec3::ZERO, DVec3::Z * 0.5, DVec3::X * 0.5), surface(0.5, 0.0)),
+        (panel(DVec3::new(0.1, 0.4, 0.0), 0.002), surface(0.0, 400.0)),
+        (panel(DVec3::new(-0.1, 0.3, 0.1), 0.2), surface(0.0, 2.0)),
+        (panel(DVec3::new(-0.3, 0.4, 0.1), 0.01), double_sided(surface(0.0, 50.0))),
+        (sphere(DVec3::new(0.3, 0.45, 0.2), 0.05, 3), surface(0.0, 20.0)),
+    ];
+    let (range, intensity) = (f32::INFINITY, Vec3::splat(0.2));
+    let punctual = vec![
+        LightKind::Point { position: Vec3::new(0.0, 0.35, -0.2), intensity, range },
+        LightKind::Spot {
+            position: Vec3::new(0.2, 0.45, 0.1),
+            direction: Vec3::NEG_Y,
+            intensity,
+            cos_inner: 0.9,
+            cos_outer: 0.5,
+            range,
+        },
+        LightKind::Directional { direction: Vec3::new(0.6, -0.8, 0.0), irradiance: Vec3::ONE },
+    ];
+    let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
+    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TwoPass, |features| features);
+    let gpu = gpu();
+    let mut random = Random(2);
+    let lights = stage.scene.lights.len();
+    const PLACES: usize = 4000;
+    let places: Vec<[[f32; 4]; 2]> = (0..PLACES)
+        .map(|i| {
+            let position = (random.point() * 0.5).as_vec3();
+            // Some exactly level with a panel, and in its plane.
+            let position = if i % 50 == 1 { position.with_y(0.4) } else { position };
+            let normal = random.direction().as_vec3();
+            [position.extend((i % lights) as f32).to_array(), normal.extend(0.0).to_array()]
+        })
+        .collect();
+    let source = include_str!("shaders/potential.wgsl");
+    let composed = compose::compose_source("potential", source, &stage.features).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &[("count", PLACES as f64)], &["places", "results"]).unwrap();
+    let (input, output) =
+        (gpu.upload("test/places", &places).unwrap(), gpu.poisoned::<[f32; 4]>("test/results", PLACES).unwrap());
+    let own = Resources::new().with("places", &input).with("results", &output);
+    let bound = kernel.bind(gpu, "weigh", &[&own, &stage.tables]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, PLACES as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let results: Vec<[f32; 4]> = gpu.read(&output, PLACES).unwrap();
+    let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); lights];
+    let mut positive = 0;
+    for (place, [potential, irradiance, dark, _]) in places.iter().zip(&results) {
+        let light = place[0][3] as usize;
+        let [position, normal] = place.map(|v| Vec3::from_slice(&v).as_dvec3());
+        let info = &stage.tables.lights.lights[light];
+        if *dark == 0.0 && (*irradiance > 0.0 || !info.closed_form) {
+            assert!(*potential > 0.0, "light {light} from {position} facing {normal}: {irradiance}");
+            positive += 1;
+        }
+        let offset = match stage.scene.lights[light].kind {
+            LightKind::Directional { direction, .. } => -direction.as_dvec3(),
+            _ => info.centre.as_dvec3() - position,
+        };
+        let cosine = offset.normalize().dot(normal);
+        let far = info.punctual || offset.length() > 40.0 * f64::from(info.radius);
+        let before = info.emission.axis.is_none_or(|axis| -axis.as_dvec3().dot(offset.normalize()) > 0.1);
+        if info.closed_form && !info.two_sided && far && before && *irradiance > 0.0 && cosine > 0.25 {
+            ratios[light].push(f64::from(*potential) / f64::from(*irradiance));
+        }
+    }
+    println!("{positive} places that lights reach; {:?}", ratios.iter().map(Vec::len).collect::<Vec<_>>());
+    assert!(positive > 1000);
+    let all: Vec<f64> = ratios.iter().flatten().copied().collect();
+    let (least, most) = all.iter().fold((f64::MAX, 0.0f64), |(a, b), r| (a.min(*r), b.max(*r)));
+    println!("{least} to {most} of {}", all.len());
+    // The nearest part of a light stands for all of it: a radius of a fortieth of the distance over a cosine of a fourth.
+    assert!(all.len() > 300 && most < 1.12 * least, "{least} to {most}");
+}
