@@ -45,6 +45,11 @@ fn bucket_of(light: u32) -> u32 {
     return max(bitcast<u32>(f32(arrived) * light_powers[light]) >> BUCKET_SHIFT, 1u);
 }
 
+fn zone_at(at: vec3u) -> u32 {
+    let size = zones_pass.zones.size;
+    return (at.z * size.y + at.y) * size.x + at.x;
+}
+
 @compute @workgroup_size(256)
 fn list(
     @builtin(workgroup_id) group: vec3u,
@@ -54,25 +59,27 @@ fn list(
     let size = zones_pass.zones.size;
     let zone = group_index(group, groups);
     let inside = zone < size.x * size.y * size.z;
-    let first_light = lane * LIGHTS_PER_LANE;
-    for (var l = 0u; l < LIGHTS_PER_LANE; l++) { atomicStore(&tallies[first_light + l], 0u); }
-    for (var b = lane; b < BUCKETS; b += GROUP) { atomicStore(&buckets[b], 0u); }
-    workgroupBarrier();
     let at = vec3i(vec3u(zone % size.x, (zone / size.x) % size.y, zone / (size.x * size.y)));
     let low = max(at - 1, vec3i(0));
     let high = min(at + 1, vec3i(size) - 1);
+    // Most zones of a large scene are empty, and nothing is there to be counted.
+    let photons = load_cell_start(zone_at(vec3u(high)) + 1u) - load_cell_start(zone_at(vec3u(low)));
+    let lights = select(0u, LIGHTS_PER_LANE, photons > 0u);
+    let first_light = lane * LIGHTS_PER_LANE;
+    for (var l = 0u; l < lights; l++) { atomicStore(&tallies[first_light + l], 0u); }
+    for (var b = lane; b < BUCKETS && photons > 0u; b += GROUP) { atomicStore(&buckets[b], 0u); }
+    workgroupBarrier();
     for (var z = low.z; inside && z <= high.z; z++) {
         for (var y = low.y; y <= high.y; y++) {
-            let row = (u32(z) * size.y + u32(y)) * size.x;
-            let end = load_cell_start(row + u32(high.x) + 1u);
-            for (var p = load_cell_start(row + u32(low.x)) + lane; p < end; p += GROUP) {
+            let end = load_cell_start(zone_at(vec3u(vec3i(high.x, y, z))) + 1u);
+            for (var p = load_cell_start(zone_at(vec3u(vec3i(low.x, y, z)))) + lane; p < end; p += GROUP) {
                 let word = load_photon(p).w;
                 atomicAdd(&tallies[(word >> 14u) & (MAX_LIGHTS - 1u)], select(1u, 65536u, photon_is_shadow(word)));
             }
         }
     }
     workgroupBarrier();
-    for (var l = 0u; l < LIGHTS_PER_LANE; l++) {
+    for (var l = 0u; l < lights; l++) {
         let bucket = bucket_of(first_light + l);
         if bucket > 0u { atomicAdd(&buckets[bucket], 1u); }
     }
@@ -80,7 +87,7 @@ fn list(
     let room = ZONE_LIGHTS - zones_pass.environment;
     if lane == 0u {
         var listed = 0u;
-        var bucket = BUCKETS - 1u;
+        var bucket = select(0u, BUCKETS - 1u, photons > 0u);
         while bucket > 0u && listed + atomicLoad(&buckets[bucket]) <= room {
             listed += atomicLoad(&buckets[bucket]);
             bucket--;
@@ -91,7 +98,7 @@ fn list(
     }
     workgroupBarrier();
     var counts = 0u;
-    for (var l = 0u; l < LIGHTS_PER_LANE; l++) {
+    for (var l = 0u; l < lights; l++) {
         let bucket = bucket_of(first_light + l);
         counts += u32(bucket > last_bucket) + (u32(bucket == last_bucket && bucket > 0u) << 16u);
     }
@@ -99,7 +106,7 @@ fn list(
     workgroupBarrier();
     if lane == 0u {
         var before = 0u;
-        for (var i = 0u; i < GROUP; i++) {
+        for (var i = 0u; i < GROUP && photons > 0u; i++) {
             lane_firsts[i] = before;
             before += lane_counts[i];
         }
@@ -112,7 +119,7 @@ fn list(
     if !inside { return; }
     var above = lane_firsts[lane] & 0xffffu;
     var last = lane_firsts[lane] >> 16u;
-    for (var l = 0u; l < LIGHTS_PER_LANE; l++) {
+    for (var l = 0u; l < lights; l++) {
         let light = first_light + l;
         let bucket = bucket_of(light);
         let in_last = bucket == last_bucket && bucket > 0u;

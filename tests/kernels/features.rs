@@ -21,10 +21,10 @@ use crate::stage::hash1;
 #[derive(Clone, Copy)]
 struct Choice(u64);
 
-/// Choices by chance: of two properties each of the four combinations is in one of four, so that 192 leave one out of
+/// Choices by chance: of two properties each of the four combinations is in one of four, so that 128 leave one out of
 /// the two thousand with a probability of 2e-13.
 fn choices() -> impl ParallelIterator<Item = Choice> {
-    (0..192u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
+    (0..128u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
 
 impl Choice {
