@@ -39,6 +39,7 @@ fn is_of_type(value: &Value, name: &str) -> bool {
         "number" => value.is_number(),
         "text" => value.is_string(),
         "boolean" => value.is_boolean(),
+        "text or null" => value.is_string() || value.is_null(),
         "integer or null" => value.is_u64() || value.is_null(),
         "number or null" => value.is_number() || value.is_null(),
         "any" => true,
