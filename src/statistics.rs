@@ -217,6 +217,8 @@ pub struct Conditioning {
     pub heavy_paths: u64,
     /// Invocations of kernels that met the loop budget. Their samples are left out of the image, their photons of the maps.
     pub overruns: u64,
+    /// Bounces of a photon of the global map on average, or of a path where there is no such map.
+    pub mean_bounces: u64,
     /// Devices that were lost, and replaced, under the render.
     pub devices_lost: u64,
 }
