@@ -471,9 +471,7 @@ fn dilate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             let other = u32(y * width + x);
             let word = classes[first + other];
             let class_ = class_of(word);
-            var same = same_surface(points[other], points[pixel]);
-            @if(light_choice) { same = same && light_of_slot(first + other) == light_of_slot(slot); }
-            if (class_ == CLASS_LIT || class_ == CLASS_SHADOWED) && same {
+            if (class_ == CLASS_LIT || class_ == CLASS_SHADOWED) && same_surface(points[other], points[pixel]) {
                 dilated_classes[first + other] = (word & ~7u) | CLASS_BOUNDARY;
             }
         }

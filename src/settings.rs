@@ -68,6 +68,16 @@ impl Technique {
         matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
     }
 
+    /// Photons can tell it which lights reach a zone.
+    pub fn uses_zones(self) -> bool {
+        self == Technique::ShadowPhotons
+    }
+
+    /// Its points may ask a few of many lights.
+    pub fn chooses_lights(self) -> bool {
+        matches!(self, Technique::ShadowPhotons | Technique::TwoPass)
+    }
+
     /// It says of points beforehand, by photons or by cells, whether they are lit, shadowed or neither.
     pub fn classifies(self) -> bool {
         self.uses_visibility_map() || self.uses_cells()
@@ -208,8 +218,8 @@ pub struct Settings {
     pub shadow_samples: u32,
     /// Pixels by which boundaries are widened, 0 or 1; none: 1 for lights with wide penumbrae, 0 for small ones.
     pub dilate: Option<u32>,
-    /// Which lights points ask; none: `zones` in scenes of more than [`Settings::MANY_LIGHTS`] lights where the technique has
-    /// photons of them, else `all`, and `power` of paths.
+    /// Which lights points ask; none: `zones` of `shadow-photons` in scenes of more than [`Settings::MANY_LIGHTS`] lights, else `all`,
+    /// and `power` of paths.
     pub light_choice: Option<LightChoice>,
     /// Lights that a point asks where they are chosen, 2 to [`Settings::MAX_CHOSEN_LIGHTS`].
     pub chosen_lights: u32,
@@ -287,7 +297,8 @@ impl Settings {
     pub const MAX_SHADOW_SAMPLES: u32 = 1024;
     /// Most shadow photons that are kept of one ray: what an invocation has registers for.
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
-    /// Most lights that all points ask by default.
+    /// Most lights that all points ask by default: of more of them the visibility map has fewer photons each than
+    /// [`Settings::photons`] asks for by default, as it has room for those of four million rays.
     pub const MANY_LIGHTS: u32 = 32;
     /// Most lights that a point asks where they are chosen: as many as a zone lists.
     pub const MAX_CHOSEN_LIGHTS: u32 = 64;
@@ -363,15 +374,14 @@ impl Settings {
     fn check_light_choice(&self) -> Result<()> {
         let refuse = |why: String| Err(Error::Usage(why));
         match self.light_choice {
-            Some(LightChoice::Zones) if !self.technique.uses_visibility_map() => {
-                refuse(format!("--light-choice zones comes of photons, which {} does not trace", self.technique))
+            Some(LightChoice::Zones) if !self.technique.uses_zones() => {
+                refuse(format!("--light-choice zones: {} asks no photons which lights reach a point", self.technique))
             }
             Some(LightChoice::All) if self.technique == Technique::Path => {
                 refuse("--light-choice all: paths ask one light at each vertex".to_owned())
             }
             Some(LightChoice::Uniform | LightChoice::Power)
-                if !self.technique.uses_visibility_map()
-                    && !matches!(self.technique, Technique::Path | Technique::TwoPass) =>
+                if !self.technique.chooses_lights() && self.technique != Technique::Path =>
             {
                 refuse(format!("--light-choice: {} asks all lights", self.technique))
             }

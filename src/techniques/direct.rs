@@ -138,12 +138,10 @@ pub(super) struct Shared<'a> {
 }
 
 impl Direct {
-    /// Makes the map and the buffers for tiles of `points` points. `before`: what there was of it with a map, of which the choice of
-    /// lights stays.
+    /// Makes the map and the buffers for tiles of `points` points.
     pub fn new(
         shared: &Shared<'_>,
         kernels: Kernels,
-        before: Option<Direct>,
         points: u32,
         settings: &Settings,
         totals: &mut Totals,
@@ -151,11 +149,8 @@ impl Direct {
         let Shared { gpu, scene, tables, .. } = *shared;
         let Kernels { classify, shadow, shade, map, earlier, choice, audit } = kernels;
         let audit_probability = if audit { settings.audit } else { 0.0 };
-        let choice = match (before.and_then(|before| before.choice), choice) {
-            (Some(choice), _) => Some(choice),
-            (None, Some(kernels)) => Some(Choice::new(gpu, kernels, scene, tables, points, settings, totals)?),
-            (None, None) => None,
-        };
+        let choice =
+            choice.map(|kernels| Choice::new(gpu, kernels, scene, tables, points, settings, totals)).transpose()?;
         let lights = choice.as_ref().map_or(scene.lights.len() as u32, Choice::slots);
         let words = settings.shadow_samples.div_ceil(32);
         let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words));
@@ -258,7 +253,7 @@ impl Direct {
     pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
         if map.heal(shared.gpu, due, totals)? {
-            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.choice.as_ref(), self.dilate)?;
+            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?;
         }
         Ok(())
     }
@@ -279,7 +274,7 @@ impl Direct {
             return Ok(self.earlier.as_ref().map_or(state.rest.is_empty(), fits));
         };
         let fits = map.restore(shared.gpu, state, totals)?;
-        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, self.choice.as_ref(), self.dilate)?;
+        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?;
         Ok(fits)
     }
 

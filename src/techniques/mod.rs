@@ -228,8 +228,7 @@ impl<'g> Renderer<'g> {
         let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
         let primary = primary.bind(gpu, &buffers, &tables)?;
         let shared = Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
-        let direct =
-            direct.map(|direct| Direct::new(&shared, direct, None, points, settings, &mut totals)).transpose()?;
+        let direct = direct.map(|direct| Direct::new(&shared, direct, points, settings, &mut totals)).transpose()?;
         let view = CameraUniform::new(camera, settings.width, settings.height);
         let indirect = Indirect::new(&shared, &primary, &indirect_kernels, &view, settings, 0, &mut totals)?;
         let first_rows = (0..settings.height).step_by(rows as usize);
@@ -407,8 +406,7 @@ impl<'g> Renderer<'g> {
     fn asked_boundary_share(&self) -> f64 {
         let points = self.totals.points();
         let lights = self.scene.lights.len() as u64;
-        let chosen = self.needs.features.has("light_choice");
-        let others = if chosen { 0 } else { lights - self.scene.placed_lights().len() as u64 };
+        let others = lights - self.scene.placed_lights().len() as u64;
         // Every light has the same points, dark ones included.
         let unasked = others * (points.total + points.dark) / lights.max(1);
         let asking = points.boundary + points.unknown - unasked;
@@ -426,8 +424,7 @@ impl<'g> Renderer<'g> {
         let points = self.rows * self.settings.width * self.layers;
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
         let shared = Shared { gpu, scene, tables, tile };
-        let before = self.direct.take();
-        let direct = Direct::new(&shared, kernels, before, points, &self.settings, &mut self.totals)?;
+        let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
         self.direct = Some(direct);
         Ok(())
     }

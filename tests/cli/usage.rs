@@ -97,6 +97,7 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --light-choice zones --technique path", "--light-choice"),
         ("render no-scene.glb -o x.png --light-choice all --technique path", "--light-choice"),
         ("render no-scene.glb -o x.png --light-choice zones --technique two-pass", "--light-choice"),
+        ("render no-scene.glb -o x.png --light-choice zones --technique visibility-estimate", "--light-choice"),
         ("render no-scene.glb -o x.png --light-choice power --technique voxel-tags", "--light-choice"),
         ("render no-scene.glb -o x.exr --light-choice power --aov shadow", "--light-choice"),
         ("render no-scene.glb -o x.png --chosen-lights 1", "--chosen-lights"),

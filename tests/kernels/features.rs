@@ -21,10 +21,10 @@ use crate::stage::hash1;
 #[derive(Clone, Copy)]
 struct Choice(u64);
 
-/// Choices by chance: of two properties each of the four combinations is in one of four, so that 128 leave one out of
+/// Choices by chance: of two properties each of the four combinations is in one of four, so that 192 leave one out of
 /// the two thousand with a probability of 2e-13.
 fn choices() -> impl ParallelIterator<Item = Choice> {
-    (0..128u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
+    (0..192u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
 
 impl Choice {
@@ -94,21 +94,21 @@ impl Choice {
         let techniques = Technique::ALL;
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         let technique = techniques[hash1(self.0 as u32) as usize % techniques.len()];
-        let light_choice = match technique.uses_visibility_map() {
-            true if self.has(36) || self.has(37) => LightChoice::Zones,
-            _ if self.has(37) => LightChoice::Uniform,
+        let light_choice = match technique.uses_zones() {
+            true if !self.has(41) || self.has(42) => LightChoice::Zones,
+            _ if self.has(41) => LightChoice::Uniform,
             _ => LightChoice::Power,
         };
         let settings = Settings {
             technique,
-            light_choice: (self.has(38) || self.has(39)).then_some(light_choice),
+            light_choice: (self.has(43) || self.has(44)).then_some(light_choice),
             chosen_lights: 2,
             audit: if self.has(18) { 1.0 } else { 0.0 },
             paper_counting: self.has(19),
             max_bounces: if self.has(20) { 64 } else { 0 },
             cache: self.has(21),
             // The last, of the classes, leaves no choice of lights.
-            aovs: aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(36))).map(|(_, aov)| aov).collect(),
+            aovs: aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect(),
             ..Settings::default()
         };
         let needs = Needs::new(&self.scene(), &settings);
