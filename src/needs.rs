@@ -117,7 +117,13 @@ impl Needs {
             "a test at every point and light",
         );
         let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
-        needs.decide("emitter_pairs", on, why, "no light is a closed mesh", "two records at every light point");
+        needs.decide(
+            "emitter_pairs",
+            on,
+            why,
+            "no light is a closed mesh",
+            "two records at every light point; 1 kB a triangle",
+        );
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
         let photons = u64::from(settings.photons) * placed as u64;
