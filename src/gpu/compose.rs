@@ -76,6 +76,8 @@ pub const FEATURES: &[&str] = &[
     "clearcoat",
     // Scene: some material spreads its reflections more along its tangent than across.
     "anisotropy",
+    // Scene: some material has a sheen of fibres.
+    "sheen",
     // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
     "alpha_test",
     // Scene: some material is unlit.
@@ -141,6 +143,8 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("MATERIAL_UNLIT", crate::tables::surfaces::UNLIT),
     ("MATERIAL_MASK", crate::tables::surfaces::MASK),
     ("MATERIAL_BLEND", crate::tables::surfaces::BLEND),
+    ("SHEEN_COLUMNS", crate::tables::sheen::COLUMNS),
+    ("SHEEN_ROWS", crate::tables::sheen::ROWS),
     ("SLOT_RECORDS", crate::tables::textures::SLOT_RECORDS),
     ("SLOT_NEAREST", crate::tables::textures::NEAREST),
     ("SLOT_SRGB", crate::tables::textures::SRGB),

@@ -3,6 +3,7 @@
 pub mod camera;
 pub mod environment;
 pub mod lights;
+pub mod sheen;
 pub mod sobol;
 pub mod surfaces;
 pub mod textures;
@@ -27,6 +28,7 @@ pub struct SceneTables {
     surfaces: SurfaceTables,
     textures: TextureTables,
     camera: Buffer,
+    sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
     pub bytes: u64,
 }
@@ -64,6 +66,7 @@ impl SceneTables {
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
+            sheen_albedos: features.has("sheen").then(|| sheen::upload(gpu)).transpose()?,
             bytes: records as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
@@ -87,6 +90,7 @@ impl Bindings for SceneTables {
             "colour_texels" => (&self.textures.colour).into(),
             "data_texels" => (&self.textures.data).into(),
             "camera" => (&self.camera).into(),
+            "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),
             _ => return self.lights.get(name),
         })
     }

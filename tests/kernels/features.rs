@@ -55,7 +55,8 @@ impl Choice {
         let lobed = [
             Material { transmission: 1.0, ..plain.clone() },
             Material { clearcoat: 1.0, ..plain.clone() },
-            Material { specular: 1.0, anisotropy: 0.5, ..plain },
+            Material { specular: 1.0, anisotropy: 0.5, ..plain.clone() },
+            Material { sheen_colour: Vec3::ONE, ..plain },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
@@ -152,7 +153,7 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 16] = [
+    const FORCED: [&str; 17] = [
         "textures",
         "uv1",
         "vertex_colours",
@@ -162,6 +163,7 @@ fn features_that_are_not_needed_change_nothing() {
         "transmission",
         "clearcoat",
         "anisotropy",
+        "sheen",
         "alpha_test",
         "unlit",
         "point_lights",
