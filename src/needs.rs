@@ -120,7 +120,13 @@ impl Needs {
             "a test at every point and light",
         );
         let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
-        needs.decide("emitter_pairs", on, why, "no light is a closed mesh", "two records at every light point");
+        needs.decide(
+            "emitter_pairs",
+            on,
+            why,
+            "no light is a closed mesh",
+            "two records at every light point; 1 kB a triangle",
+        );
         let (choice, why) = light_choice(scene, settings);
         let few = !matches!(choice, LightChoice::All) && settings.technique != Technique::Path;
         let cost = format!("pass choose; {} B a point", 8 * settings.chosen_lights);
