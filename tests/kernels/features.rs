@@ -93,7 +93,11 @@ impl Choice {
     fn features(self) -> Features {
         let techniques = Technique::ALL;
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
-        let technique = techniques[hash1(self.0 as u32) as usize % techniques.len()];
+        // One in four is of the technique that has zones.
+        let technique = match self.has(46) && self.has(47) {
+            true => Technique::ShadowPhotons,
+            false => techniques[hash1(self.0 as u32) as usize % techniques.len()],
+        };
         let light_choice = match technique.uses_zones() {
             true if !self.has(41) || self.has(42) => LightChoice::Zones,
             _ if self.has(41) => LightChoice::Uniform,
