@@ -25,6 +25,9 @@ const MAX_VALUE_BYTES: u32 = 4096;
 /// Stack for reading a file of [`MAX_BYTES`]: naga goes down a step for every operator of a sum, of some hundred bytes each.
 const STACK_BYTES: usize = 1 << 28;
 
+/// How the names begin that functions and the counter get.
+const RENAMED: &str = "procedural_";
+
 /// The variable in which all loops count their turns; see `functions.wgsl`.
 const COUNTER: &str = "procedural_turns";
 
@@ -97,6 +100,13 @@ impl File {
         for (_, function) in module.functions.iter_mut() {
             let new = named.iter().find(|(name, _)| function.name.as_deref() == Some(name));
             function.name = new.map_or_else(|| own(&function.name), |(_, new)| Some(new.clone()));
+            // Where a variable has a name that naga is to write, it would change that and not the variable's.
+            let arguments = function.arguments.iter_mut().filter_map(|argument| argument.name.as_mut());
+            let variables = function.local_variables.iter_mut().filter_map(|(_, variable)| variable.name.as_mut());
+            let values = function.named_expressions.values_mut();
+            for name in arguments.chain(variables).chain(values).filter(|name| name.starts_with(RENAMED)) {
+                name.insert_str(0, "own_");
+            }
         }
         for (_, constant) in module.constants.iter_mut().filter(|(_, constant)| constant.name.is_some()) {
             constant.name = own(&constant.name);
