@@ -51,7 +51,11 @@ impl File {
             return Err(format!("has {} bytes, at most {MAX_BYTES} are read", source.len()));
         }
         let read = || {
-            let module = naga::front::wgsl::parse_str(source).map_err(|e| at_line(e.message(), e.location(source)))?;
+            let module = naga::front::wgsl::parse_str(source).map_err(|e| match e.location(source) {
+                // What naga places nowhere is that it went too deep, or an error of its own.
+                None => format!("cannot be read, perhaps as it is nested too deep: {}", e.message()),
+                at => at_line(e.message(), at),
+            })?;
             refuse_large(&module)?;
             let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
             let info = validator.validate(&module).map_err(|e| at_line(&causes(e.as_inner()), e.location(source)))?;

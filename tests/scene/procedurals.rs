@@ -177,7 +177,7 @@ fn bad_functions_are_refused() {
         (with("", "var a: array<f32, 100000>; return vec4f(a[u32(nearest)]);"), "bytes"),
         (with(&doubling, "return vec4f(f29(nearest));"), "expressions"),
         (with("", &sum), "deep"),
-        (with("", &format!("return vec4f({}1.0{});", "(".repeat(10_000), ")".repeat(10_000))), "line 2"),
+        (with("", &format!("return vec4f({}1.0{});", "(".repeat(10_000), ")".repeat(10_000))), "deep"),
         (with("", &format!("{} return vec4f(0.0);", "{ ".repeat(1000) + &"}".repeat(1000))), "line 2"),
         (with("", &format!("{} {{}} return vec4f(0.0);", "if nearest > 0.0 {} else ".repeat(2000))), "deep"),
         (with(&"// nothing\n".repeat(10_000), "return vec4f(0.0);"), "at most 65536"),
