@@ -10,6 +10,7 @@ import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
 import package::lib::photon::{Photon, photon_word};
 @if(procedurals) import package::lib::procedural::{crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_spent};
+@if(procedurals) import package::lib::procedural_functions::procedural_lost;
 @if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS};
 import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
@@ -131,7 +132,8 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, slot
 // Bits of a crossing's slot above the object's number.
 @if(procedurals) const CROSSING_SHIFT = 8u;
 
-// Takes all crossings of the ray with procedural objects.
+// Takes the crossings of the ray with procedural objects: the first one of each, and those behind as far as turns go. Surfaces
+// of an object behind so many others then have too few photons, and ask shadow rays.
 @if(procedurals)
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
     procedural_spent = 0u;
@@ -139,7 +141,7 @@ fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, 
         let inside = enter_object(object, ray, FAR);
         var so_far = 0.0;
         var number = 0u;
-        while so_far < inside.length && procedural_spent < PROCEDURAL_RAY_TURNS {
+        while so_far < inside.length {
             let met = next_crossing(inside, so_far);
             if met.w <= so_far { break; }
             so_far = met.w;
@@ -150,11 +152,13 @@ fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, 
             let found = Arrival(select(-outward, outward, faces), stores);
             meet(kept, nearest, crossing_t(inside, met), PROCEDURAL | (number << CROSSING_SHIFT) | object, found);
             number++;
+            if procedural_spent >= PROCEDURAL_RAY_TURNS {
+                _ = procedural_lost(false);
+                break;
+            }
         }
     }
     traversal_turns += procedural_spent;
-    // There may be crossings that were not met.
-    traversal_overrun |= procedural_spent >= PROCEDURAL_RAY_TURNS;
 }
 
 @compute @workgroup_size(64)

@@ -221,6 +221,8 @@ pub struct Conditioning {
     pub procedural_overruns: u64,
     /// Rays that a procedural object was lost for, as its function's answer was none.
     pub procedural_nonsense: u64,
+    /// Bounces of a photon of the global map on average, or of a path where there is no such map.
+    pub mean_bounces: u64,
     /// Devices that were lost, and replaced, under the render.
     pub devices_lost: u64,
 }

@@ -147,7 +147,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
     let mut report = Report::new(&name, &gpu.info, &reference, &runs, classes)?;
     report.sweeps = sweeps;
-    let timed: f64 = runs.iter().map(|run| run.time).sum();
+    let timed: f64 = runs.iter().map(|run| run.spent).sum();
     report.overhead = Overhead::new(timed, (counted + resumed.elapsed()).as_secs_f64());
 
     // It was there at the start.

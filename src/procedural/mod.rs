@@ -27,8 +27,9 @@ pub(crate) const RECORDS: u32 = 8;
 /// grazing angle takes, and a sixteenth of what software devices grant all rays of an invocation together.
 pub(crate) const TURNS: u32 = 4096;
 
-/// Turns of a ray in all objects together.
-pub(crate) const RAY_TURNS: u32 = 4 * TURNS;
+/// Turns of a ray in all objects together, after which it looks for no more. Lanes of a software device wait for each other, so
+/// that its loops may take several times as many.
+pub(crate) const RAY_TURNS: u32 = 2 * TURNS;
 
 /// Number of the colour function of an object that has none: no scene has as many.
 const NO_COLOUR: u32 = 0xffff;

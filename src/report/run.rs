@@ -48,6 +48,8 @@ pub struct Run {
     pub map_left_out: Option<String>,
     /// Seconds that count, to the last sample: snapshots do not.
     pub time: f64,
+    /// Those, and the seconds of what was prepared for samples that the last budget had no room for.
+    pub spent: f64,
 }
 
 /// A run at a budget.
@@ -125,7 +127,7 @@ impl Run {
         statistics.time.passes = difference(&statistics.time.passes, &passes_before);
         let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
-        Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled }))
+        Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled, spent: time }))
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a render notices of its own arithmetic and limits, and what it says about it.
 
 use crate::procedural::TURNS;
+use crate::settings::Settings;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
 use super::totals::Totals;
@@ -8,6 +9,13 @@ use super::totals::Totals;
 /// Unknown points are of note above this share of all: below it more photons could save no more than a tenth of the shadow
 /// rays of `two-pass`. The image is the same with either.
 const MANY_UNKNOWN: f64 = 0.1;
+
+/// Where light bounces more often on average than this share of the bounces that are asked for, more than a fiftieth of the
+/// paths are not at their end there: numbers of bounces fall off as exp(-n / mean) in a closed room.
+const LONG_SHARE: f64 = 0.25;
+
+/// Fewer bounces than these are asked for by someone who knows that they are few.
+const MANY_BOUNCES: u32 = 16;
 
 /// Something that the user should know, and what to do about it.
 pub(super) struct Warning {
@@ -36,14 +44,15 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         overruns: count(Counter::Overrun),
         procedural_overruns: count(Counter::ProceduralOverruns),
         procedural_nonsense: count(Counter::ProceduralNonsense),
+        mean_bounces: totals.mean_bounces().round() as u64,
         devices_lost: totals.devices_lost,
     }
 }
 
 /// A warning for each count that is not as it should be.
-pub(super) fn warnings(totals: &Totals) -> Vec<Warning> {
+pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     // Records of the least radius are a figure alone: what they blur is three pixels wide, and corners ask for them in any scene.
-    let Conditioning { not_finite, near_overflow, unknown, heavy_paths, overruns, devices_lost, .. } =
+    let Conditioning { not_finite, near_overflow, unknown, heavy_paths, overruns, mean_bounces, devices_lost, .. } =
         conditioning(totals);
     let Conditioning { procedural_overruns, procedural_nonsense, .. } = conditioning(totals);
     let mut warnings = Vec::new();
@@ -95,6 +104,14 @@ pub(super) fn warnings(totals: &Totals) -> Vec<Warning> {
              left out of the image: remove overlapping layers, or choose a hardware device with --device"
         ),
     );
+    let most = settings.max_bounces;
+    if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
+        let text = format!(
+            "light bounces {mean_bounces} times here on average, and --max-bounces {most} leaves out what bounces more often: \
+             the image is too dark unless more are asked for"
+        );
+        warn("mean_bounces", mean_bounces, text);
+    }
     warn(
         "procedural_overruns",
         procedural_overruns,

@@ -176,7 +176,7 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);
     put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
-    let warnings = conditioning::warnings(&renderer.totals);
+    let warnings = conditioning::warnings(&renderer.totals, &renderer.settings);
     if !warnings.is_empty() {
         let counts: Vec<String> = warnings.iter().map(|w| format!("{}={}", w.name, w.count)).collect();
         put("penumbra:conditioning", Metadata::Text(counts.join(" ")));
@@ -224,7 +224,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             .notes
             .iter()
             .cloned()
-            .chain(conditioning::warnings(totals).into_iter().map(|w| w.text))
+            .chain(conditioning::warnings(totals, &renderer.settings).into_iter().map(|w| w.text))
             .collect(),
     }
 }

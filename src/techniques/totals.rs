@@ -104,6 +104,14 @@ impl Totals {
         .summed()
     }
 
+    /// Bounces of a photon of the global map on average, or of a path where there is no such map.
+    pub fn mean_bounces(&self) -> f64 {
+        let Indirect { emitted, photons, .. } = self.indirect;
+        let (bounces, paths) =
+            if emitted > 0 { (photons, emitted) } else { (self.get(Counter::BounceRays), self.camera_rays) };
+        bounces as f64 / paths.max(1) as f64
+    }
+
     pub fn points(&self) -> Points {
         let [lit, shadowed, boundary, unknown] =
             [Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown].map(|c| self.get(c));

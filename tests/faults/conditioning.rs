@@ -65,7 +65,8 @@ fn an_ordinary_scene_says_nothing() {
     for technique in Technique::ALL {
         let settings = Settings { aovs: Aov::ALL.to_vec(), ..settings(technique) };
         let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings);
-        let figures = Conditioning { unknown: found.unknown, least_records: found.least_records, ..Default::default() };
+        let Conditioning { unknown, least_records, mean_bounces, .. } = found;
+        let figures = Conditioning { unknown, least_records, mean_bounces, ..Default::default() };
         assert_eq!(found, figures, "{technique}");
         assert_eq!((statistics.not_finite, said), (0, None), "{technique}");
         assert!(found.unknown as f64 <= 0.1 * statistics.points.total as f64, "{technique}: {found:?}");
@@ -153,6 +154,22 @@ fn heavy_paths_are_counted() {
     assert_told(&statistics, &said, "heavy_paths", found.heavy_paths, "weight");
     let all = Settings { max_bounces: 64, ..settings };
     assert_eq!(render(room(1.0, 5.0, &[]), &all).0.heavy_paths, 0);
+}
+
+/// A closed room in which light bounces 1 / (1 - albedo) times: at 0.97 of it 14 % is left after 64 bounces, at 0.9 a thousandth.
+#[test]
+fn light_that_bounces_on_is_told() {
+    for technique in [Technique::Path, Technique::ShadowPhotons] {
+        let (found, statistics, said) = render(room(0.97, 5.0, &[]), &settings(technique));
+        // The lamp, which reflects nothing, is a twentieth of what light meets: 0.97 of 0.95.
+        assert!((10..=33).contains(&found.mean_bounces), "{technique}: {found:?}");
+        assert_told(&statistics, &said, "mean_bounces", found.mean_bounces, "--max-bounces 64");
+        // Enough of them, or knowingly few.
+        for max_bounces in [512, 8] {
+            let (_, _, said) = render(room(0.97, 5.0, &[]), &Settings { max_bounces, ..settings(technique) });
+            assert_eq!(said, None, "{technique}: {max_bounces}");
+        }
+    }
 }
 
 /// 70,000 triangles in one place take more turns than a device may have. A spot of them costs some samples and a note; where

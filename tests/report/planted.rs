@@ -22,7 +22,7 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
         Snapshot { budget, time: budget, samples, rays: renderer.statistics().unwrap().rays, image }
     });
     let statistics = renderer.statistics().unwrap();
-    Run { settings, setup: 0.5, snapshots: snapshots.into(), statistics, map_left_out: None, time: 4.0 }
+    Run { settings, setup: 0.5, snapshots: snapshots.into(), statistics, map_left_out: None, time: 4.0, spent: 4.0 }
 }
 
 /// Multiplies each pixel of the image's colour by a factor.
