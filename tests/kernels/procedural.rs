@@ -62,7 +62,7 @@ fn rays(count: usize) -> Vec<Ray> {
         let distance = [0.1, 0.6, 4.0][i % 3];
         let origin = towards + distance * random.direction();
         let direction = (towards - origin) * [1.0 / distance, 1.0, 0.01][i / 3 % 3];
-        let length = if i % 5 == 0 { distance * random.unit() } else { 1e9 };
+        let length = if i.is_multiple_of(5) { distance * random.unit() } else { 1e9 };
         Ray { origin, direction, t_max: length / direction.length() }
     };
     (0..count).map(&mut ray).collect()
@@ -147,14 +147,8 @@ fn the_nearest_of_all_is_met() {
     let at = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
     let wall = square(DVec3::Z * 0.25, 0.5 * DVec3::X, 0.5 * DVec3::Y);
     let mut scene = scene(&[(wall, surface(0.5, 0.0))], Vec::new());
-    let roles = [Role::Distance, Role::Intersection];
-    place(
-        &mut scene,
-        &[0.5, 0.0]
-            .map(|z| at(z))
-            .map(|world| (world, roles[usize::from(world.translation.z == 0.0)]))
-            .map(|(world, role)| sphere(role, world, surface(0.5, 0.0))),
-    );
+    let objects = [(Role::Distance, 0.5), (Role::Intersection, 0.0)];
+    place(&mut scene, &objects.map(|(role, z)| sphere(role, at(z), surface(0.5, 0.0))));
     let stage = stage(scene);
     let down = |z: f32| Ray { origin: Vec3::new(0.001, 0.002, z), direction: Vec3::NEG_Z, t_max: 1e30 };
     let (answers, misses) = run(&stage, "closest", &[down(1.0), down(0.35), down(0.2), down(0.0), down(-0.2)]);
