@@ -64,15 +64,20 @@ fn schlick(cosine: f32) -> f32 {
     return x2 * x2 * x;
 }
 
+// Reflectance at grazing incidence of a layer: a rough one reflects less there than Fresnel's term says, a tenth of it at
+// alpha 1, which is a little above what its lobe sums to.
+@if(glossy)
+fn layer_grazing(reflectances: vec2f, alpha: f32) -> f32 {
+    return max(reflectances.y * (1.0 - 0.9 * alpha), reflectances.x);
+}
+
 // What a dielectric layer lets through to the base and out again: what it does not reflect at the lower of the two
-// angles, of reflectances at normal and at grazing incidence. A rough layer reflects less at grazing angles than Fresnel's
-// term says: a tenth of it at alpha 1, which is a little above what its lobe sums to. Appendix B takes the term at the half
-// vector instead, but then a white base under a smooth layer, seen at one degree, returns 1.8 times what it gets; this stays
-// within 1, and is the same both ways.
+// angles, of reflectances at normal and at grazing incidence. Appendix B takes the term at the half vector instead, but then a
+// white base under a smooth layer, seen at one degree, returns 1.8 times what it gets; this stays within 1, and is the same
+// both ways.
 @if(glossy)
 fn through_layer(reflectances: vec2f, alpha: f32, light_z: f32, view_z: f32) -> f32 {
-    let grazing = max(reflectances.y * (1.0 - 0.9 * alpha), reflectances.x);
-    return 1.0 - mix(reflectances.x, grazing, schlick(min(light_z, view_z)));
+    return 1.0 - mix(reflectances.x, layer_grazing(reflectances, alpha), schlick(min(light_z, view_z)));
 }
 
 // Reflectances of the coat at normal and at grazing incidence: its index of refraction is 1.5 (KHR_materials_clearcoat).
@@ -276,23 +281,32 @@ fn focuses(s: Surface) -> bool {
     return focusing;
 }
 
+// Means over both directions, weighted by their cosines, of a lobe of the width alpha: of what its masking leaves, and of that times
+// Schlick's term. Fits to integrals by 10^6 samples at 39 widths, off by 0.004 and 0.0005 at most.
+@if(glossy)
+fn lobe_means(alpha: f32) -> vec2f {
+    return vec2f(1.0, 1.0 / 21.0) / (1.0 + vec2f(1.42, 13.6) * pow(vec2f(alpha), vec2f(1.72, 1.54)));
+}
+
+// What `through_layer` keeps on average: Schlick's term at the lower of two angles is 11/126, both weighted by their cosines.
+@if(glossy)
+fn mean_kept(reflectances: vec2f, alpha: f32) -> f32 {
+    return mix(reflectances.x, layer_grazing(reflectances, alpha), 11.0 / 126.0);
+}
+
 // What of the irradiance of the geometric surface is reflected towards one direction, where a path ends. A dielectric layer
-// reflects the hemispherical mean of Schlick's term, 1/21 of its range, as if spread like the base's light; and it keeps from
-// the base its mean at the lower of two angles, 11/126 of the range (both means weighted by the cosine). Traced, its highlights
-// of small lights would be found by few rays, each as bright as the light. A bent shading normal turns away from part of the
-// light.
+// reflects its mean over all directions as if spread like the base's light. Traced, its highlights of small lights would be
+// found by few rays, each as bright as the light. A bent shading normal turns away from part of the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
     let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
     @if(glossy) {
         if !reflects_more(s) {
-            // As in `through_layer`, a rough layer reflects less at grazing angles.
-            let rough = 1.0 - 0.9 * s.alpha;
-            let layer = s.f0 + (vec3f(s.f90) - s.f0) * (rough / 21.0);
-            let kept = s.dielectric.x + (s.dielectric.y - s.dielectric.x) * (rough * 11.0 / 126.0);
-            let base = s.albedo * (1.0 - kept) + layer;
+            let means = lobe_means(s.alpha);
+            let base = s.albedo * (1.0 - mean_kept(s.dielectric, s.alpha)) + s.f0 * means.x + (vec3f(s.f90) - s.f0) * means.y;
             @if(clearcoat) {
-                let coat = COAT_REFLECTANCES.x + (COAT_REFLECTANCES.y - COAT_REFLECTANCES.x) * ((1.0 - 0.9 * s.coat.y) * vec2f(1.0 / 21.0, 11.0 / 126.0));
-                return (base * (1.0 - s.coat.x * coat.y) + s.coat.x * coat.x) * facing;
+                let coat_means = lobe_means(s.coat.y);
+                let coat = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), coat_means);
+                return (base * (1.0 - s.coat.x * mean_kept(COAT_REFLECTANCES, s.coat.y)) + s.coat.x * coat) * facing;
             }
             @else { return base * facing; }
         }

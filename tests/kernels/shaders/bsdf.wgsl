@@ -1,7 +1,7 @@
 // What the BSDF module answers, for a test to compare.
 
 import package::lib::dispatch::group_index;
-import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_pdf, bsdf_residual, bsdf_sample};
+import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -65,4 +65,13 @@ fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     var flux = s.weight.x;
     @if(transmission) { flux /= max(s.concentration, 1e-20); }
     results[2u * i + 1u] = vec4f(s.weight, flux);
+}
+
+// What the surface reflects where a path ends, as albedo.
+@compute @workgroup_size(64)
+fn seen_afar(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = item(group, groups, lane);
+    if i >= count { return; }
+    results[2u * i] = vec4f(bsdf_seen_afar(tested_surface()) * 3.14159265, 0.0);
+    results[2u * i + 1u] = vec4f(0.0);
 }
