@@ -7,6 +7,7 @@ import package::lib::math::{PI, oct_decode16};
 import package::lib::point::{Point, SURFACE_VECTORS};
 @if(transmission) import package::lib::point::TINT_VECTOR;
 @if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(sheen) import package::lib::point::SHEEN_VECTOR;
 @if(chains) import package::lib::point::CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
 import package::lib::tile::{Tile, tile_pixel};
@@ -71,6 +72,7 @@ fn reflects_beyond(i: u32) -> bool {
         var beyond = any(surfaces[i * SURFACE_VECTORS + 1u] != vec4f(0.0));
         @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + TINT_VECTOR].xyz != vec3f(0.0)); }
         @if(clearcoat) { beyond = beyond || surfaces[i * SURFACE_VECTORS + LOBE_VECTOR].x != 0.0; }
+        @if(sheen) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR].xyz != vec3f(0.0)); }
         return beyond;
     }
     @else { return false; }

@@ -15,6 +15,7 @@ import package::lib::sampling::sobol2;
 import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
 @if(transmission) import package::lib::point::TINT_VECTOR;
 @if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(sheen) import package::lib::point::SHEEN_VECTOR;
 @if(chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(chains) import package::lib::light::BEYOND_SCENE;
@@ -74,6 +75,7 @@ fn primary(
             surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
             @if(transmission) { surfaces[i * SURFACE_VECTORS + TINT_VECTOR] = packed.tint; }
             @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
+            @if(sheen) { surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR] = packed.sheen; }
             @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
         }
     }

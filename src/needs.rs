@@ -68,6 +68,9 @@ impl Needs {
         let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
         let cost = "a tangent at every surface; 16 B a point and a triangle";
         needs.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
+        let (on, why) = materials(m.sheen, "with a sheen of fibres");
+        let cost = "a lobe more at every glossy surface; a table of 31 kB; 16 B a point";
+        needs.decide("sheen", on, why, "no material has a sheen", cost);
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
         needs.decide(
             "alpha_test",
@@ -127,7 +130,13 @@ impl Needs {
             "a test at every point and light",
         );
         let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
-        needs.decide("emitter_pairs", on, why, "no light is a closed mesh", "two records at every light point");
+        needs.decide(
+            "emitter_pairs",
+            on,
+            why,
+            "no light is a closed mesh",
+            "two records at every light point; 1 kB a triangle",
+        );
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
         let photons = u64::from(settings.photons) * placed as u64;
@@ -308,9 +317,14 @@ pub fn bytes_text(bytes: u64) -> String {
     }
 }
 
+/// A material with a sheen: one of a colour other than black.
+fn has_sheen(m: &Material) -> bool {
+    !m.unlit && m.sheen_colour != Vec3::ZERO
+}
+
 /// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
 fn is_lambertian(m: &Material) -> bool {
-    m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0)
+    m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0 && !has_sheen(m))
 }
 
 /// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
@@ -339,6 +353,7 @@ struct Facts {
     focusing: usize,
     clear: usize,
     anisotropy: usize,
+    sheen: usize,
     /// All but black ones.
     reflecting: usize,
     alpha: usize,
@@ -372,6 +387,7 @@ impl Facts {
             facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
             facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
             facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
+            facts.sheen += usize::from(has_sheen(m));
             let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);
             facts.reflecting += usize::from(!black);
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);

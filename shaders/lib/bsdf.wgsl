@@ -1,9 +1,16 @@
 // How surfaces reflect and let light pass: glTF's metallic-roughness model (glTF 2.0, appendix B; KHR_materials_specular,
-// _ior, _transmission, _volume, _clearcoat and _anisotropy): a GGX microfacet lobe over a Lambertian base, of which a part may
-// let light pass, under a second GGX lobe, the coat.
+// _ior, _transmission, _volume, _clearcoat, _sheen and _anisotropy): a GGX microfacet lobe over a Lambertian base, of which a
+// part may let light pass, under the sheen of fibres, and under a second GGX lobe, the coat.
 
 import package::lib::math::{PI, basis, safe_sqrt};
 import package::lib::sampling::sample_cosine;
+@if(sheen) import package::lib::sampling::sample_cone;
+@if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS};
+
+// By cell of the cubic root of the cosine and the logarithm of the roughness: what the albedo of fibres is interpolated
+// from (src/tables/sheen.rs).
+@if(sheen) @group(1) @binding(22) var<uniform> sheen_albedos: array<vec4f, SHEEN_COLUMNS * SHEEN_ROWS>;
+@if(sheen) override least_sheen_roughness: f32;
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
@@ -25,6 +32,8 @@ struct Surface {
     @if(transmission) eta: f32,
     // Of the coat: its factor, and its width as alpha.
     @if(clearcoat) coat: vec2f,
+    // Of the fibres: their colour and their roughness.
+    @if(sheen) sheen: vec4f,
     // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth surface.
     geometric_normal: vec3f,
     shading_normal: vec3f,
@@ -90,10 +99,85 @@ fn through_coat(s: Surface, light_z: f32, view_z: f32) -> f32 {
     @else { return 1.0; }
 }
 
-// What coat and dielectric layer let through to the diffuse base.
+// What fibres look like from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3, as
+// KHR_materials_sheen has it), and how much light from there they would reflect if white: their directional albedo, which
+// by the extension's formula is more than 1 at grazing angles where they are less rough than 0.3.
+@if(sheen)
+struct FibreSide {
+    lambda: f32,
+    albedo: f32,
+}
+
+@if(sheen)
+fn sheen_roughness(s: Surface) -> f32 {
+    return clamp(s.sheen.w, least_sheen_roughness, 1.0);
+}
+
+@if(sheen)
+fn fibre_side(roughness: f32, height: f32) -> FibreSide {
+    let cosine = clamp(height, 1e-4, 1.0);
+    let alpha = roughness * roughness;
+    let smoothness = (1.0 - alpha) * (1.0 - alpha);
+    let a = mix(21.5473, 25.3245, smoothness);
+    let b = mix(3.82987, 3.32435, smoothness);
+    let c = mix(0.19823, 0.16801, smoothness);
+    let d = mix(-1.97760, -1.27393, smoothness);
+    let e = mix(-4.32054, -4.85967, smoothness);
+    let low = min(cosine, max(1.0 - cosine, 1e-6));
+    let l = a / (1.0 + b * pow(low, c)) + d * low + e;
+    let middle = a / (1.0 + b * pow(0.5, c)) + d * 0.5 + e;
+    let lambda = exp(select(2.0 * middle - l, l, cosine < 0.5));
+
+    let last = vec2u(SHEEN_COLUMNS, SHEEN_ROWS) - 1u;
+    let at = vec2f(pow(cosine, 1.0 / 3.0), log2(roughness) / log2(least_sheen_roughness)) * vec2f(last + 1u);
+    let cell = min(vec2u(at), last);
+    let f = at - vec2f(cell);
+    let corners = sheen_albedos[cell.y * SHEEN_COLUMNS + cell.x];
+    let found = mix(mix(corners.x, corners.y, f.x), mix(corners.z, corners.w, f.x), f.y);
+    return FibreSide(lambda, exp2(found) / (4.0 * cosine * (1.0 + lambda)));
+}
+
+// What fibres of that albedo let through to what lies below them.
+@if(sheen)
+fn through_fibres(s: Surface, albedo: f32) -> f32 {
+    return 1.0 - max(s.sheen.x, max(s.sheen.y, s.sheen.z)) * min(albedo, 1.0);
+}
+
+// What the fibres reflect: the extension's formula, less as much as keeps their albedo from either side within 1. So it is the
+// same both ways, makes no light, and is the formula as it is wherever that does so.
+@if(sheen)
+fn sheen_value(s: Surface, pair: LocalPair) -> vec3f {
+    let roughness = sheen_roughness(s);
+    let light = fibre_side(roughness, pair.light.z);
+    let view = fibre_side(roughness, pair.view.z);
+    let across = cross(normalize(pair.view + pair.light), vec3f(0.0, 0.0, 1.0));
+    let inverse_alpha = 1.0 / (roughness * roughness);
+    // sin^(1 / alpha), of the squared sine.
+    let distribution = (2.0 + inverse_alpha) / (2.0 * PI) * pow(max(dot(across, across), 1e-30), 0.5 * inverse_alpha);
+    let masked = (1.0 + light.lambda + view.lambda) * 4.0 * max(pair.light.z, 1e-4) * pair.view.z;
+    return s.sheen.xyz * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
+}
+
+// What the fibres let through at the less favourable of the two angles, as the extension's albedo scaling has it.
+@if(glossy)
+fn through_sheen(s: Surface, light_z: f32, view_z: f32) -> f32 {
+    @if(sheen) {
+        let roughness = sheen_roughness(s);
+        return through_fibres(s, max(fibre_side(roughness, light_z).albedo, fibre_side(roughness, view_z).albedo));
+    }
+    @else { return 1.0; }
+}
+
+// What coat and fibres let through to the microfacets, and to what lies behind them.
+@if(glossy)
+fn through_upper(s: Surface, light_z: f32, view_z: f32) -> f32 {
+    return through_coat(s, light_z, view_z) * through_sheen(s, light_z, view_z);
+}
+
+// What all layers let through to the diffuse base.
 @if(glossy)
 fn through_to_base(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    return through_layer(s.dielectric, s.alpha, light_z, view_z) * through_coat(s, light_z, view_z);
+    return through_layer(s.dielectric, s.alpha, light_z, view_z) * through_upper(s, light_z, view_z);
 }
 
 // The cosine that Schlick's term is for: that on the side of the lower index of refraction. -1 where all is reflected.
@@ -189,11 +273,12 @@ fn microfacets(pair: LocalPair, h: vec3f) -> f32 {
     return smith_visibility(pair) * ggx_density(h, pair.alpha);
 }
 
-// Light that microfacets reflect; less what the coat keeps from them, and the coat's own.
+// Light that microfacets reflect, less what the layers above keep from them; and what these reflect.
 @if(glossy)
 fn specular_value(s: Surface, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
-    let value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h);
+    var value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h) * through_sheen(s, pair.light.z, pair.view.z);
+    @if(sheen) { value += sheen_value(s, pair); }
     @if(clearcoat) {
         let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
         return value * through_coat(s, pair.light.z, pair.view.z) + s.coat.x * fresnel * microfacets(coat_pair(s, pair), h);
@@ -232,7 +317,7 @@ fn transmitted_value(s: Surface, pair: LocalPair) -> vec3f {
     let found = passing(s, pair);
     let view_h = dot(pair.view, found.normal);
     let value = transmittance(s, view_h) * (4.0 * view_h * found.jacobian * s.eta * s.eta * microfacets(pair, found.normal));
-    return value * through_coat(s, -pair.light.z, pair.view.z);
+    return value * through_upper(s, -pair.light.z, pair.view.z);
 }
 
 // The BSDF less its diffuse part, for light from the unit `direction`. Negative where the layers keep more from the base
@@ -265,6 +350,7 @@ fn reflects_more(s: Surface) -> bool {
 fn is_clear(s: Surface) -> bool {
     var clear = s.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
     @if(clearcoat) { clear = clear && s.coat.x == 0.0; }
+    @if(sheen) { clear = clear && all(s.sheen.xyz == vec3f(0.0)); }
     @if(anisotropy) { clear = clear && all(s.tangent == vec3f(0.0)); }
     return clear;
 }
@@ -302,7 +388,15 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
     @if(glossy) {
         if !reflects_more(s) {
             let means = lobe_means(s.alpha);
-            let base = s.albedo * (1.0 - mean_kept(s.dielectric, s.alpha)) + s.f0 * means.x + (vec3f(s.f90) - s.f0) * means.y;
+            var base = s.albedo * (1.0 - mean_kept(s.dielectric, s.alpha)) + s.f0 * means.x + (vec3f(s.f90) - s.f0) * means.y;
+            @if(sheen) {
+                // Means over the cosine-weighted hemisphere of the fibres' albedo, and of the larger of two: fits, 0.001 and
+                // 0.003 off at most.
+                let r = sheen_roughness(s);
+                let mean = r * (0.197 + r * (0.059 + r * (0.430 - 0.387 * r)));
+                let larger = r * (0.439 + r * (-0.299 + r * (0.708 - 0.483 * r)));
+                base = base * through_fibres(s, larger) + s.sheen.xyz * mean;
+            }
             @if(clearcoat) {
                 let coat_means = lobe_means(s.coat.y);
                 let coat = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), coat_means);
@@ -333,6 +427,7 @@ struct LobeChances {
     // The lobe that reflects and lets pass.
     microfacets: f32,
     @if(clearcoat) coat: f32,
+    @if(sheen) sheen: f32,
 }
 
 @if(glossy)
@@ -343,13 +438,25 @@ fn lobe_chances(s: Surface, view_z: f32) -> LobeChances {
     // Neither lobe so seldom that its samples weigh more than ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);
+    var chances: LobeChances;
+    chances.microfacets = share;
+    var below = specular + diffuse;
+    @if(sheen) {
+        let albedo = fibre_side(sheen_roughness(s), view_z).albedo;
+        let sheen = dot(s.sheen.xyz, vec3f(1.0)) * min(albedo, 1.0);
+        below *= through_fibres(s, albedo);
+        chances.sheen = select(0.0, clamp(sheen / max(sheen + below, 1e-30), 0.1, 0.9), any(s.sheen.xyz > vec3f(0.0)));
+        chances.microfacets *= 1.0 - chances.sheen;
+        below += sheen;
+    }
     @if(clearcoat) {
         let through = through_coat(s, view_z, view_z);
         let coat = 3.0 * (1.0 - through);
-        let coat_share = select(0.0, clamp(coat / (coat + through * (specular + diffuse)), 0.1, 0.9), s.coat.x > 0.0);
-        return LobeChances(share * (1.0 - coat_share), coat_share);
+        chances.coat = select(0.0, clamp(coat / (coat + through * below), 0.1, 0.9), s.coat.x > 0.0);
+        chances.microfacets *= 1.0 - chances.coat;
+        @if(sheen) { chances.sheen *= 1.0 - chances.coat; }
     }
-    @else { return LobeChances(share); }
+    return chances;
 }
 
 // How often a microfacet is sampled as one that lets pass.
@@ -395,8 +502,11 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
         @if(transmission) { specular *= 1.0 - passing_share(s, dot(pair.view, h)); }
         var diffuse = 1.0 - chances.microfacets;
         @if(clearcoat) { diffuse -= chances.coat; }
+        @if(sheen) { diffuse -= chances.sheen; }
         var pdf = specular * visible_density(pair, h) + max(diffuse, 0.0) * (pair.light.z / PI);
         @if(clearcoat) { pdf += chances.coat * visible_density(coat_pair(s, pair), h); }
+        // Fibres are sampled alike in all directions, as Estevez and Kulla (2017) found best for lobes so wide.
+        @if(sheen) { pdf += chances.sheen / (2.0 * PI); }
         return pdf;
     }
     @else {
@@ -418,7 +528,9 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
             if u.z >= chances.microfacets { alpha = coat_pair(s, pair).alpha; }
         }
         let h = sample_visible_normal(pair.view, alpha, u.xy);
-        var local = select(sample_cosine(u.xy), reflect(-pair.view, h), u.z < below);
+        var wide = sample_cosine(u.xy);
+        @if(sheen) { if u.z < below + chances.sheen { wide = sample_cone(u.xy, 0.0); } }
+        var local = select(wide, reflect(-pair.view, h), u.z < below);
         @if(transmission) var passed = false;
         @if(transmission) {
             // The lots of the microfacets' lobe come in two parts: those that pass first.

@@ -9,6 +9,8 @@ import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
     LIGHT_COVERAGE, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
+@if(emitter_pairs) import package::lib::constants::{LIGHT_VIEWED, VIEW_DISTANCE_SQUARED, VIEW_SIDE};
+@if(emitter_pairs) import package::lib::math::oct_wrap;
 @if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
 @if(environment) import package::lib::environment::environment_sample;
 @if(emissive_textures) import package::lib::surface::emission_at;
@@ -327,13 +329,60 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// The density by area of an emitter triangle that faces the position. Of a closed mesh half of the triangles face
-// away: each is paired with one that faces about the other way, which is taken in its place. So a triangle that
-// faces the position is chosen for itself, and for its partner where that faces away.
+// Of a convex lamp what its triangles show from afar hangs on the direction alone: for each of some directions there are
+// cumulative probabilities by power times cosine, so that all points bring about the same light.
+@if(emitter_pairs) const NO_VIEW = 0xffffffffu;
+
+// The first record of the probabilities for a position, or NO_VIEW.
+@if(emitter_pairs)
+fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
+    let sphere = light_record_f32(light, 1u);
+    let offset = position - sphere.xyz;
+    let near = dot(offset, offset) < f32(VIEW_DISTANCE_SQUARED) * sphere.w * sphere.w;
+    if near || (header.x & LIGHT_VIEWED) == 0u { return NO_VIEW; }
+    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
+    let cell = min(place, vec2u(VIEW_SIDE - 1u));
+    return light_record(light, 3u).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
+}
+
+// Cumulative probability of a view's emitter triangle `i`, those before it included.
+@if(emitter_pairs)
+fn view_cumulative(view: u32, i: u32) -> f32 {
+    return load_light_vertex(view + i / 4u)[i & 3u];
+}
+
+// Probability of a view's emitter triangle `i`.
+@if(emitter_pairs)
+fn view_share(view: u32, i: u32) -> f32 {
+    if i == 0u { return view_cumulative(view, 0u); }
+    return view_cumulative(view, i) - view_cumulative(view, i - 1u);
+}
+
+@if(emitter_pairs)
+fn choose_viewed(header: vec4u, view: u32, u: vec2f) -> EmitterChoice {
+    // The first record with a cumulative probability above u.x, and that one of it.
+    var first = 0u;
+    var last = (header.z + 3u) / 4u - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        if load_light_vertex(view + middle).w > u.x { last = middle; } else { first = middle + 1u; }
+    }
+    let below = vec3u(load_light_vertex(view + first).xyz <= vec3f(u.x));
+    let i = 4u * first + below.x + below.y + below.z;
+    // What is left of u.x within the triangle's share of the probability.
+    let left = clamp(1.0 - (view_cumulative(view, i) - u.x) / view_share(view, i), 0.0, 1.0 - 1.0 / 16777216.0);
+    return EmitterChoice(header.y + i, load_emitter(header.y + i), vec2f(left, u.y));
+}
+
+// The density by area of an emitter triangle that faces the position. From near, or with few triangles, those that face away
+// are each paired with one that faces about the other way, which is taken in its place. So a triangle that faces the position
+// is chosen for itself, and for its partner where that faces away.
 @if(mesh_lights)
-fn paired_density(emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
+fn emitter_density(light: u32, header: vec4u, emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
     var density = triangle.density;
     @if(emitter_pairs) {
+        let view = view_of(light, header, position);
+        if view != NO_VIEW { return view_share(view, emitter - header.y) / (0.5 * length(triangle.across)); }
         let partner = load_emitter_record(emitter * EMITTER_RECORDS + 3u).x;
         if partner != emitter {
             let other = load_emitter(partner);
@@ -347,14 +396,21 @@ fn paired_density(emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f
 
 @if(mesh_lights)
 fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
-    var chosen = choose_emitter(header, u);
+    var chosen: EmitterChoice;
+    @if(!emitter_pairs) { chosen = choose_emitter(header, u); }
     @if(emitter_pairs) {
-        if !emitter_faces(chosen.triangle, position) {
-            chosen.emitter = load_emitter_record(chosen.emitter * EMITTER_RECORDS + 3u).x;
-            chosen.triangle = load_emitter(chosen.emitter);
+        let view = view_of(light, header, position);
+        if view != NO_VIEW {
+            chosen = choose_viewed(header, view, u);
+        } else {
+            chosen = choose_emitter(header, u);
+            if !emitter_faces(chosen.triangle, position) {
+                chosen.emitter = load_emitter_record(chosen.emitter * EMITTER_RECORDS + 3u).x;
+                chosen.triangle = load_emitter(chosen.emitter);
+            }
         }
     }
-    let density = paired_density(chosen.emitter, chosen.triangle, position);
+    let density = emitter_density(light, header, chosen.emitter, chosen.triangle, position);
     let point = mesh_point(light, header, chosen.triangle, density, chosen.u);
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
@@ -392,7 +448,7 @@ fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     if first < base + header.y {
         let found = load_emitter_record(first);
         if found.x == triangle {
-            return Emitter(found.y, paired_density(found.z, load_emitter(found.z), position));
+            return Emitter(found.y, emitter_density(found.y, light_record(found.y, 0u), found.z, load_emitter(found.z), position));
         }
     }
     return Emitter(0u, 0.0);

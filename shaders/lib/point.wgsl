@@ -19,11 +19,14 @@ struct Point {
 @if(!transmission) const TINT_VECTORS = 0u;
 @if(clearcoat || anisotropy) const LOBE_VECTORS = 1u;
 @if(!(clearcoat || anisotropy)) const LOBE_VECTORS = 0u;
+@if(sheen) const SHEEN_VECTORS = 1u;
+@if(!sheen) const SHEEN_VECTORS = 0u;
 @if(chains) const CHAIN_VECTORS = 1u;
 @if(!chains) const CHAIN_VECTORS = 0u;
 const TINT_VECTOR = 1u + GLOSSY_VECTORS;
 const LOBE_VECTOR = TINT_VECTOR + TINT_VECTORS;
-const CHAIN_VECTOR = LOBE_VECTOR + LOBE_VECTORS;
+const SHEEN_VECTOR = LOBE_VECTOR + LOBE_VECTORS;
+const CHAIN_VECTOR = SHEEN_VECTOR + SHEEN_VECTORS;
 const SURFACE_VECTORS = CHAIN_VECTOR + CHAIN_VECTORS;
 
 struct PackedSurface {
@@ -32,6 +35,7 @@ struct PackedSurface {
     @if(glossy) c: vec4f,
     @if(transmission) tint: vec4f,
     @if(clearcoat || anisotropy) lobe: vec4f,
+    @if(sheen) sheen: vec4f,
     // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where the
     // camera sees the point itself.
     @if(chains) chain: vec4f,
@@ -46,6 +50,7 @@ fn pack_surface(s: Surface) -> PackedSurface {
     }
     @if(transmission) { p.tint = vec4f(s.tint, s.eta); }
     @if(clearcoat) { p.lobe = vec4f(s.coat, 0.0, 0.0); }
+    @if(sheen) { p.sheen = s.sheen; }
     // A tangent of length 0 has no code: its width is negative.
     @if(anisotropy) {
         p.lobe.z = select(-1.0, s.alpha_along, any(s.tangent != vec3f(0.0)));
@@ -87,6 +92,7 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
         s.eta = p.tint.w;
     }
     @if(clearcoat) { s.coat = p.lobe.xy; }
+    @if(sheen) { s.sheen = p.sheen; }
     @if(anisotropy) {
         s.alpha_along = p.lobe.z;
         s.tangent = select(vec3f(0.0), oct_decode16(bitcast<u32>(p.lobe.w)), p.lobe.z >= 0.0);

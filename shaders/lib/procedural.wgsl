@@ -12,8 +12,8 @@ import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS, PROCEDURAL_RE
 
 override procedural_count: u32;
 
-@if(texture_loads) @group(1) @binding(22) var procedural_records: texture_storage_2d<rgba32float, read>;
-@if(!texture_loads) @group(1) @binding(22) var<storage, read> procedural_records: array<vec4f>;
+@if(texture_loads) @group(1) @binding(24) var procedural_records: texture_storage_2d<rgba32float, read>;
+@if(!texture_loads) @group(1) @binding(24) var<storage, read> procedural_records: array<vec4f>;
 
 // Turns of loops that a ray has taken in all objects.
 var<private> procedural_spent: u32;

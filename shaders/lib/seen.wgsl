@@ -6,6 +6,7 @@ import package::lib::math::oct_decode16;
 import package::lib::point::{PackedSurface, Point, SURFACE_VECTORS, unpack_surface};
 @if(transmission) import package::lib::point::TINT_VECTOR;
 @if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
+@if(sheen) import package::lib::point::SHEEN_VECTOR;
 @if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -26,6 +27,7 @@ fn seen_surface(i: u32) -> Surface {
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
         @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
         @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
+        @if(sheen) { packed.sheen = surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR]; }
         @if(!chains) { view = view_direction(points[i].position); }
         @if(chains) { view = seen_chain(i).view; }
     }

@@ -1,5 +1,5 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
-// _transmission, _volume, _clearcoat, _anisotropy, _unlit, _emissive_strength, KHR_texture_transform).
+// _transmission, _volume, _clearcoat, _anisotropy, _sheen, _unlit, _emissive_strength, KHR_texture_transform).
 
 @if(texture_loads) import package::lib::table::table_place;
 @if(!procedurals) import package::lib::bvh::triangle_corners;
@@ -175,6 +175,7 @@ struct MaterialTexels {
     @if(transmission) transmission: f32,
     @if(clearcoat) coat: vec2f,
     @if(anisotropy) anisotropy: vec3f,
+    @if(sheen) sheen: vec4f,
 }
 
 // One turn for each texture that there is: software devices run the body of an if for every lane, whatever its condition,
@@ -194,13 +195,16 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
     @if(clearcoat) { result.coat = vec2f(1.0); }
     // Along the tangent, and all of the strength.
     @if(anisotropy) { result.anisotropy = vec3f(1.0, 0.5, 1.0); }
+    @if(sheen) { result.sheen = vec4f(1.0); }
     @if(transmission || clearcoat || anisotropy) let lobes = load_material_record(material + 8u);
+    @if(sheen) let fibres = load_material_record(material + 11u);
     var left = u32(words.y != 0u) | (u32(more.x != 0u) << 1u);
     @if(normal_maps) { left |= u32(words.w != 0u) << 2u; }
     @if(glossy) { left |= (u32(words.z != 0u) << 3u) | (u32(more.y != 0u) << 4u) | (u32(more.z != 0u) << 5u); }
     @if(transmission) { left |= u32(lobes.x != 0u) << 6u; }
     @if(clearcoat) { left |= (u32(lobes.y != 0u) << 7u) | (u32(lobes.z != 0u) << 8u); }
     @if(anisotropy) { left |= u32(lobes.w != 0u) << 9u; }
+    @if(sheen) { left |= (u32(fibres.x != 0u) << 10u) | (u32(fibres.y != 0u) << 11u); }
     while left != 0u {
         let which = firstTrailingBit(left);
         left &= left - 1u;
@@ -210,6 +214,7 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
         @if(transmission) { slot = select(slot, lobes.x, which == 6u); }
         @if(clearcoat) { slot = select(select(slot, lobes.y, which == 7u), lobes.z, which == 8u); }
         @if(anisotropy) { slot = select(slot, lobes.w, which == 9u); }
+        @if(sheen) { slot = select(select(slot, fibres.x, which == 10u), fibres.y, which == 11u); }
         let texel = texture_at(slot, uv);
         result.base = select(result.base, texel.xyz, which == 0u);
         result.emission = select(result.emission, texel.xyz, which == 1u);
@@ -222,6 +227,7 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
         @if(transmission) { result.transmission = select(result.transmission, texel.x, which == 6u); }
         @if(clearcoat) { result.coat = select(result.coat, texel.xy, vec2<bool>(which == 7u, which == 8u)); }
         @if(anisotropy) { result.anisotropy = select(result.anisotropy, texel.xyz, which == 9u); }
+        @if(sheen) { result.sheen = select(result.sheen, texel, vec4<bool>(vec3<bool>(which == 10u), which == 11u)); }
     }
     return result;
 }
@@ -401,6 +407,10 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
             surface.tangent = select(vec3f(0.0), tangent / max(length(tangent), 1e-6), dot(tangent, tangent) > 1e-12);
             surface.alpha_along = mix(surface.alpha, 1.0, strength * strength);
         }
+    }
+    @if(sheen) {
+        surface.sheen = bitcast<vec4f>(load_material_record(material + 10u));
+        @if(textures) { surface.sheen *= texels.sheen; }
     }
     var unlit = false;
     @if(unlit) {

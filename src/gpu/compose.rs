@@ -78,6 +78,8 @@ pub const FEATURES: &[&str] = &[
     "clearcoat",
     // Scene: some material spreads its reflections more along its tangent than across.
     "anisotropy",
+    // Scene: some material has a sheen of fibres.
+    "sheen",
     // Scene: some material is an alpha mask or blends, so that rays test the triangles they meet.
     "alpha_test",
     // Scene: some material is unlit.
@@ -145,6 +147,8 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("MATERIAL_UNLIT", crate::tables::surfaces::UNLIT),
     ("MATERIAL_MASK", crate::tables::surfaces::MASK),
     ("MATERIAL_BLEND", crate::tables::surfaces::BLEND),
+    ("SHEEN_COLUMNS", crate::tables::sheen::COLUMNS),
+    ("SHEEN_ROWS", crate::tables::sheen::ROWS),
     ("SLOT_RECORDS", crate::tables::textures::SLOT_RECORDS),
     ("SLOT_NEAREST", crate::tables::textures::NEAREST),
     ("SLOT_SRGB", crate::tables::textures::SRGB),
@@ -203,6 +207,9 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_TWO_SIDED", crate::tables::lights::TWO_SIDED),
     ("LIGHT_CLOSED_FORM", crate::tables::lights::CLOSED_FORM),
     ("LIGHT_COVERAGE", crate::tables::lights::COVERAGE),
+    ("LIGHT_VIEWED", crate::tables::lights::VIEWED),
+    ("VIEW_SIDE", crate::tables::lights::VIEW_SIDE),
+    ("VIEW_DISTANCE_SQUARED", (crate::tables::lights::VIEW_DISTANCE * crate::tables::lights::VIEW_DISTANCE) as u32),
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),

@@ -95,7 +95,7 @@ impl TileBuffers {
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, features: &Features, points: u32, indirect: bool) -> Result<TileBuffers> {
         let points = points as usize;
-        let parts = [("glossy", 2), ("transmission", 1), ("clearcoat", 1), ("anisotropy", 1)];
+        let parts = [("glossy", 2), ("transmission", 1), ("clearcoat", 1), ("anisotropy", 1), ("sheen", 1)];
         let mut vectors: usize = 1 + parts.iter().filter(|(name, _)| features.has(name)).map(|(_, n)| n).sum::<usize>();
         // Coat and anisotropy share one.
         vectors -= usize::from(features.has("clearcoat") && features.has("anisotropy"));

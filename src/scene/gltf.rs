@@ -23,12 +23,13 @@ pub struct ImportOptions {
 }
 
 /// Extensions that are rendered.
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",

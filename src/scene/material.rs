@@ -28,6 +28,8 @@ impl Default for Material {
             clearcoat_roughness: 0.0,
             anisotropy: 0.0,
             anisotropy_rotation: 0.0,
+            sheen_colour: Vec3::ZERO,
+            sheen_roughness: 0.0,
             normal_scale: 1.0,
             alpha: AlphaMode::Opaque,
             double_sided: false,
@@ -43,6 +45,8 @@ impl Default for Material {
             clearcoat_texture: None,
             clearcoat_roughness_texture: None,
             anisotropy_texture: None,
+            sheen_colour_texture: None,
+            sheen_roughness_texture: None,
         }
     }
 }
@@ -66,6 +70,8 @@ impl Material {
             &self.clearcoat_texture,
             &self.clearcoat_roughness_texture,
             &self.anisotropy_texture,
+            &self.sheen_colour_texture,
+            &self.sheen_roughness_texture,
         ]
         .into_iter()
         .flatten()
@@ -190,6 +196,12 @@ impl Reader<'_, '_> {
             m.anisotropy = anisotropy.number_in("anisotropyStrength", 0.0, 0.0..=1.0)?;
             m.anisotropy_rotation = anisotropy.number_in("anisotropyRotation", 0.0, ..)?;
             m.anisotropy_texture = self.slot(&anisotropy, "anisotropyTexture", Linear)?;
+        }
+        if let Some(sheen) = json.extension("KHR_materials_sheen")? {
+            m.sheen_colour = sheen.numbers_in::<3>("sheenColorFactor", 0.0, 0.0..=1.0)?.into();
+            m.sheen_roughness = sheen.number_in("sheenRoughnessFactor", 0.0, 0.0..=1.0)?;
+            m.sheen_colour_texture = self.slot(&sheen, "sheenColorTexture", Srgb)?;
+            m.sheen_roughness_texture = self.slot(&sheen, "sheenRoughnessTexture", Linear)?;
         }
         let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
         m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {

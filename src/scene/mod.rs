@@ -174,6 +174,10 @@ pub struct Material {
     pub anisotropy: f32,
     /// KHR_materials_anisotropy rotation from the tangent, counter-clockwise, in radians.
     pub anisotropy_rotation: f32,
+    /// KHR_materials_sheen colour, each 0 to 1.
+    pub sheen_colour: Vec3,
+    /// KHR_materials_sheen roughness, 0 to 1.
+    pub sheen_roughness: f32,
     /// Scale of the normal texture's x and y.
     pub normal_scale: f32,
     /// Alpha mode.
@@ -205,6 +209,10 @@ pub struct Material {
     pub clearcoat_roughness_texture: Option<TextureSlot>,
     /// Direction of anisotropy in R and G, its strength in B.
     pub anisotropy_texture: Option<TextureSlot>,
+    /// Sheen colour (sRGB).
+    pub sheen_colour_texture: Option<TextureSlot>,
+    /// Sheen roughness in A.
+    pub sheen_roughness_texture: Option<TextureSlot>,
 }
 
 /// What light passes through inside a closed surface (KHR_materials_volume).

@@ -149,6 +149,8 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
         clearcoat_texture: None,
         clearcoat_roughness_texture: None,
         anisotropy_texture: None,
+        sheen_colour_texture: None,
+        sheen_roughness_texture: None,
         ..material
     }
 }

@@ -3,6 +3,7 @@
 pub mod camera;
 pub mod environment;
 pub mod lights;
+pub mod sheen;
 pub mod sobol;
 pub mod surfaces;
 pub mod textures;
@@ -32,6 +33,7 @@ pub struct SceneTables {
     procedural_count: usize,
     /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was none.
     pub procedural_misses: Buffer,
+    sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
     pub bytes: u64,
 }
@@ -72,6 +74,7 @@ impl SceneTables {
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
+            sheen_albedos: features.has("sheen").then(|| sheen::upload(gpu)).transpose()?,
             bytes: records as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
@@ -102,6 +105,7 @@ impl Bindings for SceneTables {
             "procedural_records" => (&self.procedurals).into(),
             "procedural_misses" => (&self.procedural_misses).into(),
             "camera" => (&self.camera).into(),
+            "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),
             _ => return self.lights.get(name),
         })
     }

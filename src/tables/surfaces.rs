@@ -79,7 +79,11 @@ impl SurfaceTables {
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let Layout { uv, colour, tangent, stride, .. } = self.layout;
         let focusing_alpha = f64::from(crate::needs::FOCUSING_ALPHA);
-        let mut constants = vec![("surface_stride", f64::from(stride)), ("focusing_alpha", focusing_alpha)];
+        let mut constants = vec![
+            ("surface_stride", f64::from(stride)),
+            ("focusing_alpha", focusing_alpha),
+            ("least_sheen_roughness", super::sheen::LEAST_ROUGHNESS),
+        ];
         let optional = [("uv_record", uv), ("colour_record", colour), ("tangent_record", tangent)];
         constants.extend(optional.into_iter().filter_map(|(name, at)| Some((name, f64::from(at?)))));
         constants
@@ -137,7 +141,7 @@ pub(crate) const UNLIT: u32 = 2;
 pub(crate) const MASK: u32 = 4;
 pub(crate) const BLEND: u32 = 8;
 /// Records a material.
-pub(crate) const MATERIAL_RECORDS: u32 = 10;
+pub(crate) const MATERIAL_RECORDS: u32 = 12;
 
 /// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
 const LEAST_BENDING: f32 = 1e-3;
@@ -175,5 +179,7 @@ fn material_records(scene: &Scene, m: &Material, slots: &MaterialSlots) -> [[u32
         bits([refraction, m.clearcoat, m.clearcoat_roughness, 0.0]),
         [slots.transmission, slots.clearcoat, slots.clearcoat_roughness, slots.anisotropy],
         bits([m.anisotropy, m.anisotropy_rotation.cos(), m.anisotropy_rotation.sin(), 0.0]),
+        bits(m.sheen_colour.extend(m.sheen_roughness).to_array()),
+        [slots.sheen_colour, slots.sheen_roughness, 0, 0],
     ]
 }

@@ -30,6 +30,8 @@ pub struct MaterialSlots {
     pub(super) clearcoat: u32,
     pub(super) clearcoat_roughness: u32,
     pub(super) anisotropy: u32,
+    pub(super) sheen_colour: u32,
+    pub(super) sheen_roughness: u32,
 }
 
 /// Records a slot.
@@ -82,6 +84,8 @@ impl TextureTables {
             clearcoat: slot(&m.clearcoat_texture),
             clearcoat_roughness: slot(&m.clearcoat_roughness_texture),
             anisotropy: slot(&m.anisotropy_texture),
+            sheen_colour: slot(&m.sheen_colour_texture),
+            sheen_roughness: slot(&m.sheen_roughness_texture),
         };
         let materials = scene.materials.iter().map(|m| slots(m, &mut slot)).collect();
         let slots = gpu.table("penumbra/scene/texture_slots", &records, TableFormat::Uint)?;

@@ -57,7 +57,8 @@ impl Choice {
         let lobed = [
             Material { transmission: 1.0, ..plain.clone() },
             Material { clearcoat: 1.0, ..plain.clone() },
-            Material { specular: 1.0, anisotropy: 0.5, ..plain },
+            Material { specular: 1.0, anisotropy: 0.5, ..plain.clone() },
+            Material { sheen_colour: Vec3::ONE, ..plain },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
@@ -87,7 +88,7 @@ impl Choice {
         if self.has(13) {
             scene.vertices[..3].iter_mut().for_each(|vertex| vertex.normal = Vec3::new(0.6, 0.0, 0.8));
         }
-        if self.has(36) {
+        if self.has(37) {
             let sponge = include_str!("../../scenes/procedural/menger.wgsl");
             let (role, function) = (Role::Distance, "menger");
             let material = surface(0.5, 0.0);
@@ -162,7 +163,7 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 17] = [
+    const FORCED: [&str; 18] = [
         "textures",
         "uv1",
         "vertex_colours",
@@ -172,6 +173,7 @@ fn features_that_are_not_needed_change_nothing() {
         "transmission",
         "clearcoat",
         "anisotropy",
+        "sheen",
         "alpha_test",
         "unlit",
         "procedurals",

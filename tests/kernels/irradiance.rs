@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
 use penumbra::gpu::{Bindings, Kernel, Resources, buffer::POISON, compose};
-use penumbra::passes::Point;
 use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
 use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
+use penumbra::passes::{INVALID_POINT, Point};
 use penumbra::settings::Technique;
 use penumbra::statistics::Counter;
 
@@ -31,8 +31,8 @@ pub fn carrying(position: Vec3, normal: Vec3, flux: [u32; 3]) -> Photon {
     Photon { word: photon.word | r << 14 | g << 19 | b << 24, ..photon }
 }
 
-/// Rectangles as a scene of one material.
-fn stage(rectangles: &[Rectangle]) -> Stage {
+/// Rectangles as a scene of one material, for kernels with the feature `shown` too.
+fn stage(rectangles: &[Rectangle], shown: Option<&'static str>) -> Stage {
     let triangles = rectangles.iter().flat_map(|Rectangle(p, a, b)| {
         let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
         [[p, q, r], [p, r, s]]
@@ -40,7 +40,10 @@ fn stage(rectangles: &[Rectangle]) -> Stage {
     let light = penumbra::scene::LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY };
     let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| features)
+    Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| match shown {
+        Some(feature) => features.with(feature, true),
+        None => features,
+    })
 }
 
 /// The kernels, and the scene that probes meet.
@@ -60,7 +63,11 @@ struct Told {
 
 impl Bench {
     fn new(rectangles: &[Rectangle]) -> Bench {
-        let stage = stage(rectangles);
+        Bench::with(rectangles, None)
+    }
+
+    fn with(rectangles: &[Rectangle], shown: Option<&'static str>) -> Bench {
+        let stage = stage(rectangles, shown);
         let composed = compose::compose("irradiance", &stage.features).unwrap();
         let mut constants = stage.tables.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
@@ -84,12 +91,8 @@ impl Bench {
             .with("irradiances", &irradiances)
             .with("counters", &counters);
         let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.tables]).unwrap();
-        let shape: [u32; 8] = bytemuck::cast(map.shape);
-        let mut parameters = [0; 12];
-        parameters[..8].copy_from_slice(&shape);
-        parameters[8..11].copy_from_slice(&[places.count, step.to_bits(), 1f32.to_bits()]);
         let mut frame = gpu().frame("test");
-        frame.run(&bound, places.count, &parameters);
+        frame.run(&bound, places.count, &parameters(map, places.count, [step, 1.0]));
         frame.submit().unwrap();
         let mut irradiances: Vec<[f32; 4]> = gpu().read(&irradiances, count + BEYOND).unwrap();
         let beyond = irradiances.split_off(count);
@@ -98,6 +101,45 @@ impl Bench {
         let not_finite = gpu().read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
         Told { places: gpu().read(&places.sorted, count).unwrap(), irradiances, not_finite }
     }
+
+    /// What an entry point leaves at points: `show` over poison, `caustics` on top of 1.
+    fn show(
+        &self,
+        entry: &str,
+        map: &SortedPhotons,
+        points: &[Point],
+        surfaces: &[[f32; 4]],
+        of: [f32; 2],
+    ) -> Vec<[f32; 4]> {
+        let count = points.len();
+        let mut before = vec![[if entry == "show" { f32::from_bits(POISON) } else { 1.0 }; 4]; count];
+        before.push([f32::from_bits(POISON); 4]);
+        let radiance = gpu().upload("test/radiance_indirect", &before).unwrap();
+        let points = gpu().upload("test/points", points).unwrap();
+        let surfaces = gpu().upload("test/surfaces", surfaces).unwrap();
+        let counters = gpu().buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let own = Resources::new()
+            .with("points", &points)
+            .with("surfaces", &surfaces)
+            .with("radiance_indirect", &radiance)
+            .with("counters", &counters);
+        let bound = self.kernel.bind(gpu(), entry, &[&own, map, &self.stage.tables]).unwrap();
+        let mut frame = gpu().frame("test");
+        frame.run(&bound, count as u32, &parameters(map, count as u32, of));
+        frame.submit().unwrap();
+        let mut shown: Vec<[f32; 4]> = gpu().read(&radiance, count + 1).unwrap();
+        assert!(shown.pop().unwrap().iter().all(|v| v.to_bits() == POISON), "{entry}: written behind {count} points");
+        assert!(shown.iter().flatten().all(|v| v.is_finite()), "{entry}: poison or worse of {count} points");
+        shown
+    }
+}
+
+/// Immediates: a step of flux, and the radius of a disc over that of one with k photons.
+fn parameters(map: &SortedPhotons, count: u32, [step, shrink]: [f32; 2]) -> [u32; 12] {
+    let mut parameters = [0; 12];
+    parameters[..8].copy_from_slice(&bytemuck::cast::<GridShape, [u32; 8]>(map.shape));
+    parameters[8..11].copy_from_slice(&[count, step.to_bits(), shrink.to_bits()]);
+    parameters
 }
 
 const BOUNDS: (Vec3, Vec3) = (Vec3::splat(-0.5), Vec3::splat(0.5));
@@ -121,15 +163,18 @@ fn cell_at(shape: &GridShape, position: Vec3) -> [i64; 3] {
 /// The disc is what holds k photons at the density of 27 cells, nine of them on a surface; no wider than a cell. Photons
 /// count within an ellipsoid a quarter as high, of normals within 45 degrees.
 fn brute_force(photons: &[Photon], shape: &GridShape, place: &Photon) -> Expected {
-    let x = Vec3::from(place.position);
-    let n = photon_normal(place.word);
+    density(photons, shape, Vec3::from(place.position), photon_normal(place.word), 1.0)
+}
+
+/// The same for a point and a normal, with a disc `shrink` times as wide.
+fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64) -> Expected {
     let here = cell_at(shape, x);
     let about = |p: &&Photon| {
         let there = cell_at(shape, Vec3::from(p.position));
         (0..3).all(|axis| (there[axis] - here[axis]).abs() <= 1)
     };
     let crowd = photons.iter().filter(about).count().max(1);
-    let reach = (f64::from(IRRADIANCE_NEAREST) * 9.0 / (PI * crowd as f64)).sqrt().min(1.0);
+    let reach = (shrink * (f64::from(IRRADIANCE_NEAREST) * 9.0 / (PI * crowd as f64)).sqrt()).min(1.0);
     let radius = reach * f64::from(shape.cell);
     let mut expected = Expected { density: DVec3::ZERO, radius, doubtful: false };
     for p in photons {
@@ -148,8 +193,10 @@ fn brute_force(photons: &[Photon], shape: &GridShape, place: &Photon) -> Expecte
 
 /// The area of the surface in the search ellipsoid over that of the disc, by probes; none where that hangs on rounding.
 fn covered(stage: &Stage, place: &Photon, radius: f64) -> Option<(f64, f64)> {
-    let position = Vec3::from(place.position);
-    let n = photon_normal(place.word);
+    covered_about(stage, Vec3::from(place.position), photon_normal(place.word), radius)
+}
+
+fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<(f64, f64)> {
     let x = position.as_dvec3();
     // Two tangents (Duff et al. 2017).
     let sign = if n.z >= 0.0 { 1.0 } else { -1.0 };
@@ -455,6 +502,95 @@ fn irradiance_that_is_no_number_tells_nothing() {
     let beyond = tell(1e38);
     assert_eq!((lit(&beyond), beyond.not_finite as usize), (0, lit(&sound)));
     assert!(tell(f32::INFINITY).not_finite > beyond.not_finite);
+}
+
+/// What the entry points `show` and `caustics` leave at points, on top of 1: one without a normal, and one that reflects nothing,
+/// among those on all surfaces.
+#[test]
+fn points_are_shown_what_brute_force_tells() {
+    const STEP: f32 = 1e-4;
+    let rectangles = corner_and_cube();
+    let mut random = Random(11);
+    let somewhere = |random: &mut Random| {
+        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
+        (on(rectangle, random), rectangle.normal())
+    };
+    let photons: Vec<Photon> = (0..5000)
+        .map(|_| {
+            let (position, normal) = somewhere(&mut random);
+            let photon = photon(position, normal, 0, false);
+            Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
+        })
+        .collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    for (entry, feature, shrink) in [("show", "photon_map", 1.0), ("caustics", "caustics", 0.6f32)] {
+        let bench = Bench::with(&rectangles, Some(feature));
+        let map = bench.sort(&photons, shape);
+        for count in [0usize, 1, 63, 64, 65, 300] {
+            let points: Vec<Point> = (0..count)
+                .map(|i| match somewhere(&mut random) {
+                    (position, _) if i % 7 == 3 => Point { position: position.to_array(), normal: INVALID_POINT },
+                    (position, normal) => point(position, normal),
+                })
+                .collect();
+            let surfaces: Vec<[f32; 4]> =
+                (0..count).map(|i| [0, 1, 2, 3].map(|_| if i % 11 == 5 { 0.0 } else { random.unit() })).collect();
+            let shown = bench.show(entry, &map, &points, &surfaces, [STEP, shrink]);
+            let mut told = 0;
+            for ((point, [r, g, b, _]), value) in points.iter().zip(&surfaces).zip(&shown) {
+                let albedo = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
+                let before = if entry == "show" { 0.0 } else { 1.0 };
+                let mut expected = DVec3::splat(before);
+                if point.normal != INVALID_POINT {
+                    let (x, n) = (Vec3::from(point.position), point_normal(point.normal));
+                    let found = density(&photons, &shape, x, n, f64::from(shrink));
+                    let share = match entry {
+                        "show" => covered_about(&bench.stage, x, n, found.radius).map(|(share, _)| share),
+                        _ => Some(1.0),
+                    };
+                    let Some(share) = share.filter(|_| !found.doubtful) else { continue };
+                    if share > 0.0 {
+                        expected += albedo * found.density * f64::from(STEP) / (PI * share);
+                    }
+                }
+                let off = |expected: DVec3| {
+                    let value = DVec3::new(f64::from(value[0]), f64::from(value[1]), f64::from(value[2]));
+                    // Whole sums, some products and quotients in f32; what is added to 1 is rounded with it.
+                    (value - expected).abs().max_element() / (2e-5 * (expected - before).abs().max_element() + 2e-7)
+                };
+                assert!(off(expected) <= 1.0, "{entry}, {point:?}: {value:?}, expected {expected}");
+                if expected != DVec3::splat(before) {
+                    told += 1;
+                    // One of both signs may be next to nothing.
+                    let weak = (expected - before).abs().max_element() < 1e-4;
+                    assert!(weak || off(before + (expected - before) * 1.01) > 1.0, "a hundredth too much would pass");
+                }
+            }
+            assert!(count < 300 || told > 150, "{entry}: {told} points of {count} are told something");
+        }
+    }
+}
+
+/// More points than a device takes groups of one dispatch along an axis, nearly all of them nowhere: the last few are told.
+#[test]
+fn points_beyond_an_axis_of_groups_are_shown() {
+    let rectangles = corner_and_cube();
+    let mut random = Random(12);
+    let floor = &rectangles[0];
+    let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
+    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let nowhere = Point { position: [0.0; 3], normal: INVALID_POINT };
+    let mut points = vec![nowhere; 65_535 * 64 + 100];
+    let told = points.len() - 50..points.len();
+    points[told.clone()].fill_with(|| point(on(floor, &mut random), floor.normal()));
+    let surfaces = vec![[1.0; 4]; points.len()];
+    for (entry, feature, before) in [("show", "photon_map", 0.0), ("caustics", "caustics", 1.0)] {
+        let bench = Bench::with(&rectangles, Some(feature));
+        let shown = bench.show(entry, &bench.sort(&photons, shape), &points, &surfaces, [1e-4, 1.0]);
+        let changed: Vec<usize> = (0..shown.len()).filter(|&i| shown[i][0] != before).collect();
+        assert!(changed.iter().all(|i| told.contains(i)), "{entry}: told where nothing is");
+        assert!(changed.len() > 40, "{entry}: {} of the last points are told", changed.len());
+    }
 }
 
 /// A look-up tells what its table holds for the nearest place of the point's surface where that is within half a cell; else that of

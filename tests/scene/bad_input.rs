@@ -393,6 +393,10 @@ fn values_out_of_range() {
         "/materials/0/pbrMetallicRoughness/metallicFactor"
     );
     assert_eq!(material(json!({ "emissiveFactor": [0, -1, 0] })), "/materials/0/emissiveFactor");
+    let sheen = |value| material(json!({ "extensions": { "KHR_materials_sheen": value } }));
+    let place = "/materials/0/extensions/KHR_materials_sheen";
+    assert_eq!(sheen(json!({ "sheenColorFactor": [0, 2, 0] })), format!("{place}/sheenColorFactor"));
+    assert_eq!(sheen(json!({ "sheenRoughnessFactor": -1 })), format!("{place}/sheenRoughnessFactor"));
     assert_eq!(material(json!({ "emissiveFactor": [1e39, 0, 0] })), "/materials/0/emissiveFactor");
     assert_eq!(material(json!({ "emissiveTexture": { "index": 0 } })), "/materials/0/emissiveTexture/index");
     assert_eq!(material(json!({ "emissiveTexture": {} })), "/materials/0/emissiveTexture");

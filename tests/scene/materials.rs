@@ -64,6 +64,26 @@ fn factors_and_extensions() {
 }
 
 #[test]
+fn sheen() {
+    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let sheen = json!({
+        "sheenColorFactor": [0.5, 0.25, 1], "sheenRoughnessFactor": 0.75,
+        "sheenColorTexture": slot(0, 1), "sheenRoughnessTexture": slot(1, 0),
+    });
+    let scene = with_material(json!({ "extensions": { "KHR_materials_sheen": sheen } }), 2).load();
+    let m = &scene.materials[0];
+    assert!(!scene.notes.iter().any(|note| note.contains("sheen")), "{:?}", scene.notes);
+    assert_eq!((m.sheen_colour, m.sheen_roughness), (Vec3::new(0.5, 0.25, 1.0), 0.75));
+    let [colour, roughness] = [m.sheen_colour_texture, m.sheen_roughness_texture].map(Option::unwrap);
+    let spaces = [colour, roughness].map(|slot| scene.textures[slot.texture as usize].space);
+    assert_eq!(spaces, [ColourSpace::Srgb, ColourSpace::Linear]);
+    assert_eq!((colour.uv_set, roughness.uv_set), (1, 0));
+    // Without a colour there are no fibres.
+    let none = material(json!({ "extensions": { "KHR_materials_sheen": {} } }));
+    assert_eq!((none.sheen_colour, none.sheen_roughness), (Vec3::ZERO, 0.0));
+}
+
+#[test]
 fn unlit_materials_emit_nothing() {
     let scene =
         with_material(json!({ "emissiveFactor": [1, 1, 1], "extensions": { "KHR_materials_unlit": {} } }), 0).load();

@@ -10,7 +10,7 @@ override seed: u32;
 override stratified: u32;
 
 // Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal; view; tint and eta;
-// coat, alpha along the tangent +x.
+// coat, alpha along the tangent +x; sheen.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -36,6 +36,7 @@ fn tested_surface() -> Surface {
         s.eta = surface[5].w;
     }
     @if(clearcoat) { s.coat = surface[6].xy; }
+    @if(sheen) { s.sheen = surface[7]; }
     @if(anisotropy) {
         s.tangent = vec3f(1.0, 0.0, 0.0);
         s.alpha_along = surface[6].z;
