@@ -17,7 +17,7 @@ import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 import package::lib::photon::{Photon, flux_of, photon_normal};
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
-import package::lib::bvh::triangle_corners;
+import package::lib::bvh::hit_normal;
 
 struct IrradianceParameters {
     // Of the global map.
@@ -211,9 +211,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         if trace_occluded(there, seed) { continue; }
         let hit = trace_closest(down, seed);
         if hit.triangle == NO_HIT { continue; }
-        let corners = triangle_corners(hit.triangle);
-        let across_hit = cross(corners[1] - corners[0], corners[2] - corners[0]);
-        let cosine = abs(dot(normalize(across_hit), normal));
+        let cosine = abs(dot(normalize(hit_normal(hit)), normal));
         if cosine * cosine >= COMPATIBLE_COSINE_SQUARED {
             found++;
             slant += 1.0 / cosine;

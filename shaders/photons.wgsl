@@ -6,9 +6,12 @@ import package::lib::math::oct_encode7;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
-import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
 import package::lib::photon::{Photon, photon_word};
+@if(procedurals) import package::lib::procedural::{crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_spent};
+@if(procedurals) import package::lib::procedural_functions::procedural_lost;
+@if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS};
 import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
 // Most shadow photons that are kept of one ray, 1 to MAX_SHADOW_PHOTONS.
@@ -70,10 +73,19 @@ struct Kept {
     looks: u32,
     slots: array<u32, MAX_SHADOW_PHOTONS>,
     distances: array<f32, MAX_SHADOW_PHOTONS>,
+    // Of crossings of procedural objects, as the photon has it.
+    @if(procedurals) normals: array<u32, MAX_SHADOW_PHOTONS>,
 }
 
-fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, direction: vec3f) {
-    if !arrival(slot, direction).stores { return; }
+// What a ray has met that may be its first surface.
+struct Nearest {
+    t: f32,
+    slot: u32,
+    arrival: Arrival,
+}
+
+fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, found: Arrival) {
+    if !found.stores { return; }
     let full = (*kept).count == shadow_photons_per_ray;
     let priority = hash2(slot, (*kept).seed);
     // Of many hits most end here, without a loop: loops share the budget of the traversal.
@@ -99,7 +111,54 @@ fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, direction: vec3f) {
     (*kept).count = min((*kept).count + 1u, shadow_photons_per_ray);
     (*kept).slots[at] = slot;
     (*kept).distances[at] = t;
+    @if(procedurals) { (*kept).normals[at] = oct_encode7(found.normal); }
     (*kept).largest = max(priority, select(largest, second, full));
+}
+
+// Takes a surface that stops light: the nearest is what it lights, all others lie in its shadow.
+fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, slot: u32, found: Arrival) {
+    let first = *nearest;
+    if first.slot != NO_HIT && coincide(t, first.t) {
+        // A coplanar twin is the same surface; the side that stores is the one to be seen.
+        if select(found.stores, slot < first.slot, found.stores == first.arrival.stores) { *nearest = Nearest(t, slot, found); }
+    } else if t < first.t {
+        if first.slot != NO_HIT { keep(kept, first.t, first.slot, first.arrival); }
+        *nearest = Nearest(t, slot, found);
+    } else {
+        keep(kept, t, slot, found);
+    }
+}
+
+// Bits of a crossing's slot above the object's number.
+@if(procedurals) const CROSSING_SHIFT = 8u;
+
+// Takes the crossings of the ray with procedural objects: the first one of each, and those behind as far as turns go. Surfaces
+// of an object behind so many others then have too few photons, and ask shadow rays.
+@if(procedurals)
+fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
+    procedural_spent = 0u;
+    for (var object = 0u; object < procedural_count; object++) {
+        let inside = enter_object(object, ray, FAR);
+        var so_far = 0.0;
+        var number = 0u;
+        while so_far < inside.length {
+            let met = next_crossing(inside, so_far);
+            if met.w <= so_far { break; }
+            so_far = met.w;
+            let outward = crossing_normal(object, inside, met);
+            let faces = dot(outward, ray.direction) < 0.0;
+            @if(paper_counting) let stores = true;
+            @if(!paper_counting) let stores = faces || procedural_double_sided(object);
+            let found = Arrival(select(-outward, outward, faces), stores);
+            meet(kept, nearest, crossing_t(inside, met), PROCEDURAL | (number << CROSSING_SHIFT) | object, found);
+            number++;
+            if procedural_spent >= PROCEDURAL_RAY_TURNS {
+                _ = procedural_lost(false);
+                break;
+            }
+        }
+    }
+    traversal_turns += procedural_spent;
 }
 
 @compute @workgroup_size(64)
@@ -112,8 +171,7 @@ fn photons(
     workgroupBarrier();
     let i = group_index(group, groups) * 64u + lane;
     var kept: Kept;
-    var nearest = Hit(FAR, 0.0, 0.0, NO_HIT);
-    var nearest_stores = false;
+    var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
     var direction = vec3f(0.0, 0.0, 1.0);
     var walk: Walk;
     var light = 0u;
@@ -134,22 +192,10 @@ fn photons(
             if slot == NO_HIT { continue; }
             let hit = intersect_slot(&walk, slot);
             if !stops(hit, 0.0, FAR, kept.seed) { continue; }
-            if nearest.triangle != NO_HIT && coincide(hit.t, nearest.t) {
-                // A coplanar twin is the same surface; the side that stores is the one to be seen.
-                let stores = arrival(slot, direction).stores;
-                if select(stores, slot < nearest.triangle, stores == nearest_stores) {
-                    nearest = hit;
-                    nearest_stores = stores;
-                }
-            } else if hit.t < nearest.t {
-                if nearest.triangle != NO_HIT { keep(&kept, nearest.t, nearest.triangle, direction); }
-                nearest = hit;
-                nearest_stores = arrival(slot, direction).stores;
-            } else {
-                keep(&kept, hit.t, slot, direction);
-            }
+            meet(&kept, &nearest, hit.t, slot, arrival(slot, direction));
         }
-        stored = kept.count + u32(nearest_stores);
+        @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
+        stored = kept.count + u32(nearest.arrival.stores);
         // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together. What the ray
         // has met until then may not be its nearest surface.
         if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS {
@@ -166,19 +212,40 @@ fn photons(
     workgroupBarrier();
     if stored == 0u { return; }
     var at = group_base + rank;
-    if nearest_stores {
-        append(at, &walk, nearest.triangle, direction, light, 1.0, false);
+    if nearest.arrival.stores {
+        @if(!procedurals) { append(at, &walk, nearest.slot, direction, light, 1.0, false); }
+        @if(procedurals) { append(at, &walk, nearest.slot, direction, light, 1.0, false, nearest.t, oct_encode7(nearest.arrival.normal)); }
         at++;
         atomicAdd(&traced_counts[COUNT_HEADER + 2u * light], 1u);
     }
     if kept.count > 0u {
         let weight = f32(kept.hits) / f32(kept.count);
-        for (var k = 0u; k < kept.count; k++) { append(at + k, &walk, kept.slots[k], direction, light, weight, true); }
+        for (var k = 0u; k < kept.count; k++) {
+            @if(!procedurals) { append(at + k, &walk, kept.slots[k], direction, light, weight, true); }
+            @if(procedurals) { append(at + k, &walk, kept.slots[k], direction, light, weight, true, kept.distances[k], kept.normals[k]); }
+        }
         atomicAdd(&traced_counts[COUNT_HEADER + 2u * light + 1u], kept.count);
     }
 }
 
-fn append(at: u32, walk: ptr<function, Walk>, slot: u32, direction: vec3f, light: u32, weight: f32, shadow: bool) {
+fn append(
+    at: u32,
+    walk: ptr<function, Walk>,
+    slot: u32,
+    direction: vec3f,
+    light: u32,
+    weight: f32,
+    shadow: bool,
+    @if(procedurals) t: f32,
+    @if(procedurals) object_normal: u32,
+) {
+    @if(procedurals) {
+        if (slot & PROCEDURAL) != 0u {
+            let place = (*walk).sheared.origin + t * direction;
+            traced_photons[at] = Photon(place, photon_word(object_normal, light, weight, shadow));
+            return;
+        }
+    }
     // The point of the triangle itself: the far end of a long ray would be off its plane.
     let hit = intersect_slot(walk, slot);
     let corners = triangle_corners(slot);

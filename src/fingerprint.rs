@@ -13,8 +13,21 @@ use crate::scene::{Panorama, TextureImage};
 pub fn fingerprint(scene: &Scene, rest: &impl Debug) -> String {
     let mut digest = Digest(SipHasher24::new());
     // Names every field, so that none is forgotten. The debug form of a float says all of its bits but a NaN's.
-    let Scene { vertices, triangles, materials, textures, images, lights, cameras, normalisation, notes: _ } = scene;
-    let parts = (vertices, triangles, materials, textures, lights, cameras, normalisation, rest);
+    let Scene {
+        vertices,
+        triangles,
+        materials,
+        textures,
+        images,
+        procedurals,
+        functions,
+        lights,
+        cameras,
+        normalisation,
+        notes: _,
+    } = scene;
+    let parts =
+        (vertices, triangles, materials, textures, lights, cameras, normalisation, procedurals, functions, rest);
     // The digest takes whatever is written.
     let _ = write!(digest, "{} {parts:?}", env!("CARGO_PKG_VERSION"));
     // Texels as they are: their debug form is slow where there are many.

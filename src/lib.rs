@@ -10,6 +10,7 @@ pub mod gpu;
 mod input;
 pub mod needs;
 pub mod passes;
+pub mod procedural;
 pub mod report;
 pub mod scene;
 pub mod settings;

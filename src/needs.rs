@@ -93,6 +93,16 @@ impl Needs {
             "normals interpolated, and points moved to the smooth surface, at every hit",
         );
 
+        let objects = scene.procedurals.len();
+        needs.features = std::mem::take(&mut needs.features).with_functions(scene.functions.clone());
+        needs.decide(
+            "procedurals",
+            objects > 0,
+            format!("{} described by functions", count(objects, "object")),
+            "no object is a function",
+            "a box test a ray and object, and the functions in every kernel that traces; 128 B an object",
+        );
+
         let some_lights = |n: usize| (n > 0, count(n, "light"));
         for (feature, number) in [
             ("mesh_lights", m.mesh_lights),
@@ -154,7 +164,7 @@ impl Needs {
         // Of the 64 lights of a part of scenes/lamps.glb it took the time of a hundred samples, and settled half of what was asked.
         let unneeded =
             if few { "points ask few of many lights: it costs more than it saves".to_owned() } else { unneeded };
-        let wanted = map && !many && !few && placed > 0 && !scene.triangles.is_empty();
+        let wanted = map && !many && !few && placed > 0 && !scene.is_empty();
         let mut why = format!("{photons} photons tell lit and shadowed points apart");
         if panorama.is_some() {
             why += &format!("; none are of the environment: {NO_PHOTONS}");
@@ -179,7 +189,7 @@ impl Needs {
         );
         let estimate = settings.technique == Technique::VisibilityEstimate;
         let why = "the photons' own visibility is shown (equation 1)".to_owned();
-        let lit = !scene.lights.is_empty() && !scene.triangles.is_empty();
+        let lit = !scene.lights.is_empty() && !scene.is_empty();
         let many = scene.lights.len() > MAX_LIGHTS as usize;
         let ward = lit && !many && scene.lights.len() > 1 && settings.technique == Technique::WardAdaptive;
         let why = if ward { "lights that are not tested are guessed".to_owned() } else { why };
@@ -314,7 +324,7 @@ fn light_choice(scene: &Scene, settings: &Settings) -> (LightChoice, String) {
     }
     let all = |why: String| (LightChoice::All, why);
     let technique = settings.technique;
-    if lights <= chosen || scene.triangles.is_empty() {
+    if lights <= chosen || scene.is_empty() {
         return all(format!("{lights} lights are few enough to ask all of them"));
     }
     if settings.aovs.contains(&Aov::Shadow) {
@@ -385,7 +395,7 @@ const CLEAR_ROUGHNESS: f32 = 0.032;
 /// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
 pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
-/// Numbers of materials and lights that have some property, counting only materials that a triangle uses.
+/// Numbers of materials and lights that have some property, counting only materials that a triangle or an object uses.
 #[derive(Default)]
 struct Facts {
     textured: usize,
@@ -417,6 +427,9 @@ impl Facts {
         let mut used = vec![false; scene.materials.len()];
         for triangle in &scene.triangles {
             used[triangle.material as usize] = true;
+        }
+        for object in &scene.procedurals {
+            used[object.material as usize] = true;
         }
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             facts.textured += usize::from(m.shown_slots().next().is_some());

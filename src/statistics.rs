@@ -217,6 +217,10 @@ pub struct Conditioning {
     pub heavy_paths: u64,
     /// Invocations of kernels that met the loop budget. Their samples are left out of the image, their photons of the maps.
     pub overruns: u64,
+    /// Rays that a procedural object was lost for, as its function took too many turns.
+    pub procedural_overruns: u64,
+    /// Rays that a procedural object was lost for, as its function's answer was none.
+    pub procedural_nonsense: u64,
     /// Bounces of a photon of the global map on average, or of a path where there is no such map.
     pub mean_bounces: u64,
     /// Devices that were lost, and replaced, under the render.
@@ -359,9 +363,13 @@ pub enum Counter {
     NotFiniteShade,
     /// [`NotFinite::path`].
     NotFinitePath,
+    /// [`Conditioning::procedural_overruns`]: the kernels count it in a buffer of its own.
+    ProceduralOverruns,
+    /// [`Conditioning::procedural_nonsense`]: likewise.
+    ProceduralNonsense,
 }
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 25;
+    pub const COUNT: usize = 27;
 }

@@ -127,6 +127,7 @@ fn check_scene(scene: &Scene) {
             LightKind::Directional { direction, irradiance } => {
                 assert!(direction.is_finite() && irradiance.is_finite());
             }
+            LightKind::Environment { .. } => panic!("no glTF file has an environment"),
         }
     }
     for camera in &scene.cameras {
@@ -141,5 +142,27 @@ fn check_scene(scene: &Scene) {
         if let Err(error) = Bvh::build(&positions) {
             panic!("{error}");
         }
+    }
+}
+
+/// Built as the test `fuzz` of the renderer too, so that it keeps up with it.
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    /// What must hold of the scenes that fuzzing makes holds of those that it begins with, whole or cut short.
+    #[test]
+    fn seeds_are_as_scenes_must_be() {
+        let seeds = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/seeds/scene");
+        let mut imported = 0;
+        for seed in fs::read_dir(seeds).unwrap() {
+            let bytes = fs::read(seed.unwrap().path()).unwrap();
+            for part in 1..=8 {
+                let bytes = &bytes[..bytes.len() * part / 8];
+                super::import(bytes, bytes, "no folder/scene.gltf");
+                imported += 1;
+            }
+        }
+        assert!(imported >= 24, "{imported}");
     }
 }

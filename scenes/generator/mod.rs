@@ -12,17 +12,19 @@ mod marble_sphere;
 mod materials;
 mod mesh;
 mod noise;
+mod procedural;
 mod sky;
 mod still_life;
 
 /// File name and contents of each scene, and of the panorama.
-pub fn scenes() -> [(&'static str, Vec<u8>); 6] {
+pub fn scenes() -> [(&'static str, Vec<u8>); 7] {
     [
         ("sphere.glb", marble_sphere::glb()),
         ("box.glb", cornell_box::glb()),
         ("still_life.glb", still_life::glb()),
         ("materials.glb", materials::glb()),
         ("lamps.glb", lamps::glb()),
+        ("procedural.glb", procedural::glb()),
         ("sky.exr", sky::exr()),
     ]
 }

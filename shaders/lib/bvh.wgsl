@@ -15,6 +15,7 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_triangle};
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
+@if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal, procedural_spent, procedurals_occlude};
 
 @if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
 @if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
@@ -241,6 +242,13 @@ fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
     return stopped;
 }
 
+// A vector along the normal of what was hit, on the outer side.
+fn hit_normal(hit: Hit) -> vec3f {
+    @if(procedurals) { if is_procedural(hit.triangle) { return procedural_normal(hit); } }
+    let corners = triangle_corners(hit.triangle);
+    return cross(corners[1] - corners[0], corners[2] - corners[0]);
+}
+
 // Before which hit another one comes: the nearer, and of several at the same distance the one in the lowest slot.
 fn before(hit: Hit, other: Hit) -> bool {
     return hit.t < other.t || hit.triangle < other.triangle;
@@ -278,6 +286,10 @@ fn trace_closest(ray: Ray, seed: u32) -> Hit {
             if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { closest = asking; }
         }
     }
+    @if(procedurals) {
+        closest = closest_procedural(ray, closest);
+        traversal_turns += procedural_spent;
+    }
     return closest;
 }
 
@@ -306,5 +318,10 @@ fn trace_occluded(ray: Ray, seed: u32) -> bool {
             if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { return true; }
         }
     }
-    return false;
+    @if(procedurals) {
+        let occluded = procedurals_occlude(ray);
+        traversal_turns += procedural_spent;
+        return occluded;
+    }
+    @else { return false; }
 }

@@ -14,7 +14,7 @@ struct Hit {
     // Barycentric coordinates of the triangle's corners 1 and 2.
     u: f32,
     v: f32,
-    // Its slot in the hierarchy, or NO_HIT.
+    // Its slot in the hierarchy, or NO_HIT; of procedural objects lib/procedural says what is here.
     triangle: u32,
 }
 

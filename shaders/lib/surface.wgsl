@@ -2,7 +2,10 @@
 // _transmission, _volume, _clearcoat, _anisotropy, _sheen, _unlit, _emissive_strength, KHR_texture_transform).
 
 @if(texture_loads) import package::lib::table::table_place;
-import package::lib::bvh::triangle_corners;
+@if(!procedurals) import package::lib::bvh::triangle_corners;
+@if(procedurals) import package::lib::bvh::{traversal_turns, triangle_corners};
+@if(procedurals) import package::lib::procedural::{is_procedural, procedural_clearance, procedural_colour, procedural_material, procedural_normal};
+@if(procedurals) import package::lib::procedural_functions::procedural_turns;
 import package::lib::ray::{Hit, Ray};
 import package::lib::math::oct_decode16;
 import package::lib::bsdf::Surface;
@@ -266,16 +269,27 @@ fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, norm
 // not along the ray. Of a triangle that stands for a piece of a smooth surface, the surface's own normal is the
 // corners', interpolated: by the triangle's, whole triangles along the terminator would be black.
 fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
-    let corners = triangle_corners(hit.triangle);
+    // A procedural object has no triangle: the first one stands in for what is then not looked at.
+    var triangle = hit.triangle;
+    @if(procedurals) let procedural = is_procedural(hit.triangle);
+    @if(procedurals) { triangle = select(triangle, 0u, procedural); }
+    let corners = triangle_corners(triangle);
     let w = 1.0 - hit.u - hit.v;
     let e1 = corners[1] - corners[0];
     let e2 = corners[2] - corners[0];
-    let position = corners[0] + hit.u * e1 + hit.v * e2;
-    let outward = normalize(cross(e1, e2));
+    var position = corners[0] + hit.u * e1 + hit.v * e2;
+    var outward = normalize(cross(e1, e2));
+    var first = load_surface_record(triangle * surface_stride);
+    @if(procedurals) {
+        if procedural {
+            position = ray.origin + hit.t * ray.direction;
+            outward = procedural_normal(hit);
+            first.w = procedural_material(hit.triangle) | SURFACE_FLAT;
+        }
+    }
     let front = dot(outward, ray.direction) <= 0.0;
     let triangle_normal = select(-outward, outward, front);
 
-    let first = load_surface_record(hit.triangle * surface_stride);
     let material = (first.w & ~SURFACE_FLAT) * MATERIAL_RECORDS;
     let m0 = bitcast<vec4f>(load_material_record(material));
     let m1 = bitcast<vec4f>(load_material_record(material + 1u));
@@ -301,7 +315,15 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     var base = m0.xyz;
     var emission = m1.xyz;
     var metallic = m1.w;
-    @if(vertex_colours) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
+    @if(vertex_colours && !procedurals) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
+    @if(vertex_colours && procedurals) { if !procedural { base *= vertex_colour_at(triangle, hit.u, hit.v).xyz; } }
+    @if(procedurals) {
+        if procedural {
+            base = procedural_colour(hit.triangle, base, position);
+            traversal_turns += procedural_turns;
+            leaving += procedural_clearance(hit.triangle) * triangle_normal;
+        }
+    }
     @if(textures) let more = load_material_record(material + 5u);
     @if(textures) let texels = material_texels(material, words, more, hit);
     @if(textures) {

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use crate::procedural::Functions;
 use crate::statistics::Counter;
 use crate::{Error, Result};
 
@@ -43,6 +44,7 @@ shaders!(
     "lib/math",
     "lib/photon",
     "lib/point",
+    "lib/procedural",
     "lib/ray",
     "lib/record",
     "lib/rng",
@@ -84,6 +86,8 @@ pub const FEATURES: &[&str] = &[
     "alpha_test",
     // Scene: some material is unlit.
     "unlit",
+    // Scene: some objects are functions.
+    "procedurals",
     // Scene: kinds of lights.
     "mesh_lights",
     "point_lights",
@@ -180,6 +184,10 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("MAX_GROUPS", super::frame::MAX_GROUPS),
     ("LEAST_RADIUS_PIXELS", crate::passes::gather::LEAST_RADIUS_PIXELS),
     ("PATH_GROUP", crate::passes::path::GROUP),
+    ("PROCEDURAL", crate::procedural::PROCEDURAL),
+    ("PROCEDURAL_RECORDS", crate::procedural::RECORDS),
+    ("PROCEDURAL_TURNS", crate::procedural::TURNS),
+    ("PROCEDURAL_RAY_TURNS", crate::procedural::RAY_TURNS),
     ("COUNTER_SHADOW_RAYS", Counter::ShadowRays as u32),
     ("COUNTER_AUDIT_RAYS", Counter::AuditRays as u32),
     ("COUNTER_BOUNCE_RAYS", Counter::BounceRays as u32),
@@ -220,14 +228,17 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("ENVIRONMENT_HEADER", crate::tables::environment::HEADER),
 ];
 
-/// The features that a kernel is composed with: a subset of [`FEATURES`].
+/// The features that a kernel is composed with: a subset of [`FEATURES`], and the functions of procedural objects.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Features(BTreeSet<&'static str>);
+pub struct Features {
+    names: BTreeSet<&'static str>,
+    functions: Functions,
+}
 
 impl Features {
     /// All of [`FEATURES`].
     pub fn all() -> Self {
-        Features(FEATURES.iter().copied().collect())
+        Features { names: FEATURES.iter().copied().collect(), functions: Functions::default() }
     }
 
     /// With `name` in or out.
@@ -237,21 +248,26 @@ impl Features {
     pub fn with(mut self, name: &'static str, on: bool) -> Self {
         assert!(FEATURES.contains(&name), "'{name}' is no feature of the kernels");
         if on {
-            self.0.insert(name);
+            self.names.insert(name);
         } else {
-            self.0.remove(name);
+            self.names.remove(name);
         }
         self
     }
 
+    /// With the functions that the feature `procedurals` is for.
+    pub fn with_functions(self, functions: Functions) -> Self {
+        Features { functions, ..self }
+    }
+
     /// Whether `name` is in.
     pub fn has(&self, name: &str) -> bool {
-        self.0.contains(name)
+        self.names.contains(name)
     }
 
     /// The names, sorted.
     pub fn names(&self) -> impl Iterator<Item = &'static str> + '_ {
-        self.0.iter().copied()
+        self.names.iter().copied()
     }
 }
 
@@ -313,6 +329,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     }
     let constants: String = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect();
     resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
+    let functions = Cow::Borrowed(&*features.functions.wesl);
+    resolver.add_module(path("lib/procedural_functions").map_err(|e| broken(&e))?, functions);
     let root = path(kernel).map_err(|e| broken(&e))?;
     resolver.add_module(root.clone(), Cow::Borrowed(source));
     // naga validates what comes out.

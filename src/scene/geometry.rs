@@ -57,6 +57,8 @@ pub(super) struct Geometry {
     vertices: Vec<Vertex>,
     triangles: Vec<Triangle>,
     mesh_lights: Vec<MeshLight>,
+    /// Corners of the boxes of procedural objects.
+    pub procedural_corners: Vec<DVec3>,
     /// Mean radiance by triangle.
     radiance: Vec<Vec3>,
     default_material: Option<u32>,
@@ -168,9 +170,12 @@ impl Geometry {
         true
     }
 
-    /// Centre of the bounding box of all triangles, and the distance from it to their farthest corner.
+    /// Centre of the bounding box of all triangles and procedural objects, and the distance from it to their farthest corner.
     fn bounding_sphere(&self) -> Option<(DVec3, f64)> {
-        let corners = || self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.world[v as usize]);
+        let corners = || {
+            let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.world[v as usize]);
+            corners.chain(self.procedural_corners.iter().copied())
+        };
         let lower = corners().reduce(DVec3::min)?;
         let upper = corners().reduce(DVec3::max)?;
         // Halves are added, as the sum might overflow.

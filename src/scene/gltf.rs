@@ -9,7 +9,7 @@ use super::container::Resources;
 use super::geometry::Geometry;
 use super::json::{self, Json};
 use super::notes::Notes;
-use super::{Scene, accessor, camera, container, geometry, light, material, mesh, node, texture};
+use super::{Scene, accessor, camera, container, geometry, light, material, mesh, node, procedural, texture};
 use crate::input::read_file;
 use crate::{Error, Result};
 
@@ -23,7 +23,7 @@ pub struct ImportOptions {
 }
 
 /// Extensions that are rendered.
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -36,6 +36,7 @@ const SUPPORTED: [&str; 12] = [
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
+    procedural::EXTENSION,
 ];
 
 impl Scene {
@@ -87,12 +88,15 @@ impl Scene {
                 geometry.add(i, node, &meshes[mesh], &mut scene.materials)?;
             }
         }
+        let procedurals = procedural::read(&nodes, &mut resources, &mut scene, &mut notes)?;
+        geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
         let has_light = geometry.emits() || references.iter().any(|r| r.light.is_some_and(|l| lights[l].is_some()));
         if options.default_light && !has_light && geometry.add_default_light(nodes.len(), &mut scene.materials) {
             notes.push("no light in the file: a soft one is added above the scene");
         }
         scene.normalisation = geometry.normalisation();
+        procedural::place(procedurals, &mut scene)?;
         let mut mesh_lights = geometry.finish(&mut scene, &mut notes).into_iter().peekable();
 
         for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {

@@ -16,6 +16,7 @@ mod material;
 mod mesh;
 mod node;
 mod notes;
+mod procedural;
 mod texture;
 
 pub use environment::Panorama;
@@ -24,6 +25,8 @@ pub use gltf::ImportOptions;
 use std::sync::Arc;
 
 use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
+
+use crate::procedural::{Functions, Procedural};
 
 /// A scene ready to render.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +41,10 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Decoded images.
     pub images: Vec<TextureImage>,
+    /// Objects that functions describe, no more than [`crate::procedural::MAX_OBJECTS`].
+    pub procedurals: Vec<Procedural>,
+    /// Their functions.
+    pub functions: Functions,
     /// Lights in the order of the file's nodes, emissive meshes and punctual lights alike; last the environment, where there
     /// is one.
     pub lights: Vec<Light>,
@@ -431,14 +438,20 @@ impl Scene {
         self.triangles[index].vertices.map(|vertex| self.vertices[vertex as usize].position)
     }
 
-    /// Lower and upper corner of the bounding box of all triangles; None where there is none.
+    /// There is nothing that a ray could meet.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty() && self.procedurals.is_empty()
+    }
+
+    /// Lower and upper corner of the bounding box of all triangles and procedural objects; None where there is none.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
         self.bounds_of(0..self.triangles.len())
     }
 
-    /// Lower and upper corner of the bounding box of the triangles that `indices` names.
+    /// Lower and upper corner of the bounding box of the triangles that `indices` names, and of all procedural objects.
     fn bounds_of(&self, indices: impl Iterator<Item = usize>) -> Option<[Vec3; 2]> {
         let corners = indices.flat_map(|index| self.triangle_positions(index));
+        let corners = corners.chain(self.procedurals.iter().flat_map(Procedural::corners));
         corners.map(|p| [p, p]).reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
     }
 }

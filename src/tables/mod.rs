@@ -17,6 +17,7 @@ use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu::buffer::TableFormat;
 use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
+use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 
 /// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
@@ -28,6 +29,10 @@ pub struct SceneTables {
     surfaces: SurfaceTables,
     textures: TextureTables,
     camera: Buffer,
+    procedurals: Table,
+    procedural_count: usize,
+    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was none.
+    pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
     pub bytes: u64,
@@ -58,7 +63,10 @@ impl SceneTables {
         }
         let (textures, slots) = TextureTables::new(gpu, scene)?;
         let surfaces = SurfaceTables::new(gpu, scene, &slots, features)?;
-        let records = bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
+        let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
+        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
+        let records =
+            procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
         let lights = LightTables::new(gpu, scene)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(SceneTables {
@@ -70,12 +78,17 @@ impl SceneTables {
             bytes: records as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
+            procedurals: gpu.table("penumbra/scene/procedural_records", &procedurals, TableFormat::Float)?,
+            procedural_count: scene.procedurals.len(),
+            procedural_misses: gpu.buffer::<u32>("penumbra/scene/procedural_misses", 2)?,
         })
     }
 
     /// The `override`s of the kernels that read the scene.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
-        self.surfaces.constants()
+        let mut constants = self.surfaces.constants();
+        constants.push(("procedural_count", self.procedural_count as f64));
+        constants
     }
 }
 
@@ -89,6 +102,8 @@ impl Bindings for SceneTables {
             "texture_slots" => (&self.textures.slots).into(),
             "colour_texels" => (&self.textures.colour).into(),
             "data_texels" => (&self.textures.data).into(),
+            "procedural_records" => (&self.procedurals).into(),
+            "procedural_misses" => (&self.procedural_misses).into(),
             "camera" => (&self.camera).into(),
             "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),
             _ => return self.lights.get(name),

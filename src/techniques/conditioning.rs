@@ -1,5 +1,6 @@
 //! What a render notices of its own arithmetic and limits, and what it says about it.
 
+use crate::procedural::TURNS;
 use crate::settings::Settings;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
@@ -41,6 +42,8 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         least_records: totals.least_records,
         heavy_paths: count(Counter::HeavyPaths),
         overruns: count(Counter::Overrun),
+        procedural_overruns: count(Counter::ProceduralOverruns),
+        procedural_nonsense: count(Counter::ProceduralNonsense),
         mean_bounces: totals.mean_bounces().round() as u64,
         devices_lost: totals.devices_lost,
     }
@@ -51,6 +54,7 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     // Records of the least radius are a figure alone: what they blur is three pixels wide, and corners ask for them in any scene.
     let Conditioning { not_finite, near_overflow, unknown, heavy_paths, overruns, mean_bounces, devices_lost, .. } =
         conditioning(totals);
+    let Conditioning { procedural_overruns, procedural_nonsense, .. } = conditioning(totals);
     let mut warnings = Vec::new();
     let mut warn = |name, count: u64, text: String| {
         if count > 0 {
@@ -108,6 +112,22 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         );
         warn("mean_bounces", mean_bounces, text);
     }
+    warn(
+        "procedural_overruns",
+        procedural_overruns,
+        format!(
+            "{procedural_overruns} rays took more than {TURNS} turns in a procedural object and passed through it: look for \
+             loops that do not end, or distances far smaller than the surface is away"
+        ),
+    );
+    warn(
+        "procedural_nonsense",
+        procedural_nonsense,
+        format!(
+            "{procedural_nonsense} answers of procedural objects are not finite or have no normal, and their rays passed \
+             through: look for divisions by zero and roots of negative numbers in their functions"
+        ),
+    );
     warn(
         "devices_lost",
         devices_lost,

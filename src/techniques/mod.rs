@@ -340,11 +340,26 @@ impl<'g> Renderer<'g> {
             }
         }
         self.samples += layers;
+        self.count_procedural_misses()?;
         self.totals.check()?;
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         let points = self.totals.points();
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
+    }
+
+    /// Adds what the kernels have counted of procedural objects since the last batch.
+    fn count_procedural_misses(&mut self) -> Result<()> {
+        if !self.needs.features.has("procedurals") {
+            return Ok(());
+        }
+        let misses = &self.tables.procedural_misses;
+        let counters = [Counter::ProceduralOverruns, Counter::ProceduralNonsense];
+        for (counter, more) in counters.into_iter().zip(self.gpu.read::<u32>(misses, 2)?) {
+            self.totals.count(counter, more.into());
+        }
+        self.gpu.write(misses, &[0u32; 2]);
+        Ok(())
     }
 
     /// Makes photons and records anew, and more of them, once there are so many samples that they ask for it. The next
@@ -558,7 +573,7 @@ fn notes(
     if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
         notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
     }
-    if scene.triangles.is_empty() {
+    if scene.is_empty() {
         let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
         notes.push(format!("the scene has no triangles: the image {shown}"));
     }

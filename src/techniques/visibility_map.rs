@@ -198,7 +198,7 @@ pub(super) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
     scene.placed_lights().iter().zip(counts).map(of_light).collect()
 }
 
-/// Bounds and area of the scene's surfaces.
+/// Bounds and area of the scene's surfaces, of procedural objects those of their boxes.
 pub(super) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
     let mut bounds = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
     let mut area = 0.0f64;
@@ -206,6 +206,10 @@ pub(super) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
         let [a, b, c] = scene.triangle_positions(i);
         bounds = (bounds.0.min(a).min(b).min(c), bounds.1.max(a).max(b).max(c));
         area += f64::from((b - a).cross(c - a).length()) * 0.5;
+    }
+    for object in &scene.procedurals {
+        bounds = object.corners().iter().fold(bounds, |(low, high), p| (low.min(*p), high.max(*p)));
+        area += f64::from(object.box_area());
     }
     (bounds, area as f32)
 }

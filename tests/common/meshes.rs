@@ -1,6 +1,6 @@
 //! Scenes of triangles for tests: squares, cubes, rooms, and cameras in them.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::scene::{
@@ -48,6 +48,27 @@ pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> S
     }
     scene.lights.extend(punctual.into_iter().map(|kind| Light { name: String::new(), kind }));
     scene
+}
+
+/// A sphere of `n` rings of `2 n` places each, with corners on it.
+pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
+    let at = |i: usize, j: usize| {
+        let (t, p) = (PI * i as f64 / n as f64, TAU * j as f64 / (2 * n) as f64);
+        centre + radius * DVec3::new(t.sin() * p.cos(), t.sin() * p.sin(), t.cos())
+    };
+    let mut triangles = Vec::new();
+    for i in 0..n {
+        for j in 0..2 * n {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, (j + 1) % (2 * n)), at(i, (j + 1) % (2 * n))];
+            if i + 1 < n {
+                triangles.push([a, b, c]);
+            }
+            if i > 0 {
+                triangles.push([a, c, d]);
+            }
+        }
+    }
+    triangles
 }
 
 pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {

@@ -1,13 +1,15 @@
 //! Each count of `conditioning` is made by a scene that asks for it, and is zero in a scene that does not.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use penumbra::film::Metadata;
+use penumbra::procedural::Role;
 use penumbra::scene::Material;
 use penumbra::statistics::{Conditioning, NotFinite};
 use penumbra::{Aov, Camera, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
 
 use crate::common::gpu;
 use crate::meshes::{Corners, camera, cube, inside_out, scene, square, surface};
+use crate::procedurals::{self, Object};
 
 /// A closed room of that albedo, a square lamp under its ceiling, and whatever else.
 fn room(albedo: f32, radiance: f32, more: &[(Vec<Corners>, Material)]) -> Scene {
@@ -187,4 +189,34 @@ fn rays_that_meet_the_loop_budget_are_left_out_or_end_the_render() {
     let error = try_render(stack(0.2), &spot).unwrap_err();
     assert_eq!(error.exit_code(), 1, "{error}");
     assert!(error.to_string().contains("loop budget"), "{error}");
+}
+
+/// A function that never ends, and one that has no answer: rays pass through, the image stands, and it is said how
+/// often. One that is as it should be says nothing.
+#[test]
+fn procedural_objects_that_fail_are_counted() {
+    let with = |body: &str| {
+        let mut scene = room(0.7, 5.0, &[]);
+        let source = format!("fn f(position: vec3f, parameters: vec4f) -> f32 {{ {body} }}");
+        let world = DAffine3::from_scale(DVec3::splat(0.1));
+        let (role, material) = (Role::Distance, surface(0.5, 0.0));
+        let object = Object { source: &source, function: "f", role, parameter: 1.0, world, material };
+        procedurals::place(&mut scene, &[object]);
+        scene
+    };
+    for technique in [Technique::Path, Technique::ShadowPhotons, Technique::PhotonMap] {
+        // Each ray takes 4096 turns: few rays, and few bounces, as the turns of a path would be too many.
+        let (photons, flux_photons, gather_rays) = (64, 64, 16);
+        let settings = Settings { max_bounces: 1, photons, flux_photons, gather_rays, spp: 1, ..settings(technique) };
+        let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);
+        let count = found.procedural_overruns;
+        assert!(count > 0 && found.procedural_nonsense == 0 && statistics.not_finite == 0, "{technique}: {found:?}");
+        assert_told(&statistics, &said, "procedural_overruns", count, "turns in a procedural object");
+    }
+    let (found, statistics, said) =
+        render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::ShadowPhotons));
+    assert!(found.procedural_nonsense > 0 && found.procedural_overruns == 0, "{found:?}");
+    assert_told(&statistics, &said, "procedural_nonsense", found.procedural_nonsense, "answers of procedural objects");
+    let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::ShadowPhotons));
+    assert_eq!((found.procedural_overruns, found.procedural_nonsense), (0, 0));
 }

@@ -8,10 +8,13 @@ mod conditioning;
 mod device;
 #[cfg(unix)]
 mod disk;
-// Other tests use the rest of these two.
+// Other tests use the rest of these.
 #[allow(dead_code)]
 #[path = "../common/meshes.rs"]
 mod meshes;
+#[allow(dead_code)]
+#[path = "../common/procedurals.rs"]
+mod procedurals;
 #[allow(dead_code)]
 #[path = "../cli/program.rs"]
 mod program;

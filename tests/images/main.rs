@@ -10,6 +10,9 @@ mod many_lights;
 #[path = "../common/meshes.rs"]
 mod meshes;
 mod models;
+mod procedural;
+#[path = "../common/procedurals.rs"]
+mod procedurals;
 mod setup;
 #[path = "../common/shared_files.rs"]
 mod shared_files;

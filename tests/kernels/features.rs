@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
+use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
 use penumbra::needs::Needs;
+use penumbra::procedural::Role;
 use penumbra::scene::{
     AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
@@ -15,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::light::{Corners, cube, sphere, square};
 use crate::path::{camera, render_with, scene, surface};
+use crate::procedurals::{self, Object};
 use crate::stage::hash1;
 
 /// A choice for each of some thirty properties of a scene, its settings and the device.
@@ -86,6 +88,14 @@ impl Choice {
         }
         if self.has(13) {
             scene.vertices[..3].iter_mut().for_each(|vertex| vertex.normal = Vec3::new(0.6, 0.0, 0.8));
+        }
+        if self.has(37) {
+            let sponge = include_str!("../../scenes/procedural/menger.wgsl");
+            let (role, function) = (Role::Distance, "menger");
+            let material = surface(0.5, 0.0);
+            let sponge = Object { source: sponge, function, role, parameter: 2.0, world: DAffine3::IDENTITY, material };
+            let ball = procedurals::sphere(Role::Intersection, DAffine3::IDENTITY, surface(0.5, 0.0));
+            procedurals::place(&mut scene, &[sponge, ball]);
         }
         scene
     }
@@ -169,7 +179,7 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 17] = [
+    const FORCED: [&str; 18] = [
         "textures",
         "uv1",
         "vertex_colours",
@@ -182,6 +192,7 @@ fn features_that_are_not_needed_change_nothing() {
         "sheen",
         "alpha_test",
         "unlit",
+        "procedurals",
         "point_lights",
         "spot_lights",
         "directional_lights",

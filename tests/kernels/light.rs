@@ -10,7 +10,7 @@ use penumbra::tables::LightTables;
 use penumbra::tables::lights::is_closed;
 
 use crate::kit::{device_features, gpu};
-pub use crate::meshes::{Corners, cube, square};
+pub use crate::meshes::{Corners, cube, sphere, square};
 use crate::statistics::{Random, chi_square, z_test};
 
 /// Radiance of the mesh lights: channels that differ, of which the tests look at the red and the ratio to the others.
@@ -122,26 +122,6 @@ fn grid(centre: DVec3, half: DVec3, other: DVec3, n: usize, keep: impl Fn(usize,
             [[a, b, c], [a, c, d]]
         })
         .collect()
-}
-
-pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
-    let at = |i: usize, j: usize| {
-        let (t, p) = (PI * i as f64 / n as f64, TAU * j as f64 / (2 * n) as f64);
-        centre + radius * DVec3::new(t.sin() * p.cos(), t.sin() * p.sin(), t.cos())
-    };
-    let mut triangles = Vec::new();
-    for i in 0..n {
-        for j in 0..2 * n {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, (j + 1) % (2 * n)), at(i, (j + 1) % (2 * n))];
-            if i + 1 < n {
-                triangles.push([a, b, c]);
-            }
-            if i > 0 {
-                triangles.push([a, c, d]);
-            }
-        }
-    }
-    triangles
 }
 
 /// The mesh lights that the tests use, by name.

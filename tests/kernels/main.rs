@@ -24,6 +24,9 @@ mod photon_lights;
 mod photons;
 mod precision;
 mod primary;
+mod procedural;
+#[path = "../common/procedurals.rs"]
+mod procedurals;
 mod rooms;
 mod sampling;
 mod shade;

@@ -1,6 +1,6 @@
 //! Pass `photons` against a loop over all triangles along the same rays.
 
-use glam::{DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
+use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::Settings;
 use penumbra::bvh::Bvh;
 use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
@@ -13,7 +13,10 @@ use penumbra::scene::{
 };
 use penumbra::tables::SceneTables;
 
+use penumbra::procedural::Role;
+
 use crate::kit::gpu;
+use crate::procedurals;
 use crate::rooms::{Rectangle, Room, photon_normal};
 
 const PLAIN: u32 = 0;
@@ -185,6 +188,25 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
             hits.push((t, faces || double_sided, n.normalize() * if faces { 1.0 } else { -1.0 }));
         }
     }
+    // Procedural objects are spheres of radius 1 of their own space.
+    for object in &scene.procedurals {
+        let o = object.to_own.transform_point3(origin);
+        let d = object.to_own.transform_vector3(direction);
+        let along = -o.dot(d) / d.length_squared();
+        let offset = (o + along * d).length();
+        if (offset - 1.0).abs() < 0.01 {
+            return None;
+        }
+        let half = (1.0 - offset * offset).max(0.0).sqrt() / d.length();
+        for t in [along - half, along + half] {
+            if half > 0.0 && t > 1e-7 {
+                let outward = (object.to_own.matrix3.transpose() * (o + t * d)).normalize();
+                let faces = outward.dot(direction) < 0.0;
+                let double_sided = scene.materials[object.material as usize].double_sided;
+                hits.push((t, faces || double_sided, outward * if faces { 1.0 } else { -1.0 }));
+            }
+        }
+    }
     hits.sort_by(|a, b| a.0.total_cmp(&b.0));
     // One of coplanar twins, the side that stores before the other.
     hits.dedup_by(|twin, kept| {
@@ -220,8 +242,8 @@ fn compare(scene: &Scene, traced: &Traced) -> (usize, usize, usize) {
                             && Vec3::from(p.position).as_dvec3().distance(place) < 1e-5
                             && (p.word >> 31 != 0) == shadow
                             && (p.word >> 14) & 0x7ff == light as u32
-                            // The code's step is 0.02 rad.
-                            && photon_normal(p.word).dot(normal) > 0.02f64.cos()
+                            // What the code of the normal is off by at most.
+                            && photon_normal(p.word).dot(normal) > 0.035f64.cos()
                     });
                 match found {
                     Some(i) => taken[i] = true,
@@ -367,4 +389,30 @@ fn batches_lose_nothing() {
     });
     sets.iter_mut().for_each(|set| set.sort_unstable());
     assert!(sets[0] == sets[1]);
+}
+
+/// Spheres and an ellipsoid that functions describe, single- and double-sided, one within the other: photons go straight on
+/// through them, and leave their like at every crossing, as in closed form. One a hundredth larger is seen.
+#[test]
+fn photons_meet_every_crossing_of_procedural_objects() {
+    let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
+    let (mut scene, bvh) = room_scene(vec![point]);
+    let at = |size: DVec3, x: f64| {
+        DAffine3::from_scale_rotation_translation(size, DQuat::from_rotation_y(0.5), DVec3::new(x, -0.1, 0.1))
+    };
+    procedurals::place(
+        &mut scene,
+        &[
+            procedurals::sphere(Role::Intersection, at(DVec3::splat(0.2), 0.0), material(false, Vec3::ZERO)),
+            procedurals::sphere(Role::Distance, at(DVec3::splat(0.1), 0.02), material(true, Vec3::ZERO)),
+            procedurals::sphere(Role::Intersection, at(DVec3::new(0.1, 0.2, 0.07), -0.3), material(true, Vec3::ZERO)),
+        ],
+    );
+    let traced = trace(&scene, bvh, 3001, 10);
+    let (extra, missing, doubtful) = compare(&scene, &traced);
+    assert_eq!(missing, 0);
+    assert!(doubtful < 300 && extra <= doubtful * 12, "{doubtful} in doubt, {extra} more");
+    scene.procedurals[0].to_own.matrix3 /= 1.01;
+    let (_, missing, _) = compare(&scene, &traced);
+    assert!(missing > 100, "a hundredth more is {missing} photons");
 }

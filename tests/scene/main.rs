@@ -6,6 +6,7 @@ mod cameras;
 mod geometry;
 mod lights;
 mod materials;
+mod procedurals;
 mod shared;
 #[path = "../common/shared_files.rs"]
 mod shared_files;

@@ -1,0 +1,318 @@
+//! Files of WGSL functions: read by naga, refused where they could reach beyond themselves, and made to end.
+
+use naga::back::wgsl::WriterFlags;
+use naga::valid::{Capabilities, ModuleInfo, ShaderStages, ValidationFlags, Validator};
+use naga::{
+    AddressSpace, BinaryOperator, Block, Expression, Function, GlobalVariable, Handle, Literal, Module, Range, Scalar,
+    SourceLocation, Span, Statement, Type, TypeInner, VectorSize,
+};
+
+use super::{Role, TURNS};
+
+/// Most bytes of a file: those of a long day's work.
+const MAX_BYTES: usize = 1 << 16;
+
+/// Most expressions of a function with all that it calls, each call counted: a compiler may write out every one of them, and
+/// functions of two calls each, one over the other, are soon more than any can.
+const MAX_EXPRESSIONS: usize = 1 << 14;
+
+/// Deepest nesting of statements and of expressions: all that read them walk by recursion.
+const MAX_DEPTH: usize = 100;
+
+/// Most bytes of a value: software devices hold it for each invocation.
+const MAX_VALUE_BYTES: u32 = 4096;
+
+/// Stack for reading a file of [`MAX_BYTES`]: naga goes down a step for every operator of a sum, of some hundred bytes each.
+const STACK_BYTES: usize = 1 << 28;
+
+/// How the names begin that functions and the counter get.
+const RENAMED: &str = "procedural_";
+
+/// The variable in which all loops count their turns; see `functions.wgsl`.
+const COUNTER: &str = "procedural_turns";
+
+const NUMBER: TypeInner = TypeInner::Scalar(Scalar::F32);
+const VECTOR_3: TypeInner = TypeInner::Vector { size: VectorSize::Tri, scalar: Scalar::F32 };
+const VECTOR_4: TypeInner = TypeInner::Vector { size: VectorSize::Quad, scalar: Scalar::F32 };
+
+type Checked<T> = std::result::Result<T, String>;
+
+/// A file of functions.
+pub(super) struct File {
+    /// Its text.
+    pub source: String,
+    module: Module,
+}
+
+impl File {
+    /// Reads and checks a file.
+    pub fn read(source: &str) -> Checked<File> {
+        if source.len() > MAX_BYTES {
+            return Err(format!("has {} bytes, at most {MAX_BYTES} are read", source.len()));
+        }
+        let read = || {
+            let module = naga::front::wgsl::parse_str(source).map_err(|e| match e.location(source) {
+                // What naga places nowhere is that it went too deep, or an error of its own.
+                None => format!("cannot be read, perhaps as it is nested too deep: {}", e.message()),
+                at => at_line(e.message(), at),
+            })?;
+            refuse_large(&module)?;
+            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+            let info = validator.validate(&module).map_err(|e| at_line(&causes(e.as_inner()), e.location(source)))?;
+            refuse_foreign(&module, &info)?;
+            Ok(module)
+        };
+        let module = std::thread::scope(|scope| {
+            let thread = std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, read);
+            thread.map_err(|e| e.to_string())?.join().unwrap_or_else(|_| Err("cannot be read by naga".to_owned()))
+        })?;
+        Ok(File { source: source.to_owned(), module })
+    }
+
+    /// Checks that there is a function of that name, and that it has the form that its role asks for.
+    pub fn check(&self, name: &str, role: Role) -> Checked<()> {
+        let mut functions = self.module.functions.iter();
+        let found = functions.find(|(_, f)| f.name.as_deref() == Some(name));
+        let (_, function) = found.ok_or_else(|| format!("has no function `{name}`"))?;
+        let (form, arguments, result) = match role {
+            Role::Intersection => (
+                "fn(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f",
+                &[VECTOR_3, VECTOR_3, NUMBER, VECTOR_4][..],
+                VECTOR_4,
+            ),
+            Role::Distance => ("fn(position: vec3f, parameters: vec4f) -> f32", &[VECTOR_3, VECTOR_4][..], NUMBER),
+            Role::Colour => (
+                "fn(base: vec3f, position: vec3f, parameters: vec4f) -> vec3f",
+                &[VECTOR_3, VECTOR_3, VECTOR_4][..],
+                VECTOR_3,
+            ),
+        };
+        let inner = |ty: Handle<Type>| &self.module.types[ty].inner;
+        let given = function.arguments.iter().map(|argument| inner(argument.ty));
+        let fits = given.eq(arguments) && function.result.as_ref().is_some_and(|r| *inner(r.ty) == result);
+        if fits { Ok(()) } else { Err(format!("`{name}` is not of the form {form}")) }
+    }
+
+    /// Plain WGSL with loops that end. Of `named` functions the second name is the new one; all else that other modules
+    /// could see gets a name of `prefix`.
+    ///
+    /// # Errors
+    /// What naga cannot write, though it can read it.
+    pub fn write(mut self, prefix: &str, named: &[(&str, String)]) -> Checked<String> {
+        let own = |name: &Option<String>| Some(format!("{prefix}_{}", name.as_deref().unwrap_or_default()));
+        let module = &mut self.module;
+        for (_, function) in module.functions.iter_mut() {
+            let new = named.iter().find(|(name, _)| function.name.as_deref() == Some(name));
+            function.name = new.map_or_else(|| own(&function.name), |(_, new)| Some(new.clone()));
+            // Where a variable has a name that naga is to write, it would change that and not the variable's.
+            let arguments = function.arguments.iter_mut().filter_map(|argument| argument.name.as_mut());
+            let variables = function.local_variables.iter_mut().filter_map(|(_, variable)| variable.name.as_mut());
+            let values = function.named_expressions.values_mut();
+            for name in arguments.chain(variables).chain(values).filter(|name| name.starts_with(RENAMED)) {
+                name.insert_str(0, "own_");
+            }
+        }
+        for (_, constant) in module.constants.iter_mut().filter(|(_, constant)| constant.name.is_some()) {
+            constant.name = own(&constant.name);
+        }
+        let types: Vec<(Handle<Type>, Type)> = module.types.iter().map(|(handle, ty)| (handle, ty.clone())).collect();
+        for (handle, ty) in types.into_iter().filter(|(_, ty)| matches!(ty.inner, TypeInner::Struct { .. })) {
+            module.types.replace(handle, Type { name: own(&ty.name), ..ty });
+        }
+        bound_loops(module);
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        let info = validator.validate(module).map_err(|e| causes(e.as_inner()))?;
+        let text = naga::back::wgsl::write_string(module, &info, WriterFlags::empty()).map_err(|e| e.to_string())?;
+        // All files share the counter.
+        let declares = |line: &&str| line.starts_with("var<private>") && line.contains(COUNTER);
+        Ok(text.lines().filter(|line| !declares(line)).flat_map(|line| [line, "\n"]).collect())
+    }
+}
+
+/// A problem with the line that it is in.
+fn at_line(problem: &str, location: Option<SourceLocation>) -> String {
+    let problem = problem.split_whitespace().collect::<Vec<_>>().join(" ");
+    location.map_or(problem.clone(), |at| format!("line {}: {problem}", at.line_number))
+}
+
+/// An error with all that it comes of.
+fn causes(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
+}
+
+/// Refuses what would take too long to read, to compile or to hold.
+fn refuse_large(module: &Module) -> Checked<()> {
+    let large =
+        |(_, ty): &(Handle<Type>, &Type)| ty.inner.try_size(module.to_ctx()).is_none_or(|n| n > MAX_VALUE_BYTES);
+    if let Some((_, ty)) = module.types.iter().find(large) {
+        let name = ty.name.as_deref().unwrap_or("an array");
+        return Err(format!("{name} takes more than {MAX_VALUE_BYTES} bytes"));
+    }
+    let mut cost: Vec<usize> = Vec::new();
+    for (_, function) in module.functions.iter() {
+        let name = function.name.as_deref().unwrap_or_default();
+        let mut walked = Walked::default();
+        walked.block(&function.body, 0);
+        // Operands come before what is made of them.
+        let mut depths: Vec<usize> = Vec::with_capacity(function.expressions.len());
+        for (_, expression) in function.expressions.iter() {
+            let depth = operands(expression).into_iter().map(|operand| depths[operand.index()] + 1).max();
+            depths.push(depth.unwrap_or(0));
+        }
+        if walked.depth.max(depths.into_iter().max().unwrap_or(0)) > MAX_DEPTH {
+            return Err(format!("`{name}` is nested more than {MAX_DEPTH} deep"));
+        }
+        // Functions come before those that call them.
+        let called: usize = walked.calls.iter().map(|callee| cost.get(callee.index()).copied().unwrap_or(0)).sum();
+        // Variables count by their words.
+        let words =
+            function.local_variables.iter().map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()) as usize / 4);
+        let total = (function.expressions.len() + words.sum::<usize>()).saturating_add(called);
+        if total > MAX_EXPRESSIONS {
+            return Err(format!(
+                "`{name}`, with all that it calls, has {total} expressions, at most {MAX_EXPRESSIONS} can be"
+            ));
+        }
+        cost.push(total);
+    }
+    Ok(())
+}
+
+/// Refuses what is more than functions of their arguments.
+fn refuse_foreign(module: &Module, info: &ModuleInfo) -> Checked<()> {
+    let foreign = |what: String| Err(format!("{what}: only functions, structs and constants can be in such a file"));
+    if let Some((_, variable)) = module.global_variables.iter().next() {
+        return foreign(format!("declares the variable `{}`", variable.name.as_deref().unwrap_or_default()));
+    }
+    if let Some((_, value)) = module.overrides.iter().next() {
+        return foreign(format!("declares the override `{}`", value.name.as_deref().unwrap_or_default()));
+    }
+    if let Some(entry) = module.entry_points.first() {
+        return foreign(format!("declares the entry point `{}`", entry.name));
+    }
+    for (handle, function) in module.functions.iter() {
+        let name = function.name.as_deref().unwrap_or_default();
+        let mut walked = Walked::default();
+        walked.block(&function.body, 0);
+        if walked.foreign || !info[handle].available_stages.contains(ShaderStages::COMPUTE) {
+            return Err(format!(
+                "`{name}` does more than compute: it discards, or waits for or asks other invocations"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// What is in a function's statements.
+#[derive(Default)]
+struct Walked {
+    depth: usize,
+    calls: Vec<Handle<Function>>,
+    foreign: bool,
+}
+
+impl Walked {
+    fn block(&mut self, block: &Block, depth: usize) {
+        self.depth = self.depth.max(depth);
+        for statement in block {
+            match statement {
+                Statement::Block(inner) => self.block(inner, depth + 1),
+                Statement::If { accept, reject, .. } => {
+                    self.block(accept, depth + 1);
+                    self.block(reject, depth + 1);
+                }
+                Statement::Switch { cases, .. } => cases.iter().for_each(|case| self.block(&case.body, depth + 1)),
+                Statement::Loop { body, continuing, .. } => {
+                    self.block(body, depth + 1);
+                    self.block(continuing, depth + 1);
+                }
+                Statement::Call { function, .. } => self.calls.push(*function),
+                Statement::Emit(_)
+                | Statement::Break
+                | Statement::Continue
+                | Statement::Return { .. }
+                | Statement::Store { .. } => {}
+                _ => self.foreign = true,
+            }
+        }
+    }
+}
+
+/// What an expression of functions without variables of the module is made of.
+fn operands(expression: &Expression) -> Vec<Handle<Expression>> {
+    use Expression::*;
+    match expression {
+        Compose { components, .. } => components.clone(),
+        Access { base, index } => vec![*base, *index],
+        AccessIndex { base, .. } => vec![*base],
+        Splat { value, .. } => vec![*value],
+        Swizzle { vector, .. } => vec![*vector],
+        Load { pointer } => vec![*pointer],
+        Unary { expr, .. } | As { expr, .. } => vec![*expr],
+        Binary { left, right, .. } => vec![*left, *right],
+        Select { condition, accept, reject } => vec![*condition, *accept, *reject],
+        Relational { argument, .. } => vec![*argument],
+        Math { arg, arg1, arg2, arg3, .. } => [Some(*arg), *arg1, *arg2, *arg3].into_iter().flatten().collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Makes every turn of every loop count itself, and end the loop once there were [`TURNS`].
+fn bound_loops(module: &mut Module) {
+    let count = Type { name: None, inner: TypeInner::Scalar(Scalar::U32) };
+    let ty = module.types.insert(count, Span::UNDEFINED);
+    let counter = GlobalVariable {
+        name: Some(COUNTER.to_owned()),
+        space: AddressSpace::Private,
+        binding: None,
+        ty,
+        init: None,
+        memory_decorations: Default::default(),
+    };
+    let counter = module.global_variables.append(counter, Span::UNDEFINED);
+    for (_, function) in module.functions.iter_mut() {
+        let mut body = std::mem::take(&mut function.body);
+        bound_block(&mut body, function, counter);
+        function.body = body;
+    }
+}
+
+fn bound_block(block: &mut Block, function: &mut Function, counter: Handle<GlobalVariable>) {
+    for statement in block.iter_mut() {
+        match statement {
+            Statement::Block(inner) => bound_block(inner, function, counter),
+            Statement::If { accept, reject, .. } => {
+                bound_block(accept, function, counter);
+                bound_block(reject, function, counter);
+            }
+            Statement::Switch { cases, .. } => {
+                cases.iter_mut().for_each(|case| bound_block(&mut case.body, function, counter));
+            }
+            Statement::Loop { body, continuing, .. } => {
+                bound_block(body, function, counter);
+                bound_block(continuing, function, counter);
+                let mut bounded = Block::from_vec(count_a_turn(function, counter));
+                bounded.append(body);
+                *body = bounded;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// `procedural_turns += 1; if procedural_turns_before >= TURNS { break; }`
+fn count_a_turn(function: &mut Function, counter: Handle<GlobalVariable>) -> Vec<Statement> {
+    let mut add = |expression| function.expressions.append(expression, Span::UNDEFINED);
+    let pointer = add(Expression::GlobalVariable(counter));
+    let most = add(Expression::Literal(Literal::U32(TURNS)));
+    let one = add(Expression::Literal(Literal::U32(1)));
+    let before = add(Expression::Load { pointer });
+    let spent = add(Expression::Binary { op: BinaryOperator::GreaterEqual, left: before, right: most });
+    let value = add(Expression::Binary { op: BinaryOperator::Add, left: before, right: one });
+    vec![
+        Statement::Emit(Range::new_from_bounds(before, value)),
+        Statement::Store { pointer, value },
+        Statement::If { condition: spent, accept: Block::from_vec(vec![Statement::Break]), reject: Block::new() },
+    ]
+}

@@ -1,0 +1,213 @@
+//! `shaders/lib/procedural.wgsl`: where rays meet objects that functions describe, against closed forms.
+
+use glam::{DAffine3, DQuat, DVec3, Vec3};
+use penumbra::gpu::{Kernel, Resources, compose};
+use penumbra::procedural::Role;
+use penumbra::scene::Scene;
+use penumbra::settings::Technique;
+
+use crate::kit::gpu;
+use crate::meshes::{camera, scene, square, surface};
+use crate::procedurals::{Object, place, sphere};
+use crate::rooms::Random;
+use crate::stage::Stage;
+
+const OBJECT: u32 = 1 << 31;
+const NO_HIT: u32 = u32::MAX;
+
+#[derive(Clone, Copy)]
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+}
+
+/// What an entry of `shaders/traverse.wgsl` answers to rays, and the counts of answers that were none.
+fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
+    let composed = compose::compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
+    let mut constants = stage.tables.constants();
+    constants.extend([("ray_count", rays.len() as f64), ("slot_count", 0.0)]);
+    let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
+    let texels: Vec<[f32; 4]> = rays
+        .iter()
+        .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
+        .collect();
+    let rays_buffer = gpu().upload("test/rays", &texels).unwrap();
+    let answers = gpu().poisoned::<[u32; 4]>("test/answers", rays.len()).unwrap();
+    let own = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
+    let bound = kernel.bind(gpu(), entry, &[&own, &stage.tables]).unwrap();
+    let mut frame = gpu().frame("test");
+    frame.run(&bound, rays.len() as u32, &[0u32; 0]);
+    frame.submit().unwrap();
+    let misses: Vec<u32> = gpu().read(&stage.tables.procedural_misses, 2).unwrap();
+    (gpu().read(&answers, rays.len()).unwrap(), [misses[0], misses[1]])
+}
+
+fn stage(scene: Scene) -> Stage {
+    let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
+    Stage::new(scene, &view, [1, 1], Technique::Path, |features| features)
+}
+
+/// An ellipsoid, turned and off the origin.
+fn ellipsoid() -> DAffine3 {
+    let turn = DQuat::from_axis_angle(DVec3::new(0.3, 0.5, -0.8).normalize(), 0.7);
+    DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 0.35, 0.1), turn, DVec3::new(0.15, -0.1, 0.2))
+}
+
+/// Rays from near, from far and from within, some short, some of directions that are not unit vectors.
+fn rays(count: usize) -> Vec<Ray> {
+    let mut random = Random(11);
+    let mut ray = |i: usize| {
+        let towards = Vec3::new(0.15, -0.1, 0.2) + 0.3 * random.direction();
+        let distance = [0.1, 0.6, 4.0][i % 3];
+        let origin = towards + distance * random.direction();
+        let direction = (towards - origin) * [1.0 / distance, 1.0, 0.01][i / 3 % 3];
+        let length = if i.is_multiple_of(5) { distance * random.unit() } else { 1e9 };
+        Ray { origin, direction, t_max: length / direction.length() }
+    };
+    (0..count).map(&mut ray).collect()
+}
+
+/// Both crossings of a ray's line with the unit sphere of an object's own space; none where it passes by. How near it is to
+/// where one becomes the other.
+fn crossings(world: &DAffine3, ray: &Ray) -> (Option<[f64; 2]>, f64) {
+    let own = world.inverse();
+    let o = own.transform_point3(ray.origin.as_dvec3());
+    let d = own.transform_vector3(ray.direction.as_dvec3());
+    let along = -o.dot(d) / d.length_squared();
+    let offset = (o + along * d).length();
+    let half = (1.0 - offset * offset).max(0.0).sqrt() / d.length();
+    ((offset < 1.0).then_some([along - half, along + half]), (1.0 - offset).abs())
+}
+
+/// How many of the answers are wrong, of those that do not hang on rounding, and how many these are.
+fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32; 4]]) -> (usize, usize) {
+    let (mut wrong, mut asked) = (0, 0);
+    for ((ray, [t, u, v, id]), [stopped, ..]) in rays.iter().zip(answers).zip(occluded) {
+        let (found, doubt) = crossings(world, ray);
+        let length = f64::from(ray.direction.length());
+        // Own space is up to ten times the scene's, and places there are known to 2^-18 of the box's diagonal along the ray.
+        let tolerance = 2e-5 / length;
+        let t_max = f64::from(ray.t_max);
+        let near = |t: f64| t.abs() < tolerance || (t - t_max).abs() < tolerance;
+        if doubt < 1e-3 || found.is_some_and(|found| found.into_iter().any(near)) {
+            continue;
+        }
+        asked += 1;
+        let first = found.and_then(|found| found.into_iter().find(|t| *t > 0.0 && *t <= t_max));
+        let right = match first {
+            None => *id == NO_HIT && *stopped == 0,
+            Some(first) => {
+                let at = world.inverse().transform_point3(ray.origin.as_dvec3() + first * ray.direction.as_dvec3());
+                let normal = world.inverse().matrix3.transpose() * at;
+                let [u, v] = [u, v].map(|word| f64::from(f32::from_bits(*word)));
+                let z = 1.0 - u.abs() - v.abs();
+                let fold = |p: f64| p - (-z).max(0.0).copysign(p);
+                let given = DVec3::new(fold(u), fold(v), z).normalize();
+                let off = (f64::from(f32::from_bits(*t)) - first).abs() * length;
+                // A step of epsilon along the ray is more of a sphere that is met at a grazing angle.
+                let cosine = (normal.normalize().dot(ray.direction.as_dvec3()) / length).abs();
+                *id == OBJECT
+                    && *stopped == 1
+                    && off < 1e-5 + 1e-6 / cosine
+                    && given.dot(normal.normalize()) > 1.0 - 1e-6
+            }
+        };
+        wrong += usize::from(!right);
+    }
+    (wrong, asked)
+}
+
+/// An ellipsoid by its closed form, and by its distance: what rays meet first, its normal there, and whether anything stops
+/// them are those of the quadratic equation. One a thousandth larger is seen.
+#[test]
+fn ellipsoids_are_met_where_they_are() {
+    let rays = rays(6000);
+    for role in [Role::Intersection, Role::Distance] {
+        let traced = |parameter| {
+            let mut scene = Scene::default();
+            place(&mut scene, &[Object { parameter, ..sphere(role, ellipsoid(), surface(0.5, 0.0)) }]);
+            let stage = stage(scene);
+            let (closest, misses) = run(&stage, "closest", &rays);
+            assert_eq!(misses, [0; 2]);
+            (closest, run(&stage, "occluded", &rays).0)
+        };
+        let (closest, occluded) = traced(1.0);
+        let (found, asked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
+        assert!(found == 0 && asked > 5000, "{role:?}: {found} of {asked} rays are wrong");
+        let (closest, occluded) = traced(0.999);
+        let (found, asked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
+        assert!(2 * found > asked / 2, "{role:?}: a thousandth is seen by {found} of {asked} rays");
+    }
+}
+
+/// Of a triangle and objects the nearest is met, whichever it is; with several functions each object has its own.
+#[test]
+fn the_nearest_of_all_is_met() {
+    let at = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
+    let wall = square(DVec3::Z * 0.25, 0.5 * DVec3::X, 0.5 * DVec3::Y);
+    let mut scene = scene(&[(wall, surface(0.5, 0.0))], Vec::new());
+    let objects = [(Role::Distance, 0.5), (Role::Intersection, 0.0)];
+    place(&mut scene, &objects.map(|(role, z)| sphere(role, at(z), surface(0.5, 0.0))));
+    let stage = stage(scene);
+    let down = |z: f32| Ray { origin: Vec3::new(0.001, 0.002, z), direction: Vec3::NEG_Z, t_max: 1e30 };
+    let (answers, misses) = run(&stage, "closest", &[down(1.0), down(0.35), down(0.2), down(0.0), down(-0.2)]);
+    let met: Vec<u32> = answers.iter().map(|answer| answer[3]).collect();
+    assert_eq!((met[0], met[2], met[3], met[4]), (OBJECT, OBJECT | 1, OBJECT | 1, NO_HIT));
+    assert!(met[1] < 2, "{met:?}: the wall is before the second sphere");
+    let t: Vec<f32> = answers.iter().map(|answer| f32::from_bits(answer[0])).collect();
+    for (t, expected) in t.iter().zip([0.4, 0.1, 0.1, 0.1]) {
+        assert!((t - expected).abs() < 1e-3, "{t}, not {expected}");
+    }
+    assert_eq!(misses, [0; 2]);
+}
+
+/// Functions that loop without end, by every kind of loop, or that have no answer: rays pass through, each is counted, and other objects are met as if nothing were.
+#[test]
+fn bad_functions_are_counted_and_passed_through() {
+    let intersection = |body: &str| {
+        format!("fn f(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {{ {body} }}")
+    };
+    let distance = |body: &str| format!("fn f(position: vec3f, parameters: vec4f) -> f32 {{ {body} }}");
+    let (turns, nonsense) = (0, 1);
+    let cases = [
+        (Role::Intersection, intersection("loop {} return vec4f(0.0);"), turns),
+        (Role::Intersection, intersection("while true {} return vec4f(0.0);"), turns),
+        (Role::Intersection, intersection("for (var i = 0; i < 10; i += 0) {} return vec4f(0.0);"), turns),
+        (
+            Role::Intersection,
+            intersection("loop { continuing { break if nearest < -1.0; } } return vec4f(0.0);"),
+            turns,
+        ),
+        (
+            Role::Intersection,
+            intersection("for (var i = 0; i < 1000; i++) { for (var j = 0; j < 1000; j++) {} } return vec4f(1.0);"),
+            turns,
+        ),
+        (Role::Intersection, intersection("return vec4f(sqrt(parameters.x - 2.0));"), nonsense),
+        (Role::Intersection, intersection("return vec4f(0.0, 0.0, 0.0, nearest + 0.1);"), nonsense),
+        (Role::Intersection, intersection("return vec4f(1.0, 0.0, 0.0, 1.0 / (parameters.x - 1.0));"), nonsense),
+        (Role::Distance, distance("loop {} return 1.0;"), turns),
+        (Role::Distance, distance("return sqrt(-abs(position.x) - parameters.x);"), nonsense),
+    ];
+    let world = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
+    let rays: Vec<Ray> = (0..100)
+        .map(|i| Ray { origin: Vec3::new(0.0005 * i as f32, 0.002, 1.0), direction: Vec3::NEG_Z, t_max: 1e30 })
+        .collect();
+    for (role, source, kind) in &cases {
+        let mut scene = Scene::default();
+        let bad = Object {
+            source,
+            function: "f",
+            role: *role,
+            parameter: 1.0,
+            world: world(0.5),
+            material: surface(0.5, 0.0),
+        };
+        place(&mut scene, &[bad, sphere(Role::Intersection, world(0.0), surface(0.5, 0.0))]);
+        let stage = stage(scene);
+        let (answers, misses) = run(&stage, "closest", &rays);
+        assert!(answers.iter().all(|answer| answer[3] == OBJECT | 1), "{source}: {:x?}", answers[0]);
+        assert_eq!((misses[*kind], misses[1 - kind]), (100, 0), "{source}");
+    }
+}

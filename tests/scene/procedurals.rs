@@ -1,0 +1,224 @@
+//! The extension PENUMBRA_procedural: what it places, and what is refused.
+
+use glam::{DVec3, Vec3};
+use penumbra::scene::{ImportOptions, Scene};
+use penumbra::{Error, fingerprint};
+use serde_json::{Value, json};
+
+use crate::builder::{File, temporary};
+
+const SPHERE: &str = include_str!("../../scenes/procedural/sphere.wgsl");
+
+fn data(source: &str) -> String {
+    let escaped: String = source.bytes().map(|byte| format!("%{byte:02x}")).collect();
+    format!("data:text/plain,{escaped}")
+}
+
+/// The extension of a sphere whose members are changed.
+fn sphere(changes: Value) -> Value {
+    let mut extension = json!({
+        "source": data(SPHERE), "function": "sphere", "kind": "intersection", "parameters": [1],
+        "min": [-1, -1, -1], "max": [1, 1, 1],
+    });
+    for (key, value) in changes.as_object().unwrap() {
+        extension[key] = value.clone();
+    }
+    extension
+}
+
+fn file(extension: Value, node: Value) -> File {
+    let mut file = File::new();
+    let mut node = node;
+    node["extensions"] = json!({ "PENUMBRA_procedural": extension });
+    file.add("nodes", node);
+    file
+}
+
+fn refused(extension: Value) -> String {
+    let outcome = file(extension, json!({})).load_with(&ImportOptions::default());
+    let error = outcome.expect_err("is refused");
+    assert!(matches!(error, Error::Input { .. }), "{error}");
+    let text = error.to_string();
+    assert!(!text.contains('\n') && text.contains("/nodes/0"), "{text}");
+    text
+}
+
+/// An object stands where its node is, in normalised space and back; the scene's bounds are those of its box.
+#[test]
+fn objects_stand_where_their_nodes_are() {
+    let extension = sphere(json!({ "min": [-1, -2, -3], "max": [1, 2, 3], "colour": {
+        "source": data("fn grey(base: vec3f, position: vec3f, parameters: vec4f) -> vec3f { return parameters.xxx; }"),
+        "function": "grey", "parameters": [0.25, 7],
+    } }));
+    let scene = file(extension, json!({ "translation": [100, 0, 0], "scale": [2, 1, 1] })).load();
+    let [object] = &scene.procedurals[..] else { panic!("{:?}", scene.procedurals) };
+    let [low, high] = scene.bounds().unwrap().map(|p| scene.normalisation.undo(p));
+    let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-5;
+    assert!(near(low, DVec3::new(98.0, -2.0, -3.0)) && near(high, DVec3::new(102.0, 2.0, 3.0)), "{low} {high}");
+    let own = object.to_own.transform_point3(scene.normalisation.apply(DVec3::new(101.0, 0.5, -1.0)).as_dvec3());
+    assert!(near(own, DVec3::new(0.5, 0.5, -1.0)), "{own}");
+    assert_eq!(object.bounds, [Vec3::new(-1.0, -2.0, -3.0), Vec3::new(1.0, 2.0, 3.0)]);
+    assert_eq!((object.parameters, object.colour), ([1.0, 0.0, 0.0, 0.0], Some((0, [0.25, 7.0, 0.0, 0.0]))));
+}
+
+/// The text of a function is part of what a scene is, so that no checkpoint or reference of another one is taken up.
+#[test]
+fn sources_are_in_the_fingerprint() {
+    let of = |source: &str| {
+        fingerprint::fingerprint(&file(sphere(json!({ "source": data(source) })), json!({})).load(), &())
+    };
+    let other = SPHERE.replace("along - half, along", "along - 0.5 * half, along");
+    assert_ne!(SPHERE, other);
+    assert_eq!(of(SPHERE), of(SPHERE));
+    assert_ne!(of(SPHERE), of(&other));
+}
+
+/// What a material has that an object cannot show is left out, and said.
+#[test]
+fn materials_are_plain() {
+    let mut lamp = file(sphere(json!({ "material": 0 })), json!({}));
+    lamp.add("materials", json!({ "name": "lamp", "emissiveFactor": [1, 1, 1], "alphaMode": "BLEND" }));
+    let scene = lamp.load();
+    let material = &scene.materials[scene.procedurals[0].material as usize];
+    assert_eq!(material.emissive, Vec3::ZERO);
+    for word in ["no emission", "no alpha"] {
+        assert_eq!(
+            scene.notes.iter().filter(|n| n.contains(word) && n.contains("`lamp`")).count(),
+            1,
+            "{:?}",
+            scene.notes
+        );
+    }
+}
+
+#[test]
+fn bad_extensions_are_refused_where_they_are_bad() {
+    let with = |key: &str, value: Value| {
+        let mut extension = sphere(json!({}));
+        extension[key] = value;
+        refused(extension)
+    };
+    let without = |key: &str| {
+        let mut extension = sphere(json!({}));
+        extension.as_object_mut().unwrap().remove(key);
+        refused(extension)
+    };
+    for key in ["source", "function", "kind", "min", "max"] {
+        assert!(without(key).contains(&format!("`{key}` is missing")), "{key}");
+    }
+    let cases = [
+        ("source", json!("missing.wgsl"), "missing.wgsl: No such file"),
+        ("source", json!("../sphere.wgsl"), "leaves the scene's folder"),
+        ("source", json!("/dev/zero"), "leaves the scene's folder"),
+        ("source", json!("https://example.org/sphere.wgsl"), "only data URIs and relative paths"),
+        ("source", json!("data:text/plain,%ff"), "UTF-8"),
+        ("function", json!("cube"), "has no function `cube`"),
+        ("function", json!(7), "not a string"),
+        ("kind", json!("distance"), "`sphere` is not of the form fn(position: vec3f, parameters: vec4f) -> f32"),
+        ("kind", json!("mesh"), "`mesh` is neither"),
+        ("min", json!([1, -1, -1]), "is not beyond `min`"),
+        ("max", json!([1, -2, 1]), "is not beyond `min`"),
+        ("max", json!([1, 1]), "2 numbers, not 3"),
+        ("max", json!([1, 1e39, 1]), "out of range"),
+        ("max", json!([1, null, 1]), "not a number"),
+        ("parameters", json!([1, 2, 3, 4, 5]), "5 numbers"),
+        ("parameters", json!([1e39]), "out of range"),
+        ("material", json!(0), "material 0 of 0"),
+        ("colour", json!({ "source": data(SPHERE), "function": "sphere" }), "not of the form fn(base"),
+    ];
+    for (key, value, expected) in cases {
+        let problem = with(key, value.clone());
+        assert!(problem.contains(expected), "{key} {value}: {problem}");
+    }
+    let flat = file(sphere(json!({})), json!({ "scale": [1, 0, 1] })).load_with(&ImportOptions::default());
+    assert!(flat.unwrap_err().to_string().contains("scaled to nothing"));
+    let mut many = File::new();
+    for _ in 0..65 {
+        many.add("nodes", json!({ "extensions": { "PENUMBRA_procedural": sphere(json!({})) } }));
+    }
+    let problem = many.load_with(&ImportOptions::default()).unwrap_err().to_string();
+    assert!(problem.contains("more than 64 procedural objects") && problem.contains("/nodes/64"), "{problem}");
+}
+
+/// Files of functions that do not validate, reach beyond themselves, or are too much: refused in one line, soon.
+#[test]
+fn bad_functions_are_refused() {
+    let head = "fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f";
+    let with = |before: &str, body: &str| format!("{before}\n{head} {{ {body} }}");
+    // Each calls the one before twice: a million and more, written out.
+    let mut doubling = "fn f0(x: f32) -> f32 { return x + 1.0; }".to_owned();
+    for i in 1..30 {
+        doubling += &format!("fn f{i}(x: f32) -> f32 {{ return f{}(x) + f{}(x + 1.0); }}", i - 1, i - 1);
+    }
+    let sum = format!("return vec4f({}1.0);", "nearest + ".repeat(5000));
+    let cases = [
+        (String::new(), "has no function `sphere`"),
+        ("fn sphere(".to_owned(), "line 1"),
+        (with("", "return vec4f(1u);"), "line 2"),
+        (with("import package::lib::bvh::trace_closest;", "return vec4f(0.0);"), "line 1"),
+        (with("@if(glossy) const x = 1.0;", "return vec4f(0.0);"), "line 1"),
+        (with("", "return sphere(origin, direction, nearest, parameters);"), "recursive"),
+        (
+            with("", "return other(nearest);")
+                + "fn other(x: f32) -> vec4f { return sphere(vec3f(x), vec3f(x), x, vec4f(x)); }",
+            "cyclic",
+        ),
+        (
+            with("@group(0) @binding(0) var<storage, read_write> counters: array<u32>;", "return vec4f(0.0);"),
+            "`counters`",
+        ),
+        (with("var<private> traversal_turns: u32;", "return vec4f(0.0);"), "`traversal_turns`"),
+        (with("var<workgroup> shared_by_all: u32;", "return vec4f(0.0);"), "`shared_by_all`"),
+        (with("override radius = 1.0;", "return vec4f(radius);"), "`radius`"),
+        (with("@compute @workgroup_size(1) fn main() {}", "return vec4f(0.0);"), "`main`"),
+        (with("", "workgroupBarrier(); return vec4f(0.0);"), "more than compute"),
+        (with("", "if nearest > 1.0 { discard; } return vec4f(0.0);"), "more than compute"),
+        (with("", "return vec4f(dpdx(nearest));"), "more than compute"),
+        (with("", "var a: array<f32, 100000>; return vec4f(a[u32(nearest)]);"), "bytes"),
+        (with(&doubling, "return vec4f(f29(nearest));"), "expressions"),
+        (with("", &sum), "deep"),
+        (with("", &format!("return vec4f({}1.0{});", "(".repeat(10_000), ")".repeat(10_000))), "deep"),
+        (with("", &format!("{} return vec4f(0.0);", "{ ".repeat(1000) + &"}".repeat(1000))), "line 2"),
+        (with("", &format!("{} {{}} return vec4f(0.0);", "if nearest > 0.0 {} else ".repeat(2000))), "deep"),
+        (with(&"// nothing\n".repeat(10_000), "return vec4f(0.0);"), "at most 65536"),
+    ];
+    for (source, expected) in cases {
+        let problem = refused(sphere(json!({ "source": data(&source) })));
+        let start: String = source.chars().take(200).collect();
+        assert!(problem.contains(expected), "{start}: {problem}");
+    }
+}
+
+/// Names that are the kernels' own, or WGSL's, are the file's own business.
+#[test]
+fn names_of_the_kernels_may_be_used() {
+    let source = "
+        const PI = 3.0;
+        struct Hit { t: f32, normal: vec3f }
+        fn trace_closest(tile: f32) -> Hit { return Hit(tile, vec3f(PI)); }
+        fn max(a: f32, b: f32) -> f32 { return a + b; }
+        fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {
+            var procedural_turns = 1.0;
+            let procedural_function_aa = 2.0;
+            for (var i1 = 0; i1 < 3; i1++) { procedural_turns = max(procedural_turns, trace_closest(1.0).t); }
+            return vec4f(trace_closest(procedural_function_aa).normal, procedural_turns);
+        }";
+    let scene = file(sphere(json!({ "source": data(source) })), json!({})).load();
+    let features = penumbra::gpu::Features::default().with("procedurals", true).with_functions(scene.functions);
+    penumbra::gpu::compose::compose("primary", &features).unwrap();
+}
+
+/// Files beside the scene are read; one file may hold several functions, and several nodes may name one.
+#[test]
+fn files_beside_the_scene_are_read() {
+    let path = temporary("gltf");
+    let source = path.with_extension("wgsl");
+    std::fs::write(&source, SPHERE).unwrap();
+    let name = source.file_name().unwrap().to_str().unwrap();
+    let node = |x: i32| json!({ "translation": [x, 0, 0], "extensions": { "PENUMBRA_procedural": sphere(json!({ "source": name })) } });
+    let file = json!({ "asset": { "version": "2.0" }, "nodes": [node(0), node(3)] });
+    std::fs::write(&path, file.to_string()).unwrap();
+    let scene = Scene::load(&path, &ImportOptions::default()).unwrap();
+    assert_eq!(scene.procedurals.iter().map(|object| object.function).collect::<Vec<_>>(), [0, 0]);
+    assert_eq!(scene.notes, ["no camera in the file", "no light in the file"]);
+}
