@@ -39,21 +39,27 @@ impl Needs {
     pub fn new(scene: &Scene, settings: &Settings) -> Needs {
         let mut needs = Needs { features: Features::default(), kept: Vec::new(), left_out: Vec::new() };
         let facts = Facts::new(scene);
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        needs.of_surfaces(scene, &facts);
+        needs.of_lights(scene, &facts);
+        needs.of_light_choice(scene, settings);
+        needs.of_visibility(scene, settings);
+        needs.of_indirect_light(scene, settings, &facts);
+        needs.of_channels(settings);
+        needs
+    }
+
+    fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
         let triangles = scene.triangles.len() as u64;
         let per_triangle = |bytes: u64| format!("{bytes} B a triangle, {} in all", bytes_text(bytes * triangles));
-
-        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));
-        let m = &facts;
         let (on, why) = materials(m.textured, "with textures");
-        needs.decide("textures", on, why, "no material has a texture", "texture lookups in every surface; texels");
+        self.decide("textures", on, why, "no material has a texture", "texture lookups in every surface; texels");
         let (on, why) = materials(m.uv1, "with a second set of texture coordinates");
-        needs.decide("uv1", on, why, "no texture uses the second set of coordinates", &per_triangle(16));
+        self.decide("uv1", on, why, "no texture uses the second set of coordinates", &per_triangle(16));
         let (on, why) = materials(m.normal_maps, "with normal maps");
-        needs.decide("normal_maps", on, why, "no material has a normal map", &per_triangle(16));
+        self.decide("normal_maps", on, why, "no material has a normal map", &per_triangle(16));
         let (on, why) = materials(m.glossy, "not Lambertian");
-        needs.decide(
+        self.decide(
             "glossy",
             on,
             why,
@@ -62,17 +68,17 @@ impl Needs {
         );
         let (on, why) = materials(m.transmission, "that light passes through");
         let cost = "a lobe more at every glossy surface; 16 B a point";
-        needs.decide("transmission", on, why, "no light passes through any material", cost);
+        self.decide("transmission", on, why, "no light passes through any material", cost);
         let (on, why) = materials(m.clearcoat, "with a clear coat");
-        needs.decide("clearcoat", on, why, "no material has a clear coat", cost);
+        self.decide("clearcoat", on, why, "no material has a clear coat", cost);
         let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
         let cost = "a tangent at every surface; 16 B a point and a triangle";
-        needs.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
+        self.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
         let (on, why) = materials(m.sheen, "with a sheen of fibres");
         let cost = "a lobe more at every glossy surface; a table of 31 kB; 16 B a point";
-        needs.decide("sheen", on, why, "no material has a sheen", cost);
+        self.decide("sheen", on, why, "no material has a sheen", cost);
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
-        needs.decide(
+        self.decide(
             "alpha_test",
             on,
             why,
@@ -80,12 +86,12 @@ impl Needs {
             "a test at every alpha triangle that a ray meets",
         );
         let (on, why) = materials(m.unlit, "unlit");
-        needs.decide("unlit", on, why, "no material is unlit", "a branch in every surface");
+        self.decide("unlit", on, why, "no material is unlit", "a branch in every surface");
         let vertices = |on: bool| (on, "some vertices have them".to_owned());
         let (on, why) = vertices(m.vertex_colours);
-        needs.decide("vertex_colours", on, why, "every vertex is white", &per_triangle(32));
+        self.decide("vertex_colours", on, why, "every vertex is white", &per_triangle(32));
         let (on, why) = vertices(m.smooth_normals);
-        needs.decide(
+        self.decide(
             "smooth_normals",
             on,
             why,
@@ -94,15 +100,17 @@ impl Needs {
         );
 
         let objects = scene.procedurals.len();
-        needs.features = std::mem::take(&mut needs.features).with_functions(scene.functions.clone());
-        needs.decide(
+        self.features = std::mem::take(&mut self.features).with_functions(scene.functions.clone());
+        self.decide(
             "procedurals",
             objects > 0,
             format!("{} described by functions", count(objects, "object")),
             "no object is a function",
             "a box test a ray and object, and the functions in every kernel that traces; 128 B an object",
         );
+    }
 
+    fn of_lights(&mut self, scene: &Scene, m: &Facts) {
         let some_lights = |n: usize| (n > 0, count(n, "light"));
         for (feature, number) in [
             ("mesh_lights", m.mesh_lights),
@@ -111,18 +119,18 @@ impl Needs {
             ("directional_lights", m.directional_lights),
         ] {
             let (on, why) = some_lights(number);
-            needs.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
+            self.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
         }
         let panorama = scene.environment();
         let why = panorama
             .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
         let unneeded = "no --environment is given";
         let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
-        needs.decide("environment", panorama.is_some(), why, unneeded, cost);
+        self.decide("environment", panorama.is_some(), why, unneeded, cost);
         let (on, why) = some_lights(m.textured_lights);
-        needs.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
+        self.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
 
-        needs.decide(
+        self.decide(
             "dark_points",
             !scene.placed_lights().is_empty(),
             "points that face away from a light need no ray".into(),
@@ -130,29 +138,35 @@ impl Needs {
             "a test at every point and light",
         );
         let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
-        needs.decide(
+        self.decide(
             "emitter_pairs",
             on,
             why,
             "no light is a closed mesh",
             "two records at every light point; 1 kB a triangle",
         );
+    }
+
+    fn of_light_choice(&mut self, scene: &Scene, settings: &Settings) {
         let (choice, why) = light_choice(scene, settings);
         let few = !matches!(choice, LightChoice::All) && settings.technique != Technique::Path;
         let cost = format!("pass choose; {} B a point", 8 * settings.chosen_lights);
-        needs.decide("light_choice", few, why.clone(), &why, &cost);
+        self.decide("light_choice", few, why.clone(), &why, &cost);
         let uniform = choice == LightChoice::Uniform;
-        needs.decide("uniform_choice", uniform, "asked for".into(), "not asked for", "much noise where lights differ");
+        self.decide("uniform_choice", uniform, "asked for".into(), "not asked for", "much noise where lights differ");
         let zones = choice == LightChoice::Zones;
         let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 potentials a point";
-        needs.decide("zones", zones, why.clone(), &why, cost);
+        self.decide("zones", zones, why.clone(), &why, cost);
+    }
 
+    /// What tells whether points see lights: photons, cells, audits.
+    fn of_visibility(&mut self, scene: &Scene, settings: &Settings) {
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
         let photons = u64::from(settings.photons) * placed as u64;
         let unneeded = if !map {
             format!("the technique {} does not ask it", settings.technique)
-        } else if placed == 0 && panorama.is_some() {
+        } else if placed == 0 && scene.environment().is_some() {
             format!("the environment is the only light: {NO_PHOTONS}")
         } else if scene.lights.is_empty() {
             "there is no light".to_owned()
@@ -161,26 +175,27 @@ impl Needs {
         };
         let many = placed > MAX_LIGHTS as usize;
         let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
-        // Of the 64 lights of a part of scenes/lamps.glb it took the time of a hundred samples, and settled half of what was asked.
+        let few = self.features.has("light_choice");
+        // Of 64 lights of scenes/lamps.glb it left half of what was asked to shadow rays.
         let unneeded =
             if few { "points ask few of many lights: it costs more than it saves".to_owned() } else { unneeded };
         let wanted = map && !many && !few && placed > 0 && !scene.is_empty();
         let mut why = format!("{photons} photons tell lit and shadowed points apart");
-        if panorama.is_some() {
+        if scene.environment().is_some() {
             why += &format!("; none are of the environment: {NO_PHOTONS}");
         }
         let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
-        needs.decide("visibility_map", wanted, why, &unneeded, &cost);
+        self.decide("visibility_map", wanted, why, &unneeded, &cost);
         let several = placed > 1;
         let why = format!("{placed} lights");
-        needs.decide(
+        self.decide(
             "light_tags",
             wanted && several,
             why,
             "there is one light at most",
             "a key and a comparison a photon",
         );
-        needs.decide(
+        self.decide(
             "paper_counting",
             wanted && settings.paper_counting,
             "asked for".into(),
@@ -189,11 +204,11 @@ impl Needs {
         );
         let estimate = settings.technique == Technique::VisibilityEstimate;
         let why = "the photons' own visibility is shown (equation 1)".to_owned();
-        let lit = !scene.lights.is_empty() && !scene.is_empty();
+        let lit = is_lit(scene);
         let many = scene.lights.len() > MAX_LIGHTS as usize;
         let ward = lit && !many && scene.lights.len() > 1 && settings.technique == Technique::WardAdaptive;
         let why = if ward { "lights that are not tested are guessed".to_owned() } else { why };
-        needs.decide(
+        self.decide(
             "visibility_estimate",
             (wanted && estimate) || ward,
             why,
@@ -204,10 +219,10 @@ impl Needs {
         let cells = lit && settings.technique.uses_cells();
         let why = format!("{} rays a cell and light tell what its points see", settings.cell_rays);
         let cost = format!("pass cells; about {}", bytes_text(grid_bytes(scene, settings)));
-        needs.decide("cells", cells, why, &other, &cost);
+        self.decide("cells", cells, why, &other, &cost);
         let tags = cells && settings.technique == Technique::VoxelTags;
         let why = "voxels that agree with their neighbours need no shadow ray".to_owned();
-        needs.decide("voxel_tags", tags, why, &other, "a look at 26 neighbours a cell");
+        self.decide("voxel_tags", tags, why, &other, "a look at 26 neighbours a cell");
         let why = format!("lights are tested until the rest is below {} of a point's light", settings.shadow_tolerance);
         let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
         let unneeded = match settings.technique {
@@ -215,17 +230,20 @@ impl Needs {
             Technique::WardAdaptive => "there is one light at most, which is always tested",
             _ => &other,
         };
-        needs.decide("ward", ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
+        self.decide("ward", ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
         let audited = wanted && !estimate && settings.audit > 0.0;
         let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.audit);
         let reason =
             if wanted && estimate { "the technique traces no shadow rays" } else { "nothing is decided by photons" };
         let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
-        needs.decide("audit", audited, why, reason, "a shadow ray for each audited point");
+        self.decide("audit", audited, why, reason, "a shadow ray for each audited point");
+    }
 
+    fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
+        let lit = is_lit(scene);
         let shaded = settings.technique.is_two_pass() && lit;
         // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
-        let highlights = m.glossy > 0 && (m.mesh_lights > 0 || panorama.is_some());
+        let highlights = m.glossy > 0 && (m.mesh_lights > 0 || scene.environment().is_some());
         let why = match settings.max_bounces {
             0 => "highlights of lights that rays can meet".to_owned(),
             bounces => format!("up to {bounces} bounces"),
@@ -239,7 +257,7 @@ impl Needs {
         };
         let reflected = settings.max_bounces > 0 && m.reflecting > 0;
         let on = shaded && (reflected || highlights);
-        needs.decide(
+        self.decide(
             "indirect",
             on,
             why,
@@ -248,7 +266,7 @@ impl Needs {
         );
 
         let shown = lit && settings.technique.shows_map();
-        needs.decide(
+        self.decide(
             "photon_map",
             shown,
             "the technique shows it".into(),
@@ -257,12 +275,12 @@ impl Needs {
         );
         let negative = shown && settings.technique == Technique::NegativePhotons;
         let why = "shadow photons take the energy of the light that they lack".to_owned();
-        needs.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
+        self.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
         let bounces = on && reflected;
         let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
         let unneeded = "no light of more bounces is asked for";
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
-        needs.decide("global_map", shown || bounces, why, unneeded, &cost);
+        self.decide("global_map", shown || bounces, why, unneeded, &cost);
         let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
         let absent = match settings.technique {
             Technique::Path => "paths go on there",
@@ -271,16 +289,19 @@ impl Needs {
         };
         let traced = settings.technique != Technique::Path && settings.max_bounces > 0;
         let cost = "rays on from such surfaces, to where photons are; 16 B a point";
-        needs.decide("chains", traced && lit && m.clear > 0, why, absent, cost);
+        self.decide("chains", traced && lit && m.clear > 0, why, absent, cost);
         let why = format!("{} that light is focused by", count(m.focusing, "material"));
         let unneeded = if bounces { "no material focuses light" } else { unneeded };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
-        needs.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
+        self.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
         let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
         let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
         let cost = "passes gather, cache; about 100 B a record";
-        needs.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
+        self.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
+    }
 
+    fn of_channels(&mut self, settings: &Settings) {
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
         let aov = |aov: Aov| settings.aovs.contains(&aov);
         for (feature, on) in [
             ("aov_albedo", aov(Aov::Albedo)),
@@ -289,9 +310,8 @@ impl Needs {
             ("aov_shadow", aov(Aov::Shadow)),
         ] {
             let cost = format!("{} of film", bytes_text(pixels * 32));
-            needs.decide(feature, on, "asked for".into(), "not asked for", &cost);
+            self.decide(feature, on, "asked for".into(), "not asked for", &cost);
         }
-        needs
     }
 
     /// Leaves the visibility map out, and what there is for it, once a render has found that it does not pay.
@@ -311,6 +331,16 @@ impl Needs {
         let list = if on { &mut self.kept } else { &mut self.left_out };
         list.push(Item { name, reason, cost: cost.to_owned() });
     }
+}
+
+/// So many of something.
+fn count(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// Whether there is something to be lit, and a light.
+fn is_lit(scene: &Scene) -> bool {
+    !scene.lights.is_empty() && !scene.is_empty()
 }
 
 /// Which lights points ask, and why.
