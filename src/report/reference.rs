@@ -158,8 +158,8 @@ impl Reference {
     pub fn standard_error(&self) -> Option<f64> {
         let variance = self.mean(|_, variance| variance)?;
         let radiance = self.mean(|r, _| r)?;
-        // A black reference without variance is exact.
-        Some(if variance == 0.0 { 0.0 } else { variance.sqrt() / radiance })
+        // A black reference without variance is exact. One that is negative is no render, and no better known for it.
+        Some(if variance == 0.0 { 0.0 } else { variance.sqrt() / radiance.abs() })
     }
 
     /// The relMSE that the truth itself would have against it: no curve is to be believed below.

@@ -85,6 +85,12 @@ fn halves_that_are_none_are_refused() {
     }
     // Of any two images, too.
     assert!(Reference::of_halves(&good, &wide).is_err());
+    // Halves that are negative are not the better known for it.
+    let mut negative = good.clone();
+    negative.channels.iter_mut().flat_map(|channel| &mut channel.samples).for_each(|x| *x = -1.0 - x.abs());
+    let mut other = negative.clone();
+    other.channels[0].samples[5] -= 1.0;
+    assert!(Reference::of_halves(&negative, &other).unwrap().standard_error() > Some(0.0));
     good.write_exr(&path).unwrap();
     make().unwrap();
 }
