@@ -21,7 +21,7 @@ import package::lib::grid::GridShape;
 @if(zones) import package::lib::grid::cell_of;
 @if(zones) import package::lib::light::light_potential;
 @if(zones) import package::lib::math::oct_decode16;
-@if(zones) import package::lib::rng::{hash3, uniform_from_bits};
+@if(zones) import package::lib::rng::uniform_from_bits;
 @if(zones) import package::lib::constants::ZONE_LIGHTS;
 import package::lib::constants::{DIMENSION_CHOICE, INVALID_POINT};
 

@@ -22,6 +22,13 @@ pub fn glb() -> Vec<u8> {
     let ball = glb.mesh("sphere", &Mesh::sphere(1.0, 144, 72), marble);
     glb.push("nodes", json!({ "name": "sphere", "mesh": ball, "translation": [0, 1, 0] }));
 
+    plane_and_lamp(&mut glb);
+    glb.camera(DVec3::new(0.0, 3.0, 8.0), DVec3::new(0.0, -0.25, -0.97), 40.0, 1.0);
+    glb.finish("Marble sphere")
+}
+
+/// What the sphere lies on and is lit by.
+pub(super) fn plane_and_lamp(glb: &mut Glb) {
     let grey = glb.push("materials", super::lambertian("plane", [0.7, 0.7, 0.7]));
     let plane = glb.mesh("plane", &Mesh::quad(DVec3::ZERO, 6.0 * DVec3::X, -6.0 * DVec3::Z), grey);
     glb.push("nodes", json!({ "name": "plane", "mesh": plane }));
@@ -31,9 +38,6 @@ pub fn glb() -> Vec<u8> {
     let emitter = glb.push("materials", super::emitter("light", 1500.0));
     let lamp = glb.mesh("light", &Mesh::icosphere(0.15, 2), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp, "translation": [-3, 5, 2] }));
-
-    glb.camera(DVec3::new(0.0, 3.0, 8.0), DVec3::new(0.0, -0.25, -0.97), 40.0, 1.0);
-    glb.finish("Marble sphere")
 }
 
 /// White marble with grey veins, cut from a solid so that it has neither seam nor poles.

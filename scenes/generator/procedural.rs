@@ -4,7 +4,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::glb::{Glb, turn};
-use super::mesh::Mesh;
+use super::marble_sphere;
 
 pub fn glb() -> Vec<u8> {
     let mut glb = Glb::default();
@@ -27,14 +27,7 @@ pub fn glb() -> Vec<u8> {
     });
     place(&mut glb, "sponge", sponge, DVec3::new(1.25, 0.8, -0.2), 0.8, 30.0);
 
-    let grey = glb.push("materials", super::lambertian("plane", [0.7, 0.7, 0.7]));
-    let plane = glb.mesh("plane", &Mesh::quad(DVec3::ZERO, 6.0 * DVec3::X, -6.0 * DVec3::Z), grey);
-    glb.push("nodes", json!({ "name": "plane", "mesh": plane }));
-
-    // The lamp of `sphere.glb`.
-    let emitter = glb.push("materials", super::emitter("light", 1500.0));
-    let lamp = glb.mesh("light", &Mesh::icosphere(0.15, 2), emitter);
-    glb.push("nodes", json!({ "name": "light", "mesh": lamp, "translation": [-3, 5, 2] }));
+    marble_sphere::plane_and_lamp(&mut glb);
 
     glb.camera(DVec3::new(0.0, 2.6, 7.0), DVec3::new(0.0, -0.26, -0.97), 34.0, 1.5);
     glb.finish("Procedural objects")

@@ -384,18 +384,21 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
 
 // Of a convex lamp what its triangles show from afar hangs on the direction alone: for each of some directions there are
 // cumulative probabilities by power times cosine, so that all points bring about the same light.
-@if(emitter_pairs) const NO_VIEW = 0xffffffffu;
+@if(mesh_lights) const NO_VIEW = 0xffffffffu;
 
 // The first record of the probabilities for a position, or NO_VIEW.
-@if(emitter_pairs)
+@if(mesh_lights)
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
-    let sphere = light_record_f32(light, 1u);
-    let offset = position - sphere.xyz;
-    let near = dot(offset, offset) < f32(VIEW_DISTANCE_SQUARED) * sphere.w * sphere.w;
-    if near || (header.x & LIGHT_VIEWED) == 0u { return NO_VIEW; }
-    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
-    let cell = min(place, vec2u(VIEW_SIDE - 1u));
-    return light_record(light, 3u).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
+    @if(emitter_pairs) {
+        let sphere = light_record_f32(light, 1u);
+        let offset = position - sphere.xyz;
+        let near = dot(offset, offset) < f32(VIEW_DISTANCE_SQUARED) * sphere.w * sphere.w;
+        if near || (header.x & LIGHT_VIEWED) == 0u { return NO_VIEW; }
+        let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
+        let cell = min(place, vec2u(VIEW_SIDE - 1u));
+        return light_record(light, 3u).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
+    }
+    @else { return NO_VIEW; }
 }
 
 // Cumulative probability of a view's emitter triangle `i`, those before it included.
@@ -431,10 +434,9 @@ fn choose_viewed(header: vec4u, view: u32, u: vec2f) -> EmitterChoice {
 // are each paired with one that faces about the other way, which is taken in its place. So a triangle that faces the position
 // is chosen for itself, and for its partner where that faces away.
 @if(mesh_lights)
-fn emitter_density(light: u32, header: vec4u, emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
+fn emitter_density(header: vec4u, view: u32, emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
     var density = triangle.density;
     @if(emitter_pairs) {
-        let view = view_of(light, header, position);
         if view != NO_VIEW { return view_share(view, emitter - header.y) / (0.5 * length(triangle.across)); }
         let partner = load_emitter_record(emitter * EMITTER_RECORDS + 3u).x;
         if partner != emitter {
@@ -449,10 +451,10 @@ fn emitter_density(light: u32, header: vec4u, emitter: u32, triangle: EmitterTri
 
 @if(mesh_lights)
 fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
+    let view = view_of(light, header, position);
     var chosen: EmitterChoice;
     @if(!emitter_pairs) { chosen = choose_emitter(header, u); }
     @if(emitter_pairs) {
-        let view = view_of(light, header, position);
         if view != NO_VIEW {
             chosen = choose_viewed(header, view, u);
         } else {
@@ -463,7 +465,7 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
             }
         }
     }
-    let density = emitter_density(light, header, chosen.emitter, chosen.triangle, position);
+    let density = emitter_density(header, view, chosen.emitter, chosen.triangle, position);
     let point = mesh_point(light, header, chosen.triangle, density, chosen.u);
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
@@ -501,7 +503,9 @@ fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     if first < base + header.y {
         let found = load_emitter_record(first);
         if found.x == triangle {
-            return Emitter(found.y, emitter_density(found.y, light_record(found.y, 0u), found.z, load_emitter(found.z), position));
+            let own = light_record(found.y, 0u);
+            let view = view_of(found.y, own, position);
+            return Emitter(found.y, emitter_density(own, view, found.z, load_emitter(found.z), position));
         }
     }
     return Emitter(0u, 0.0);
