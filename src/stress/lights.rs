@@ -66,12 +66,7 @@ pub static RADIUS: Family = Family {
             bound: |_| EVEN,
             prepare: |gpu| radius(gpu, Technique::TwoPass, DVec3::Y),
         },
-        Series {
-            name: "path",
-            values: &RADII,
-            bound: |_| EVEN,
-            prepare: |gpu| radius(gpu, Technique::Path, DVec3::Y),
-        },
+        Series { name: "path", values: &RADII, bound: |_| EVEN, prepare: |gpu| radius(gpu, Technique::Path, DVec3::Y) },
         Series {
             name: "shadow-photons, away from the middle",
             values: &RADII,
