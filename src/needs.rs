@@ -8,7 +8,7 @@ use crate::bvh::Bvh;
 use crate::gpu::Features;
 use crate::passes::cells;
 use crate::passes::grid::MAX_LIGHTS;
-use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
+use crate::scene::{AlphaMode, Light, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::{Aov, LightChoice, Settings, Technique};
 use crate::tables::lights;
 
@@ -138,12 +138,17 @@ impl Needs {
             "there is no light that a point could face away from",
             "a test at every point and light",
         );
-        let (on, why) = some_lights(scene.lights.iter().filter(|light| lights::is_closed(scene, light)).count());
+        let many = |light: &&Light| lights::has_many_emitters(light);
+        let (on, why) = some_lights(scene.lights.iter().filter(many).count());
+        let unneeded = "points ask all triangles of every light what they send";
+        self.decide("many_emitters", on, why, unneeded, "a search at every light point");
+        let closed = |light: &&Light| lights::is_closed(scene, light);
+        let (on, why) = some_lights(scene.lights.iter().filter(many).filter(closed).count());
         self.decide(
             "emitter_pairs",
             on,
             why,
-            "no light is a closed mesh",
+            "no light of many triangles is a closed mesh",
             "two records at every light point; 1 kB a triangle",
         );
     }

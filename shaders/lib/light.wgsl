@@ -5,12 +5,14 @@ import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
 @if(mesh_lights) import package::lib::math::oct_decode16;
 @if(mesh_lights) import package::lib::math::angle_of;
-import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere, sample_triangle};
+import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere};
+@if(mesh_lights) import package::lib::sampling::{SeenTriangle, sample_seen_triangle, sample_triangle, seen_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
     LIGHT_COVERAGE, LIGHT_NO_AXIS, LIGHT_HEADER, LIGHT_RECORDS, EMITTER_RECORDS,
 };
-@if(emitter_pairs) import package::lib::constants::{LIGHT_VIEWED, VIEW_DISTANCE_SQUARED, VIEW_SIDE};
+@if(many_emitters) import package::lib::constants::{FEW_EMITTERS, FEW_NEAR_EMITTERS, NEAR_LIGHT_SQUARED};
+@if(emitter_pairs) import package::lib::constants::{LIGHT_VIEWED, VIEW_SIDE};
 @if(emitter_pairs) import package::lib::math::oct_wrap;
 @if(environment) import package::lib::constants::LIGHT_ENVIRONMENT;
 @if(environment) import package::lib::environment::environment_sample;
@@ -298,7 +300,7 @@ fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     @else { return no_light_sample(); }
 }
 
-// A point of a mesh light, chosen by emitted power.
+// A point of a mesh light.
 @if(mesh_lights)
 struct MeshPoint {
     position: vec3f,
@@ -306,10 +308,6 @@ struct MeshPoint {
     normal: vec3f,
     // Emitted radiance.
     radiance: vec3f,
-    // By area.
-    density: f32,
-    // BVH slot of the triangle.
-    triangle: u32,
 }
 
 // An emitter triangle.
@@ -320,10 +318,8 @@ struct EmitterTriangle {
     e2: vec3f,
     // e1 x e2: along the normal, twice the area long.
     across: vec3f,
-    // By area.
+    // By area, of points chosen by power: as much as its radiance is of the light's.
     density: f32,
-    // Cumulative probability, this triangle's included.
-    cumulative: f32,
     slot: u32,
 }
 
@@ -335,37 +331,45 @@ fn load_emitter(emitter: u32) -> EmitterTriangle {
     let a = bitcast<vec3f>(r0.xyz);
     let e1 = bitcast<vec3f>(r1.xyz) - a;
     let e2 = bitcast<vec3f>(r2.xyz) - a;
-    return EmitterTriangle(a, e1, e2, cross(e1, e2), bitcast<f32>(r2.w), bitcast<f32>(r1.w), r0.w);
+    return EmitterTriangle(a, e1, e2, cross(e1, e2), bitcast<f32>(r2.w), r0.w);
 }
 
-// A choice of an emitter triangle by power, and what is left of the random numbers for a point of it.
+// How likely an emitter triangle is to be chosen by power.
+@if(many_emitters)
+fn emitter_power(emitter: u32) -> f32 {
+    return bitcast<f32>(load_emitter_record(emitter * EMITTER_RECORDS + 3u).y);
+}
+
+// A choice of an emitter triangle, and what is left of the random number, uniform again.
 @if(mesh_lights)
 struct EmitterChoice {
     emitter: u32,
-    triangle: EmitterTriangle,
-    u: vec2f,
+    probability: f32,
+    u: f32,
+}
+
+// What is left of u within a share of the probability that ends at `cumulative`.
+@if(mesh_lights)
+fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
+    return clamp(1.0 - (cumulative - u) / share, 0.0, 1.0 - 1.0 / 16777216.0);
 }
 
 @if(mesh_lights)
-fn choose_emitter(header: vec4u, u: vec2f) -> EmitterChoice {
-    // The first emitter triangle whose cumulative probability exceeds u.x.
+fn choose_emitter(header: vec4u, u: f32) -> EmitterChoice {
+    // The first emitter triangle whose cumulative probability exceeds u.
     var first = header.y;
     var last = header.y + header.z - 1u;
     while first < last {
         let middle = (first + last) / 2u;
-        if bitcast<f32>(load_emitter_record(middle * EMITTER_RECORDS + 1u).w) > u.x { last = middle; } else { first = middle + 1u; }
+        if bitcast<f32>(load_emitter_record(middle * EMITTER_RECORDS + 3u).z) > u { last = middle; } else { first = middle + 1u; }
     }
-    let triangle = load_emitter(first);
-    // What is left of u.x within the triangle's share of the probability.
-    let share = 0.5 * triangle.density * length(triangle.across);
-    let left = clamp(1.0 - (triangle.cumulative - u.x) / share, 0.0, 1.0 - 1.0 / 16777216.0);
-    return EmitterChoice(first, triangle, vec2f(left, u.y));
+    let found = bitcast<vec2f>(load_emitter_record(first * EMITTER_RECORDS + 3u).yz);
+    return EmitterChoice(first, found.x, left_of(u, found.y, found.x));
 }
 
-// The point of an emitter triangle, chosen with that density by area.
+// The point of an emitter triangle at barycentric coordinates.
 @if(mesh_lights)
-fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, density: f32, u: vec2f) -> MeshPoint {
-    let uv = sample_triangle(u);
+fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, uv: vec2f) -> MeshPoint {
     var radiance: vec3f;
     @if(emissive_textures) { radiance = emission_at(triangle.slot, uv.x, uv.y); }
     @else { radiance = light_record_f32(light, 2u).xyz; }
@@ -373,32 +377,34 @@ fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, density: f32
         // Through what is not there, the light does not shine.
         if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(triangle.slot, uv.x, uv.y); }
     }
-    let position = triangle.a + uv.x * triangle.e1 + uv.y * triangle.e2;
-    return MeshPoint(position, normalize(triangle.across), radiance, density, triangle.slot);
+    return MeshPoint(triangle.a + uv.x * triangle.e1 + uv.y * triangle.e2, normalize(triangle.across), radiance);
 }
 
-@if(emitter_pairs)
+@if(mesh_lights)
 fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
+// Whether the position is so near to a light that what its triangles show hangs on the place, and not on the direction alone.
+@if(many_emitters)
+fn is_near_light(light: u32, position: vec3f) -> bool {
+    let sphere = light_record_f32(light, 1u);
+    let offset = position - sphere.xyz;
+    return dot(offset, offset) < f32(NEAR_LIGHT_SQUARED) * sphere.w * sphere.w;
+}
+
 // Of a convex lamp what its triangles show from afar hangs on the direction alone: for each of some directions there are
 // cumulative probabilities by power times cosine, so that all points bring about the same light.
-@if(mesh_lights) const NO_VIEW = 0xffffffffu;
+@if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
 // The first record of the probabilities for a position, or NO_VIEW.
-@if(mesh_lights)
+@if(emitter_pairs)
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
-    @if(emitter_pairs) {
-        let sphere = light_record_f32(light, 1u);
-        let offset = position - sphere.xyz;
-        let near = dot(offset, offset) < f32(VIEW_DISTANCE_SQUARED) * sphere.w * sphere.w;
-        if near || (header.x & LIGHT_VIEWED) == 0u { return NO_VIEW; }
-        let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
-        let cell = min(place, vec2u(VIEW_SIDE - 1u));
-        return light_record(light, 3u).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
-    }
-    @else { return NO_VIEW; }
+    if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
+    let offset = position - light_record_f32(light, 1u).xyz;
+    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
+    let cell = min(place, vec2u(VIEW_SIDE - 1u));
+    return light_record(light, 3u).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
 }
 
 // Cumulative probability of a view's emitter triangle `i`, those before it included.
@@ -415,80 +421,146 @@ fn view_share(view: u32, i: u32) -> f32 {
 }
 
 @if(emitter_pairs)
-fn choose_viewed(header: vec4u, view: u32, u: vec2f) -> EmitterChoice {
-    // The first record with a cumulative probability above u.x, and that one of it.
+fn choose_viewed(header: vec4u, view: u32, u: f32) -> EmitterChoice {
+    // The first record with a cumulative probability above u, and that one of it.
     var first = 0u;
     var last = (header.z + 3u) / 4u - 1u;
     while first < last {
         let middle = (first + last) / 2u;
-        if load_light_vertex(view + middle).w > u.x { last = middle; } else { first = middle + 1u; }
+        if load_light_vertex(view + middle).w > u { last = middle; } else { first = middle + 1u; }
     }
-    let below = vec3u(load_light_vertex(view + first).xyz <= vec3f(u.x));
+    let below = vec3u(load_light_vertex(view + first).xyz <= vec3f(u));
     let i = 4u * first + below.x + below.y + below.z;
-    // What is left of u.x within the triangle's share of the probability.
-    let left = clamp(1.0 - (view_cumulative(view, i) - u.x) / view_share(view, i), 0.0, 1.0 - 1.0 / 16777216.0);
-    return EmitterChoice(header.y + i, load_emitter(header.y + i), vec2f(left, u.y));
+    let share = view_share(view, i);
+    return EmitterChoice(header.y + i, share, left_of(u, view_cumulative(view, i), share));
 }
 
-// The density by area of an emitter triangle that faces the position. From near, or with few triangles, those that face away
-// are each paired with one that faces about the other way, which is taken in its place. So a triangle that faces the position
-// is chosen for itself, and for its partner where that faces away.
+// The emitter triangles that may be chosen for a position: one, with that probability, or all, by what they send to it.
 @if(mesh_lights)
-fn emitter_density(header: vec4u, view: u32, emitter: u32, triangle: EmitterTriangle, position: vec3f) -> f32 {
-    var density = triangle.density;
-    @if(emitter_pairs) {
-        if view != NO_VIEW { return view_share(view, emitter - header.y) / (0.5 * length(triangle.across)); }
-        let partner = load_emitter_record(emitter * EMITTER_RECORDS + 3u).x;
-        if partner != emitter {
-            let other = load_emitter(partner);
-            if !emitter_faces(other, position) {
-                density += other.density * length(other.across) / length(triangle.across);
-            }
-        }
+struct EmitterRange {
+    first: u32,
+    end: u32,
+    all: bool,
+    probability: f32,
+    // What is left of the random number.
+    u: f32,
+}
+
+@if(mesh_lights)
+fn all_emitters(header: vec4u, u: f32) -> EmitterRange {
+    return EmitterRange(header.y, header.y + header.z, true, 1.0, u);
+}
+
+// Whether all of a light's triangles are asked what they send to a position: those of the usual lamp, a square, always; more
+// of them where they are near and differ.
+@if(mesh_lights)
+fn asks_all(light: u32, header: vec4u, position: vec3f) -> bool {
+    @if(many_emitters) {
+        return header.z <= FEW_EMITTERS || (header.z <= FEW_NEAR_EMITTERS && is_near_light(light, position));
     }
-    return density;
+    @else { return true; }
 }
 
-@if(mesh_lights)
-fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
-    let view = view_of(light, header, position);
-    var chosen: EmitterChoice;
-    @if(!emitter_pairs) { chosen = choose_emitter(header, u); }
+// How likely `emitter_range` is to come to an emitter triangle, where it does not ask all. Of closed lights, from near or
+// with few triangles, those that face away are each paired with one that faces about the other way, which is taken in its
+// place. So a triangle that faces the position is chosen for itself, and for its partner where that faces away.
+@if(many_emitters)
+fn emitter_probability(light: u32, header: vec4u, emitter: u32, position: vec3f) -> f32 {
     @if(emitter_pairs) {
+        let view = view_of(light, header, position);
+        if view != NO_VIEW { return view_share(view, emitter - header.y); }
+    }
+    return paired_power(emitter, position);
+}
+
+@if(many_emitters)
+fn paired_power(emitter: u32, position: vec3f) -> f32 {
+    var power = emitter_power(emitter);
+    @if(emitter_pairs) {
+        let partner = load_emitter_record(emitter * EMITTER_RECORDS + 3u).x;
+        if partner != emitter && !emitter_faces(load_emitter(partner), position) { power += emitter_power(partner); }
+    }
+    return power;
+}
+
+@if(many_emitters)
+fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterRange {
+    if asks_all(light, header, position) { return all_emitters(header, u); }
+    var chosen: EmitterChoice;
+    @if(emitter_pairs) {
+        let view = view_of(light, header, position);
         if view != NO_VIEW {
             chosen = choose_viewed(header, view, u);
         } else {
             chosen = choose_emitter(header, u);
-            if !emitter_faces(chosen.triangle, position) {
+            if !emitter_faces(load_emitter(chosen.emitter), position) {
                 chosen.emitter = load_emitter_record(chosen.emitter * EMITTER_RECORDS + 3u).x;
-                chosen.triangle = load_emitter(chosen.emitter);
             }
+            chosen.probability = paired_power(chosen.emitter, position);
         }
     }
-    let density = emitter_density(header, view, chosen.emitter, chosen.triangle, position);
-    let point = mesh_point(light, header, chosen.triangle, density, chosen.u);
+    @else { chosen = choose_emitter(header, u); }
+    return EmitterRange(chosen.emitter, chosen.emitter + 1u, false, chosen.probability, chosen.u);
+}
+
+// What an emitter triangle sends to a position, in units that those of its light share: its solid angle, of all of a light
+// times its radiance; 0 where it faces away.
+@if(mesh_lights)
+fn emitter_sends(header: vec4u, triangle: EmitterTriangle, seen: SeenTriangle, position: vec3f, all: bool) -> f32 {
+    let shines = (header.x & LIGHT_TWO_SIDED) != 0u || emitter_faces(triangle, position);
+    return select(0.0, 2.0 * seen.half_angle * select(1.0, triangle.density, all), shines);
+}
+
+@if(mesh_lights)
+fn seen_emitter(triangle: EmitterTriangle, position: vec3f) -> SeenTriangle {
+    return seen_triangle(triangle.a - position, triangle.e1, triangle.e2, triangle.across);
+}
+
+@if(mesh_lights)
+fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSample {
+    @if(many_emitters) let range = emitter_range(light, header, position, u.x);
+    @if(!many_emitters) let range = all_emitters(header, u.x);
+    var triangle: EmitterTriangle;
+    var seen: SeenTriangle;
+    var left = range.u;
+    var sum = 0.0;
+    for (var i = range.first; i < range.end; i++) {
+        let next = load_emitter(i);
+        let next_seen = seen_emitter(next, position);
+        let sends = emitter_sends(header, next, next_seen, position, range.all);
+        sum += sends;
+        // A reservoir of one (Chao 1982), which keeps what is left of the random number.
+        let chance = sends / sum;
+        if left < chance {
+            triangle = next;
+            seen = next_seen;
+            left /= chance;
+        } else if sum > 0.0 {
+            left = (left - chance) / (1.0 - chance);
+        }
+        left = min(left, 1.0 - 1.0 / 16777216.0);
+    }
+    let pdf = select(range.probability, triangle.density, range.all) / sum;
+    // Nothing faces the position, or it is on the light's plane; or grazing beyond what the numbers hold.
+    if sum <= 0.0 || !(pdf < 1e30) { return no_light_sample(); }
+    let point = mesh_point(light, header, triangle, sample_seen_triangle(seen, vec2f(left, u.y)));
     let offset = point.position - position;
     let distance2 = dot(offset, offset);
-    let towards = -dot(point.normal, offset);
-    let seen = select(towards > 0.0, towards != 0.0, (header.x & LIGHT_TWO_SIDED) != 0u);
-    if !seen || distance2 < 1e-30 { return no_light_sample(); }
+    if distance2 < 1e-30 { return no_light_sample(); }
     let distance = sqrt(distance2);
-    let pdf = point.density * distance2 * distance / abs(towards);
-    // Grazing beyond what the numbers hold.
-    if !(pdf < 1e30) { return no_light_sample(); }
-    let normal = select(-point.normal, point.normal, towards > 0.0);
+    let normal = select(-point.normal, point.normal, emitter_faces(triangle, position));
     return LightSample(offset / distance, distance, point.radiance, pdf, normal, false);
 }
 
-// The light of an emitter triangle, and the density by area with which its points are chosen there; a density of 0
-// for a triangle that is no emitter.
+// The light of an emitter triangle, and the density by solid angle with which its points are chosen; 0 for a triangle that
+// is no emitter.
 struct Emitter {
     light: u32,
-    density: f32,
+    pdf: f32,
 }
 
-// The light that a BVH slot is a part of, and the density by area with which `light_sample` chooses its points for a
-// position that it faces; a density of 0 where it is none.
+// The light that a BVH slot is a part of, and the density by solid angle with which `light_sample` chooses its points for
+// a position that it faces; a density of 0 where it is none.
 @if(mesh_lights)
 fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     let header = load_light_record(0u);
@@ -502,20 +574,26 @@ fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     }
     if first < base + header.y {
         let found = load_emitter_record(first);
-        if found.x == triangle {
-            let own = light_record(found.y, 0u);
-            let view = view_of(found.y, own, position);
-            return Emitter(found.y, emitter_density(own, view, found.z, load_emitter(found.z), position));
-        }
+        if found.x == triangle { return Emitter(found.y, emitter_pdf(found.y, found.z, position)); }
     }
     return Emitter(0u, 0.0);
 }
 
-// The solid angle density with which `light_sample` of the triangle's own light chooses a point of it at distance
-// `t` along the unit `direction` from the position, `normal` being the triangle's; for the MIS weight of a ray that hit it.
 @if(mesh_lights)
-fn light_pdf(triangle: u32, position: vec3f, normal: vec3f, direction: vec3f, t: f32) -> f32 {
-    return min(emitter_of(triangle, position).density * t * t / abs(dot(normal, direction)), 1e30);
+fn emitter_pdf(light: u32, emitter: u32, position: vec3f) -> f32 {
+    let header = light_record(light, 0u);
+    let all = asks_all(light, header, position);
+    var range = all_emitters(header, 0.0);
+    @if(many_emitters) {
+        if !all { range = EmitterRange(emitter, emitter + 1u, false, emitter_probability(light, header, emitter, position), 0.0); }
+    }
+    var sum = 0.0;
+    for (var i = range.first; i < range.end; i++) {
+        let triangle = load_emitter(i);
+        sum += emitter_sends(header, triangle, seen_emitter(triangle, position), position, all);
+    }
+    let probability = select(range.probability, load_emitter(emitter).density, all);
+    return select(0.0, min(probability / sum, 1e30), sum > 0.0);
 }
 
 // Further than any occluder can be: the scene has unit size.
@@ -708,17 +786,18 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
         }
     }
     @if(mesh_lights) {
-        let chosen = choose_emitter(header, u.xy);
-        let point = mesh_point(light, header, chosen.triangle, chosen.triangle.density, chosen.u);
+        let chosen = choose_emitter(header, u.x);
+        let triangle = load_emitter(chosen.emitter);
+        let point = mesh_point(light, header, triangle, sample_triangle(vec2f(chosen.u, u.y)));
         var normal = point.normal;
         var v = u.zw;
-        var flux = point.radiance * (PI / point.density);
+        var flux = point.radiance * (PI / triangle.density);
         if (header.x & LIGHT_TWO_SIDED) != 0u {
             if v.x < 0.5 { normal = -normal; }
             v.x = fract(2.0 * v.x);
             flux *= 2.0;
         }
-        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, point.triangle, flux);
+        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, triangle.slot, flux);
     }
     @else { return EmittedRay(vec3f(0.0), vec3f(0.0, 0.0, 1.0), vec3f(0.0, 0.0, 1.0), NO_EMITTER, vec3f(0.0)); }
 }

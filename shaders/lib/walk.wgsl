@@ -226,13 +226,10 @@ fn spread_along(pdf: f32, distance: f32) -> f32 {
 @if(mesh_lights)
 fn met_light(vertex: Vertex, chosen: BsdfSample, throughput: vec3f, hit: Hit, found: SurfaceHit, bounce: u32, light_samples: u32) -> vec3f {
     let emitter = emitter_of(hit.triangle, vertex.position);
-    let offset = found.triangle_position - vertex.position;
-    let cosine = abs(dot(found.triangle_normal, chosen.direction));
-    if emitter.density <= 0.0 || cosine <= 0.0 { return throughput; }
-    let pdf = emitter.density * dot(offset, offset) / cosine;
+    if emitter.pdf <= 0.0 { return throughput; }
     var passing = vec3f(1.0);
     @if(transmission) { passing = found.transmittance; }
-    return met_weight(vertex, chosen, throughput, passing, pdf, emitter.light, bounce, light_samples);
+    return met_weight(vertex, chosen, throughput, passing, emitter.pdf, emitter.light, bounce, light_samples);
 }
 
 // The same of a light that is met where `light_sample` chooses it with density `pdf` by solid angle; the throughput has in it

@@ -184,7 +184,11 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
         if name.is_empty() {
             break;
         }
-        rest.name().ok_or_else(truncated)?;
+        // The crate takes the first byte of a type for a part of it even where it is the zero that ends it, and finds other
+        // attributes from there on.
+        if rest.name().ok_or_else(truncated)?.is_empty() {
+            return Err((String::from_utf8_lossy(name).into_owned(), "attribute without a type".into()));
+        }
         let size = rest.int().ok_or_else(truncated)?;
         let mut value = Bytes(rest.take(usize::try_from(size).unwrap_or(usize::MAX)).ok_or_else(truncated)?);
         let place = String::from_utf8_lossy(name).into_owned();
@@ -223,9 +227,9 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
         }
     }
 
-    // What deflate, the densest of the common codings, packs into a byte (1032:1), with room for 16 bits of 32 that
-    // PXR24 drops; and what any file may ask for, since a plain image is packed tighter by some.
-    let limit = (bytes.len() as u64).saturating_mul(2048).max(256 << 20);
+    // What deflate, the densest of the codings, packs into a byte (1032:1), twice as much for samples of 16 bits, which
+    // count as 32 here, and as much again to spare.
+    let limit = (bytes.len() as u64).saturating_mul(4096);
     let claimed = u128::from(pixels) * u128::from(channels) * 4;
     if claimed > u128::from(limit) {
         return Err(("dataWindow".into(), format!("claims {claimed} bytes of pixels in a file of {}", bytes.len())));

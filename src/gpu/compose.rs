@@ -97,7 +97,9 @@ pub const FEATURES: &[&str] = &[
     "directional_lights",
     // Scene: a panorama is all around it.
     "environment",
-    // Scene: some mesh light is closed, so that half of it faces away.
+    // Scene: some mesh light has more than a few triangles, so that points do not ask all of them.
+    "many_emitters",
+    // Scene: some mesh light of that kind is closed, so that half of it faces away.
     "emitter_pairs",
     // Scene: some mesh light has an emissive texture.
     "emissive_textures",
@@ -223,7 +225,9 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("LIGHT_NO_AXIS", crate::tables::lights::NO_AXIS),
     ("LIGHT_VIEWED", crate::tables::lights::VIEWED),
     ("VIEW_SIDE", crate::tables::lights::VIEW_SIDE),
-    ("VIEW_DISTANCE_SQUARED", (crate::tables::lights::VIEW_DISTANCE * crate::tables::lights::VIEW_DISTANCE) as u32),
+    ("NEAR_LIGHT_SQUARED", (crate::tables::lights::NEAR_LIGHT * crate::tables::lights::NEAR_LIGHT) as u32),
+    ("FEW_EMITTERS", crate::tables::lights::FEW_EMITTERS),
+    ("FEW_NEAR_EMITTERS", crate::tables::lights::FEW_NEAR_EMITTERS),
     ("LIGHT_HEADER", crate::tables::lights::HEADER),
     ("LIGHT_RECORDS", crate::tables::lights::RECORDS),
     ("EMITTER_RECORDS", crate::tables::lights::EMITTER_RECORDS),

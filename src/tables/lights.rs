@@ -37,13 +37,19 @@ const MAX_CONTOUR_EDGES: usize = 64;
 /// bring then spreads by 8 % about its mean; by 59 % where power alone chooses them.
 pub(crate) const VIEW_SIDE: u32 = 16;
 
-/// Radii of a convex light from whose middle its views hold. Nearer, what it shows hangs on the place and not on the direction
+/// Radii of a light from whose middle it is far. Nearer, what its triangles show hangs on the place and not on the direction
 /// alone.
-pub(crate) const VIEW_DISTANCE: f64 = 2.0;
+pub(crate) const NEAR_LIGHT: f64 = 2.0;
+
+/// Most triangles of a light all of which are asked what they send, wherever it is. A square has two.
+pub(crate) const FEW_EMITTERS: u32 = 4;
+
+/// Most triangles of a light all of which are asked where it is near: each costs some tenth of a shadow ray.
+pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
 
 /// Triangles of a light that is worth views: of fewer, those that face the other way are all that matters; more would take
 /// more than 4 MB.
-const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = 16..=1 << 12;
+const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
 /// How far corners may lie from their contour's plane or edge, relative to the light's radius, to count as in it:
 /// a few roundings of f32 coordinates of a scene of unit size.
@@ -268,14 +274,14 @@ impl Build {
             // The kernels compare with the rounded numbers: the probabilities are made of them too.
             let end = if i + 1 == emitters.len() { 1.0 } else { (cumulative / total) as f32 };
             let density = f64::from(end - below) / area([a, b, c]);
-            below = end;
             self.slots.push([emitter.triangle, index, first + i as u32, 0]);
             self.emitters.extend([
                 [a.x.to_bits(), a.y.to_bits(), a.z.to_bits(), emitter.triangle],
-                bits(b, end),
+                bits(b, 0.0),
                 bits(c, density as f32),
-                [first + partners[i], 0, 0, 0],
+                [first + partners[i], (end - below).to_bits(), end.to_bits(), 0],
             ]);
+            below = end;
         }
         let two_sided = material.double_sided;
         let whole = material.alpha == AlphaMode::Opaque;
@@ -330,6 +336,11 @@ impl Build {
             radius,
         }
     }
+}
+
+/// Whether a light has so many triangles that points choose one by power before they know what it sends to them.
+pub fn has_many_emitters(light: &Light) -> bool {
+    matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > FEW_EMITTERS as usize)
 }
 
 /// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any place:

@@ -1,5 +1,6 @@
 //! Sequences against what defines a net; warps against their densities.
 
+use glam::DVec3;
 use penumbra::gpu::{Kernel, Resources, compose};
 use penumbra::tables::sobol;
 
@@ -141,6 +142,117 @@ fn warps_follow_their_densities() {
         if warp == 0.0 || (2.0..4.0).contains(&warp) {
             // A few roundings of f32.
             assert!(points.iter().all(|p| (length(p) - 1.0).abs() < 1e-6), "warp {warp}: unit length");
+        }
+    }
+}
+
+/// A triangle in barycentric coordinates of a larger one.
+type Cell = [DVec3; 3];
+
+/// Solid angle of a triangle seen from the origin (Van Oosterom and Strackee 1983).
+fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
+    let across = (b - a).cross(c - a);
+    let lengths = [a, b, c].map(DVec3::length);
+    let rest = lengths.iter().product::<f64>() + a.dot(b) * lengths[2] + a.dot(c) * lengths[1] + b.dot(c) * lengths[0];
+    2.0 * a.dot(across).abs().atan2(rest)
+}
+
+/// Parts of a triangle whose corners are seen so, about alike in solid angle: the largest one is cut where its longest edge
+/// is halved to the eye.
+fn cells(corners: [DVec3; 3], count: usize) -> Vec<(Cell, f64)> {
+    let point = |at: DVec3| corners[0] * at.x + corners[1] * at.y + corners[2] * at.z;
+    let angle = |cell: Cell| solid_angle(cell.map(point));
+    let whole = [DVec3::X, DVec3::Y, DVec3::Z];
+    let mut cells = vec![(whole, angle(whole))];
+    while cells.len() < count {
+        let largest = (0..cells.len()).max_by(|&i, &j| cells[i].1.total_cmp(&cells[j].1)).unwrap();
+        let (cell, _) = cells.swap_remove(largest);
+        let span = |i: usize| {
+            let (a, b) = (point(cell[i]), point(cell[(i + 1) % 3]));
+            a.cross(b).length().atan2(a.dot(b))
+        };
+        let longest = (0..3).max_by(|&i, &j| span(i).total_cmp(&span(j))).unwrap();
+        let [a, b, c] = [0, 1, 2].map(|i| cell[(longest + i) % 3]);
+        let (near, far) = (1.0 / point(a).length(), 1.0 / point(b).length());
+        let middle = (a * near + b * far) / (near + far);
+        cells.extend([[a, middle, c], [middle, b, c]].map(|cell| (cell, angle(cell))));
+    }
+    cells
+}
+
+/// Whether a point in barycentric coordinates is in the cell.
+fn holds(cell: &Cell, at: DVec3) -> bool {
+    let volume = |a: DVec3, b: DVec3, c: DVec3| a.cross(b).dot(c);
+    let [a, b, c] = *cell;
+    let sides = [volume(a, b, at), volume(b, c, at), volume(c, a, at)];
+    sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
+}
+
+/// Points of a triangle as it is seen are even over the solid angle, which is right, for triangles of any size and shape, from
+/// any place; points even over its area are not.
+#[test]
+fn triangles_are_seen_evenly() {
+    const N: u32 = 1 << 14;
+    const CELLS: usize = 64;
+    let flat = |size: f64| [[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.3 * size, 0.0, size]];
+    let moved = |triangle: [[f64; 3]; 3], by: [f64; 3]| triangle.map(|c| [c[0] + by[0], c[1] + by[1], c[2] + by[2]]);
+    // Name, corners, position, and the relative error of the solid angle that f32 leaves: coordinates of unit size are off
+    // by 2^-24, heights over the plane by as much, and the angle, while it grows with the height, by that over the height.
+    let cases = [
+        ("an octant", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 0.0], 1e-6),
+        ("at its own size", flat(1.0), [0.4, 1.0, 0.3], 1e-6),
+        ("far", flat(0.01), [0.4, 0.9, 0.3], 1e-6),
+        ("tiny", flat(1e-9), [0.4, 0.9, 0.3], 1e-6),
+        ("tiny, away from the origin", moved(flat(1e-4), [0.7, 0.2, -0.4]), [-0.3, 0.9, 0.1], 1e-6),
+        ("near", flat(1.0), [0.43, 1e-2, 0.31], 1e-5),
+        ("nearer", flat(1.0), [0.43, 1e-3, 0.31], 1e-5),
+        ("touching", flat(1.0), [0.43, 1e-4, 0.31], 1e-5),
+        ("over a corner", flat(1.0), [1e-3, 1e-3, 2e-3], 1e-3),
+        ("over an edge", flat(1.0), [0.5, 1e-3, 0.0], 1e-3),
+        ("beside it, grazing", flat(1.0), [-0.2, 1e-4, -0.1], 1e-3),
+        ("a sliver", [[-1.0, 0.0, 0.0], [1.0, 0.0, 1e-4], [1.0, 0.0, 0.0]], [0.1, 0.7, 0.2], 1e-3),
+        ("a sliver from near", [[-1.0, 0.0, 0.0], [1.0, 0.0, 1e-3], [1.0, 0.0, 0.0]], [0.1, 1e-2, 5e-4], 1e-3),
+        ("from behind", flat(0.5), [0.2, -0.4, 0.1], 1e-6),
+    ];
+    let mut uneven = 0;
+    for (name, corners, position, tolerance) in cases {
+        let as_f32 = |v: [f64; 3]| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0];
+        let input = [corners[0], corners[1], corners[2], position].map(as_f32);
+        let vec = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+        let seen = [0, 1, 2].map(|i| vec(&input[i]) - vec(&input[3]));
+        let points = run("seen", N, &[("seed", 5.0)], &input, 2);
+        let exact = solid_angle(seen);
+        let got = f64::from(points[0][2]);
+        assert!((got - exact).abs() <= tolerance * exact, "{name}: solid angle {got}, expected {exact}");
+        let cells = cells(seen, CELLS);
+        let total: f64 = cells.iter().map(|(_, angle)| angle).sum();
+        assert!((total - exact).abs() < 1e-9 * exact + 1e-15, "{name}: the parts are not the whole");
+        let expected: Vec<f64> = cells.iter().map(|(_, angle)| angle / total * f64::from(N)).collect();
+        let counts = |which: usize| {
+            let mut counts = vec![0u64; CELLS];
+            for p in points.iter().skip(which).step_by(2) {
+                let (b, c) = (f64::from(p[0]), f64::from(p[1]));
+                let at = DVec3::new(1.0 - b - c, b, c);
+                // Roundings of the two that are given.
+                assert!(at.min_element() > -2e-7, "{name}: {at} is outside");
+                let at = at.max(DVec3::ZERO);
+                let cell = cells.iter().position(|(cell, _)| holds(cell, at)).expect("parts leave no gap");
+                counts[cell] += 1;
+            }
+            counts
+        };
+        let family = cases.len() as u32;
+        chi_square(&counts(0), &expected, family).unwrap_or_else(|e| panic!("{name}: {e}"));
+        uneven += usize::from(chi_square(&counts(1), &expected, family).is_err());
+    }
+    // All but those from afar.
+    assert!(uneven >= 8, "points even over the area are found in {uneven} cases only");
+    // In its plane and at its corners there is nothing to be seen, but numbers all the same.
+    for position in [[0.4, 0.0, 0.3], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [-1.0, 0.0, 0.0]] {
+        let [a, b, c] = flat(1.0);
+        let input = [a, b, c, position].map(|v| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0]);
+        for p in run("seen", 256, &[], &input, 2) {
+            assert!(p.iter().all(|v| (-1e-6..7.0).contains(v)), "{position:?}: {p:?}");
         }
     }
 }

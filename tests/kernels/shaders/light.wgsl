@@ -5,7 +5,7 @@ import package::lib::light::{
     light_count, light_dark, light_has_closed_form, light_unshadowed_irradiance, light_sample, light_emit
 };
 import package::lib::sampling::{sobol2, sobol4};
-@if(mesh_lights) import package::lib::light::light_pdf;
+@if(mesh_lights) import package::lib::light::emitter_of;
 
 override count: u32;
 override seed: u32;
@@ -73,14 +73,13 @@ fn emitted(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     results[3u * i + 2u] = vec4f(ray.normal, 0.0);
 }
 
-// The density by `light_pdf`, of triangles that were hit: of place i the triangle (as position.x), the distance
-// (position.y) and the cosine (position.z).
+// The density by solid angle with which a point of a triangle is chosen for a place, whose normal has the slot as x; and the
+// triangle's light.
 @if(mesh_lights)
 @compute @workgroup_size(64)
 fn densities(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = item(group, groups, lane);
     if i >= count { return; }
-    let hit = places[2u * i];
-    let direction = vec3f(sqrt(1.0 - hit.z * hit.z), 0.0, hit.z);
-    results[i] = vec4f(light_pdf(u32(hit.x), places[2u * i + 1u].xyz, vec3f(0.0, 0.0, 1.0), direction, hit.y));
+    let emitter = emitter_of(u32(places[2u * i + 1u].x), places[2u * i].xyz);
+    results[i] = vec4f(emitter.pdf, f32(emitter.light), 0.0, 0.0);
 }
