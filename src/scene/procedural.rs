@@ -138,19 +138,6 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
         alpha: AlphaMode::Opaque,
         anisotropy: 0.0,
         emissive: Vec3::ZERO,
-        base_colour_texture: None,
-        metallic_roughness_texture: None,
-        normal_texture: None,
-        occlusion_texture: None,
-        emissive_texture: None,
-        specular_texture: None,
-        specular_colour_texture: None,
-        transmission_texture: None,
-        clearcoat_texture: None,
-        clearcoat_roughness_texture: None,
-        anisotropy_texture: None,
-        sheen_colour_texture: None,
-        sheen_roughness_texture: None,
-        ..material
+        ..material.without_textures()
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use penumbra::procedural::Role;
-use penumbra::scene::LightKind;
+use penumbra::scene::{LightKind, Material, Volume};
 use penumbra::{Aov, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, square, surface};
@@ -95,6 +95,62 @@ fn white_furnaces_are_white() {
     assert!(error < 0.003 && (white - 1.0).abs() < 0.002 + 3.0 * error, "{white} +- {error}");
     let (grey, error) = mean(Technique::Path, 0.95, 32);
     assert!(1.0 - grey > 0.002 + 3.0 * error, "albedo 0.95: {grey} +- {error}");
+}
+
+/// A glass ball over a floor under a panorama: what it shows, and throws on the floor, is that of a mesh with the sphere's
+/// normals at its corners, in the picture's quarters. An index of refraction of 1.4 for 1.5 is seen.
+#[test]
+fn glass_is_that_of_the_mesh() {
+    let centre = DVec3::new(0.0, 0.25, 0.0);
+    let glass = |ior: f32| Material {
+        roughness: 0.0,
+        transmission: 1.0,
+        ior,
+        specular: 1.0,
+        volume: Some(Volume { attenuation_distance: 0.4, attenuation_colour: Vec3::new(0.9, 0.5, 0.4) }),
+        ..surface(1.0, 0.0)
+    };
+    let floor = || (square(DVec3::ZERO, 0.8 * DVec3::Z, 0.8 * DVec3::X), surface(0.7, 0.0));
+    let quarters = |mut scene: Scene, seed: u32| {
+        let sky = panorama(16, 8, |d| DVec3::new(1.0 + d.y, 1.0 + 0.8 * d.x, 1.0) * 0.5);
+        scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
+        let view = camera(DVec3::new(0.0, 0.7, 1.1), DVec3::new(0.0, -0.5, -1.1), 0.6);
+        let settings = Settings { max_bounces: 16, seed, ..settings(Technique::Path, 32, 64) };
+        let (image, statistics) = render_scene(scene, &view, &settings);
+        let lost = statistics.conditioning;
+        assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
+        let [shown, variance] = ["G", "variance.G"].map(|name| image.channel(name).unwrap());
+        std::array::from_fn::<_, 4, _>(|quarter| {
+            let pixels = (0..1024).filter(|i| (i % 32 / 16, i / 512) == (quarter % 2, quarter / 2));
+            let (sum, squares) = pixels.fold((0.0, 0.0), |(sum, squares), i| {
+                (sum + f64::from(shown[i]) / 256.0, squares + f64::from(variance[i]) / 65536.0)
+            });
+            (sum, squares.sqrt())
+        })
+    };
+    let of_mesh = || {
+        let mut scene = scene(&[floor(), (crate::meshes::sphere(centre, 0.2, 64), glass(1.5))], Vec::new());
+        for vertex in scene.vertices.iter_mut().skip(6) {
+            vertex.normal = (vertex.position - centre.as_vec3()).normalize();
+        }
+        scene
+    };
+    let of_function = |role, ior| {
+        let mut scene = scene(&[floor()], Vec::new());
+        place(&mut scene, &[sphere(role, at(centre, 0.2), glass(ior))]);
+        scene
+    };
+    let mesh = quarters(of_mesh(), 1);
+    // Chords of a 128th of a turn lie 3e-4 of the radius within the sphere, and the ball is a third of a quarter.
+    let off = |found: [(f64, f64); 4]| {
+        let apart = |(a, b): ((f64, f64), (f64, f64))| ((a.0 - b.0).abs() - 5e-4).max(0.0) / a.1.hypot(b.1);
+        found.into_iter().zip(mesh).map(apart).fold(0.0, f64::max)
+    };
+    for role in [Role::Intersection, Role::Distance] {
+        let [right, wrong] = [1.5, 1.4].map(|ior| off(quarters(of_function(role, ior), 2)));
+        println!("{role:?}: {right} standard errors off, of another index {wrong}; {mesh:?}");
+        assert!(right < 3.5 && wrong > 5.0, "{role:?}: {right} standard errors off, of another index {wrong}");
+    }
 }
 
 /// A ball over a floor under a square lamp: shade and shadow are those of a mesh of 32,512 triangles, whose corners lie on the
