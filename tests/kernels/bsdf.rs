@@ -370,10 +370,23 @@ fn all_lobes(base: f64) -> Vec<Tested> {
 /// Surfaces under coats whose normals are not theirs, some of which turn to directions that the base does not face.
 fn all_tilted_coats(base: f64) -> Vec<Tested> {
     let coat = |coat, coat_roughness, coat_tilt| Lobes { coat, coat_roughness, coat_tilt, ..NO_LOBES };
-    let all = Lobes { transmission: 0.5, eta: 1.5, along: Some(0.8), sheen: 0.7, sheen_roughness: 0.3, ..coat(0.5, 0.4, -0.3) };
+    let all = Lobes {
+        transmission: 0.5,
+        eta: 1.5,
+        along: Some(0.8),
+        sheen: 0.7,
+        sheen_roughness: 0.3,
+        ..coat(0.5, 0.4, -0.3)
+    };
     let kinds = [(0.0, coat(1.0, 0.4, 0.6), 0.4), (1.0, coat(0.7, 0.5, -0.4), -0.2), (0.3, all, 0.0)];
-    let tested = |(metallic, lobes, tilt), cosine| {
-        Tested { base, roughness: 0.5, metallic, view: view(cosine), tilt, glossy: true, lobes }
+    let tested = |(metallic, lobes, tilt), cosine| Tested {
+        base,
+        roughness: 0.5,
+        metallic,
+        view: view(cosine),
+        tilt,
+        glossy: true,
+        lobes,
     };
     kinds.into_iter().flat_map(|kind| [0.9, 0.5].map(|cosine| tested(kind, cosine))).collect()
 }
