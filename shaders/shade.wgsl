@@ -60,12 +60,12 @@ struct Contribution {
 }
 
 fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
-    let cosine = dot(place.surface.shading_normal, chosen.direction);
-    if chosen.pdf <= 0.0 || cosine <= 0.0 || dot(place.surface.geometric_normal, chosen.direction) <= 0.0 {
+    if chosen.pdf <= 0.0 || dot(place.surface.geometric_normal, chosen.direction) <= 0.0 {
         @if(glossy) { return Contribution(vec3f(0.0), vec3f(0.0)); }
         @if(!glossy) { return Contribution(vec3f(0.0)); }
     }
-    let incident = chosen.radiance * (cosine / chosen.pdf);
+    let incident = chosen.radiance / chosen.pdf;
+    let diffuse = bsdf_diffuse(place.surface) * max(dot(place.surface.shading_normal, chosen.direction), 0.0) * incident;
     @if(glossy) {
         var residual = bsdf_residual(place.surface, chosen.direction) * incident;
         // The first ray of the path from here may meet the light too: pass `path` has the other weight.
@@ -74,9 +74,9 @@ fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
                 residual *= mis_weight(f32(parameters.light_samples) * chosen.pdf, bsdf_pdf(place.surface, chosen.direction));
             }
         }
-        return Contribution(bsdf_diffuse(place.surface) * incident, residual);
+        return Contribution(diffuse, residual);
     }
-    @if(!glossy) { return Contribution(bsdf_diffuse(place.surface) * incident); }
+    @if(!glossy) { return Contribution(diffuse); }
 }
 
 struct Estimate {

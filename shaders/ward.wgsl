@@ -85,9 +85,8 @@ fn place_of(i: u32) -> Place {
 fn unshadowed(place: Place, light: u32, j: u32) -> f32 {
     let chosen = nth_light_sample(light, place.position, place.seed, place.sample_index, j, ward_pass.light_samples);
     if chosen.pdf <= 0.0 || dot(place.surface.geometric_normal, chosen.direction) <= 0.0 { return -1.0; }
-    let cosine = max(dot(place.surface.shading_normal, chosen.direction), 0.0);
     let reflected = bsdf_evaluate(place.surface, chosen.direction) * chosen.radiance;
-    return max(luminance(reflected), 0.0) * (cosine / chosen.pdf);
+    return max(luminance(reflected), 0.0) / chosen.pdf;
 }
 
 fn potential(place: Place, light: u32) -> f32 {

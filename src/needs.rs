@@ -72,6 +72,9 @@ impl Needs {
         self.decide("transmission", on, why, "no light passes through any material", cost);
         let (on, why) = materials(m.clearcoat, "with a clear coat");
         self.decide("clearcoat", on, why, "no material has a clear coat", cost);
+        let (on, why) = materials(m.coat_normals, "whose clear coat has a normal of its own");
+        let unneeded = "every clear coat has the normal of its base";
+        self.decide("coat_normals", on, why, unneeded, &format!("a normal at every coat; {}", per_triangle(16)));
         let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
         let cost = "a tangent at every surface; 16 B a point and a triangle";
         self.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
@@ -417,6 +420,13 @@ fn has_sheen(m: &Material) -> bool {
     !m.unlit && m.sheen_colour != Vec3::ZERO
 }
 
+/// A material with a clear coat that has another normal than the base: each has its own map, or only one of them has one.
+fn has_coat_normal(m: &Material) -> bool {
+    let base = m.normal_texture.map(|map| (map, m.normal_scale));
+    let coat = m.clearcoat_normal_texture.map(|map| (map, m.clearcoat_normal_scale));
+    !m.unlit && m.clearcoat > 0.0 && base != coat
+}
+
 /// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
 fn is_lambertian(m: &Material) -> bool {
     m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0 && !has_sheen(m))
@@ -445,6 +455,7 @@ struct Facts {
     glossy: usize,
     transmission: usize,
     clearcoat: usize,
+    coat_normals: usize,
     focusing: usize,
     clear: usize,
     anisotropy: usize,
@@ -481,6 +492,7 @@ impl Facts {
             facts.focusing += usize::from(focuses(m));
             facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
             facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
+            facts.coat_normals += usize::from(has_coat_normal(m));
             facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
             facts.sheen += usize::from(has_sheen(m));
             let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);

@@ -32,6 +32,8 @@ struct Surface {
     @if(transmission) eta: f32,
     // Of the coat: its factor, and its width as alpha.
     @if(clearcoat) coat: vec2f,
+    // The coat's own shading normal; without, it has the base's.
+    @if(coat_normals) coat_normal: vec3f,
     // Of the fibres: their colour and their roughness.
     @if(sheen) sheen: vec4f,
     // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth surface.
@@ -47,6 +49,13 @@ struct Surface {
 // Both the surface itself and its shading normal turn to the direction.
 fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
     return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.shading_normal) > 0.0;
+}
+
+// The same of the coat.
+@if(clearcoat)
+fn coat_faces(s: Surface, direction: vec3f) -> bool {
+    @if(coat_normals) { return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.coat_normal) > 0.0; }
+    @else { return bsdf_faces(s, direction); }
 }
 
 // Light from the direction passes through the surface.
@@ -92,11 +101,17 @@ fn through_layer(reflectances: vec2f, alpha: f32, light_z: f32, view_z: f32) -> 
 // Reflectances of the coat at normal and at grazing incidence: its index of refraction is 1.5 (KHR_materials_clearcoat).
 @if(clearcoat) const COAT_REFLECTANCES = vec2f(0.04, 1.0);
 
-// What the coat lets through to what lies below it.
-@if(glossy)
-fn through_coat(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    @if(clearcoat) { return 1.0 - s.coat.x * (1.0 - through_layer(COAT_REFLECTANCES, s.coat.y, light_z, view_z)); }
-    @else { return 1.0; }
+// What the coat lets through to what lies below it, by the heights of light and view over it.
+@if(clearcoat)
+fn through_coat(s: Surface, heights: vec2f) -> f32 {
+    return 1.0 - s.coat.x * (1.0 - through_layer(COAT_REFLECTANCES, s.coat.y, heights.x, heights.y));
+}
+
+// Heights of light and view over the coat, for light that comes to the base from outside of it or leaves it inside.
+@if(clearcoat)
+fn coat_heights(pair: LocalPair) -> vec2f {
+    @if(coat_normals) { return vec2f(pair.coat_heights.x * sign(pair.light.z), pair.coat_heights.y); }
+    @else { return vec2f(abs(pair.light.z), pair.view.z); }
 }
 
 // What fibres look like from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3, as
@@ -158,26 +173,24 @@ fn sheen_value(s: Surface, pair: LocalPair) -> vec3f {
     return s.sheen.xyz * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
 }
 
-// What the fibres let through at the less favourable of the two angles, as the extension's albedo scaling has it.
+// What coat and fibres let through to the microfacets, and to what lies behind them. Fibres do at the less favourable of the
+// two angles, as the extension's albedo scaling has it.
 @if(glossy)
-fn through_sheen(s: Surface, light_z: f32, view_z: f32) -> f32 {
+fn through_upper(s: Surface, pair: LocalPair) -> f32 {
+    var through = 1.0;
     @if(sheen) {
         let roughness = sheen_roughness(s);
-        return through_fibres(s, max(fibre_side(roughness, light_z).albedo, fibre_side(roughness, view_z).albedo));
+        let light = fibre_side(roughness, abs(pair.light.z)).albedo;
+        through = through_fibres(s, max(light, fibre_side(roughness, pair.view.z).albedo));
     }
-    @else { return 1.0; }
-}
-
-// What coat and fibres let through to the microfacets, and to what lies behind them.
-@if(glossy)
-fn through_upper(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    return through_coat(s, light_z, view_z) * through_sheen(s, light_z, view_z);
+    @if(clearcoat) { through *= through_coat(s, coat_heights(pair)); }
+    return through;
 }
 
 // What all layers let through to the diffuse base.
 @if(glossy)
-fn through_to_base(s: Surface, light_z: f32, view_z: f32) -> f32 {
-    return through_layer(s.dielectric, s.alpha, light_z, view_z) * through_upper(s, light_z, view_z);
+fn through_to_base(s: Surface, pair: LocalPair) -> f32 {
+    return through_layer(s.dielectric, s.alpha, pair.light.z, pair.view.z) * through_upper(s, pair);
 }
 
 // The cosine that Schlick's term is for: that on the side of the lower index of refraction. -1 where all is reflected.
@@ -226,23 +239,41 @@ struct LocalPair {
     light: vec3f,
     // Widths along x and y.
     alpha: vec2f,
+    // Heights of light and view over the coat.
+    @if(coat_normals) coat_heights: vec2f,
+}
+
+// Light and view about the normal of a frame.
+@if(glossy)
+fn pair_about(frame: mat3x3f, s: Surface, direction: vec3f, alpha: vec2f) -> LocalPair {
+    var pair: LocalPair;
+    pair.view = s.view * frame;
+    // A bent shading normal leaves the view about its horizon, never behind it.
+    pair.view.z = max(pair.view.z, 1e-4);
+    pair.light = direction * frame;
+    pair.alpha = max(alpha, vec2f(MIN_ALPHA));
+    @if(coat_normals) { pair.coat_heights = vec2f(dot(direction, s.coat_normal), max(dot(s.view, s.coat_normal), 1e-4)); }
+    return pair;
 }
 
 @if(glossy)
 fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
-    let frame = transpose(shading_frame(s));
-    var view = frame * s.view;
-    // A bent shading normal leaves the view about its horizon, never behind it.
-    view.z = max(view.z, 1e-4);
     var alpha = vec2f(s.alpha);
     @if(anisotropy) { if any(s.tangent != vec3f(0.0)) { alpha.x = s.alpha_along; } }
-    return LocalPair(view, frame * direction, max(alpha, vec2f(MIN_ALPHA)));
+    return pair_about(shading_frame(s), s, direction, alpha);
+}
+
+// Axes about the coat's normal.
+@if(clearcoat)
+fn coat_frame(s: Surface) -> mat3x3f {
+    @if(coat_normals) { return basis(s.coat_normal); }
+    @else { return shading_frame(s); }
 }
 
 // The same of the coat.
 @if(clearcoat)
-fn coat_pair(s: Surface, pair: LocalPair) -> LocalPair {
-    return LocalPair(pair.view, pair.light, vec2f(max(s.coat.y, MIN_ALPHA)));
+fn coat_pair(s: Surface, direction: vec3f) -> LocalPair {
+    return pair_about(coat_frame(s), s, direction, vec2f(s.coat.y));
 }
 
 // GGX, of a half vector about the normal: by its tangent part, which has digits left where alpha is small.
@@ -273,17 +304,22 @@ fn microfacets(pair: LocalPair, h: vec3f) -> f32 {
     return smith_visibility(pair) * ggx_density(h, pair.alpha);
 }
 
-// Light that microfacets reflect, less what the layers above keep from them; and what these reflect.
+// Light that microfacets and fibres reflect, less what the layers above keep from them.
 @if(glossy)
 fn specular_value(s: Surface, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
-    var value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h) * through_sheen(s, pair.light.z, pair.view.z);
-    @if(sheen) { value += sheen_value(s, pair); }
-    @if(clearcoat) {
-        let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
-        return value * through_coat(s, pair.light.z, pair.view.z) + s.coat.x * fresnel * microfacets(coat_pair(s, pair), h);
-    }
-    @else { return value; }
+    let value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h) * through_upper(s, pair);
+    @if(sheen && clearcoat) { return value + sheen_value(s, pair) * through_coat(s, coat_heights(pair)); }
+    @if(sheen && !clearcoat) { return value + sheen_value(s, pair); }
+    @if(!sheen) { return value; }
+}
+
+// What the coat reflects.
+@if(clearcoat)
+fn coat_value(s: Surface, pair: LocalPair) -> f32 {
+    let h = normalize(pair.view + pair.light);
+    let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
+    return s.coat.x * fresnel * microfacets(pair, h);
 }
 
 // The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely
@@ -317,17 +353,25 @@ fn transmitted_value(s: Surface, pair: LocalPair) -> vec3f {
     let found = passing(s, pair);
     let view_h = dot(pair.view, found.normal);
     let value = transmittance(s, view_h) * (4.0 * view_h * found.jacobian * s.eta * s.eta * microfacets(pair, found.normal));
-    return value * through_upper(s, -pair.light.z, pair.view.z);
+    return value * through_upper(s, pair);
 }
 
-// The BSDF less its diffuse part, for light from the unit `direction`. Negative where the layers keep more from the base
-// than they reflect this way.
+// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers keep more
+// from the base than they reflect this way. The cosine is to the normal of each lobe, as KHR_materials_clearcoat has it: so a
+// coat whose normal is not the base's reflects no more than one that has it.
 fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @if(glossy) {
         let pair = local_pair(s, direction);
-        @if(transmission) { if bsdf_passes(s, direction) { return transmitted_value(s, pair); } }
-        if !bsdf_faces(s, direction) { return vec3f(0.0); }
-        return specular_value(s, pair) - bsdf_diffuse(s) * (1.0 - through_to_base(s, pair.light.z, pair.view.z));
+        @if(transmission) { if bsdf_passes(s, direction) { return transmitted_value(s, pair) * -pair.light.z; } }
+        var value = vec3f(0.0);
+        if bsdf_faces(s, direction) {
+            value = (specular_value(s, pair) - bsdf_diffuse(s) * (1.0 - through_to_base(s, pair))) * pair.light.z;
+        }
+        @if(clearcoat) {
+            let coat = coat_pair(s, direction);
+            if coat_faces(s, direction) { value += vec3f(coat_value(s, coat) * coat.light.z); }
+        }
+        return value;
     }
     @else { return vec3f(0.0); }
 }
@@ -400,7 +444,9 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
             @if(clearcoat) {
                 let coat_means = lobe_means(s.coat.y);
                 let coat = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), coat_means);
-                return (base * (1.0 - s.coat.x * mean_kept(COAT_REFLECTANCES, s.coat.y)) + s.coat.x * coat) * facing;
+                let below = base * (1.0 - s.coat.x * mean_kept(COAT_REFLECTANCES, s.coat.y)) * facing;
+                @if(coat_normals) { return below + s.coat.x * coat * max(dot(s.coat_normal, s.geometric_normal), 0.0) / PI; }
+                @else { return below + s.coat.x * coat * facing; }
             }
             @else { return base * facing; }
         }
@@ -408,17 +454,12 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
     return s.albedo * facing;
 }
 
-// The BSDF, per steradian; 0 for directions that the surface neither faces nor lets pass.
+// The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor lets pass.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
-    @if(glossy) {
-        let residual = bsdf_residual(s, direction);
-        if !bsdf_faces(s, direction) { return residual; }
-        return residual + bsdf_diffuse(s);
-    }
-    @else {
-        if !bsdf_faces(s, direction) { return vec3f(0.0); }
-        return bsdf_diffuse(s);
-    }
+    var value = vec3f(0.0);
+    if bsdf_faces(s, direction) { value = bsdf_diffuse(s) * dot(direction, s.shading_normal); }
+    @if(glossy) { value += bsdf_residual(s, direction); }
+    return value;
 }
 
 // How often each lobe is sampled, by its share of what is reflected straight back; the diffuse base has the rest.
@@ -431,7 +472,8 @@ struct LobeChances {
 }
 
 @if(glossy)
-fn lobe_chances(s: Surface, view_z: f32) -> LobeChances {
+fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
+    let view_z = pair.view.z;
     var specular = dot(reflectance(s, view_z), vec3f(1.0));
     @if(transmission) { specular += dot(transmittance(s, view_z), vec3f(1.0)); }
     let diffuse = dot(s.albedo, vec3f(1.0)) * through_layer(s.dielectric, s.alpha, view_z, view_z);
@@ -450,7 +492,7 @@ fn lobe_chances(s: Surface, view_z: f32) -> LobeChances {
         below += sheen;
     }
     @if(clearcoat) {
-        let through = through_coat(s, view_z, view_z);
+        let through = through_coat(s, coat_heights(pair).yy);
         let coat = 3.0 * (1.0 - through);
         chances.coat = select(0.0, clamp(coat / (coat + through * below), 0.1, 0.9), s.coat.x > 0.0);
         chances.microfacets *= 1.0 - chances.coat;
@@ -475,7 +517,7 @@ fn visible_density(pair: LocalPair, h: vec3f) -> f32 {
 struct BsdfSample {
     // Unit, from the surface.
     direction: vec3f,
-    // BSDF times cosine over density.
+    // What `bsdf_evaluate` gives over the density.
     weight: vec3f,
     // By solid angle; 0 where the sample went into a surface that lets nothing pass: the path ends.
     pdf: f32,
@@ -487,7 +529,7 @@ struct BsdfSample {
 fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
     @if(glossy) {
         let pair = local_pair(s, direction);
-        let chances = lobe_chances(s, pair.view.z);
+        let chances = lobe_chances(s, pair);
         @if(transmission) {
             if bsdf_passes(s, direction) {
                 let found = passing(s, pair);
@@ -496,7 +538,6 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
                 return chances.microfacets * passing_share(s, view_h) * density;
             }
         }
-        if !bsdf_faces(s, direction) { return 0.0; }
         let h = normalize(pair.view + pair.light);
         var specular = chances.microfacets;
         @if(transmission) { specular *= 1.0 - passing_share(s, dot(pair.view, h)); }
@@ -504,9 +545,14 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
         @if(clearcoat) { diffuse -= chances.coat; }
         @if(sheen) { diffuse -= chances.sheen; }
         var pdf = specular * visible_density(pair, h) + max(diffuse, 0.0) * (pair.light.z / PI);
-        @if(clearcoat) { pdf += chances.coat * visible_density(coat_pair(s, pair), h); }
         // Fibres are sampled alike in all directions, as Estevez and Kulla (2017) found best for lobes so wide.
         @if(sheen) { pdf += chances.sheen / (2.0 * PI); }
+        pdf = select(0.0, pdf, bsdf_faces(s, direction));
+        @if(clearcoat) {
+            let coat = coat_pair(s, direction);
+            let density = visible_density(coat, normalize(coat.view + coat.light));
+            pdf += select(0.0, chances.coat * density, coat_faces(s, direction));
+        }
         return pdf;
     }
     @else {
@@ -520,17 +566,20 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
     let frame = shading_frame(s);
     @if(glossy) {
         let pair = local_pair(s, s.view);
-        let chances = lobe_chances(s, pair.view.z);
+        let chances = lobe_chances(s, pair);
         var below = chances.microfacets;
-        var alpha = pair.alpha;
+        var lobe = pair;
+        @if(clearcoat) let of_coat = u.z >= below && u.z < below + chances.coat;
+        @if(coat_normals) var axes = frame;
         @if(clearcoat) {
             below += chances.coat;
-            if u.z >= chances.microfacets { alpha = coat_pair(s, pair).alpha; }
+            if of_coat { lobe = coat_pair(s, s.view); }
+            @if(coat_normals) { if of_coat { axes = coat_frame(s); } }
         }
-        let h = sample_visible_normal(pair.view, alpha, u.xy);
+        let h = sample_visible_normal(lobe.view, lobe.alpha, u.xy);
         var wide = sample_cosine(u.xy);
         @if(sheen) { if u.z < below + chances.sheen { wide = sample_cone(u.xy, 0.0); } }
-        var local = select(wide, reflect(-pair.view, h), u.z < below);
+        var local = select(wide, reflect(-lobe.view, h), u.z < below);
         @if(transmission) var passed = false;
         @if(transmission) {
             // The lots of the microfacets' lobe come in two parts: those that pass first.
@@ -539,14 +588,21 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
                 if s.eta == 1.0 { local.z = -local.z; } else { local = refract(-pair.view, h, s.eta); }
             }
         }
-        let direction = normalize(frame * local);
+        @if(coat_normals) let direction = normalize(axes * local);
+        @if(!coat_normals) let direction = normalize(frame * local);
         var result = BsdfSample();
         result.direction = direction;
         // Light that is reflected into the surface, or bent out of it, would meet more microfacets: it is left out.
         @if(transmission) { if bsdf_passes(s, direction) != passed { return result; } }
+        // A direction counts to the density of a lobe only where that lobe faces it.
+        @if(coat_normals) {
+            var faced = select(bsdf_faces(s, direction), coat_faces(s, direction), of_coat);
+            @if(transmission) { faced |= passed; }
+            if !faced { return result; }
+        }
         result.pdf = bsdf_pdf(s, direction);
         if result.pdf <= 0.0 { return result; }
-        result.weight = bsdf_evaluate(s, direction) * (abs(dot(direction, s.shading_normal)) / result.pdf);
+        result.weight = bsdf_evaluate(s, direction) / result.pdf;
         @if(transmission) { result.concentration = select(1.0, s.eta * s.eta, bsdf_passes(s, direction)); }
         return result;
     }

@@ -50,6 +50,7 @@ fn pack_surface(s: Surface) -> PackedSurface {
     }
     @if(transmission) { p.tint = vec4f(s.tint, s.eta); }
     @if(clearcoat) { p.lobe = vec4f(s.coat, 0.0, 0.0); }
+    @if(coat_normals) { p.c.w = bitcast<f32>(oct_encode16(s.coat_normal)); }
     @if(sheen) { p.sheen = s.sheen; }
     // A tangent of length 0 has no code: its width is negative.
     @if(anisotropy) {
@@ -92,6 +93,7 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
         s.eta = p.tint.w;
     }
     @if(clearcoat) { s.coat = p.lobe.xy; }
+    @if(coat_normals) { s.coat_normal = oct_decode16(bitcast<u32>(p.c.w)); }
     @if(sheen) { s.sheen = p.sheen; }
     @if(anisotropy) {
         s.alpha_along = p.lobe.z;

@@ -106,43 +106,45 @@ fn crossing_t(inside: Inside, crossing: vec4f) -> f32 {
     return (inside.enter + crossing.w) / inside.scale;
 }
 
-// The nearer of a hit and the first one of the procedural objects.
-fn closest_procedural(ray: Ray, so_far: Hit) -> Hit {
-    var closest = so_far;
-    var closest_inside: Inside;
-    var crossing: vec4f;
+// Where a ray meets a procedural object.
+struct Meeting {
+    // As in a hit: NO_HIT where it meets none.
+    triangle: u32,
+    t: f32,
+    inside: Inside,
+    crossing: vec4f,
+}
+
+// The first of the objects that a ray meets before `t_max`, or the first that is found.
+fn meet_objects(ray: Ray, t_max: f32, any_will_do: bool) -> Meeting {
+    var first: Meeting;
+    first.triangle = NO_HIT;
+    first.t = t_max;
     procedural_spent = 0u;
     for (var i = 0u; i < procedural_count && procedural_spent < PROCEDURAL_RAY_TURNS; i++) {
-        let inside = enter_object(i, ray, closest.t);
+        let inside = enter_object(i, ray, first.t);
         if inside.length <= 0.0 { continue; }
         let met = next_crossing(inside, 0.0);
         let t = crossing_t(inside, met);
-        if met.w > 0.0 && t > ray.t_min && t <= closest.t {
-            closest = Hit(t, 0.0, 0.0, PROCEDURAL | i);
-            closest_inside = inside;
-            crossing = met;
+        if met.w > 0.0 && t > ray.t_min && t <= first.t {
+            first = Meeting(PROCEDURAL | i, t, inside, met);
+            if any_will_do { return first; }
         }
     }
     if procedural_spent >= PROCEDURAL_RAY_TURNS { _ = procedural_lost(false); }
-    if is_procedural(closest.triangle) {
-        let code = oct_wrap(crossing_normal(closest.triangle, closest_inside, crossing));
-        closest.u = code.x;
-        closest.v = code.y;
-    }
-    return closest;
+    return first;
+}
+
+// The nearer of a hit and the first one of the procedural objects.
+fn closest_procedural(ray: Ray, so_far: Hit) -> Hit {
+    let first = meet_objects(ray, so_far.t, false);
+    if first.triangle == NO_HIT { return so_far; }
+    let code = oct_wrap(crossing_normal(first.triangle, first.inside, first.crossing));
+    return Hit(first.t, code.x, code.y, first.triangle);
 }
 
 fn procedurals_occlude(ray: Ray) -> bool {
-    procedural_spent = 0u;
-    for (var i = 0u; i < procedural_count && procedural_spent < PROCEDURAL_RAY_TURNS; i++) {
-        let inside = enter_object(i, ray, ray.t_max);
-        if inside.length <= 0.0 { continue; }
-        let met = next_crossing(inside, 0.0);
-        let t = crossing_t(inside, met);
-        if met.w > 0.0 && t > ray.t_min && t <= ray.t_max { return true; }
-    }
-    if procedural_spent >= PROCEDURAL_RAY_TURNS { _ = procedural_lost(false); }
-    return false;
+    return meet_objects(ray, ray.t_max, true).triangle != NO_HIT;
 }
 
 // The outer normal of a procedural hit.

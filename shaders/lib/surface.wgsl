@@ -18,7 +18,7 @@ import package::lib::constants::{
 override surface_stride: u32;
 @if(textures) override uv_record: u32;
 @if(vertex_colours) override colour_record: u32;
-@if(normal_maps || anisotropy) override tangent_record: u32;
+@if(normal_maps || coat_normals || anisotropy) override tangent_record: u32;
 
 @if(texture_loads) @group(1) @binding(2) var surface_records: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(2) var<storage, read> surface_records: array<vec4u>;
@@ -174,6 +174,7 @@ struct MaterialTexels {
     @if(glossy) specular_colour: vec3f,
     @if(transmission) transmission: f32,
     @if(clearcoat) coat: vec2f,
+    @if(coat_normals) coat_normal: vec3f,
     @if(anisotropy) anisotropy: vec3f,
     @if(sheen) sheen: vec4f,
 }
@@ -203,6 +204,7 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
     @if(glossy) { left |= (u32(words.z != 0u) << 3u) | (u32(more.y != 0u) << 4u) | (u32(more.z != 0u) << 5u); }
     @if(transmission) { left |= u32(lobes.x != 0u) << 6u; }
     @if(clearcoat) { left |= (u32(lobes.y != 0u) << 7u) | (u32(lobes.z != 0u) << 8u); }
+    @if(coat_normals) { left |= u32(more.w != 0u) << 12u; }
     @if(anisotropy) { left |= u32(lobes.w != 0u) << 9u; }
     @if(sheen) { left |= (u32(fibres.x != 0u) << 10u) | (u32(fibres.y != 0u) << 11u); }
     while left != 0u {
@@ -213,6 +215,7 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
         @if(glossy) { slot = select(select(select(slot, words.z, which == 3u), more.y, which == 4u), more.z, which == 5u); }
         @if(transmission) { slot = select(slot, lobes.x, which == 6u); }
         @if(clearcoat) { slot = select(select(slot, lobes.y, which == 7u), lobes.z, which == 8u); }
+        @if(coat_normals) { slot = select(slot, more.w, which == 12u); }
         @if(anisotropy) { slot = select(slot, lobes.w, which == 9u); }
         @if(sheen) { slot = select(select(slot, fibres.x, which == 10u), fibres.y, which == 11u); }
         let texel = texture_at(slot, uv);
@@ -226,6 +229,7 @@ fn material_texels(material: u32, words: vec4u, more: vec4u, hit: Hit) -> Materi
         }
         @if(transmission) { result.transmission = select(result.transmission, texel.x, which == 6u); }
         @if(clearcoat) { result.coat = select(result.coat, texel.xy, vec2<bool>(which == 7u, which == 8u)); }
+        @if(coat_normals) { result.coat_normal = select(result.coat_normal, texel.xyz, which == 12u); }
         @if(anisotropy) { result.anisotropy = select(result.anisotropy, texel.xyz, which == 9u); }
         @if(sheen) { result.sheen = select(result.sheen, texel, vec4<bool>(vec3<bool>(which == 10u), which == 11u)); }
     }
@@ -312,6 +316,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
             }
         }
     }
+    @if(coat_normals) let unmapped = shading_normal;
     var base = m0.xyz;
     var emission = m1.xyz;
     var metallic = m1.w;
@@ -332,18 +337,12 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         @if(normal_maps) {
             if words.w != 0u {
                 let scale = bitcast<f32>(load_material_record(material + 2u).w);
-                let t = mapped_normal(hit, texels.normal, scale, select(-shading_normal, shading_normal, front));
-                shading_normal = select(-t, t, front);
+                shading_normal = mapped_normal(hit, texels.normal, scale, shading_normal, front);
             }
         }
     }
-    // Seen from outside the shading normal's half-space there is no such surface: bend the normal back until the
-    // viewer is in it, as far as needed (Schuessler et al. 2017 discuss the choices).
     let view = -ray.direction;
-    let behind = dot(shading_normal, view);
-    @if(smooth_normals || normal_maps) {
-        if behind < 1e-3 { shading_normal = normalize(shading_normal + (1e-3 - behind) * view); }
-    }
+    @if(smooth_normals || normal_maps) { shading_normal = bent_to(shading_normal, view); }
 
     var surface: Surface;
     surface.geometric_normal = geometric_normal;
@@ -391,6 +390,12 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         @if(textures) { surface.coat *= texels.coat; }
         surface.coat.y *= surface.coat.y;
     }
+    // Without a map of its own the coat is smooth, whatever its base is (KHR_materials_clearcoat).
+    @if(coat_normals) {
+        surface.coat_normal = unmapped;
+        if more.w != 0u { surface.coat_normal = mapped_normal(hit, texels.coat_normal, m7.w, unmapped, front); }
+        surface.coat_normal = bent_to(surface.coat_normal, view);
+    }
     @if(anisotropy) {
         let m9 = bitcast<vec4f>(load_material_record(material + 9u));
         surface.alpha_along = surface.alpha;
@@ -427,7 +432,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
 }
 
 // Tangent and bitangent about a normal on the outer side.
-@if(normal_maps || anisotropy)
+@if(normal_maps || coat_normals || anisotropy)
 fn tangent_frame(hit: Hit, normal: vec3f) -> mat2x3f {
     let record = load_surface_record(hit.triangle * surface_stride + tangent_record);
     let w = 1.0 - hit.u - hit.v;
@@ -438,11 +443,22 @@ fn tangent_frame(hit: Hit, normal: vec3f) -> mat2x3f {
     return mat2x3f(tangent, cross(normal, tangent) * select(1.0, -1.0, (record.w & 1u) != 0u));
 }
 
-// The normal of a normal map, on the outer side.
-@if(normal_maps)
-fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f) -> vec3f {
-    let frame = tangent_frame(hit, normal);
+// The normal of a normal map where the surface has another, both on the viewer's side, which may be the outer one.
+@if(normal_maps || coat_normals)
+fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool) -> vec3f {
+    let outer = select(-normal, normal, front);
+    let frame = tangent_frame(hit, outer);
     if all(frame[0] == vec3f(0.0)) { return normal; }
     let local = (texel * 2.0 - 1.0) * vec3f(scale, scale, 1.0);
-    return normalize(frame * local.xy + max(local.z, 1e-3) * normal);
+    let mapped = normalize(frame * local.xy + max(local.z, 1e-3) * outer);
+    return select(-mapped, mapped, front);
+}
+
+// Seen from outside a shading normal's half-space there is no such surface: the normal, bent back until the viewer is in it, as
+// far as needed (Schuessler et al. 2017 discuss the choices).
+@if(smooth_normals || normal_maps || coat_normals)
+fn bent_to(normal: vec3f, view: vec3f) -> vec3f {
+    let behind = dot(normal, view);
+    if behind >= 1e-3 { return normal; }
+    return normalize(normal + (1e-3 - behind) * view);
 }

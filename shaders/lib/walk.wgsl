@@ -68,7 +68,7 @@ fn reseed(vertex: ptr<function, Vertex>, seed: u32) {
     (*vertex).lobe_and_light = sobol2((*vertex).sample_index, hash2(seed, 2u));
 }
 
-// What is left of the BSDF.
+// What is left of the BSDF, times the cosine.
 fn reflection(vertex: Vertex, direction: vec3f) -> vec3f {
     @if(global_map && glossy) { if vertex.residual { return bsdf_residual(vertex.surface, direction); } }
     return bsdf_evaluate(vertex.surface, direction);
@@ -82,8 +82,7 @@ fn light_at(vertex: Vertex, bounce: u32) -> vec3f {
     // `shade` asks for what arrives on the viewer's side.
     @if(indirect && transmission) { if bounce == 0u && !bsdf_passes(vertex.surface, chosen.direction) { return vec3f(0.0); } }
     let pdf = chosen.pdf * choice.probability;
-    var reflected = reflection(vertex, chosen.direction) * chosen.radiance
-        * (abs(dot(chosen.direction, vertex.surface.shading_normal)) / pdf);
+    var reflected = reflection(vertex, chosen.direction) * chosen.radiance / pdf;
     if all(reflected == vec3f(0.0)) { return vec3f(0.0); }
     if !chosen.delta { reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, chosen.direction)); }
     shadow_rays++;
@@ -130,8 +129,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
         var chosen = bsdf_sample(vertex.surface, vec3f(u, vertex.lobe_and_light.x));
         @if(global_map && glossy) {
             if vertex.residual && chosen.pdf > 0.0 {
-                chosen.weight = bsdf_residual(vertex.surface, chosen.direction)
-                    * (abs(dot(chosen.direction, vertex.surface.shading_normal)) / chosen.pdf);
+                chosen.weight = bsdf_residual(vertex.surface, chosen.direction) / chosen.pdf;
             }
         }
         var going_on = chosen.pdf > 0.0 && any(chosen.weight != vec3f(0.0));
@@ -139,10 +137,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
             throughput *= chosen.weight;
             @if(caustics) {
                 var left = chosen.weight;
-                if bounce == 0u {
-                    left = bsdf_residual(vertex.surface, chosen.direction)
-                        * (abs(dot(chosen.direction, vertex.surface.shading_normal)) / chosen.pdf);
-                }
+                if bounce == 0u { left = bsdf_residual(vertex.surface, chosen.direction) / chosen.pdf; }
                 residual_throughput *= left;
             }
             if bounce >= FIRST_ROULETTE {
@@ -250,8 +245,7 @@ fn met_weight(
         @if(transmission) { shaded = shaded && !bsdf_passes(vertex.surface, chosen.direction); }
         if shaded {
             @if(glossy) {
-                let reflected = bsdf_residual(vertex.surface, chosen.direction) * dot(chosen.direction, vertex.surface.shading_normal);
-                return reflected * passing * (mis_weight(chosen.pdf, f32(light_samples) * pdf) / chosen.pdf);
+                return bsdf_residual(vertex.surface, chosen.direction) * passing * (mis_weight(chosen.pdf, f32(light_samples) * pdf) / chosen.pdf);
             }
             @if(!glossy) { return vec3f(0.0); }
         }

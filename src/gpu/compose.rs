@@ -80,6 +80,8 @@ pub const FEATURES: &[&str] = &[
     "transmission",
     // Scene: some material has a clear coat.
     "clearcoat",
+    // Scene: some material has a coat whose normal is not its base's.
+    "coat_normals",
     // Scene: some material spreads its reflections more along its tangent than across.
     "anisotropy",
     // Scene: some material has a sheen of fibres.

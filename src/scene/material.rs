@@ -26,6 +26,7 @@ impl Default for Material {
             volume: None,
             clearcoat: 0.0,
             clearcoat_roughness: 0.0,
+            clearcoat_normal_scale: 1.0,
             anisotropy: 0.0,
             anisotropy_rotation: 0.0,
             sheen_colour: Vec3::ZERO,
@@ -44,11 +45,33 @@ impl Default for Material {
             transmission_texture: None,
             clearcoat_texture: None,
             clearcoat_roughness_texture: None,
+            clearcoat_normal_texture: None,
             anisotropy_texture: None,
             sheen_colour_texture: None,
             sheen_roughness_texture: None,
         }
     }
+}
+
+/// The one list of the textures that are seen in an image, of the material before the dot.
+macro_rules! shown_slots {
+    ($($material:tt)+) => {
+        [
+            $($material)+.base_colour_texture,
+            $($material)+.metallic_roughness_texture,
+            $($material)+.normal_texture,
+            $($material)+.emissive_texture,
+            $($material)+.specular_texture,
+            $($material)+.specular_colour_texture,
+            $($material)+.transmission_texture,
+            $($material)+.clearcoat_texture,
+            $($material)+.clearcoat_roughness_texture,
+            $($material)+.clearcoat_normal_texture,
+            $($material)+.anisotropy_texture,
+            $($material)+.sheen_colour_texture,
+            $($material)+.sheen_roughness_texture,
+        ]
+    };
 }
 
 impl Material {
@@ -59,22 +82,15 @@ impl Material {
 
     /// The textures that are seen in an image: all but occlusion.
     pub fn shown_slots(&self) -> impl Iterator<Item = &TextureSlot> {
-        [
-            &self.base_colour_texture,
-            &self.metallic_roughness_texture,
-            &self.normal_texture,
-            &self.emissive_texture,
-            &self.specular_texture,
-            &self.specular_colour_texture,
-            &self.transmission_texture,
-            &self.clearcoat_texture,
-            &self.clearcoat_roughness_texture,
-            &self.anisotropy_texture,
-            &self.sheen_colour_texture,
-            &self.sheen_roughness_texture,
-        ]
-        .into_iter()
-        .flatten()
+        shown_slots!(&self).into_iter().flatten()
+    }
+
+    /// The same material without any texture.
+    pub(super) fn without_textures(mut self) -> Material {
+        for slot in shown_slots!(&mut self) {
+            *slot = None;
+        }
+        Material { occlusion_texture: None, ..self }
     }
 }
 
@@ -188,8 +204,9 @@ impl Reader<'_, '_> {
             m.clearcoat_roughness = coat.number_in("clearcoatRoughnessFactor", 0.0, 0.0..=1.0)?;
             m.clearcoat_texture = self.slot(&coat, "clearcoatTexture", Linear)?;
             m.clearcoat_roughness_texture = self.slot(&coat, "clearcoatRoughnessTexture", Linear)?;
-            if coat.get("clearcoatNormalTexture")?.is_some() {
-                self.notes.push("normal maps of clear coats are not supported: coats have their bases' normals");
+            m.clearcoat_normal_texture = self.slot(&coat, "clearcoatNormalTexture", Linear)?;
+            if let Some(normal) = coat.get("clearcoatNormalTexture")? {
+                m.clearcoat_normal_scale = normal.number_in("scale", 1.0, ..)?;
             }
         }
         if let Some(anisotropy) = json.extension("KHR_materials_anisotropy")? {

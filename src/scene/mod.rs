@@ -170,6 +170,8 @@ pub struct Material {
     pub clearcoat: f32,
     /// KHR_materials_clearcoat roughness, 0 to 1.
     pub clearcoat_roughness: f32,
+    /// Scale of the clear coat's normal texture's x and y.
+    pub clearcoat_normal_scale: f32,
     /// KHR_materials_anisotropy strength, 0 to 1.
     pub anisotropy: f32,
     /// KHR_materials_anisotropy rotation from the tangent, counter-clockwise, in radians.
@@ -207,6 +209,8 @@ pub struct Material {
     pub clearcoat_texture: Option<TextureSlot>,
     /// Roughness of the clear coat in G.
     pub clearcoat_roughness_texture: Option<TextureSlot>,
+    /// Tangent-space normal of the clear coat, which is smooth where there is none, whatever its base is.
+    pub clearcoat_normal_texture: Option<TextureSlot>,
     /// Direction of anisotropy in R and G, its strength in B.
     pub anisotropy_texture: Option<TextureSlot>,
     /// Sheen colour (sRGB).

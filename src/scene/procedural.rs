@@ -87,7 +87,8 @@ pub(super) fn read<'a>(
 pub(super) fn place(placed: Vec<Placed>, scene: &mut Scene) -> Result<()> {
     for Placed { node, world, object, .. } in placed {
         let to_own = to_own(&world, &scene.normalisation);
-        let to_own = to_own.ok_or_else(|| node.error("is scaled to nothing, and has a procedural object"))?;
+        let to_own =
+            to_own.ok_or_else(|| node.error("has a procedural object, and is scaled to nothing or without bound"))?;
         scene.procedurals.push(Procedural { to_own, ..object });
     }
     Ok(())
@@ -97,12 +98,15 @@ pub(super) fn place(placed: Vec<Placed>, scene: &mut Scene) -> Result<()> {
 fn function(json: &Json, role: Role, resources: &mut Resources, builder: &mut Builder) -> Result<u32> {
     let source = json.require("source")?;
     let bytes = resources.resolve(&source)?;
-    let text = std::str::from_utf8(&bytes).map_err(|_| source.error("is not text in UTF-8"))?;
-    let name = json.require("function")?;
     let named = |problem: String| {
         let file = source.string().ok().filter(|uri| !uri.starts_with("data:")).unwrap_or("the functions");
         source.error(format!("{file}: {problem}"))
     };
+    let text = std::str::from_utf8(&bytes).map_err(|e| {
+        let line = 1 + bytes[..e.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+        named(format!("line {line}: is not text in UTF-8"))
+    })?;
+    let name = json.require("function")?;
     builder.function(text, name.string()?, role).map_err(named)
 }
 
@@ -134,23 +138,5 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
     note(material.alpha != AlphaMode::Opaque, "alpha");
     note(material.anisotropy > 0.0, "anisotropy");
     note(material.emissive != Vec3::ZERO, "emission");
-    Material {
-        alpha: AlphaMode::Opaque,
-        anisotropy: 0.0,
-        emissive: Vec3::ZERO,
-        base_colour_texture: None,
-        metallic_roughness_texture: None,
-        normal_texture: None,
-        occlusion_texture: None,
-        emissive_texture: None,
-        specular_texture: None,
-        specular_colour_texture: None,
-        transmission_texture: None,
-        clearcoat_texture: None,
-        clearcoat_roughness_texture: None,
-        anisotropy_texture: None,
-        sheen_colour_texture: None,
-        sheen_roughness_texture: None,
-        ..material
-    }
+    Material { alpha: AlphaMode::Opaque, anisotropy: 0.0, emissive: Vec3::ZERO, ..material.without_textures() }
 }

@@ -41,8 +41,8 @@ impl Layout {
         let uv1 = features.has("uv1");
         let uv = take("textures", if uv1 { 3 } else { 2 });
         let colour = take("vertex_colours", 2);
-        let tangents = if features.has("normal_maps") { "normal_maps" } else { "anisotropy" };
-        let tangent = take(tangents, 1);
+        let tangents = ["normal_maps", "coat_normals", "anisotropy"].into_iter().find(|name| features.has(name));
+        let tangent = tangents.and_then(|name| take(name, 1));
         Layout { uv, uv1, colour, tangent, stride }
     }
 }
@@ -124,7 +124,8 @@ fn push_triangle(records: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle
 /// has no tangents, without MikkTSpace's averaging between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];
-    let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| t.uv_set as usize);
+    let set = [material.normal_texture, material.clearcoat_normal_texture, material.anisotropy_texture];
+    let set = set.into_iter().flatten().next().map_or(0, |slot| slot.uv_set as usize);
     let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize]);
     let (e1, e2) = (b.position - a.position, c.position - a.position);
     let (d1, d2) = (b.uv[set] - a.uv[set], c.uv[set] - a.uv[set]);
@@ -174,9 +175,9 @@ fn material_records(scene: &Scene, m: &Material, slots: &MaterialSlots) -> [[u32
         bits([m.roughness, f0, m.specular, m.normal_scale]),
         bits(m.specular_colour.extend(cutoff).to_array()),
         [flags, slots.base_colour, slots.metallic_roughness, slots.normal],
-        [slots.emissive, slots.specular, slots.specular_colour, 0],
+        [slots.emissive, slots.specular, slots.specular_colour, slots.clearcoat_normal],
         bits([m.transmission, red, green, blue]),
-        bits([refraction, m.clearcoat, m.clearcoat_roughness, 0.0]),
+        bits([refraction, m.clearcoat, m.clearcoat_roughness, m.clearcoat_normal_scale]),
         [slots.transmission, slots.clearcoat, slots.clearcoat_roughness, slots.anisotropy],
         bits([m.anisotropy, m.anisotropy_rotation.cos(), m.anisotropy_rotation.sin(), 0.0]),
         bits(m.sheen_colour.extend(m.sheen_roughness).to_array()),

@@ -57,7 +57,7 @@ impl Choice {
         }
         let lobed = [
             Material { transmission: 1.0, ..plain.clone() },
-            Material { clearcoat: 1.0, ..plain.clone() },
+            Material { clearcoat: 1.0, clearcoat_normal_texture: slot(0).filter(|_| self.has(48)), ..plain.clone() },
             Material { specular: 1.0, anisotropy: 0.5, ..plain.clone() },
             Material { sheen_colour: Vec3::ONE, ..plain },
         ];
@@ -189,6 +189,7 @@ fn features_that_are_not_needed_change_nothing() {
         "glossy",
         "transmission",
         "clearcoat",
+        "coat_normals",
         "anisotropy",
         "sheen",
         "alpha_test",

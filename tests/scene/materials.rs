@@ -1,6 +1,8 @@
 //! Materials, textures and samplers.
 
 use glam::{Vec2, Vec3, Vec4};
+use penumbra::Settings;
+use penumbra::needs::Needs;
 use penumbra::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
 use serde_json::{Value, json};
 
@@ -81,6 +83,39 @@ fn sheen() {
     // Without a colour there are no fibres.
     let none = material(json!({ "extensions": { "KHR_materials_sheen": {} } }));
     assert_eq!((none.sheen_colour, none.sheen_roughness), (Vec3::ZERO, 0.0));
+}
+
+/// Every texture of a coat is read; only a coat whose normal is not its base's has one of its own on the device.
+#[test]
+fn clear_coats() {
+    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let coated = |coat: Value, base: Value| {
+        with_material(json!({ "normalTexture": base, "extensions": { "KHR_materials_clearcoat": coat } }), 3).load()
+    };
+    let mapped = |scale: f64| json!({ "index": 2, "scale": scale });
+    let scene = coated(
+        json!({
+            "clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25, "clearcoatTexture": slot(0, 1),
+            "clearcoatRoughnessTexture": slot(1, 0), "clearcoatNormalTexture": mapped(0.75),
+        }),
+        slot(0, 0),
+    );
+    let m = &scene.materials[0];
+    assert!(!scene.notes.iter().any(|note| note.contains("coat")), "{:?}", scene.notes);
+    assert_eq!((m.clearcoat, m.clearcoat_roughness, m.clearcoat_normal_scale), (0.5, 0.25, 0.75));
+    let slots = [m.clearcoat_texture, m.clearcoat_roughness_texture, m.clearcoat_normal_texture].map(Option::unwrap);
+    assert_eq!(slots.map(|slot| slot.uv_set), [1, 0, 0]);
+    assert!(slots.iter().all(|slot| scene.textures[slot.texture as usize].space == ColourSpace::Linear));
+
+    let has_own =
+        |coat: Value, base: Value| Needs::new(&coated(coat, base), &Settings::default()).features.has("coat_normals");
+    let coat = |normal: Value| json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": normal });
+    assert!(has_own(coat(mapped(1.0)), slot(0, 0)));
+    assert!(has_own(coat(mapped(0.5)), mapped(1.0)));
+    // A coat without a map is smooth over a base that has one (KHR_materials_clearcoat).
+    assert!(has_own(json!({ "clearcoatFactor": 1 }), mapped(1.0)));
+    assert!(!has_own(coat(mapped(1.0)), mapped(1.0)));
+    assert!(!has_own(json!({}), mapped(1.0)));
 }
 
 #[test]

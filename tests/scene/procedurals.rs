@@ -111,7 +111,9 @@ fn bad_extensions_are_refused_where_they_are_bad() {
         ("source", json!("../sphere.wgsl"), "leaves the scene's folder"),
         ("source", json!("/dev/zero"), "leaves the scene's folder"),
         ("source", json!("https://example.org/sphere.wgsl"), "only data URIs and relative paths"),
-        ("source", json!("data:text/plain,%ff"), "UTF-8"),
+        ("source", json!("data:text/plain,%0a%ff"), "line 2: is not text in UTF-8"),
+        ("source", json!("."), "empty path"),
+        ("source", json!(null), "not a string"),
         ("function", json!("cube"), "has no function `cube`"),
         ("function", json!(7), "not a string"),
         ("kind", json!("distance"), "`sphere` is not of the form fn(position: vec3f, parameters: vec4f) -> f32"),
@@ -132,6 +134,8 @@ fn bad_extensions_are_refused_where_they_are_bad() {
     }
     let flat = file(sphere(json!({})), json!({ "scale": [1, 0, 1] })).load_with(&ImportOptions::default());
     assert!(flat.unwrap_err().to_string().contains("scaled to nothing"));
+    let boundless = refused(sphere(json!({ "min": [-3e38, -3e38, -3e38], "max": [3e38, 3e38, 3e38] })));
+    assert!(boundless.contains("without bound"), "{boundless}");
     let mut many = File::new();
     for _ in 0..65 {
         many.add("nodes", json!({ "extensions": { "PENUMBRA_procedural": sphere(json!({})) } }));
@@ -153,6 +157,11 @@ fn bad_functions_are_refused() {
     let sum = format!("return vec4f({}1.0);", "nearest + ".repeat(5000));
     let cases = [
         (String::new(), "has no function `sphere`"),
+        (SPHERE.to_owned() + "\0", "line"),
+        (SPHERE.to_owned() + SPHERE, "redefinition of `sphere`"),
+        ("/* ".to_owned() + SPHERE, "line 1: unterminated"),
+        (SPHERE.replace("sphere", "target"), "line"),
+        (with("", "return vec4f(1 / 0);"), "line 2"),
         ("fn sphere(".to_owned(), "line 1"),
         (with("", "return vec4f(1u);"), "line 2"),
         (with("import package::lib::bvh::trace_closest;", "return vec4f(0.0);"), "line 1"),

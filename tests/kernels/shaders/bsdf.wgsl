@@ -1,7 +1,7 @@
 // What the BSDF module answers, for a test to compare.
 
 import package::lib::dispatch::group_index;
-import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
+import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -9,8 +9,8 @@ override seed: u32;
 // 1: the samples of one sequence; 0: a sequence each, so that they are independent.
 override stratified: u32;
 
-// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal; view; tint and eta;
-// coat, alpha along the tangent +x; sheen.
+// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x; view, coat
+// normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -36,6 +36,7 @@ fn tested_surface() -> Surface {
         s.eta = surface[5].w;
     }
     @if(clearcoat) { s.coat = surface[6].xy; }
+    @if(coat_normals) { s.coat_normal = vec3f(surface[3].w, 0.0, surface[4].w); }
     @if(sheen) { s.sheen = surface[7]; }
     @if(anisotropy) {
         s.tangent = vec3f(1.0, 0.0, 0.0);
@@ -44,7 +45,7 @@ fn tested_surface() -> Surface {
     return s;
 }
 
-// The BSDF and its density, for each direction; then its two parts' sum, where the base reflects.
+// The BSDF times the cosine and its density, for each direction; then its two parts' sum, where the base reflects.
 @compute @workgroup_size(64)
 fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = item(group, groups, lane);
@@ -52,7 +53,7 @@ fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
     let s = tested_surface();
     let direction = directions[i].xyz;
     results[2u * i] = vec4f(bsdf_evaluate(s, direction), bsdf_pdf(s, direction));
-    let base = select(vec3f(0.0), bsdf_diffuse(s), dot(direction, s.shading_normal) > 0.0);
+    let base = select(vec3f(0.0), bsdf_diffuse(s) * dot(direction, s.shading_normal), bsdf_faces(s, direction));
     results[2u * i + 1u] = vec4f(base + bsdf_residual(s, direction), 0.0);
 }
 
