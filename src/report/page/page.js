@@ -44,12 +44,12 @@ function fill(id, names, rows) {
 
 const { reference, device } = report;
 const error = reference.standard_error === null ? "of unknown error" : `with a standard error of ${percent(reference.standard_error)}`;
-element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Numbers in small are 95 % intervals over the runs.`;
+element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique; numbers in small are their 95 % intervals.`;
 element("advice").textContent = report.advice;
 
 fill(
   "techniques",
-  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation"],
+  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
   report.techniques.map((technique) => {
     const last = technique.snapshots.at(-1);
     return [
@@ -63,6 +63,7 @@ fill(
       interval(technique.brightness, percent),
       `${digits(technique.time.setup)} s`,
       `${digits(technique.time.compile)} s`,
+      `${digits(technique.time.warm_up)} s`,
     ];
   }),
 );
