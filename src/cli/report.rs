@@ -210,7 +210,8 @@ impl Bench<'_> {
             if gpu.info != lost {
                 return Err(Error::NoDevice(format!("times on {} are not comparable", gpu.info.name)));
             }
-            arguments.tell(format!("note: the device was lost; what was under way begins anew on another {}", lost.name));
+            arguments
+                .tell(format!("note: the device was lost; what was under way begins anew on another {}", lost.name));
             Ok(gpu)
         };
         recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings }))

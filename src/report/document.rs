@@ -213,7 +213,7 @@ impl Report {
         }
         let comparisons = compare(&entrants);
         let map_left_out = runs.iter().find_map(|run| run.map_left_out.as_deref());
-        let advice = advice(&entrants, &late, &comparisons, map_left_out);
+        let advice = advice(&entrants, reference.floor(), &late, &comparisons, map_left_out);
         Ok(Report {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),

@@ -102,5 +102,5 @@ fn pixels(image: &Image, scale: f32) -> String {
 
 /// A plot that takes the page's colours instead of black on white.
 fn themed(svg: &str) -> String {
-    svg.replace("\"#000000\"", "\"currentColor\"").replace("\"#FFFFFF\"", "\"none\"")
+    svg.replace("\"#000000\"", "\"currentColor\"").replace("\"#FFFFFF\"", "\"var(--back)\"")
 }

@@ -108,6 +108,8 @@ impl Run {
         let mut time = setup;
         // When the last sample was there: what is prepared for the next ones adds nothing to the image.
         let mut sampled = setup;
+        // Until then, for the same reason.
+        let mut passes = subject.gpu.pass_times()?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         // Seconds a sample, once one is known.
         let mut pace = None;
@@ -130,6 +132,7 @@ impl Run {
                 time += took;
                 sampled = time;
                 pace = Some(took / f64::from(renderer.samples() - before));
+                passes = subject.gpu.pass_times()?;
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
             if renderer.samples() > shown && sampled <= LATEST * budget {
@@ -143,7 +146,7 @@ impl Run {
             }
         }
         let mut statistics = renderer.statistics()?;
-        statistics.time.passes = difference(&statistics.time.passes, &passes_before);
+        statistics.time.passes = difference(&passes, &passes_before);
         let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
         Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled, spent: time }))

@@ -77,11 +77,7 @@ pub fn render<T>(
 ///
 /// # Errors
 /// Those of `work`, and of `open` where there is no other device or the device is lost again and again.
-pub fn anew<T>(
-    gpu: &mut Gpu,
-    open: impl Fn() -> Result<Gpu>,
-    mut work: impl FnMut(&Gpu) -> Result<T>,
-) -> Result<T> {
+pub fn anew<T>(gpu: &mut Gpu, open: impl Fn() -> Result<Gpu>, mut work: impl FnMut(&Gpu) -> Result<T>) -> Result<T> {
     let mut losses = 0;
     loop {
         match work(gpu) {
