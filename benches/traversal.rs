@@ -61,8 +61,10 @@ impl Bench<'_> {
     fn run(&self, entry: &str, rays: &Rays) -> Result<(f64, f64, Vec<[f32; 4]>)> {
         let gpu = self.gpu;
         let count = rays.len() / 2;
-        let features =
-            Features::default().with("texture_loads", gpu.texture_loads).with("interleave", gpu.texture_loads);
+        let features = Features::default()
+            .with("texture_loads", gpu.texture_loads)
+            .with("interleave", gpu.texture_loads)
+            .with("shallow_bvh", self.bvh.is_shallow());
         let composed = compose::compose_source("traversal", KERNEL, &features)?;
         let kernel = Kernel::new(gpu, &composed, &[("ray_count", count as f64)], &["answers"])?;
         let nodes = gpu.table("bench/bvh_nodes", &self.bvh.nodes, TableFormat::Uint)?;

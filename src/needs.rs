@@ -4,6 +4,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
+use crate::bvh::Bvh;
 use crate::gpu::Features;
 use crate::passes::cells;
 use crate::passes::grid::MAX_LIGHTS;
@@ -312,6 +313,11 @@ impl Needs {
             let cost = format!("{} of film", bytes_text(pixels * 32));
             self.decide(feature, on, "asked for".into(), "not asked for", &cost);
         }
+    }
+
+    /// What is decided once there is a hierarchy, which a plan does without.
+    pub(crate) fn of_hierarchy(&mut self, bvh: &Bvh) {
+        self.features = std::mem::take(&mut self.features).with("shallow_bvh", bvh.is_shallow());
     }
 
     /// Leaves the visibility map out, and what there is for it, once a render has found that it does not pay.

@@ -28,6 +28,9 @@ const FIRST_DEPTH: u32 = 56;
 /// Entries of a kernel's traversal stack.
 const STACK_SIZE: u32 = constant_in(include_str!("../../shaders/lib/bvh.wgsl"), "const STACK_SIZE = ");
 
+/// Most levels of a hierarchy whose traversals keep their stack in four registers (the feature `shallow_bvh`).
+const SHALLOW: u32 = 5;
+
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
@@ -86,6 +89,11 @@ pub struct Bvh {
 }
 
 impl Bvh {
+    /// Whether kernels can be composed with the feature `shallow_bvh`, which traverses it faster.
+    pub fn is_shallow(&self) -> bool {
+        self.depth <= SHALLOW
+    }
+
     /// Builds the hierarchy over triangles given by their corners, of any number (0 included) and shape.
     ///
     /// The same triangles give the same hierarchy, however many threads there are.

@@ -62,6 +62,8 @@ pub const FEATURES: &[&str] = &[
     "texture_loads",
     // Device: workgroups are interleaved between two threads.
     "interleave",
+    // Scene: the hierarchy has few levels.
+    "shallow_bvh",
     // Scene: some material has a texture.
     "textures",
     // Scene: some material uses the second set of texture coordinates.

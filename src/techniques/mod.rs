@@ -207,7 +207,8 @@ impl<'g> Renderer<'g> {
         totals.bvh_depth = bvh.depth;
         totals.time_bvh = start.elapsed().as_secs_f64();
 
-        let needs = Needs::new(&scene, settings);
+        let mut needs = Needs::new(&scene, settings);
+        needs.of_hierarchy(&bvh);
         let features = device_features(gpu, needs.features.clone());
         let size = [settings.width, settings.height];
         let tables = SceneTables::new(gpu, &scene, bvh, camera, size, &features)?;

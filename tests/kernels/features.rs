@@ -126,7 +126,8 @@ impl Choice {
             ..Settings::default()
         };
         let needs = Needs::new(&self.scene(), &settings);
-        needs.features.with("texture_loads", self.has(27)).with("interleave", self.has(28))
+        let features = needs.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
+        features.with("shallow_bvh", self.has(60))
     }
 }
 

@@ -40,7 +40,9 @@ struct Traced {
 
 impl Traced {
     fn new(triangles: &[Triangle]) -> Self {
-        Traced { bvh: Bvh::build(triangles).unwrap(), features: device_features(gpu()) }
+        let bvh = Bvh::build(triangles).unwrap();
+        let features = device_features(gpu()).with("shallow_bvh", bvh.is_shallow());
+        Traced { bvh, features }
     }
 
     fn run(&self, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
@@ -202,12 +204,15 @@ fn closed_box(half: f32) -> Vec<Triangle> {
 }
 
 /// Random soups of 1 to 5,000 triangles: the nearest of them, or none, as a loop over all of them finds; the same
-/// through textures and through storage buffers; and the same bits as the kernel's own loop over all slots.
+/// through textures and through storage buffers, with a stack of registers where that holds what waits and with one in
+/// memory; and the same bits as the kernel's own loop over all slots.
 #[test]
 fn closest_hits_are_those_of_all_triangles() {
     let rays = random_rays(2000);
-    for (count, size) in [(1, 1.0), (2, 1.0), (3, 1.0), (5, 0.8), (64, 0.5), (5000, 0.1)] {
+    let mut depths = Vec::new();
+    for (count, size) in [(1, 1.0), (2, 1.0), (3, 1.0), (5, 0.8), (64, 0.5), (200, 0.3), (5000, 0.1)] {
         let mut traced = Traced::new(&soup(count, size));
+        depths.push(traced.bvh.depth);
         let answers = traced.closest(&rays);
         let (wrong, unsure) = compare(&traced, &rays, &answers);
         assert!(wrong.is_empty(), "{count} triangles: {}", wrong.join("\n"));
@@ -218,7 +223,22 @@ fn closest_hits_are_those_of_all_triangles() {
         assert_eq!(answers, exhaustive, "{count} triangles");
         traced.features = traced.features.clone().with("texture_loads", !traced.features.has("texture_loads"));
         assert_eq!(answers, traced.closest(&rays), "{count} triangles, the other kind of table");
+        traced.features = traced.features.clone().with("shallow_bvh", false);
+        assert_eq!(answers, traced.closest(&rays), "{count} triangles, a stack in memory");
     }
+    let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();
+    assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");
+}
+
+/// Four registers are too few for what waits in a deeper hierarchy: the comparison sees it.
+#[test]
+fn a_stack_that_overflows_is_found() {
+    let rays = random_rays(2000);
+    let mut traced = Traced::new(&soup(5000, 0.1));
+    assert!(!traced.bvh.is_shallow());
+    traced.features = traced.features.clone().with("shallow_bvh", true);
+    let answers = traced.closest(&rays);
+    assert!(!compare(&traced, &rays, &answers).0.is_empty());
 }
 
 /// A wrong triangle, a hit missed and a distance off by one in a thousand are found.
