@@ -72,6 +72,7 @@ fill(
     ];
   }),
 );
+element("against").hidden = report.comparisons.length === 0;
 fill(
   "comparisons",
   ["technique", "at time", "error ratio", "at relMSE", "time ratio"],
