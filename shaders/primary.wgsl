@@ -45,8 +45,7 @@ fn primary(
     if i >= tile.point_count { return; }
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    var within = vec2f(0.5);
-    if tile.centred == 0u { within = sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)); }
+    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));

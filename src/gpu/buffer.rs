@@ -33,6 +33,15 @@ pub fn whole_rows(records: usize) -> usize {
     records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
 }
 
+/// Rows of the texture of a table that has some to fill. Never a power of two: drivers on the CPU (llvmpipe) translate a kernel
+/// once more for textures that are as high as that.
+pub(super) fn table_rows(rows: u32) -> u32 {
+    match rows {
+        0..3 => 3,
+        _ => rows + u32::from(rows.is_power_of_two()),
+    }
+}
+
 /// What buffers are filled with before a kernel under test runs: a word that is no small count and, read as
 /// a float, is NaN, so that a word the kernel forgot shows.
 pub const POISON: u32 = 0xffff_dead;
@@ -150,8 +159,7 @@ impl Gpu {
         }
         let texture = self.table_texture(label, records.len(), format)?;
         let mut padded = bytemuck::cast_slice::<_, u8>(records).to_vec();
-        let row_bytes = (TABLE_WIDTH * 16) as usize;
-        padded.resize(padded.len().next_multiple_of(row_bytes).max(row_bytes), 0);
+        padded.resize((texture.height() * TABLE_WIDTH * 16) as usize, 0);
         self.queue.write_texture(
             texture.as_image_copy(),
             &padded,
@@ -166,7 +174,8 @@ impl Gpu {
     /// # Errors
     /// [`Error::Buffer`] if the device has no texture of that height.
     pub fn table_texture(&self, label: &str, count: usize, format: TableFormat) -> Result<wgpu::Texture> {
-        let height = count.div_ceil(TABLE_WIDTH as usize).max(1) as u64;
+        let rows = count.div_ceil(TABLE_WIDTH as usize);
+        let height = u32::try_from(rows).map_or(rows as u64, |rows| u64::from(table_rows(rows)));
         if height > u64::from(self.limits.max_texture_dimension_2d) {
             return Err(Error::Buffer {
                 buffer: label.to_owned(),

@@ -1,9 +1,10 @@
 //! Choosing and opening a Vulkan device.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::{Error, Result};
 
+use super::ahead::Undispatched;
 use super::frame::Timer;
 
 /// Which device to use.
@@ -67,6 +68,8 @@ pub struct Gpu {
     pub texture_loads: bool,
     pub(super) limits: wgpu::Limits,
     pub(super) timer: Mutex<Timer>,
+    pub(super) adapter: wgpu::Adapter,
+    undispatched: Mutex<Vec<Undispatched>>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
@@ -114,6 +117,18 @@ fn rank(kind: &str) -> usize {
     ["discrete gpu", "integrated gpu", "virtual gpu", "other", "software"].iter().position(|k| *k == kind).unwrap_or(5)
 }
 
+/// A device of the adapter, with what kernels need.
+pub(super) fn request(
+    adapter: &wgpu::Adapter,
+) -> std::result::Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
+    pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        label: Some("penumbra"),
+        required_features: REQUIRED | (adapter.features() & WELCOME),
+        required_limits: adapter.limits(),
+        ..Default::default()
+    }))
+}
+
 const REMEDY: &str = "run through scripts/with-vulkan, which installs the software device lavapipe";
 
 impl Gpu {
@@ -155,14 +170,8 @@ impl Gpu {
         if !features.contains(REQUIRED) {
             return Err(Error::NoDevice(format!("{} lacks {:?}; choose another with --device", info.name, REQUIRED)));
         }
-        let limits = adapter.limits();
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
-            label: Some("penumbra"),
-            required_features: REQUIRED | (features & WELCOME),
-            required_limits: limits.clone(),
-            ..Default::default()
-        }))
-        .map_err(|e| Error::NoDevice(format!("{} does not open: {e}", info.name)))?;
+        let (device, queue) =
+            request(adapter).map_err(|e| Error::NoDevice(format!("{} does not open: {e}", info.name)))?;
 
         let fault = Arc::new(Mutex::new(None));
         let seen = fault.clone();
@@ -182,7 +191,13 @@ impl Gpu {
         });
         let timer = Mutex::new(Timer::new(&device, &queue, info.timestamps));
         let texture_loads = info.is_software();
-        Ok(Gpu { device, queue, info, texture_loads, limits, timer, fault })
+        let (limits, adapter) = (adapter.limits(), adapter.clone());
+        Ok(Gpu { device, queue, info, texture_loads, limits, timer, adapter, undispatched: Mutex::default(), fault })
+    }
+
+    /// The entry points that have not been dispatched.
+    pub(super) fn undispatched(&self) -> MutexGuard<'_, Vec<Undispatched>> {
+        self.undispatched.lock().unwrap_or_else(|e| e.into_inner())
     }
 
     /// What went wrong on the device since it was opened, if anything did. `at` names what was under way.

@@ -1,6 +1,7 @@
 //! Kernels: pipelines whose bindings are found by WGSL variable name.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use wgpu::naga;
 
@@ -143,13 +144,24 @@ impl Kernel {
                 return Err(Error::kernel(kernel, format!("has no binding '{name}'")));
             }
         }
-        let shader = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(kernel),
-            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module.clone())),
-        });
+        let source = Source::new(composed, constants);
+        let shader = source.shader(&gpu.device);
         let mut entries = BTreeMap::new();
         for (index, entry) in module.entry_points.iter().enumerate() {
-            entries.insert(entry.name.clone(), Entry::new(gpu, composed, index, &shader, constants)?);
+            let interface = Interface::new(composed, index)?;
+            let built = interface.build(&gpu.device, &source, &shader);
+            gpu.compile_later(&source, &interface, &built);
+            let groups = built.layouts.into_iter().zip(interface.groups);
+            let names = |group: Vec<Variable>| group.into_iter().map(|v| (v.layout.binding, v.name)).collect();
+            entries.insert(
+                entry.name.clone(),
+                Entry {
+                    pipeline: built.pipeline,
+                    groups: groups.map(|(layout, group)| (layout, names(group))).collect(),
+                    workgroup_size: entry.workgroup_size.iter().product(),
+                    immediate_bytes: interface.immediate_bytes,
+                },
+            );
         }
         gpu.check(kernel)?;
         Ok(Kernel { name: kernel.to_owned(), entries })
@@ -199,26 +211,66 @@ impl Kernel {
     }
 }
 
-impl Entry {
-    fn new(
-        gpu: &Gpu,
-        composed: &Composed,
-        index: usize,
-        shader: &wgpu::ShaderModule,
-        constants: &[(&str, f64)],
-    ) -> Result<Entry> {
+/// What pipelines are made of: a composed kernel and its constants.
+pub(super) struct Source {
+    module: naga::Module,
+    constants: Vec<(String, f64)>,
+}
+
+impl Source {
+    fn new(composed: &Composed, constants: &[(&str, f64)]) -> Arc<Source> {
+        let constants = constants.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        Arc::new(Source { module: composed.module.clone(), constants })
+    }
+
+    pub(super) fn shader(&self, device: &wgpu::Device) -> wgpu::ShaderModule {
+        device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: None,
+            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(self.module.clone())),
+        })
+    }
+}
+
+/// A variable that is bound.
+#[derive(Clone)]
+pub(super) struct Variable {
+    pub(super) layout: wgpu::BindGroupLayoutEntry,
+    /// Bytes that it has at least.
+    pub(super) least_bytes: u64,
+    pub(super) name: String,
+}
+
+/// What an entry point asks of the host.
+#[derive(Clone)]
+pub(super) struct Interface {
+    pub(super) kernel: String,
+    entry: String,
+    /// The variables by group.
+    pub(super) groups: Vec<Vec<Variable>>,
+    pub(super) immediate_bytes: u32,
+}
+
+/// A pipeline with the layouts of its groups.
+#[derive(Clone)]
+pub(super) struct Built {
+    pub(super) layouts: Vec<wgpu::BindGroupLayout>,
+    pub(super) pipeline: wgpu::ComputePipeline,
+}
+
+impl Interface {
+    fn new(composed: &Composed, index: usize) -> Result<Interface> {
         let module = &composed.module;
-        let entry = &module.entry_points[index];
         let uses = composed.info.get_entry_point(index);
-        let mut layouts: BTreeMap<u32, Vec<(wgpu::BindGroupLayoutEntry, String)>> = BTreeMap::new();
+        let mut groups: Vec<Vec<Variable>> = Vec::new();
         let mut immediate_bytes = 0;
         for (handle, variable) in module.global_variables.iter() {
             if uses[handle].is_empty() {
                 continue;
             }
             let name = variable.name.clone().unwrap_or_default();
+            let bytes = module.types[variable.ty].inner.size(module.to_ctx());
             if variable.space == naga::AddressSpace::Immediate {
-                immediate_bytes = module.types[variable.ty].inner.size(module.to_ctx());
+                immediate_bytes = bytes;
             }
             let Some(binding) = &variable.binding else { continue };
             let ty = binding_type(module, variable).ok_or_else(|| {
@@ -230,39 +282,44 @@ impl Entry {
                 ty,
                 count: None,
             };
-            layouts.entry(binding.group).or_default().push((layout, name));
+            let group = binding.group as usize;
+            groups.resize_with(groups.len().max(group + 1), Vec::new);
+            groups[group].push(Variable { layout, least_bytes: u64::from(bytes), name });
         }
-        let label = format!("{}/{}", composed.kernel, entry.name);
-        let last = layouts.keys().last().map_or(0, |g| g + 1);
-        let mut groups = Vec::new();
-        for group in 0..last {
-            let variables = layouts.remove(&group).unwrap_or_default();
-            let entries: Vec<_> = variables.iter().map(|(layout, _)| *layout).collect();
-            let layout = gpu
-                .device
-                .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries });
-            groups.push((layout, variables.into_iter().map(|(l, name)| (l.binding, name)).collect()));
-        }
-        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        let entry = module.entry_points[index].name.clone();
+        Ok(Interface { kernel: composed.kernel.clone(), entry, groups, immediate_bytes })
+    }
+
+    pub(super) fn label(&self) -> String {
+        format!("{}/{}", self.kernel, self.entry)
+    }
+
+    pub(super) fn build(&self, device: &wgpu::Device, source: &Source, shader: &wgpu::ShaderModule) -> Built {
+        let label = self.label();
+        let layout = |variables: &Vec<Variable>| {
+            let entries: Vec<_> = variables.iter().map(|variable| variable.layout).collect();
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries })
+        };
+        let layouts: Vec<_> = self.groups.iter().map(layout).collect();
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(&label),
-            bind_group_layouts: &groups.iter().map(|(layout, _)| Some(layout)).collect::<Vec<_>>(),
-            immediate_size: immediate_bytes,
+            bind_group_layouts: &layouts.iter().map(Some).collect::<Vec<_>>(),
+            immediate_size: self.immediate_bytes,
         });
-        let used: Vec<(&str, f64)> = constants.to_vec();
-        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let constants: Vec<_> = source.constants.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(&label),
             layout: Some(&layout),
             module: shader,
-            entry_point: Some(&entry.name),
+            entry_point: Some(&self.entry),
             compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &used,
+                constants: &constants,
                 // Kernels write their shared memory before they read it; clearing it first is work for nothing.
                 zero_initialize_workgroup_memory: false,
             },
             cache: None,
         });
-        let workgroup_size = entry.workgroup_size.iter().product();
-        Ok(Entry { pipeline, groups, workgroup_size, immediate_bytes })
+        Built { layouts, pipeline }
     }
 }
 

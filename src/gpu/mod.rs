@@ -4,6 +4,7 @@
 //! poison its outputs ([`Gpu::poisoned`]), bind them by their WGSL names ([`Resources`]), run it
 //! ([`Gpu::frame`]) and read back ([`Gpu::read`]).
 
+mod ahead;
 pub mod buffer;
 pub mod compose;
 pub mod device;

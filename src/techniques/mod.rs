@@ -217,6 +217,7 @@ impl<'g> Renderer<'g> {
         let start = Instant::now();
         let constants = tables.constants();
         let kernels = Kernels::new(gpu, &features, &constants, settings)?;
+        gpu.compile_ahead(&tables)?;
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
@@ -436,6 +437,7 @@ impl<'g> Renderer<'g> {
         let start = Instant::now();
         let features = device_features(self.gpu, self.needs.features.clone());
         let kernels = direct::Kernels::new(self.gpu, &features, &self.tables.constants(), &self.settings)?;
+        self.gpu.compile_ahead(&self.tables)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
         let points = self.rows * self.settings.width * self.layers;
         let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
