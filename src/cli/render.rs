@@ -1,5 +1,6 @@
 //! `penumbra render`.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -240,7 +241,19 @@ impl Arguments {
                 "--noise needs a technique without bias, and audits where photons decide: nothing else tells the error";
             return Err(Error::Usage(problem.into()));
         }
-        self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)
+        self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
+        // None of them may take the place of another, or of the scene.
+        let mut named = BTreeSet::new();
+        for path in [&self.scene.scene].into_iter().chain(&self.output).chain(&self.stats).chain(&self.checkpoint) {
+            let whole = fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.clone());
+            if !named.insert(whole) {
+                let file = path.display();
+                return Err(Error::Usage(format!(
+                    "{file} is named twice: each file that is written needs its own name"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Imports the scene while the device opens. A bad file is the error to report, whatever the device says.

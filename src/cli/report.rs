@@ -6,14 +6,16 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use penumbra::film;
+use penumbra::gpu::Gpu;
 use penumbra::report::classes::{Classes, Truth};
-use penumbra::report::document::{LEAST_REPEATS, Overhead, Report};
+use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
 use penumbra::report::page::page;
 use penumbra::report::plot;
 use penumbra::report::reference::{Making, Reference, cache_folder};
-use penumbra::report::run::{Run, Subject};
+use penumbra::report::run::{Run, Subject, warm_up};
 use penumbra::report::sweep::{self, Sweep};
-use penumbra::{Error, Result, Technique};
+use penumbra::techniques::recovery;
+use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
 use super::interrupt::Interrupt;
 use super::options::{DeviceOptions, SceneOptions, SettingsOptions, positive, read_reference, techniques};
@@ -41,7 +43,8 @@ pub struct Arguments {
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [0.5, 1.0, 2.0, 5.0, 10.0, 30.0], value_parser = positive, help_heading = "Report")]
     budgets: Vec<f64>,
 
-    /// Runs of each technique, with seeds from --seed on: at least 3, as intervals come from their differences
+    /// Runs of each technique, with seeds from --seed on: at least 3, as intervals come from their differences. All runs of all
+    /// techniques last as long as the longest budget
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = "Report")]
     repeats: usize,
 
@@ -80,73 +83,89 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.sweep.iter().try_for_each(|range| range.check(&settings))?;
     let given = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
     let gpu = arguments.device.open()?;
-    let subject = Subject { gpu: &gpu, scene: &scene, camera: &camera, settings: &settings };
-    let folder = cache_folder(&cache, &subject);
+    let mut bench = Bench { arguments, scene: &scene, camera: &camera, settings: &settings, gpu };
+    let folder = cache_folder(&cache, &bench.subject());
 
     interrupt.defer();
     let stop = || interrupt.raised();
-    let tell = |line: String| {
-        if !arguments.quiet {
-            say(line);
-        }
-    };
+    let tell = |line: String| arguments.tell(line);
+    let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
+    let (count, longest) = (techniques.len() * arguments.repeats, budgets.last().copied().unwrap_or(0.0));
+    tell(format!(
+        "{count} runs of {longest} s: {}, and before that the reference where there is none, and a first run of each technique",
+        duration(count as f64 * longest)
+    ));
     let reference = match given {
         Some(reference) => Some(reference),
-        None => Reference::make(&subject, &folder, arguments.reference_error, &stop, &mut |making| {
-            let Making { samples, standard_error } = making;
-            tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
+        None => bench.on(|subject| {
+            Reference::make(subject, &folder, arguments.reference_error, &stop, &mut |making| {
+                let Making { samples, standard_error } = making;
+                tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
+            })
         })?,
     };
     let Some(reference) = reference else {
         tell(format!("stopped; the reference so far is in {}", folder.display()));
         return Ok(Ending::Stopped);
     };
-    let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
+    let nothing = || {
+        tell("stopped; nothing is written".to_owned());
+        Ok(Ending::Stopped)
+    };
     let asks = !arguments.sweep.is_empty() || techniques.iter().any(|technique| technique.classifies());
-    let truth = if asks { Truth::make(&subject, &folder)? } else { None };
+    let truth = if asks { bench.on(|subject| Truth::make(subject, &folder))? } else { None };
+    if truth.is_none() && !arguments.sweep.is_empty() {
+        return Err(Error::Usage("--sweep: there are too many lights and pixels to tell true visibility".into()));
+    }
+    let mut warm_ups = Vec::new();
+    for &technique in &techniques {
+        if stop() {
+            return nothing();
+        }
+        let seconds = bench.on(|subject| warm_up(subject, technique))?;
+        tell(format!("{technique}: ready after {seconds:.2} s"));
+        warm_ups.push((technique, seconds));
+    }
 
     let started = Instant::now();
-    let mut runs = Vec::new();
-    for repeat in 0..arguments.repeats {
-        // In turn, so that a machine that grows slow is slow for all of them.
-        for &technique in &techniques {
-            let seed = settings.seed.wrapping_add(repeat as u32);
-            let Some(run) = Run::new(&subject, technique, seed, &budgets, &stop)? else {
-                tell("stopped; nothing is written".to_owned());
-                return Ok(Ending::Stopped);
-            };
-            let samples = run.statistics.samples;
-            tell(format!(
-                "{technique}, run {} of {}: {samples} spp in {:.2} s",
-                repeat + 1,
-                arguments.repeats,
-                run.time
-            ));
-            runs.push(run);
-        }
-    }
     let mut classes = Vec::new();
     if let Some(truth) = &truth {
         for technique in techniques.iter().filter(|technique| technique.classifies()) {
-            classes.extend(Classes::new(&subject, *technique, truth)?);
+            classes.extend(bench.on(|subject| Classes::new(subject, *technique, truth))?);
         }
+    }
+    let Rounds { mut runs, mut end } = Rounds::take(&mut bench, &techniques, &budgets, &stop);
+    let whole = runs.len() / techniques.len();
+    if whole < LEAST_REPEATS {
+        return end.and_then(|_| nothing());
+    }
+    if whole < arguments.repeats {
+        // Intervals need as many runs of each technique.
+        runs.truncate(whole * techniques.len());
+        tell(format!("the report is of {whole} of {} runs", arguments.repeats));
     }
     let counted = started.elapsed();
     let mut sweeps = Vec::new();
-    for range in &arguments.sweep {
-        let Some(truth) = &truth else {
-            return Err(Error::Usage("--sweep: there are too many lights and pixels to tell true visibility".into()));
-        };
-        let Some(sweep) = Sweep::new(&subject, range, &reference, truth, &stop)? else {
-            tell("stopped; nothing is written".to_owned());
-            return Ok(Ending::Stopped);
-        };
-        sweeps.push(sweep);
+    if let Some(truth) = &truth {
+        for range in &arguments.sweep {
+            if !matches!(end, Ok(Ending::Done)) {
+                break;
+            }
+            match bench.on(|subject| Sweep::new(subject, range, &reference, truth, &stop)) {
+                Ok(Some(sweep)) => sweeps.push(sweep),
+                Ok(None) => end = Ok(Ending::Stopped),
+                Err(error) => end = Err(error),
+            }
+        }
     }
     let resumed = Instant::now();
     let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
-    let mut report = Report::new(&name, &gpu.info, &reference, &runs, classes)?;
+    let mut report = Report::new(&name, &bench.gpu.info, &reference, &runs, classes)?;
     report.sweeps = sweeps;
+    for TechniqueReport { settings, time, .. } in &mut report.techniques {
+        let own = warm_ups.iter().find(|(technique, _)| *technique == settings.technique);
+        time.warm_up = own.map_or(0.0, |(_, seconds)| *seconds);
+    }
     let timed: f64 = runs.iter().map(|run| run.spent).sum();
     report.overhead = Overhead::new(timed, (counted + resumed.elapsed()).as_secs_f64());
 
@@ -165,7 +184,81 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     }
     reference.image.write_exr(&image)?;
     tell(format!("{}\nwrote {}", report.advice, html.display()));
-    Ok(Ending::Done)
+    end
+}
+
+/// What is measured, on the device that was opened or one like it that took its place.
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    scene: &'a Scene,
+    camera: &'a Camera,
+    settings: &'a Settings,
+    gpu: Gpu,
+}
+
+impl Bench<'_> {
+    fn subject(&self) -> Subject<'_> {
+        Subject { gpu: &self.gpu, scene: self.scene, camera: self.camera, settings: self.settings }
+    }
+
+    /// Has `work` done, anew where the device is lost.
+    fn on<T>(&mut self, mut work: impl FnMut(&Subject<'_>) -> Result<T>) -> Result<T> {
+        let Bench { arguments, scene, camera, settings, gpu } = self;
+        let lost = gpu.info.clone();
+        let open = || {
+            let gpu = arguments.device.open()?;
+            if gpu.info != lost {
+                return Err(Error::NoDevice(format!("times on {} are not comparable", gpu.info.name)));
+            }
+            arguments
+                .tell(format!("note: the device was lost; what was under way begins anew on another {}", lost.name));
+            Ok(gpu)
+        };
+        recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings }))
+    }
+}
+
+/// The runs, in turn, so that a machine that grows slow is slow for all techniques.
+struct Rounds {
+    runs: Vec<Run>,
+    /// Whether they are all; else what ended them.
+    end: Result<Ending>,
+}
+
+impl Rounds {
+    fn take(bench: &mut Bench<'_>, techniques: &[Technique], budgets: &[f64], stop: &dyn Fn() -> bool) -> Rounds {
+        let Bench { arguments, settings, .. } = *bench;
+        let mut runs = Vec::new();
+        for repeat in 0..arguments.repeats {
+            let seed = settings.seed.wrapping_add(repeat as u32);
+            for &technique in techniques {
+                let run = match bench.on(|subject| Run::new(subject, technique, seed, budgets, stop)) {
+                    Ok(Some(run)) => run,
+                    Ok(None) => return Rounds { runs, end: Ok(Ending::Stopped) },
+                    Err(error) => return Rounds { runs, end: Err(error) },
+                };
+                arguments.tell(format!(
+                    "{technique}, run {} of {}: {} spp in {:.2} s",
+                    repeat + 1,
+                    arguments.repeats,
+                    run.statistics.samples,
+                    run.time
+                ));
+                runs.push(run);
+            }
+        }
+        Rounds { runs, end: Ok(Ending::Done) }
+    }
+}
+
+/// Seconds in words.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.round() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, _) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
@@ -181,6 +274,12 @@ impl Arguments {
         }
         fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
         FILES.iter().try_for_each(|name| film::check_target(self.output.join(name)))
+    }
+
+    fn tell(&self, line: String) {
+        if !self.quiet {
+            say(line);
+        }
     }
 
     fn cache(&self) -> Result<PathBuf> {

@@ -80,8 +80,14 @@ impl Truth {
         if let Some(image) = Image::read(&file).ok().filter(whole) {
             return Ok(Some(Truth(image)));
         }
-        let settings = Settings { shadow_samples: LIGHT_POINTS, ..one_sample(subject, Technique::TwoPass) };
-        let image = render(subject, &settings)?.0;
+        // As many light points in fewer of an invocation's loops, where these have no room for them all.
+        let mut parts = 1;
+        let image = loop {
+            match visibility(subject, parts) {
+                Err(Error::Computation { .. }) if parts < LIGHT_POINTS => parts *= 4,
+                made => break made?,
+            }
+        };
         fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
         image.write_exr(&file)?;
         Ok(Some(Truth(image)))
@@ -169,6 +175,24 @@ const PRECEDENCE: [u8; CODES] = [0, 2, 1, 4, 3];
 /// Settings for one sample through the middle of each pixel, direct light alone, with the photons' verdicts.
 fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
     Settings { technique, spp: 1, max_bounces: 0, aovs: vec![Aov::Shadow], ..subject.settings.clone() }
+}
+
+/// Visibility by `parts` renders, each with its share of the light points.
+fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
+    let part = |index: u32| {
+        let settings = one_sample(subject, Technique::TwoPass);
+        let seed = settings.seed.wrapping_add(index);
+        Ok(render(subject, &Settings { shadow_samples: LIGHT_POINTS / parts, seed, ..settings })?.0)
+    };
+    let mut mean = part(0)?;
+    for index in 1..parts {
+        for (sum, channel) in mean.channels.iter_mut().zip(&part(index)?.channels) {
+            sum.samples.iter_mut().zip(&channel.samples).for_each(|(sum, x)| *sum += x);
+        }
+    }
+    // Halves and quarters are exact in f32, so that a visibility of 1 stays 1.
+    mean.channels.iter_mut().flat_map(|channel| &mut channel.samples).for_each(|x| *x /= parts as f32);
+    Ok(mean)
 }
 
 /// The image, and whether there was something to class points by.

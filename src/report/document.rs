@@ -41,6 +41,8 @@ pub struct Report {
     pub advice: String,
     /// What was compared with.
     pub reference: ReferenceReport,
+    /// Runs of each technique.
+    pub runs: usize,
     /// A technique each.
     pub techniques: Vec<TechniqueReport>,
     /// Each technique against `two-pass`.
@@ -91,6 +93,8 @@ pub struct TechniqueReport {
 /// Seconds.
 #[derive(Clone, Debug, Serialize)]
 pub struct TimeReport {
+    /// What [`warm_up`](super::run::warm_up) took before the runs; counts in none of them.
+    pub warm_up: f64,
     /// Until the first sample: all of the set-up.
     pub setup: f64,
     /// Of which building the BVH.
@@ -152,7 +156,7 @@ pub struct ComparisonReport {
 pub struct Overhead {
     /// Seconds of the runs.
     pub runs: f64,
-    /// Seconds of everything else but the reference, up to the writing of this.
+    /// Seconds of everything else but the reference, warm-ups and sweeps, up to the writing of this.
     pub report: f64,
     /// The second over the first.
     pub share: f64,
@@ -201,13 +205,15 @@ impl Report {
             }
         }
         if entrants.is_empty() {
-            return Err(Error::Usage(
-                "no technique has an image within the longest of --budgets: give longer ones".into(),
-            ));
+            let soonest = runs.iter().map(|run| run.setup).fold(f64::INFINITY, f64::min);
+            return Err(Error::Usage(format!(
+                "no technique has an image within the longest of --budgets in all its runs: set-up alone takes \
+                 {soonest:.1} s or more; give longer ones"
+            )));
         }
         let comparisons = compare(&entrants);
         let map_left_out = runs.iter().find_map(|run| run.map_left_out.as_deref());
-        let advice = advice(&entrants, &late, &comparisons, map_left_out);
+        let advice = advice(&entrants, reference.floor(), &late, &comparisons, map_left_out);
         Ok(Report {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
@@ -219,6 +225,7 @@ impl Report {
                 standard_error: reference.standard_error(),
                 relmse: reference.floor(),
             },
+            runs: entrants[0].curves.len(),
             techniques: entrants.into_iter().map(|entrant| entrant.report).collect(),
             comparisons,
             classes,
@@ -308,6 +315,7 @@ impl Entrant {
             left_out: runs[0].statistics.left_out.clone(),
             notes: runs[0].statistics.notes.clone(),
             time: TimeReport {
+                warm_up: 0.0,
                 setup: mean(&|run| run.setup),
                 bvh: mean(&|run| run.statistics.time.bvh),
                 compile: mean(&|run| run.statistics.time.compile),

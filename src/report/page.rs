@@ -58,11 +58,16 @@ pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<Stri
     let data = Data { report, width: image.width, height: image.height, scale, views, classes };
     let data = serde_json::to_string(&data).map_err(|problem| Error::output("report.html", problem))?;
 
-    let mut plots = vec![plot::error_over_time(report)?, plot::error_over_rays(report)?, plot::time_by_pass(report)?];
+    let mut plots = vec![
+        ("error", plot::error_over_time(report)?),
+        ("rays", plot::error_over_rays(report)?),
+        ("passes", plot::time_by_pass(report)?),
+    ];
     for sweep in &report.sweeps {
-        plots.push(plot::sweep(sweep)?);
+        plots.push((sweep.setting.name(), plot::sweep(sweep)?));
     }
-    let plots: String = plots.iter().map(|svg| format!("<figure>{}</figure>\n", themed(svg))).collect();
+    let figure = |(id, svg): &(&str, String)| format!("<figure id=\"{id}\">{}</figure>\n", themed(svg));
+    let plots: String = plots.iter().map(figure).collect();
     Ok(include_str!("page/page.html")
         .replace("{{style}}", include_str!("page/page.css"))
         .replace("{{script}}", include_str!("page/page.js"))
@@ -97,5 +102,5 @@ fn pixels(image: &Image, scale: f32) -> String {
 
 /// A plot that takes the page's colours instead of black on white.
 fn themed(svg: &str) -> String {
-    svg.replace("\"#000000\"", "\"currentColor\"").replace("\"#FFFFFF\"", "\"none\"")
+    svg.replace("\"#000000\"", "\"currentColor\"").replace("\"#FFFFFF\"", "\"var(--back)\"")
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, KeyPointWeight};
 use plotters::prelude::*;
 
 use crate::settings::Technique;
@@ -18,15 +19,24 @@ use super::sweep::{Sweep, SweepPoint};
 const SIZE: (u32, u32) = (760, 460);
 
 /// Okabe and Ito's colours, which people with any colour vision tell apart on dark and on light.
-const COLOURS: [RGBColor; 7] = [
+/// Two of Tol's come with them, as there are nine techniques.
+const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(170, 68, 153),
+    RGBColor(153, 153, 51),
     RGBColor(140, 140, 140),
 ];
+
+/// Parts of a bar that have a colour each, and room in the legend.
+const PARTS: usize = 6;
+
+/// Most marks of an axis.
+const MARKS: usize = 10;
 
 /// Room around the data of a logarithmic axis, as a factor.
 const MARGIN: f64 = 1.3;
@@ -131,12 +141,13 @@ pub fn time_by_pass(report: &Report) -> Result<String> {
     let mut names: Vec<(&str, f64)> = totals.into_iter().collect();
     names.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut names: Vec<&str> = names.into_iter().map(|(name, _)| name).collect();
-    let kept = names.len().min(COLOURS.len() - 1);
+    let kept = names.len().min(PARTS);
     let others = names.split_off(kept);
     if !others.is_empty() {
         names.push("other passes");
     }
-    let colour = |name: &str| names.iter().position(|n| *n == name).unwrap_or(names.len() - 1);
+    let own = |name: &str| names[..kept].iter().position(|n| *n == name);
+    let colour = |name: &str| own(name).unwrap_or(COLOURS.len() - 1);
     let longest = bars.iter().map(|(_, parts)| parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
 
     draw("passes.svg", |area| {
@@ -172,7 +183,7 @@ pub fn time_by_pass(report: &Report) -> Result<String> {
         }
         for (index, name) in names.iter().enumerate() {
             let (x, y) = (150 + 85 * index as i32, SIZE.1 as i32 - 75);
-            area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[index].filled()))?;
+            area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[colour(name)].filled()))?;
             area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
         }
         Ok(())
@@ -255,7 +266,7 @@ fn logarithmic(
         .margin(12)
         .x_label_area_size(44)
         .y_label_area_size(64)
-        .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
+        .build_cartesian_2d(Logarithmic(x.clone()), Logarithmic(y.clone()))?;
     chart
         .configure_mesh()
         .x_desc(x_name)
@@ -297,14 +308,94 @@ fn logarithmic(
             .label(name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], own.stroke_width(2)));
     }
+    let values = |points: &[(f64, Interval)]| points.iter().map(|(x, y)| (*x, y.value)).collect::<Vec<_>>();
+    let mut lines: Vec<_> = series.iter().map(|series| values(&series.points)).collect();
+    lines.extend(floor.map(|floor| vec![(x.start, floor), (x.end, floor)]));
+    let entries = series.iter().map(|series| series.name.as_str()).chain(["reference's own error"; 2]);
+    let shares = lines.iter().map(|line| line.iter().map(|point| [share(&x, point.0), share(&y, point.1)]).collect());
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
+        .position(corner(entries, shares))
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .label_font(text_style())
         .draw()?;
     Ok(())
+}
+
+/// Where the legend of these entries hides the least of lines whose points are shares of the axes.
+fn corner<'a>(
+    entries: impl Iterator<Item = &'a str>,
+    lines: impl Iterator<Item = Vec<[f64; 2]>>,
+) -> SeriesLabelPosition {
+    let (mut longest, mut count) = (0, 0);
+    for entry in entries {
+        (longest, count) = (longest.max(entry.len()), count + 1);
+    }
+    // As plotters lays it out: half of the text's size a letter and all of it a line, and some room around.
+    let size = f64::from(text_style().1);
+    let (width, height) = (0.5 * size * longest as f64 + 50.0, 1.3 * size * f64::from(count) + 15.0);
+    let (width, height) = (width / f64::from(SIZE.0), height / f64::from(SIZE.1));
+    const STEPS: u32 = 32;
+    let mut points: Vec<[f64; 2]> = Vec::new();
+    for line in lines {
+        for (index, from) in line.iter().enumerate() {
+            let to = line.get(index + 1).unwrap_or(from);
+            let between = |part: u32| [0, 1].map(|i| from[i] + (to[i] - from[i]) * f64::from(part) / f64::from(STEPS));
+            points.extend((0..STEPS).map(between));
+        }
+    }
+    let hidden = |left: bool, low: bool| {
+        let beside = |x: f64| if left { x < width } else { x > 1.0 - width };
+        let above = |y: f64| if low { y < height } else { y > 1.0 - height };
+        points.iter().filter(|[x, y]| beside(*x) && above(*y)).count()
+    };
+    let corners = [
+        (SeriesLabelPosition::UpperRight, hidden(false, false)),
+        (SeriesLabelPosition::LowerLeft, hidden(true, true)),
+        (SeriesLabelPosition::UpperLeft, hidden(true, false)),
+        (SeriesLabelPosition::LowerRight, hidden(false, true)),
+    ];
+    corners.into_iter().min_by_key(|(_, hidden)| *hidden).map_or(SeriesLabelPosition::UpperRight, |(corner, _)| corner)
+}
+
+/// A logarithmic axis. Its marks are 1, 2 and 5 times the powers of ten, or powers alone where there would be too many; that of
+/// plotters has none below its first power of ten, and some twice.
+struct Logarithmic(Range<f64>);
+
+impl Ranged for Logarithmic {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        limit.0 + (f64::from(limit.1 - limit.0) * share(&self.0, *value)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let [first, last] = [self.0.start.log10().floor(), self.0.end.log10().floor()].map(|power| power as i32);
+        let marks = |digits: &'static [f64], step: usize| -> Vec<f64> {
+            let powers = (first..=last).step_by(step);
+            let all = powers.flat_map(|power| digits.iter().map(move |digit| digit * 10f64.powi(power)));
+            all.filter(|mark| self.0.contains(mark)).collect()
+        };
+        const DIGITS: [f64; 9] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0];
+        let bold = [marks(&[1.0, 2.0, 5.0], 1), marks(&[1.0], 1)].into_iter().find(|marks| marks.len() <= MARKS);
+        match hint.weight() {
+            KeyPointWeight::Bold => bold.unwrap_or_else(|| marks(&[1.0], ((last - first) as usize).div_ceil(MARKS))),
+            KeyPointWeight::Any if (last - first) as usize <= MARKS => marks(&DIGITS, 1),
+            // Lines so near to each other would be an area.
+            KeyPointWeight::Any => Vec::new(),
+        }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.0.clone()
+    }
+}
+
+/// Where a value is on a logarithmic axis: 0 at its start, 1 at its end.
+fn share(axis: &Range<f64>, value: f64) -> f64 {
+    (value / axis.start).ln() / (axis.end / axis.start).ln()
 }
 
 /// From below the least to above the greatest.

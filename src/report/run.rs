@@ -66,6 +66,26 @@ pub struct Snapshot {
     pub image: Image,
 }
 
+/// Takes the first samples, after which the driver has compiled every kernel and keeps it; says how many seconds that took. Where
+/// kernels are new to a driver that is a multiple of what it takes from then on, and no property of a technique.
+///
+/// # Errors
+/// As [`Renderer::new`] and [`Renderer::render_batch`].
+pub fn warm_up(subject: &Subject<'_>, technique: Technique) -> Result<f64> {
+    let start = Instant::now();
+    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.seed))?;
+    // The pilot may leave the visibility map out, and other kernels follow.
+    for _ in 0..2 {
+        renderer.render_at_most(1)?;
+    }
+    subject.gpu.wait("warm-up")?;
+    Ok(start.elapsed().as_secs_f64())
+}
+
+fn settings(subject: &Subject<'_>, technique: Technique, seed: u32) -> Settings {
+    Settings { technique, seed, spp: Settings::UNLIMITED_SPP, aovs: Vec::new(), ..subject.settings.clone() }
+}
+
 impl Run {
     /// Renders until the last of the `budgets`, in seconds and in order. Nothing where `stop` says so.
     ///
@@ -78,8 +98,7 @@ impl Run {
         budgets: &[f64],
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Run>> {
-        let settings =
-            Settings { technique, seed, spp: Settings::UNLIMITED_SPP, aovs: Vec::new(), ..subject.settings.clone() };
+        let settings = settings(subject, technique, seed);
         let passes_before = subject.gpu.pass_times()?;
         let scene = subject.scene.clone();
 
@@ -89,6 +108,8 @@ impl Run {
         let mut time = setup;
         // When the last sample was there: what is prepared for the next ones adds nothing to the image.
         let mut sampled = setup;
+        // Until then, for the same reason.
+        let mut passes = subject.gpu.pass_times()?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
         // Seconds a sample, once one is known.
         let mut pace = None;
@@ -111,6 +132,7 @@ impl Run {
                 time += took;
                 sampled = time;
                 pace = Some(took / f64::from(renderer.samples() - before));
+                passes = subject.gpu.pass_times()?;
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
             if renderer.samples() > shown && sampled <= LATEST * budget {
@@ -124,7 +146,7 @@ impl Run {
             }
         }
         let mut statistics = renderer.statistics()?;
-        statistics.time.passes = difference(&statistics.time.passes, &passes_before);
+        statistics.time.passes = difference(&passes, &passes_before);
         let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
         Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled, spent: time }))

@@ -93,13 +93,22 @@ pub(super) fn verdict(last: &SnapshotReport, brightness: &Interval, floor: Optio
 /// Which technique to use, and why. `late` have no image in time.
 pub(super) fn advice(
     entrants: &[Entrant],
+    floor: Option<f64>,
     late: &[Technique],
     comparisons: &[ComparisonReport],
     map_left_out: Option<&str>,
 ) -> String {
     let mut text = best(entrants);
+    let kinds = || entrants.iter().map(|entrant| entrant.report.verdict.kind);
+    if let Some(floor) = floor.filter(|_| kinds().filter(|kind| *kind == VerdictKind::Reference).count() > 1) {
+        let _ = write!(
+            text,
+            " Some come as near as the reference can tell, whose own relMSE is {floor:.0e}: a smaller \
+             --reference-error would tell them apart."
+        );
+    }
     for technique in late {
-        let _ = write!(text, " {technique} has no image in time in every run.");
+        let _ = write!(text, " {technique} is left out: not each of its runs had an image within the budgets.");
     }
     if let Some(reason) = map_left_out {
         let _ = write!(text, " Shadow photons are left out of this scene ({reason})");
@@ -149,11 +158,16 @@ fn best(entrants: &[Entrant]) -> String {
     let (best, found, other) = (best.technique(), reaches(best, target), other.technique());
     if low > 1.0 {
         format!("Use {best}: it {found}, {value:.2} times sooner than {other} ({low:.2} to {high:.2}).")
-    } else if common > CLEARLY * least {
+    } else if common > CLEARLY * least && by_error.get(1).is_some_and(|(second, _)| plainly(nearest, second)) {
         alone()
     } else {
         format!("{best} {found}; {other} may be as soon: it takes {low:.2} to {high:.2} times as long.")
     }
+}
+
+/// Whether the last errors of all runs tell that the first technique comes nearer.
+fn plainly(nearer: &Entrant, other: &Entrant) -> bool {
+    ratio(&other.curves, &nearer.curves, |curve| Some(curve.last().1)).is_some_and(|ratio| ratio.low > 1.0)
 }
 
 /// The next of 1, 2 and 5 times a power of ten.

@@ -63,20 +63,41 @@ pub fn render<T>(
         if left.is_some() {
             (salvage, losses) = (left, 0);
         }
-        let Error::DeviceLost { at, problem } = error else { return Err(Failure { error, salvage }) };
-        if losses == MOST_LOSSES {
-            return Err(Failure { error: Error::DeviceLost { at, problem }, salvage });
+        drop(gpu);
+        gpu = match another(&open, error, losses) {
+            Ok(gpu) => gpu,
+            Err(error) => return Err(Failure { error, salvage }),
+        };
+        losses += 1;
+    }
+}
+
+/// Has `work` done on `gpu`. Where that is lost meanwhile another takes its place, opened by `open`, and `work` begins anew: for
+/// what is timed, and may not be pieced together.
+///
+/// # Errors
+/// Those of `work`, and of `open` where there is no other device or the device is lost again and again.
+pub fn anew<T>(gpu: &mut Gpu, open: impl Fn() -> Result<Gpu>, mut work: impl FnMut(&Gpu) -> Result<T>) -> Result<T> {
+    let mut losses = 0;
+    loop {
+        match work(gpu) {
+            Err(error @ Error::DeviceLost { .. }) => *gpu = another(&open, error, losses)?,
+            outcome => return outcome,
         }
         losses += 1;
-        drop(gpu);
-        gpu = match open() {
-            Ok(gpu) => gpu,
-            Err(none) => {
-                let problem = format!("{problem}; and no other is to be had: {none}");
-                return Err(Failure { error: Error::DeviceLost { at, problem }, salvage });
-            }
-        };
     }
+}
+
+/// Another device where `error` says that one was lost, as `losses` were before; else the error.
+fn another(open: &impl Fn() -> Result<Gpu>, error: Error, losses: u64) -> Result<Gpu> {
+    let Error::DeviceLost { at, problem } = error else { return Err(error) };
+    if losses == MOST_LOSSES {
+        return Err(Error::DeviceLost { at, problem });
+    }
+    open().map_err(|none| {
+        let problem = format!("{problem}; and no other is to be had: {none}");
+        Error::DeviceLost { at, problem }
+    })
 }
 
 fn begin<'g>(

@@ -11,11 +11,11 @@ use crate::program::{Answer, BOX, device, folder, penumbra, run};
 use crate::schema;
 
 /// Settings that are quick: few photons, a small image.
-const SMALL: &str = "--width 24 --height 16 --photons 4096 --repeats 3";
+const SMALL: &str = "--width 24 --height 16 --photons 4096";
 
 /// Reports on the box in `folder`, with the cache beside.
 fn report(folder: &Path, arguments: &str) -> Answer {
-    let arguments = format!("report --device {} {SMALL} {arguments}", device());
+    let arguments = format!("report --device {} {SMALL} --repeats 3 {arguments}", device());
     run(&arguments, &[&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join("report")])
 }
 
@@ -102,32 +102,58 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
     run("report", &[&BOX, &"-o", &file]).assert_refused(3, &[file.to_str().unwrap()]);
 }
 
+/// Stops a report as soon as it has said `words`; what it said in all.
 #[cfg(unix)]
-#[test]
-fn a_signal_keeps_the_reference() {
+fn stopped(folder: &Path, arguments: &str, words: &str) -> String {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
 
-    let folder = folder();
-    let folder = folder.path();
-    // An error that is never reached.
-    let arguments = format!("report --device {} {SMALL} --reference-error 1e-9", device());
+    let arguments = format!("report --device {} {SMALL} {arguments}", device());
     let mut child = penumbra(&arguments, &[&BOX, &"--cache", &folder.join("cache"), &"-o", &folder.join("report")])
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let mut stderr = BufReader::new(child.stderr.take().unwrap());
     let mut said = String::new();
-    while !said.contains("reference: ") {
+    while !said.contains(words) {
         assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     stderr.read_to_string(&mut said).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+    said
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_the_reference() {
+    let folder = folder();
+    let folder = folder.path();
+    // An error that is never reached.
+    stopped(folder, "--reference-error 1e-9 --repeats 3", "reference: ");
     let kept = fs::read_dir(folder.join("cache")).unwrap().next().unwrap().unwrap().path();
     let half = Image::read(kept.join("half-0.exr")).unwrap();
     assert_ne!(half.metadata["samplesPerPixel"], Metadata::Int(0));
     assert!(!folder.join("report/report.json").exists());
+}
+
+/// Three runs of each technique are a report, however many more were asked for.
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_the_runs_that_all_techniques_have() {
+    let folder = folder();
+    let folder = folder.path();
+    let arguments = "--techniques path,photon-map --budgets 2 --reference-error 0.2 --repeats 90";
+    let said = stopped(folder, arguments, "path, run 4 of 90");
+    assert!(said.contains("180 runs of 2 s: 6 min 0 s"), "{said}");
+    let json = read_json(folder);
+    schema::assert_documented("Report", &json);
+    // The fourth round may have been over by then.
+    let runs = json["runs"].as_u64().unwrap();
+    assert!((3..=4).contains(&runs) && said.contains(&format!("{runs} of 90 runs")), "{runs}: {said}");
+    let csv = fs::read_to_string(folder.join("report/report.csv")).unwrap();
+    let seeds = csv.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse::<u64>().unwrap());
+    assert_eq!(seeds.max(), Some(runs - 1), "{csv}");
 }
 
 /// A script that does with the page what a person does, and leaves what it saw in the page.

@@ -144,6 +144,22 @@ fn wrong_usage_names_the_option() {
     }
 }
 
+/// Whatever way a name is spelt: of two files of one name, one would be lost.
+#[test]
+fn files_do_not_take_each_others_place() {
+    let folder = folder();
+    let picture = folder.path().join("picture.png");
+    let again = folder.path().join(".").join("picture.png");
+    let refuse = |option: &str| {
+        let arguments: [&dyn AsRef<OsStr>; 5] = [&BOX, &"-o", &picture, &option, &again];
+        run("render", &arguments).assert_refused(2, &["picture.png", "twice"]);
+    };
+    ["-o", "--stats", "--checkpoint"].into_iter().for_each(refuse);
+    let scene = folder.path().join("scene.glb");
+    std::fs::copy(BOX, &scene).unwrap();
+    run("render", &[&scene, &"-o", &picture, &"--stats", &scene]).assert_refused(2, &["scene.glb", "twice"]);
+}
+
 #[test]
 fn an_unknown_camera_is_wrong_usage() {
     run("plan --camera nobody", &[&BOX]).assert_refused(2, &["nobody", "camera"]);

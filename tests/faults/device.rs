@@ -178,6 +178,36 @@ fn what_cannot_be_recovered_is_saved() {
     assert!(disturbed(&settings, open, at_once).err().unwrap().salvage.is_none());
 }
 
+/// What is timed begins anew, whole, on another device; where that is lost too, again and again, it ends.
+#[test]
+fn work_begins_anew_where_its_device_is_lost() {
+    let settings = settings(Technique::ShadowPhotons);
+    let (scene, camera) = subject();
+    let work = |losses: u32| {
+        let (mut gpu, begun) = (open().unwrap(), Cell::new(0));
+        let done = recovery::anew(&mut gpu, open, |gpu| {
+            begun.set(begun.get() + 1);
+            let mut renderer = Renderer::new(gpu, scene.clone(), &camera, &settings)?;
+            while renderer.samples() < 4 {
+                renderer.render_at_most(1)?;
+                if begun.get() <= losses && renderer.samples() == 2 {
+                    gpu.lose();
+                }
+            }
+            renderer.image()
+        });
+        (done, begun.get())
+    };
+    let image = work(0).0.unwrap();
+    for losses in [1, 3] {
+        let (done, begun) = work(losses);
+        assert_same(&image, &done.unwrap());
+        assert_eq!(begun, losses + 1);
+    }
+    let (done, begun) = work(u32::MAX);
+    assert!(matches!(done, Err(Error::DeviceLost { .. })) && begun == 4);
+}
+
 /// A checkpoint is of one scene and its settings, in memory as in a file.
 #[test]
 fn a_checkpoint_of_something_else_is_refused() {

@@ -268,6 +268,12 @@ fn on(rectangle: &Rectangle, random: &mut Random) -> Vec3 {
     rectangle.0 + rectangle.1 * random.unit() + rectangle.2 * random.unit()
 }
 
+/// A point on one of them, and its normal.
+fn somewhere(rectangles: &[Rectangle], random: &mut Random) -> (Vec3, Vec3) {
+    let rectangle = &rectangles[random.word() as usize % rectangles.len()];
+    (on(rectangle, random), rectangle.normal())
+}
+
 /// How far estimates on an open floor are off, relative to themselves.
 pub fn rounding() -> Vec<f64> {
     let floor = [Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0))];
@@ -299,23 +305,24 @@ fn estimates_are_those_of_brute_force() {
     let rectangles = corner_and_cube();
     let bench = Bench::new(&rectangles);
     let mut random = Random(2);
-    let somewhere = |random: &mut Random| {
-        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
+    // Some normals are not those of their surface.
+    let tilted = |random: &mut Random| {
+        let (position, normal) = somewhere(&rectangles, random);
         let tilt = if random.unit() < 0.7 { 0.0 } else { random.unit() };
-        (on(rectangle, random), (rectangle.normal() + tilt * random.direction()).normalize())
+        (position, (normal + tilt * random.direction()).normalize())
     };
     let (mut checked, mut doubts, mut partly) = (0, 0, 0);
     for (photon_count, place_count) in [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (20_000, 400)] {
         let photons: Vec<Photon> = (0..photon_count)
             .map(|_| {
-                let (position, normal) = somewhere(&mut random);
+                let (position, normal) = tilted(&mut random);
                 let photon = photon(position, normal, 0, false);
                 Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
             })
             .collect();
         let places: Vec<Photon> = (0..place_count)
             .map(|_| {
-                let (position, normal) = somewhere(&mut random);
+                let (position, normal) = tilted(&mut random);
                 photon(position, normal, 0, false)
             })
             .collect();
@@ -511,13 +518,9 @@ fn points_are_shown_what_brute_force_tells() {
     const STEP: f32 = 1e-4;
     let rectangles = corner_and_cube();
     let mut random = Random(11);
-    let somewhere = |random: &mut Random| {
-        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
-        (on(rectangle, random), rectangle.normal())
-    };
     let photons: Vec<Photon> = (0..5000)
         .map(|_| {
-            let (position, normal) = somewhere(&mut random);
+            let (position, normal) = somewhere(&rectangles, &mut random);
             let photon = photon(position, normal, 0, false);
             Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
         })
@@ -528,7 +531,7 @@ fn points_are_shown_what_brute_force_tells() {
         let map = bench.sort(&photons, shape);
         for count in [0usize, 1, 63, 64, 65, 300] {
             let points: Vec<Point> = (0..count)
-                .map(|i| match somewhere(&mut random) {
+                .map(|i| match somewhere(&rectangles, &mut random) {
                     (position, _) if i % 7 == 3 => Point { position: position.to_array(), normal: INVALID_POINT },
                     (position, normal) => point(position, normal),
                 })
@@ -600,13 +603,9 @@ fn look_ups_find_the_nearest_place() {
     let rectangles = corner_and_cube();
     let bench = Bench::new(&rectangles);
     let mut random = Random(4);
-    let somewhere = |random: &mut Random| {
-        let rectangle = &rectangles[random.word() as usize % rectangles.len()];
-        (on(rectangle, random), rectangle.normal())
-    };
     let photons: Vec<Photon> = (0..5000)
         .map(|_| {
-            let (position, normal) = somewhere(&mut random);
+            let (position, normal) = somewhere(&rectangles, &mut random);
             carrying(position, normal, [random.word() % 32, random.word() % 32, random.word() % 32])
         })
         .collect();
@@ -616,13 +615,13 @@ fn look_ups_find_the_nearest_place() {
     for (place_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
         let places: Vec<Photon> = (0..place_count)
             .map(|_| {
-                let (position, normal) = somewhere(&mut random);
+                let (position, normal) = somewhere(&rectangles, &mut random);
                 photon(position, normal, 0, false)
             })
             .collect();
         let points: Vec<Point> = (0..point_count)
             .map(|_| {
-                let (position, normal) = somewhere(&mut random);
+                let (position, normal) = somewhere(&rectangles, &mut random);
                 // Points on surfaces, above them, and outside of the grid.
                 let off = [0.0, 0.0, 0.05, 0.5][random.word() as usize % 4];
                 point(position + off * random.direction(), normal)

@@ -6,7 +6,7 @@ const element = (id) => document.getElementById(id);
 
 // ---- tables
 
-const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
+const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : x === 0 ? "0" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
 const percent = (x) => `${digits(100 * x)} %`;
 
 /** An estimate over its interval. */
@@ -23,6 +23,8 @@ function interval(value, format = digits) {
   return cell;
 }
 
+const isText = (value) => String(value).includes(" ") && !/^[\d.]/.test(value);
+
 function fill(id, names, rows) {
   const table = element(id);
   const line = (cells, tag, parent) => {
@@ -32,24 +34,27 @@ function fill(id, names, rows) {
       if (!(value instanceof Node)) {
         cell = document.createElement(tag);
         cell.textContent = value;
-        cell.className = tag === "td" && String(value).includes(" ") && !/^[\d.]/.test(value) ? "text" : "";
+        cell.className = tag === "td" && isText(value) ? "text" : "";
       }
       row.append(cell);
     }
   };
-  line(names, "th", table.createTHead());
+  const head = table.createTHead();
+  line(names, "th", head);
+  // A name stands over its column's words as they stand.
+  [...head.rows[0].cells].forEach((cell, i) => cell.classList.toggle("text", rows.some((cells) => !(cells[i] instanceof Node) && isText(cells[i]))));
   const body = table.createTBody();
   rows.forEach((cells) => line(cells, "td", body));
 }
 
 const { reference, device } = report;
 const error = reference.standard_error === null ? "of unknown error" : `with a standard error of ${percent(reference.standard_error)}`;
-element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Numbers in small are 95 % intervals over the runs.`;
+element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique; numbers in small are their 95 % intervals.`;
 element("advice").textContent = report.advice;
 
 fill(
   "techniques",
-  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation"],
+  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
   report.techniques.map((technique) => {
     const last = technique.snapshots.at(-1);
     return [
@@ -63,9 +68,11 @@ fill(
       interval(technique.brightness, percent),
       `${digits(technique.time.setup)} s`,
       `${digits(technique.time.compile)} s`,
+      `${digits(technique.time.warm_up)} s`,
     ];
   }),
 );
+element("against").hidden = report.comparisons.length === 0;
 fill(
   "comparisons",
   ["technique", "at time", "error ratio", "at relMSE", "time ratio"],
