@@ -24,10 +24,12 @@ fn a_reference_is_taken_up_again_and_knows_its_error() {
     assert!(saves > 0 && early.standard_error().unwrap() <= 0.2);
     let (again, saves) = make(0.2);
     assert!(saves == 0 && again.image.channels == early.image.channels, "what was good enough was made anew");
-    let (late, _) = make(0.02);
-    assert!(late.samples() > early.samples() && late.standard_error().unwrap() <= 0.02);
+    // How good the early one is hangs on how fast the machine is, as references are looked at from time to time.
+    let target = 0.3 * early.standard_error().unwrap();
+    let (late, _) = make(target);
+    assert!(late.samples() > early.samples() && late.standard_error().unwrap() <= target);
 
-    // The early one's distance from one ten times better is what it says of itself, to half and twice of which a mistake in the
+    // The early one's distance from one three times better, of which it is a part, is what it says of itself, to half and twice of which a mistake in the
     // halves would lead. Of the 1728 values few dozen fireflies make most of the estimate: a fifth is its standard error.
     let distance = metrics::relmse(&early.image, &late.image).unwrap();
     let stated = early.floor().unwrap() - late.floor().unwrap();
