@@ -159,10 +159,12 @@ fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
             }
         }
     }
-    var words = vec4u(judge_photons(light, at, begin, end, first), 0u, 0u);
-    if second != NO_CODE {
-        let more = judge_photons(light, at, begin, end, second);
-        words = vec4u(words.xy, more);
+    // A loop of data's own length: called twice, all of it would be in the kernel twice, and run for cells that have one surface.
+    var words = vec4u(0u);
+    let surfaces = select(2u, 1u, second == NO_CODE);
+    for (var i = 0u; i < surfaces; i++) {
+        let verdict = judge_photons(light, at, begin, end, select(second, first, i == 0u));
+        words = select(vec4u(words.xy, verdict), vec4u(verdict, 0u, 0u), i == 0u);
     }
     judged_cells[cell] = words;
 }

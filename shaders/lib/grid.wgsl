@@ -217,12 +217,11 @@ fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
     let low = vec3i(max(cell, vec3u(1u)) - 1u);
     let high = vec3i(min(cell + 1u, grid.size - 1u));
     var photons = 0u;
-    for (var row = 0; row < 9; row++) {
-        let y = low.y + row % 3;
-        let z = low.z + row / 3;
-        if y > high.y || z > high.z { continue; }
-        let base = cell_index(grid, light, vec3u(0u, u32(y), u32(z)));
-        photons += load_cell_start(base + u32(high.x) + 1u) - load_cell_start(base + u32(low.x));
+    for (var z = low.z; z <= high.z; z++) {
+        for (var y = low.y; y <= high.y; y++) {
+            let base = cell_index(grid, light, vec3u(0u, u32(y), u32(z)));
+            photons += load_cell_start(base + u32(high.x) + 1u) - load_cell_start(base + u32(low.x));
+        }
     }
     return spare * sqrt(f32(nearest) * 9.0 / (PI * f32(max(photons, 1u))));
 }
