@@ -11,7 +11,7 @@ use penumbra::report::classes::{Classes, Truth};
 use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
 use penumbra::report::page::page;
 use penumbra::report::plot;
-use penumbra::report::reference::{Making, Reference, cache_folder};
+use penumbra::report::reference::{Goal, Making, Reference, cache_folder};
 use penumbra::report::run::{Run, Subject, warm_up};
 use penumbra::report::sweep::{self, Sweep};
 use penumbra::techniques::recovery;
@@ -44,9 +44,9 @@ pub struct Arguments {
     budgets: Vec<f64>,
 
     /// Runs of each technique, with seeds from --seed on: at least 3, as intervals come from their differences. All runs of all
-    /// techniques last as long as the longest budget
-    #[arg(long, value_name = "N", default_value_t = 5, help_heading = "Report")]
-    repeats: usize,
+    /// techniques last as long as the longest budget [default: 5, or as few as 3 where the report would take more than 3 minutes]
+    #[arg(long, value_name = "N", help_heading = "Report")]
+    repeats: Option<usize>,
 
     /// Setting of the visibility map to sweep, photons or nearest, like photons=1e3..1e6; may be given several times
     #[arg(long, value_name = "RANGE", help_heading = "Report")]
@@ -60,6 +60,10 @@ pub struct Arguments {
     #[arg(long, value_name = "X", default_value_t = 0.01, value_parser = positive, help_heading = "Reference")]
     reference_error: f64,
 
+    /// Seconds that it may take in all, after which it is used as it is, with the error that it has by then
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = positive, help_heading = "Reference")]
+    reference_time: f64,
+
     /// Folder where references are kept, and taken up again after an interruption [default: the user's cache folder]
     #[arg(long, value_name = "DIR", help_heading = "Reference")]
     cache: Option<PathBuf>,
@@ -70,6 +74,14 @@ pub struct Arguments {
     #[command(flatten)]
     device: DeviceOptions,
 }
+
+/// Runs of each technique where nothing else is said and time allows: Student's factor on intervals falls by little from here on.
+const REPEATS: usize = 5;
+
+/// Seconds that a report is to take where the number of runs is not given, and the share of them that is left for what comes beside the
+/// runs: first runs, classes, measures.
+const LENGTH: f64 = 180.0;
+const BESIDE: f64 = 0.1;
 
 const FILES: [&str; 7] =
     ["report.json", "report.csv", "report.html", "error.svg", "rays.svg", "passes.svg", "reference.exr"];
@@ -90,15 +102,24 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let stop = || interrupt.raised();
     let tell = |line: String| arguments.tell(line);
     let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
-    let (count, longest) = (techniques.len() * arguments.repeats, budgets.last().copied().unwrap_or(0.0));
+    let longest = budgets.last().copied().unwrap_or(0.0);
+    let repeats = arguments.repeats(longest);
+    let count = techniques.len() * repeats;
     tell(format!(
         "{count} runs of {longest} s: {}, and before that the reference where there is none, and a first run of each technique",
         duration(count as f64 * longest)
     ));
+    if arguments.repeats.is_none() && repeats < REPEATS {
+        tell(format!(
+            "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: --repeats {REPEATS} takes {}",
+            duration((techniques.len() * REPEATS) as f64 * longest)
+        ));
+    }
+    let goal = Goal { standard_error: arguments.reference_error, seconds: arguments.reference_time };
     let reference = match given {
         Some(reference) => Some(reference),
         None => bench.on(|subject| {
-            Reference::make(subject, &folder, arguments.reference_error, &stop, &mut |making| {
+            Reference::make(subject, &folder, goal, &stop, &mut |making| {
                 let Making { samples, standard_error } = making;
                 tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
             })
@@ -108,6 +129,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         tell(format!("stopped; the reference so far is in {}", folder.display()));
         return Ok(Ending::Stopped);
     };
+    if reference.is_short() {
+        tell(format!(
+            "note: the reference has a standard error of {:.1} % after {}, not the {:.1} % asked for, and no error below that can be \
+             told: --reference-time gives it longer",
+            100.0 * reference.standard_error().unwrap_or(0.0),
+            duration(goal.seconds),
+            100.0 * goal.standard_error
+        ));
+    }
     let nothing = || {
         tell("stopped; nothing is written".to_owned());
         Ok(Ending::Stopped)
@@ -134,15 +164,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             classes.extend(bench.on(|subject| Classes::new(subject, *technique, truth))?);
         }
     }
-    let Rounds { mut runs, mut end } = Rounds::take(&mut bench, &techniques, &budgets, &stop);
+    let Rounds { mut runs, mut end } = Rounds::take(&mut bench, repeats, &techniques, &budgets, &stop);
     let whole = runs.len() / techniques.len();
     if whole < LEAST_REPEATS {
         return end.and_then(|_| nothing());
     }
-    if whole < arguments.repeats {
+    if whole < repeats {
         // Intervals need as many runs of each technique.
         runs.truncate(whole * techniques.len());
-        tell(format!("the report is of {whole} of {} runs", arguments.repeats));
+        tell(format!("the report is of {whole} of {repeats} runs"));
     }
     let counted = started.elapsed();
     let mut sweeps = Vec::new();
@@ -226,10 +256,16 @@ struct Rounds {
 }
 
 impl Rounds {
-    fn take(bench: &mut Bench<'_>, techniques: &[Technique], budgets: &[f64], stop: &dyn Fn() -> bool) -> Rounds {
+    fn take(
+        bench: &mut Bench<'_>,
+        repeats: usize,
+        techniques: &[Technique],
+        budgets: &[f64],
+        stop: &dyn Fn() -> bool,
+    ) -> Rounds {
         let Bench { arguments, settings, .. } = *bench;
         let mut runs = Vec::new();
-        for repeat in 0..arguments.repeats {
+        for repeat in 0..repeats {
             let seed = settings.seed.wrapping_add(repeat as u32);
             for &technique in techniques {
                 let run = match bench.on(|subject| Run::new(subject, technique, seed, budgets, stop)) {
@@ -238,9 +274,8 @@ impl Rounds {
                     Err(error) => return Rounds { runs, end: Err(error) },
                 };
                 arguments.tell(format!(
-                    "{technique}, run {} of {}: {} spp in {:.2} s",
+                    "{technique}, run {} of {repeats}: {} spp in {:.2} s",
                     repeat + 1,
-                    arguments.repeats,
                     run.statistics.samples,
                     run.time
                 ));
@@ -269,11 +304,18 @@ impl Arguments {
     /// Everything that can be known to be wrong before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
-        if self.repeats < LEAST_REPEATS {
-            return Err(Error::Usage(format!("--repeats is {}; it must be {LEAST_REPEATS} or more", self.repeats)));
+        if let Some(repeats) = self.repeats.filter(|repeats| *repeats < LEAST_REPEATS) {
+            return Err(Error::Usage(format!("--repeats is {repeats}; it must be {LEAST_REPEATS} or more")));
         }
         fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
         FILES.iter().try_for_each(|name| film::check_target(self.output.join(name)))
+    }
+
+    /// Runs of each technique: as many as are asked for, or as there is time for.
+    fn repeats(&self, longest: f64) -> usize {
+        let round = self.techniques().len() as f64 * longest;
+        let whole = ((1.0 - BESIDE) * LENGTH / round) as usize;
+        self.repeats.unwrap_or(whole.clamp(LEAST_REPEATS, REPEATS))
     }
 
     fn tell(&self, line: String) {

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::report::plot;
 use penumbra::stress::{FAMILIES, Family, Reading, breakdown};
 use penumbra::{Result, film};
@@ -13,8 +14,8 @@ use super::{Ending, print, say};
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Families to measure [default: all]
-    #[arg(value_name = "FAMILY")]
-    families: Vec<String>,
+    #[arg(value_name = "FAMILY", value_parser = families())]
+    families: Vec<&'static Family>,
 
     /// Write a chart of each family to this folder, as SVG
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
@@ -25,11 +26,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
-    let named = arguments.families.iter().map(|name| Family::named(name));
-    let mut families = named.collect::<Result<Vec<_>>>()?;
-    if families.is_empty() {
-        families = FAMILIES.to_vec();
-    }
+    let families = if arguments.families.is_empty() { &FAMILIES[..] } else { &arguments.families };
     let file = |family: &Family| arguments.output.as_ref().map(|folder| folder.join(format!("{}.svg", family.name)));
     if let Some(folder) = &arguments.output {
         std::fs::create_dir_all(folder).map_err(|problem| penumbra::Error::output(folder, problem))?;
@@ -63,6 +60,15 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
     }
     Ok(Ending::Done)
+}
+
+/// One of the families, by name.
+fn families() -> impl TypedValueParser<Value = &'static Family> {
+    let values = FAMILIES.map(|family| {
+        let [from, to] = family.range();
+        PossibleValue::new(family.name).help(format!("{}, {from:.0e} to {to:.0e}", family.parameter))
+    });
+    PossibleValuesParser::new(values).try_map(|name| Family::named(&name))
 }
 
 fn line(reading: &Reading) -> String {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::gpu::DeviceInfo;
 use crate::settings::{Settings, Technique};
 use crate::statistics::Rays;
-use crate::{Error, Image, Result};
+use crate::{Image, Result};
 
 use super::classes::Classes;
 use super::curve::{Comparison, Curve};
@@ -18,7 +18,7 @@ use super::metrics::{Measures, RELMSE_FLOOR};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
 use super::sweep::Sweep;
-use super::verdict::{Verdict, advice, brightness, verdict};
+use super::verdict::{Late, Verdict, advice, brightness, too_short, verdict};
 
 /// Runs of a technique that intervals need: the jackknife leaves one out, and a variance needs two.
 pub const LEAST_REPEATS: usize = 3;
@@ -65,6 +65,8 @@ pub struct ReferenceReport {
     pub samples: Option<u32>,
     /// See [`Reference::standard_error`].
     pub standard_error: Option<f64>,
+    /// See [`Reference::goal`].
+    pub goal: Option<f64>,
     /// See [`Reference::floor`].
     pub relmse: Option<f64>,
 }
@@ -181,7 +183,7 @@ impl Report {
     /// in turn.
     ///
     /// # Errors
-    /// As [`Measures::new`].
+    /// As [`Measures::new`]; [`crate::Error::Usage`] where no technique has an image of all its runs at one budget.
     pub fn new(
         scene: &str,
         device: &DeviceInfo,
@@ -201,19 +203,15 @@ impl Report {
             match Entrant::new(&own, &rows, reference) {
                 Some(entrant) => entrants.push(entrant),
                 None if own.is_empty() => {}
-                None => late.push(technique),
+                None => late.push(Late::new(technique, &own)),
             }
         }
         if entrants.is_empty() {
-            let soonest = runs.iter().map(|run| run.setup).fold(f64::INFINITY, f64::min);
-            return Err(Error::Usage(format!(
-                "no technique has an image within the longest of --budgets in all its runs: set-up alone takes \
-                 {soonest:.1} s or more; give longer ones"
-            )));
+            return Err(too_short(&late));
         }
         let comparisons = compare(&entrants);
         let map_left_out = runs.iter().find_map(|run| run.map_left_out.as_deref());
-        let advice = advice(&entrants, reference.floor(), &late, &comparisons, map_left_out);
+        let advice = advice(&entrants, reference, &late, &comparisons, map_left_out);
         Ok(Report {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
@@ -223,6 +221,7 @@ impl Report {
             reference: ReferenceReport {
                 samples: reference.samples(),
                 standard_error: reference.standard_error(),
+                goal: reference.goal,
                 relmse: reference.floor(),
             },
             runs: entrants[0].curves.len(),

@@ -29,11 +29,23 @@ const MAX_COUNT: i32 = 1 << 29;
 
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
+const SECONDS: &str = "penumbra:seconds";
 
 /// A reference and, where it is known, its own error.
 pub struct Reference {
     /// `R`, `G` and `B`; `variance.R` and so on, the variance of the pixel's mean, where that is known.
     pub image: Image,
+    /// The standard error that it was to have, where it was made; it has a larger one where its time was up.
+    pub goal: Option<f64>,
+}
+
+/// When a reference is done: whichever comes first.
+#[derive(Clone, Copy, Debug)]
+pub struct Goal {
+    /// See [`Reference::standard_error`].
+    pub standard_error: f64,
+    /// Seconds of rendering, those of earlier sessions included.
+    pub seconds: f64,
 }
 
 /// How far a reference in the making is.
@@ -63,11 +75,10 @@ impl Reference {
                 return Err(Error::input(path, name, "a variance is a finite number, 0 or more"));
             }
         }
-        Ok(Reference { image })
+        Ok(Reference { image, goal: None })
     }
 
-    /// Renders one by path tracing until its standard error is `target` of its mean radiance, or takes up what `folder`
-    /// has of it; of processes that make the same reference one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
+    /// Renders one by path tracing until it reaches its goal, or takes up what `folder` has of it; of processes that make the same reference one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
     /// process be killed. `tell` hears of each save.
     ///
     /// # Errors
@@ -76,7 +87,7 @@ impl Reference {
     pub fn make(
         subject: &Subject<'_>,
         folder: &Path,
-        target: f64,
+        goal: Goal,
         stop: &dyn Fn() -> bool,
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
@@ -84,8 +95,8 @@ impl Reference {
         let open = || -> Result<[Half; 2]> { Ok([Half::open(folder, 0, size)?, Half::open(folder, 1, size)?]) };
         let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
             let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
-            let reference = Reference::of_halves(a, b)?;
-            Ok(Some(reference).filter(|reference| reference.standard_error() <= Some(target)))
+            let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(a, b)? };
+            Ok(Some(reference).filter(|reference| !reference.is_short() || seconds(a) >= goal.seconds))
         };
         if let Some(reference) = good(&open()?)? {
             return Ok(Some(reference));
@@ -101,23 +112,29 @@ impl Reference {
         for half in &mut halves {
             renderers.push(half.renderer(subject)?);
         }
+        let before = halves[0].saved.as_ref().map_or(0.0, seconds);
+        let began = Instant::now();
+        let spent = || before + began.elapsed().as_secs_f64();
         let mut wait = FIRST_SAVE;
         loop {
             let start = Instant::now();
-            while start.elapsed() < wait && !stop() {
+            // However short its time is, there is an image.
+            let goes_on = |renderer: &Renderer| renderer.samples() == 0 || start.elapsed() < wait && spent() < goal.seconds;
+            while goes_on(&renderers[1]) && !stop() {
                 for renderer in &mut renderers {
                     renderer.render_batch()?;
                 }
             }
             wait = (2 * wait).min(SAVE);
-            if renderers[0].samples() == 0 {
+            if renderers[1].samples() == 0 {
                 return Ok(None);
             }
-            let [a, b] = [halves[0].save(&renderers[0])?, halves[1].save(&renderers[1])?];
-            let reference = Reference::of_halves(&a, &b)?;
+            let seconds = spent();
+            let [a, b] = [halves[0].save(&renderers[0], seconds)?, halves[1].save(&renderers[1], seconds)?];
+            let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(&a, &b)? };
             let standard_error = reference.standard_error().unwrap_or(0.0);
             tell(Making { samples: reference.samples().unwrap_or(0), standard_error });
-            if standard_error <= target {
+            if !reference.is_short() || seconds >= goal.seconds {
                 return Ok(Some(reference));
             }
             if stop() {
@@ -145,8 +162,14 @@ impl Reference {
         }
         let samples = integer(a, SAMPLES).saturating_add(integer(b, SAMPLES));
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
+        image.metadata.insert(SECONDS.to_owned(), Metadata::Float(seconds(a) as f32));
         image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
-        Ok(Reference { image })
+        Ok(Reference { image, goal: None })
+    }
+
+    /// It was made, and its time was up before its goal was reached.
+    pub fn is_short(&self) -> bool {
+        self.goal.is_some_and(|goal| self.standard_error() > Some(goal))
     }
 
     /// Samples a pixel, where the file says.
@@ -234,8 +257,8 @@ impl Half {
         })
     }
 
-    /// Writes and returns the mean of what was saved before the renderer began and of what it has.
-    fn save(&self, renderer: &Renderer<'_>) -> Result<Image> {
+    /// Writes and returns the mean of what was saved before the renderer began and of what it has, after so many seconds in all.
+    fn save(&self, renderer: &Renderer<'_>, seconds: f64) -> Result<Image> {
         let mut image = colour(renderer.image()?);
         let new = renderer.samples() as i32;
         let old = self.saved.as_ref().map_or(0, |saved| integer(saved, SAMPLES));
@@ -250,6 +273,7 @@ impl Half {
         }
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(old + new));
         image.metadata.insert(SESSIONS.to_owned(), Metadata::Int(self.sessions as i32));
+        image.metadata.insert(SECONDS.to_owned(), Metadata::Float(seconds as f32));
         image.write_exr(&self.file)?;
         Ok(image)
     }
@@ -265,6 +289,15 @@ fn integer(image: &Image, name: &str) -> i32 {
     match image.metadata.get(name) {
         Some(Metadata::Int(value)) => *value,
         _ => 0,
+    }
+}
+
+/// Seconds that both halves have been rendered for; 0 where the image does not say.
+fn seconds(image: &Image) -> f64 {
+    match image.metadata.get(SECONDS) {
+        // What is damaged may say anything.
+        Some(Metadata::Float(seconds)) => f64::from(*seconds).max(0.0),
+        _ => 0.0,
     }
 }
 

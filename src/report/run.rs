@@ -40,6 +40,8 @@ pub struct Run {
     pub settings: Settings,
     /// Seconds until the first sample: hierarchy, compilation, tables, photons and their grid.
     pub setup: f64,
+    /// Seconds until the first image, in time or not; none where set-up alone took longer than the budgets.
+    pub first: Option<f64>,
     /// The image at each budget that brought new samples.
     pub snapshots: Vec<Snapshot>,
     /// At the end, with the times of this run's passes alone.
@@ -108,6 +110,7 @@ impl Run {
         let mut time = setup;
         // When the last sample was there: what is prepared for the next ones adds nothing to the image.
         let mut sampled = setup;
+        let mut first = None;
         // Until then, for the same reason.
         let mut passes = subject.gpu.pass_times()?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
@@ -131,6 +134,7 @@ impl Run {
                 let took = start.elapsed().as_secs_f64();
                 time += took;
                 sampled = time;
+                first.get_or_insert(sampled);
                 pace = Some(took / f64::from(renderer.samples() - before));
                 passes = subject.gpu.pass_times()?;
             }
@@ -149,7 +153,7 @@ impl Run {
         statistics.time.passes = difference(&passes, &passes_before);
         let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
-        Ok(Some(Run { settings, setup, snapshots, statistics, map_left_out, time: sampled, spent: time }))
+        Ok(Some(Run { settings, setup, first, snapshots, statistics, map_left_out, time: sampled, spent: time }))
     }
 }
 

@@ -1,16 +1,18 @@
 //! What the error of a technique is made of, and which technique to use.
 
+use std::cmp::Ordering;
 use std::fmt::Write;
 
 use serde::Serialize;
 
-use crate::Image;
 use crate::settings::Technique;
+use crate::{Error, Image};
 
 use super::curve::ratio;
 use super::document::{BASELINE, ComparisonReport, Entrant, SnapshotReport, channels};
 use super::interval::Interval;
 use super::reference::{Reference, variance};
+use super::run::Run;
 
 /// A technique's light is called too strong or too weak from here on: less does not change an 8-bit code of mid grey.
 const BRIGHTNESS: f64 = 0.005;
@@ -90,25 +92,66 @@ pub(super) fn verdict(last: &SnapshotReport, brightness: &Interval, floor: Optio
     Verdict { kind: VerdictKind::Noise, text }
 }
 
-/// Which technique to use, and why. `late` have no image in time.
+/// A technique that has no budget at which all of its runs have an image.
+pub(super) struct Late {
+    technique: Technique,
+    /// Seconds of the slowest run's set-up.
+    setup: f64,
+    /// Seconds until all runs had an image; none where one never had.
+    first: Option<f64>,
+}
+
+impl Late {
+    pub fn new(technique: Technique, runs: &[&Run]) -> Late {
+        let setup = runs.iter().map(|run| run.setup).fold(0.0, f64::max);
+        let firsts: Option<Vec<f64>> = runs.iter().map(|run| run.first).collect();
+        Late { technique, setup, first: firsts.map(|firsts| firsts.into_iter().fold(0.0, f64::max)) }
+    }
+
+    fn why(&self) -> String {
+        match self.first {
+            Some(seconds) => format!("its first image takes up to {seconds:.2} s"),
+            None => format!("its set-up alone takes up to {:.2} s", self.setup),
+        }
+    }
+}
+
+/// What to do where all techniques are late.
+pub(super) fn too_short(late: &[Late]) -> Error {
+    // Who has an image is sooner than who has none.
+    let soonness = |late: &Late| (late.first.is_none(), late.first.unwrap_or(late.setup));
+    let soonest = late.iter().min_by(|a, b| soonness(a).partial_cmp(&soonness(b)).unwrap_or(Ordering::Equal));
+    let Some(soonest) = soonest else { return Error::Usage("there are no runs to report".to_owned()) };
+    let (more, seconds) = soonness(soonest);
+    Error::Usage(format!(
+        "--budgets are too short: no technique has an image at one of them in all its runs; of {}, the soonest, {}: give {} {:.2} s",
+        soonest.technique,
+        soonest.why(),
+        if more { "more than" } else { "at least" },
+        // A run is never just as fast as the one before.
+        (seconds * 100.0).ceil() / 100.0
+    ))
+}
+
+/// Which technique to use, and why.
 pub(super) fn advice(
     entrants: &[Entrant],
-    floor: Option<f64>,
-    late: &[Technique],
+    reference: &Reference,
+    late: &[Late],
     comparisons: &[ComparisonReport],
     map_left_out: Option<&str>,
 ) -> String {
     let mut text = best(entrants);
     let kinds = || entrants.iter().map(|entrant| entrant.report.verdict.kind);
-    if let Some(floor) = floor.filter(|_| kinds().filter(|kind| *kind == VerdictKind::Reference).count() > 1) {
+    if let Some(floor) = reference.floor().filter(|_| kinds().filter(|kind| *kind == VerdictKind::Reference).count() > 1) {
+        let better = if reference.is_short() { "longer --reference-time" } else { "smaller --reference-error" };
         let _ = write!(
             text,
-            " Some come as near as the reference can tell, whose own relMSE is {floor:.0e}: a smaller \
-             --reference-error would tell them apart."
+            " Some come as near as the reference can tell, whose own relMSE is {floor:.0e}: a {better} would tell them apart."
         );
     }
-    for technique in late {
-        let _ = write!(text, " {technique} is left out: not each of its runs had an image within the budgets.");
+    for late in late {
+        let _ = write!(text, " {} is left out: {}, too long for the budgets.", late.technique, late.why());
     }
     if let Some(reason) = map_left_out {
         let _ = write!(text, " Shadow photons are left out of this scene ({reason})");

@@ -93,6 +93,12 @@ impl Family {
         })
     }
 
+    /// The least and the greatest value of the parameter, over all series.
+    pub fn range(&self) -> [f64; 2] {
+        let values = || self.series.iter().flat_map(|series| series.values).copied();
+        [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)]
+    }
+
     /// The series of that name.
     pub fn series(&self, name: &str) -> Option<&Series> {
         self.series.iter().find(|series| series.name == name)

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use penumbra::stress::FAMILIES;
+
 use crate::program::{folder, run};
 
 #[test]
@@ -11,4 +13,19 @@ fn what_is_wrong_is_said_before_anything_is_rendered() {
     let file = folder.path().join("a file");
     fs::write(&file, "").unwrap();
     run("stress scale -o", &[&file]).assert_refused(3, &["a file"]);
+}
+
+#[test]
+fn help_names_every_family_with_its_parameter_and_range() {
+    let answer = run("stress --help", &[]);
+    let help = answer.assert_done().stdout.split_whitespace().collect::<Vec<_>>().join(" ");
+    for family in FAMILIES {
+        let entry = format!("{}: {}, ", family.name, family.parameter);
+        let range = help.split_once(&entry).unwrap_or_else(|| panic!("{entry} is not in: {help}")).1;
+        let mut words = range.split(' ');
+        let [from, to] = [0, 1].map(|skip| words.nth(skip).unwrap().parse::<f64>().unwrap());
+        let values = || family.series.iter().flat_map(|series| series.values);
+        // Written with one digit.
+        assert!(values().all(|x| (0.95 * from..1.05 * to).contains(x)) && from < to, "{}: {from} to {to}", family.name);
+    }
 }

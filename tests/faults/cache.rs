@@ -7,13 +7,17 @@ use std::thread;
 
 use penumbra::gpu::Gpu;
 use penumbra::report::classes::Truth;
-use penumbra::report::reference::{Making, Reference};
+use penumbra::report::reference::{Goal, Making, Reference};
 use penumbra::report::run::Subject;
 use penumbra::scene::ImportOptions;
 use penumbra::{Image, Scene, Settings};
 
 use crate::common::gpu;
 use crate::program::{BOX, device, folder};
+
+fn goal(standard_error: f64) -> Goal {
+    Goal { standard_error, seconds: f64::INFINITY }
+}
 
 /// Two at once on one folder, each on a device and with files of its own, as two processes are: one makes the reference, the other
 /// waits and has the same, and no file is damaged or left behind. One that is told to stop waits no more.
@@ -26,7 +30,7 @@ fn one_makes_the_reference_that_two_ask_for() {
     let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(Making)| {
         let gpu = Gpu::open(&choice).unwrap();
         let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
-        Reference::make(&subject, folder.path(), target, stop, tell).unwrap()
+        Reference::make(&subject, folder.path(), goal(target), stop, tell).unwrap()
     };
     let ask = || {
         let mut saves = 0;
@@ -67,7 +71,7 @@ fn a_damaged_cache_is_told_or_made_anew() {
     let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings };
     let folder = folder();
     let folder = folder.path();
-    let make = || Reference::make(&subject, folder, 0.2, &|| false, &mut |_| {}).map(drop);
+    let make = || Reference::make(&subject, folder, goal(0.2), &|| false, &mut |_| {}).map(drop);
     make().unwrap();
     let half = folder.join("half-0.exr");
     let whole = fs::read(&half).unwrap();

@@ -3,6 +3,7 @@
 #[path = "../common/device.rs"]
 mod device;
 
+mod budgets;
 mod curves;
 mod honesty;
 mod intervals;

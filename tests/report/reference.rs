@@ -4,10 +4,10 @@ use std::fs;
 
 use penumbra::film::Metadata;
 use penumbra::report::metrics;
-use penumbra::report::reference::{Reference, cache_folder};
+use penumbra::report::reference::{Goal, Reference, cache_folder};
 use penumbra::{Image, Settings};
 
-use crate::setup::{Box, folder};
+use crate::setup::{Box, folder, goal};
 
 #[test]
 fn a_reference_is_taken_up_again_and_knows_its_error() {
@@ -17,7 +17,7 @@ fn a_reference_is_taken_up_again_and_knows_its_error() {
     let folder = folder();
     let make = |target: f64| {
         let mut saves = 0;
-        let made = Reference::make(&subject, folder.path(), target, &|| false, &mut |_| saves += 1);
+        let made = Reference::make(&subject, folder.path(), goal(target), &|| false, &mut |_| saves += 1);
         (made.unwrap().unwrap(), saves)
     };
     let (early, saves) = make(0.2);
@@ -36,18 +36,41 @@ fn a_reference_is_taken_up_again_and_knows_its_error() {
     assert!((0.6..1.6).contains(&(distance / stated)), "{distance} for {stated}");
 }
 
+/// What is out of reach is taken as it is once its time is up, and says so; its time is that of all sessions.
+#[test]
+fn a_reference_whose_time_is_up_is_short() {
+    let scene = Box::load();
+    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let subject = scene.subject(&settings);
+    let folder = folder();
+    let make = |standard_error: f64, seconds: f64| {
+        let goal = Goal { standard_error, seconds };
+        Reference::make(&subject, folder.path(), goal, &|| false, &mut |_| {}).unwrap().unwrap()
+    };
+    // No time at all is that of a sample.
+    let first = make(1e-9, 1e-9);
+    assert!(first.is_short() && first.samples() >= Some(2) && first.standard_error() > Some(1e-9));
+    let kept = make(1e-9, 1e-9);
+    assert!(kept.is_short() && kept.image == first.image, "its time was up before");
+    let longer = make(1e-9, 0.5);
+    assert!(longer.is_short() && longer.samples() > first.samples());
+    let found = longer.standard_error().unwrap();
+    let enough = make(1.1 * found, 1e-9);
+    assert!(!enough.is_short() && enough.image == longer.image);
+}
+
 #[test]
 fn stopped_makes_nothing_and_keeps_what_there_was() {
     let scene = Box::load();
     let settings = Settings { width: 8, height: 8, ..Settings::default() };
     let folder = folder();
     let make = |stop: bool| {
-        Reference::make(&scene.subject(&settings), folder.path(), 1e-9, &|| stop, &mut |_| {}).unwrap().is_some()
+        Reference::make(&scene.subject(&settings), folder.path(), goal(1e-9), &|| stop, &mut |_| {}).unwrap().is_some()
     };
     assert!(!make(true));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     // Each half has samples of its own, or their difference would say nothing.
-    Reference::make(&scene.subject(&settings), folder.path(), 0.5, &|| false, &mut |_| {}).unwrap();
+    Reference::make(&scene.subject(&settings), folder.path(), goal(0.5), &|| false, &mut |_| {}).unwrap();
     let [a, b] = ["half-0.exr", "half-1.exr"].map(|name| Image::read(folder.path().join(name)).unwrap());
     assert_ne!(a.channels, b.channels);
     assert!(!make(true));
@@ -61,7 +84,7 @@ fn halves_that_are_none_are_refused() {
     let settings = Settings { width: 8, height: 8, ..Settings::default() };
     let folder = folder();
     let path = folder.path().join("half-1.exr");
-    let make = || Reference::make(&scene.subject(&settings), folder.path(), 0.5, &|| false, &mut |_| {}).map(|_| ());
+    let make = || Reference::make(&scene.subject(&settings), folder.path(), goal(0.5), &|| false, &mut |_| {}).map(|_| ());
     make().unwrap();
     let good = Image::read(&path).unwrap();
     let set = |name: &str, value: i32| {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use penumbra::report::reference::Goal;
 use penumbra::report::run::Subject;
 use penumbra::scene::ImportOptions;
 use penumbra::{Camera, Scene, Settings};
@@ -23,6 +24,11 @@ impl Box {
     pub fn subject<'a>(&'a self, settings: &'a Settings) -> Subject<'a> {
         Subject { gpu: gpu(), scene: &self.scene, camera: &self.camera, settings }
     }
+}
+
+/// A reference of that standard error, however long it takes.
+pub fn goal(standard_error: f64) -> Goal {
+    Goal { standard_error, seconds: f64::INFINITY }
 }
 
 /// A folder that goes when it is dropped.

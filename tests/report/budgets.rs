@@ -1,0 +1,65 @@
+//! Budgets that are too short for an image: which technique that was, how long it takes, and what to do.
+
+use penumbra::report::document::{LEAST_REPEATS, Report};
+use penumbra::report::reference::Reference;
+use penumbra::report::run::{Run, Snapshot, Subject};
+use penumbra::statistics::Rays;
+use penumbra::{Image, Result, Settings, Technique};
+
+use crate::setup::Box;
+
+/// A run that no budget is long enough for, as all are of a nanosecond.
+fn late(subject: &Subject<'_>, technique: Technique, seed: u32) -> Run {
+    Run::new(subject, technique, seed, &[1e-9], &|| false).unwrap().unwrap()
+}
+
+fn grey(level: f32) -> Image {
+    let mut image = Image::new(8, 8);
+    for name in ["R", "G", "B"] {
+        image.add_channel(name, vec![level; 64]);
+    }
+    image
+}
+
+fn report(subject: &Subject<'_>, runs: &[Run]) -> Result<Report> {
+    let reference = Reference { image: grey(0.5), goal: None };
+    Report::new("box.glb", &subject.gpu.info, &reference, runs, Vec::new())
+}
+
+#[test]
+fn what_is_late_is_named_with_the_budget_that_would_do() {
+    let scene = Box::load();
+    let settings = Settings { width: 8, height: 8, photons: 4096, flux_photons: 4096, ..Settings::default() };
+    let subject = scene.subject(&settings);
+    let seeds = 0..LEAST_REPEATS as u32;
+    let techniques = [Technique::Path, Technique::PhotonMap];
+    let mut runs: Vec<Run> =
+        seeds.flat_map(|seed| techniques.map(|technique| late(&subject, technique, seed))).collect();
+    assert!(runs.iter().all(|run| run.snapshots.is_empty() && run.first.is_none() && run.setup > 1e-9));
+    let refused = |runs: &[Run], words: &[&str]| {
+        let error = report(&subject, runs).err().unwrap();
+        let (code, text) = (error.exit_code(), error.to_string());
+        assert!(code == 2 && words.iter().all(|word| text.contains(word)), "{words:?} in {text}");
+    };
+
+    // Set-up alone took longer; the slowest run tells.
+    for (index, run) in runs.iter_mut().enumerate() {
+        run.setup = 1.0 + index as f64;
+    }
+    refused(&runs, &["--budgets", "path", "set-up alone takes up to 5.00 s", "more than 5.00 s"]);
+
+    // There was an image, and too late: of one technique in all runs.
+    for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 1) {
+        run.first = Some(7.0 + 0.1234 * index as f64);
+    }
+    refused(&runs, &["photon-map", "first image takes up to 7.62 s", "at least 7.62 s"]);
+
+    // The other one is in time: the late one is left out, and the advice says why.
+    for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 0) {
+        let (samples, rays, image) = (4, Rays::default(), grey(0.5 + 0.01 * (1 + index) as f32));
+        run.first = Some(1.0);
+        run.snapshots.push(Snapshot { budget: 2.0, time: 2.0, samples, rays, image });
+    }
+    let advice = report(&subject, &runs).unwrap().advice;
+    assert!(advice.contains("photon-map is left out: its first image takes up to 7.62 s"), "{advice}");
+}
