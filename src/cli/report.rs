@@ -152,7 +152,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         if stop() {
             return nothing();
         }
-        let seconds = bench.on(|subject| warm_up(subject, technique))?;
+        let seconds = bench.on(|subject| warm_up(subject, technique, longest))?;
         tell(format!("{technique}: ready after {seconds:.2} s"));
         warm_ups.push((technique, seconds));
     }
@@ -164,14 +164,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             classes.extend(bench.on(|subject| Classes::new(subject, *technique, truth))?);
         }
     }
-    let Rounds { mut runs, mut end } = Rounds::take(&mut bench, repeats, &techniques, &budgets, &stop);
-    let whole = runs.len() / techniques.len();
+    let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, repeats, &techniques, &budgets, &stop);
     if whole < LEAST_REPEATS {
         return end.and_then(|_| nothing());
     }
     if whole < repeats {
-        // Intervals need as many runs of each technique.
-        runs.truncate(whole * techniques.len());
         tell(format!("the report is of {whole} of {repeats} runs"));
     }
     let counted = started.elapsed();
@@ -248,9 +245,11 @@ impl Bench<'_> {
     }
 }
 
-/// The runs, in turn, so that a machine that grows slow is slow for all techniques.
+/// The runs of whole rounds of all techniques.
 struct Rounds {
     runs: Vec<Run>,
+    /// How many rounds are whole.
+    whole: usize,
     /// Whether they are all; else what ended them.
     end: Result<Ending>,
 }
@@ -263,26 +262,48 @@ impl Rounds {
         budgets: &[f64],
         stop: &dyn Fn() -> bool,
     ) -> Rounds {
-        let Bench { arguments, settings, .. } = *bench;
-        let mut runs = Vec::new();
-        for repeat in 0..repeats {
-            let seed = settings.seed.wrapping_add(repeat as u32);
-            for &technique in techniques {
-                let run = match bench.on(|subject| Run::new(subject, technique, seed, budgets, stop)) {
-                    Ok(Some(run)) => run,
-                    Ok(None) => return Rounds { runs, end: Ok(Ending::Stopped) },
-                    Err(error) => return Rounds { runs, end: Err(error) },
-                };
-                arguments.tell(format!(
-                    "{technique}, run {} of {repeats}: {} spp in {:.2} s",
-                    repeat + 1,
-                    run.statistics.samples,
-                    run.time
-                ));
-                runs.push(run);
+        let mut rounds = Rounds { runs: Vec::new(), whole: 0, end: Ok(Ending::Done) };
+        let mut techniques = techniques.to_vec();
+        while rounds.whole < repeats {
+            match Rounds::round(bench, [rounds.whole, repeats], &techniques, budgets, stop) {
+                Ok(Some(runs)) => {
+                    // No further run could help who has no image in one: none is shown that not all runs have.
+                    techniques.retain(|technique| {
+                        let own = |run: &&Run| run.settings.technique == *technique;
+                        runs.iter().find(own).is_some_and(|run| !run.snapshots.is_empty())
+                    });
+                    rounds.runs.extend(runs);
+                    rounds.whole += 1;
+                }
+                Ok(None) => return Rounds { end: Ok(Ending::Stopped), ..rounds },
+                Err(error) => return Rounds { end: Err(error), ..rounds },
             }
         }
-        Rounds { runs, end: Ok(Ending::Done) }
+        rounds
+    }
+
+    /// A run of each, in turn, so that a machine that grows slow is slow for all techniques.
+    fn round(
+        bench: &mut Bench<'_>,
+        [index, repeats]: [usize; 2],
+        techniques: &[Technique],
+        budgets: &[f64],
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Vec<Run>>> {
+        let Bench { arguments, settings, .. } = *bench;
+        let seed = settings.seed.wrapping_add(index as u32);
+        let mut runs = Vec::new();
+        for &technique in techniques {
+            let Some(run) = bench.on(|subject| Run::new(subject, technique, seed, budgets, stop))? else {
+                return Ok(None);
+            };
+            let Run { ref snapshots, ref statistics, time, .. } = run;
+            let late = if snapshots.is_empty() { ", too late for all budgets: no further runs" } else { "" };
+            let samples = statistics.samples;
+            arguments.tell(format!("{technique}, run {} of {repeats}: {samples} spp in {time:.2} s{late}", index + 1));
+            runs.push(run);
+        }
+        Ok(Some(runs))
     }
 }
 

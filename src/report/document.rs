@@ -14,7 +14,7 @@ use crate::{Image, Result};
 use super::classes::Classes;
 use super::curve::{Comparison, Curve};
 use super::interval::Interval;
-use super::metrics::{Measures, RELMSE_FLOOR};
+use super::metrics::{self, RELMSE_FLOOR};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
 use super::sweep::Sweep;
@@ -116,16 +116,16 @@ pub struct SnapshotReport {
     pub time: Interval,
     /// Samples a pixel.
     pub samples: Interval,
-    /// See [`Measures`].
+    /// See [`metrics::rmse`].
     pub rmse: Interval,
-    /// See [`Measures`].
+    /// See [`metrics::relmse`].
     pub relmse: Interval,
-    /// See [`Measures`].
+    /// See [`metrics::mae`].
     pub mae: Interval,
-    /// See [`Measures`].
+    /// See [`metrics::p99`].
     pub p99: Interval,
-    /// See [`Measures`].
-    pub flip: Interval,
+    /// See [`metrics::flip`]; of the last budget alone, as it takes longer than all other measures together.
+    pub flip: Option<Interval>,
     /// The part of relMSE that more samples of the same seeds' kind would leave.
     pub bias: Interval,
     /// The part of relMSE that differs from run to run.
@@ -172,7 +172,11 @@ pub struct Row {
     budget: f64,
     time: f64,
     samples: u32,
-    measures: Measures,
+    rmse: f64,
+    relmse: f64,
+    mae: f64,
+    p99: f64,
+    flip: Option<f64>,
     /// relMSE where photons do not decide, and elsewhere.
     parts: Option<[f64; 2]>,
     rays: Rays,
@@ -180,10 +184,10 @@ pub struct Row {
 
 impl Report {
     /// Measures the runs, of which there must be the same number, at least [`LEAST_REPEATS`], of each technique, taken
-    /// in turn.
+    /// in turn; one will do of a technique that has no image in time.
     ///
     /// # Errors
-    /// As [`Measures::new`]; [`crate::Error::Usage`] where no technique has an image of all its runs at one budget.
+    /// As [`metrics::rmse`]; [`crate::Error::Usage`] where no technique has an image of all its runs at one budget.
     pub fn new(
         scene: &str,
         device: &DeviceInfo,
@@ -192,14 +196,21 @@ impl Report {
         classes: Vec<Classes>,
     ) -> Result<Report> {
         let mask = classes.first().map(Classes::mask);
+        let of = |technique: Technique| -> Vec<&Run> {
+            runs.iter().filter(|run| run.settings.technique == technique).collect()
+        };
+        let last = Technique::ALL.map(|technique| (technique, budgets(&of(technique)).last().copied()));
+        let is_last = |run: &Run, snapshot: &Snapshot| last.contains(&(run.settings.technique, Some(snapshot.budget)));
         let snapshots: Vec<_> = runs.iter().flat_map(|run| run.snapshots.iter().map(move |s| (run, s))).collect();
-        let row = |(run, snapshot): &(&Run, &Snapshot)| Row::new(run, snapshot, reference, mask.as_deref());
+        let row = |(run, snapshot): &(&Run, &Snapshot)| {
+            Row::new(run, snapshot, reference, mask.as_deref(), is_last(run, snapshot))
+        };
         let rows = snapshots.par_iter().map(row).collect::<Result<Vec<_>>>()?;
 
         let mut entrants = Vec::new();
         let mut late = Vec::new();
         for technique in Technique::ALL {
-            let own: Vec<&Run> = runs.iter().filter(|run| run.settings.technique == technique).collect();
+            let own = of(technique);
             match Entrant::new(&own, &rows, reference) {
                 Some(entrant) => entrants.push(entrant),
                 None if own.is_empty() => {}
@@ -239,8 +250,8 @@ impl Report {
         let mut text = "technique,seed,budget,time,samples,rmse,relmse,mae,p99,flip,relmse_boundary,relmse_elsewhere,\
                         rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,rays_bounce,rays_gather,rays_total\n"
             .to_owned();
-        for Row { technique, seed, budget, time, samples, measures, parts, rays } in &self.rows {
-            let Measures { rmse, relmse, mae, p99, flip } = measures;
+        for Row { technique, seed, budget, time, samples, rmse, relmse, mae, p99, flip, parts, rays } in &self.rows {
+            let flip = flip.map_or(String::new(), |flip| flip.to_string());
             let [boundary, elsewhere] = parts.map_or(Default::default(), |parts| parts.map(|x| x.to_string()));
             let Rays { camera, photon, cell, shadow, audit, bounce, gather, total } = rays;
             // A String takes whatever is written.
@@ -262,12 +273,25 @@ impl Overhead {
 }
 
 impl Row {
-    fn new(run: &Run, snapshot: &Snapshot, reference: &Reference, mask: Option<&[bool]>) -> Result<Row> {
-        let Snapshot { budget, time, samples, rays, image } = snapshot;
-        let measures = Measures::new(image, &reference.image)?;
-        let parts = mask.map(|mask| [true, false].map(|inside| masked_relmse(image, &reference.image, mask, inside)));
-        let Settings { technique, seed, .. } = run.settings;
-        Ok(Row { technique, seed, budget: *budget, time: *time, samples: *samples, measures, parts, rays: *rays })
+    /// Of an image of a run; with its FLIP where it is of the `last` budget.
+    fn new(run: &Run, snapshot: &Snapshot, reference: &Reference, mask: Option<&[bool]>, last: bool) -> Result<Row> {
+        let Snapshot { budget, time, samples, rays, ref image } = *snapshot;
+        let reference = &reference.image;
+        let parts = mask.map(|mask| [true, false].map(|inside| masked_relmse(image, reference, mask, inside)));
+        Ok(Row {
+            technique: run.settings.technique,
+            seed: run.settings.seed,
+            budget,
+            time,
+            samples,
+            rmse: metrics::rmse(image, reference)?,
+            relmse: metrics::relmse(image, reference)?,
+            mae: metrics::mae(image, reference)?,
+            p99: metrics::p99(image, reference)?,
+            flip: last.then(|| metrics::flip(image, reference)).transpose()?,
+            parts,
+            rays,
+        })
     }
 
     fn is_of(&self, run: &Run) -> bool {
@@ -284,14 +308,14 @@ pub(super) struct Entrant {
 
 impl Entrant {
     fn new(runs: &[&Run], rows: &[Row], reference: &Reference) -> Option<Entrant> {
-        let budgets = runs.first()?.snapshots.iter().map(|snapshot| snapshot.budget);
-        let snapshots: Vec<(SnapshotReport, Vec<&Image>)> = budgets
-            .filter_map(|budget| {
+        let snapshots: Vec<(SnapshotReport, Vec<&Image>)> = budgets(runs)
+            .into_iter()
+            .map(|budget| {
                 let all = runs.iter().flat_map(|run| &run.snapshots);
                 let images: Vec<&Image> = all.filter(|s| s.budget == budget).map(|s| &s.image).collect();
                 let own = |row: &&Row| row.budget == budget && runs.iter().any(|run| row.is_of(run));
                 let rows: Vec<&Row> = rows.iter().filter(own).collect();
-                (images.len() == runs.len()).then(|| (SnapshotReport::new(budget, &rows, &images, reference), images))
+                (SnapshotReport::new(budget, &rows, &images, reference), images)
             })
             .collect();
         let (last, images) = snapshots.last()?;
@@ -305,7 +329,7 @@ impl Entrant {
         }
         let curve = |run: &Run, from: f64| {
             let own = rows.iter().filter(|row| row.is_of(run));
-            Curve::new(own.map(|row| (row.time - from, row.measures.relmse)))
+            Curve::new(own.map(|row| (row.time - from, row.relmse)))
         };
         // Set-up is no sampling.
         let slopes: Option<Vec<f64>> = runs.iter().map(|run| curve(run, run.setup).slope()).collect();
@@ -331,6 +355,13 @@ impl Entrant {
     pub fn technique(&self) -> Technique {
         self.report.settings.technique
     }
+}
+
+/// The budgets at which all of these runs have an image, in order.
+fn budgets(runs: &[&Run]) -> Vec<f64> {
+    let has = |run: &Run, budget: f64| run.snapshots.iter().any(|snapshot| snapshot.budget == budget);
+    let first = runs.first().into_iter().flat_map(|run| &run.snapshots).map(|snapshot| snapshot.budget);
+    first.filter(|budget| runs.iter().all(|run| has(run, *budget))).collect()
 }
 
 /// Each technique against the baseline, where that is there.
@@ -365,16 +396,17 @@ impl SnapshotReport {
             let shared = (all - own) / (n * (n - 1.0));
             (shared - floor, own / n - shared)
         };
+        let flips: Option<Vec<f64>> = rows.iter().map(|row| row.flip).collect();
         let rays = |f: &dyn Fn(&Rays) -> u64| rows.iter().map(|row| f(&row.rays)).sum::<u64>() / rows.len() as u64;
         SnapshotReport {
             budget,
             time: mean(&|row| row.time),
             samples: mean(&|row| f64::from(row.samples)),
-            rmse: error(&|row| row.measures.rmse),
-            relmse: error(&|row| row.measures.relmse),
-            mae: error(&|row| row.measures.mae),
-            p99: error(&|row| row.measures.p99),
-            flip: error(&|row| row.measures.flip),
+            rmse: error(&|row| row.rmse),
+            relmse: error(&|row| row.relmse),
+            mae: error(&|row| row.mae),
+            p99: error(&|row| row.p99),
+            flip: flips.map(|flips| Interval::of_geometric_mean(&flips)),
             bias: Interval::jackknife(images.len(), |without| split(without).0),
             variance: Interval::jackknife(images.len(), |without| split(without).1),
             relmse_boundary: part(0),

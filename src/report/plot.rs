@@ -18,6 +18,10 @@ use super::sweep::{Sweep, SweepPoint};
 /// Pixels.
 const SIZE: (u32, u32) = (760, 460);
 
+/// Pixels of a bar with the room around it, and of what is below all bars.
+const BAR: u32 = 44;
+const BELOW_BARS: u32 = 96;
+
 /// Okabe and Ito's colours, which people with any colour vision tell apart on dark and on light.
 /// Two of Tol's come with them, as there are nine techniques.
 const COLOURS: [RGBColor; 9] = [
@@ -54,7 +58,9 @@ pub fn error_over_time(report: &Report) -> Result<String> {
             Series::new(technique, slope, |snapshot| snapshot.time.value)
         })
         .collect();
-    draw("error.svg", |area| logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), report.reference.relmse))
+    draw("error.svg", SIZE, |area| {
+        logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), report.reference.relmse)
+    })
 }
 
 /// relMSE against the rays that ask for visibility: shadow rays, audits, photons and rays of cells. `path` has none of its own.
@@ -69,7 +75,7 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
     let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::Path;
     let techniques = report.techniques.iter().filter(own);
     let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
-    draw("rays.svg", |area| {
+    draw("rays.svg", SIZE, |area| {
         let names = ["shadow rays, audits, photons and rays of cells", "relMSE"];
         logarithmic(area, &curves, names, None, report.reference.relmse)
     })
@@ -93,7 +99,7 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
         series("relMSE", COLOURS[3], &|point| exact(point.relmse)),
     ];
     let (setting, law) = (sweep.setting.name(), sweep.setting.law());
-    draw(&format!("sweep-{setting}.svg"), |area| logarithmic(area, &series, [setting, ""], Some(law), None))
+    draw(&format!("sweep-{setting}.svg"), SIZE, |area| logarithmic(area, &series, [setting, ""], Some(law), None))
 }
 
 /// Deviations at or below this are drawn there, as 0 has no place on a logarithmic axis.
@@ -119,7 +125,9 @@ pub fn stress(family: &Family, curves: &[(&stress::Series, Vec<Reading>)]) -> Re
     });
     let series: Vec<_> = series.collect();
     let deviation = format!("deviation (0 at {LEAST_DEVIATION:.0e})");
-    draw(&format!("{}.svg", family.name), |area| logarithmic(area, &series, [family.parameter, &deviation], None, None))
+    draw(&format!("{}.svg", family.name), SIZE, |area| {
+        logarithmic(area, &series, [family.parameter, &deviation], None, None)
+    })
 }
 
 /// A number without a band.
@@ -150,14 +158,15 @@ pub fn time_by_pass(report: &Report) -> Result<String> {
     let colour = |name: &str| own(name).unwrap_or(COLOURS.len() - 1);
     let longest = bars.iter().map(|(_, parts)| parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
 
-    draw("passes.svg", |area| {
-        let count = bars.len();
+    let count = bars.len();
+    let height = BAR * count as u32 + BELOW_BARS;
+    draw("passes.svg", (SIZE.0, height), |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(130)
-            // Room for the legend above the bars.
-            .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -1.2..count as f64)?;
+            // Room for the legend below the bars.
+            .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -0.7..count as f64)?;
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -182,7 +191,7 @@ pub fn time_by_pass(report: &Report) -> Result<String> {
             area.draw_text(technique, &text_style().into_text_style(area), (x - 125, y - 8))?;
         }
         for (index, name) in names.iter().enumerate() {
-            let (x, y) = (150 + 85 * index as i32, SIZE.1 as i32 - 75);
+            let (x, y) = (150 + 85 * index as i32, height as i32 - 75);
             area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[colour(name)].filled()))?;
             area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
         }
@@ -232,9 +241,9 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 
 /// A drawing on white.
-fn draw(file: &str, content: impl FnOnce(&Area<'_>) -> Drawn) -> Result<String> {
+fn draw(file: &str, size: (u32, u32), content: impl FnOnce(&Area<'_>) -> Drawn) -> Result<String> {
     let mut text = String::new();
-    let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+    let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
     let drawn = || -> Drawn {
         area.fill(&WHITE)?;
         content(&area)?;
@@ -257,6 +266,10 @@ fn logarithmic(
     power: Option<f64>,
     floor: Option<f64>,
 ) -> Drawn {
+    if series.iter().all(|series| series.points.is_empty()) {
+        let place = (i32::try_from(SIZE.0 / 2)? - 80, i32::try_from(SIZE.1 / 2)?);
+        return Ok(area.draw_text("there is nothing to show", &text_style().into_text_style(area), place)?);
+    }
     let floor = floor.filter(|floor| *floor > 0.0);
     let points = || series.iter().flat_map(|series| &series.points);
     let x = axis(points().map(|(x, _)| *x));
@@ -272,8 +285,8 @@ fn logarithmic(
         .x_desc(x_name)
         .y_desc(y_name)
         .label_style(text_style())
-        .x_label_formatter(&number)
-        .y_label_formatter(&number)
+        .x_label_formatter(&|x| number(*x))
+        .y_label_formatter(&|y| number(*y))
         .light_line_style(BLACK.mix(0.05))
         .bold_line_style(BLACK.mix(0.15))
         .draw()?;
@@ -407,6 +420,6 @@ fn axis(values: impl Iterator<Item = f64>) -> Range<f64> {
 }
 
 /// As short as can be.
-fn number(x: &f64) -> String {
-    if (1e-2..1e4).contains(x) { format!("{}", (x * 1e6).round() / 1e6) } else { format!("{x:.0e}") }
+pub(super) fn number(x: f64) -> String {
+    if (1e-2..1e4).contains(&x) { format!("{}", (x * 1e6).round() / 1e6) } else { format!("{x:.0e}") }
 }

@@ -119,7 +119,8 @@ impl Reference {
         loop {
             let start = Instant::now();
             // However short its time is, there is an image.
-            let goes_on = |renderer: &Renderer| renderer.samples() == 0 || start.elapsed() < wait && spent() < goal.seconds;
+            let goes_on =
+                |renderer: &Renderer| renderer.samples() == 0 || start.elapsed() < wait && spent() < goal.seconds;
             while goes_on(&renderers[1]) && !stop() {
                 for renderer in &mut renderers {
                     renderer.render_batch()?;

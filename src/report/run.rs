@@ -69,18 +69,22 @@ pub struct Snapshot {
 }
 
 /// Takes the first samples, after which the driver has compiled every kernel and keeps it; says how many seconds that took. Where
-/// kernels are new to a driver that is a multiple of what it takes from then on, and no property of a technique.
+/// kernels are new to a driver that is a multiple of what it takes from then on, and no property of a technique. One sample will
+/// do where it takes longer than the `longest` budget, in seconds, as there will be no image in time.
 ///
 /// # Errors
 /// As [`Renderer::new`] and [`Renderer::render_batch`].
-pub fn warm_up(subject: &Subject<'_>, technique: Technique) -> Result<f64> {
+pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Result<f64> {
     let start = Instant::now();
     let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.seed))?;
-    // The pilot may leave the visibility map out, and other kernels follow.
-    for _ in 0..2 {
-        renderer.render_at_most(1)?;
-    }
+    let sample = Instant::now();
+    renderer.render_at_most(1)?;
     subject.gpu.wait("warm-up")?;
+    if sample.elapsed().as_secs_f64() <= longest {
+        // The pilot may leave the visibility map out, and other kernels follow.
+        renderer.render_at_most(1)?;
+        subject.gpu.wait("warm-up")?;
+    }
     Ok(start.elapsed().as_secs_f64())
 }
 

@@ -11,6 +11,7 @@ use crate::{Error, Image};
 use super::curve::ratio;
 use super::document::{BASELINE, ComparisonReport, Entrant, SnapshotReport, channels};
 use super::interval::Interval;
+use super::plot::number;
 use super::reference::{Reference, variance};
 use super::run::Run;
 
@@ -142,16 +143,25 @@ pub(super) fn advice(
     map_left_out: Option<&str>,
 ) -> String {
     let mut text = best(entrants);
-    let kinds = || entrants.iter().map(|entrant| entrant.report.verdict.kind);
-    if let Some(floor) = reference.floor().filter(|_| kinds().filter(|kind| *kind == VerdictKind::Reference).count() > 1) {
+    let near = |entrant: &&Entrant| entrant.report.verdict.kind == VerdictKind::Reference;
+    let near: Vec<Technique> = entrants.iter().filter(near).map(Entrant::technique).collect();
+    let some = match near.as_slice() {
+        // It is told from the others, but how near it comes is hidden.
+        [one] if reference.is_short() => Some(format!("{one} comes")),
+        [_, _, ..] => Some("Some come".to_owned()),
+        _ => None,
+    };
+    if let Some((some, floor)) = some.zip(reference.floor()) {
         let better = if reference.is_short() { "longer --reference-time" } else { "smaller --reference-error" };
+        let floor = number(round_up(floor));
         let _ = write!(
             text,
-            " Some come as near as the reference can tell, whose own relMSE is {floor:.0e}: a {better} would tell them apart."
+            " {some} as near as the reference can tell, whose own relMSE is up to {floor}: a {better} would tell more."
         );
     }
-    for late in late {
-        let _ = write!(text, " {} is left out: {}, too long for the budgets.", late.technique, late.why());
+    let late: Vec<String> = late.iter().map(|late| format!("{} ({})", late.technique, late.why())).collect();
+    if !late.is_empty() {
+        let _ = write!(text, " Left out, as no budget has an image of each run: {}.", late.join(", "));
     }
     if let Some(reason) = map_left_out {
         let _ = write!(text, " Shadow photons are left out of this scene ({reason})");
@@ -184,7 +194,7 @@ fn best(entrants: &[Entrant]) -> String {
         times.map_or(f64::INFINITY, |times| Interval::of_geometric_mean(&times).value)
     };
     let reaches =
-        |entrant: &Entrant, target: f64| format!("reaches relMSE {target:.0e} in {:.2} s", time(entrant, target));
+        |entrant: &Entrant, target: f64| format!("reaches relMSE {} in {:.2} s", number(target), time(entrant, target));
     let alone = || {
         let target = round_up(*least);
         format!("Use {}: it alone {}.", nearest.technique(), reaches(nearest, target))

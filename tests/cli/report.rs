@@ -96,6 +96,8 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
         small.add_channel(name, vec![1.0; 64]);
     }
     refuse(&small, &["8 x 8", "24 x 16"]);
+    report(folder, "--budgets 0,1").assert_refused(2, &["--budgets", "more than 0"]);
+    report(folder, "--techniques shadow-photon").assert_refused(2, &["shadow-photon'", "shadow-photons"]);
 
     let file = folder.join("file");
     fs::write(&file, "").unwrap();
@@ -135,6 +137,25 @@ fn a_signal_keeps_the_reference() {
     let half = Image::read(kept.join("half-0.exr")).unwrap();
     assert_ne!(half.metadata["samplesPerPixel"], Metadata::Int(0));
     assert!(!folder.join("report/report.json").exists());
+}
+
+/// Where nothing is said of it there are five runs of each technique, or as many, but not below three, as three minutes have time for.
+#[cfg(unix)]
+#[test]
+fn repeats_follow_the_time_there_is() {
+    let folder = folder();
+    let folder = folder.path();
+    let said = |arguments: &str| stopped(folder, &format!("--reference-error 1e-9 {arguments}"), "runs of");
+    let four = "--techniques path,two-pass,shadow-photons,photon-map --budgets 10";
+    let fewer = said(four);
+    assert!(fewer.contains("16 runs of 10 s: 2 min 40 s"), "{fewer}");
+    assert!(fewer.contains("4 runs of each technique instead of 5") && fewer.contains("3 min 20 s"), "{fewer}");
+    let short = said("--techniques path,two-pass --budgets 2");
+    assert!(short.contains("10 runs of 2 s: 20 s") && !short.contains("instead of"), "{short}");
+    let long = said("--budgets 30");
+    assert!(long.contains("27 runs of 30 s: 13 min 30 s"), "{long}");
+    let asked = said(&format!("{four} --repeats 7"));
+    assert!(asked.contains("28 runs of 10 s") && !asked.contains("instead of"), "{asked}");
 }
 
 /// Three runs of each technique are a report, however many more were asked for.

@@ -84,7 +84,8 @@ fn halves_that_are_none_are_refused() {
     let settings = Settings { width: 8, height: 8, ..Settings::default() };
     let folder = folder();
     let path = folder.path().join("half-1.exr");
-    let make = || Reference::make(&scene.subject(&settings), folder.path(), goal(0.5), &|| false, &mut |_| {}).map(|_| ());
+    let make =
+        || Reference::make(&scene.subject(&settings), folder.path(), goal(0.5), &|| false, &mut |_| {}).map(|_| ());
     make().unwrap();
     let good = Image::read(&path).unwrap();
     let set = |name: &str, value: i32| {

@@ -48,7 +48,11 @@ function fill(id, names, rows) {
 }
 
 const { reference, device } = report;
-const error = reference.standard_error === null ? "of unknown error" : `with a standard error of ${percent(reference.standard_error)}`;
+const short = reference.goal !== null && reference.standard_error > reference.goal;
+const error =
+  reference.standard_error === null
+    ? "of unknown error"
+    : `with a standard error of ${percent(reference.standard_error)}${short ? ` (its time was up before it had the ${percent(reference.goal)} asked for)` : ""}`;
 element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique; numbers in small are their 95 % intervals.`;
 element("advice").textContent = report.advice;
 
@@ -80,14 +84,14 @@ fill(
 );
 fill(
   "snapshots",
-  ["technique", "budget", "time", "spp", "relMSE", "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "FLIP", "shadow rays", "all rays"],
+  ["technique", "budget", "time", "spp", "relMSE", "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "shadow rays", "all rays"],
   report.techniques.flatMap((technique) =>
     technique.snapshots.map((s) => [
       technique.settings.technique,
       `${s.budget} s`,
       interval(s.time),
       digits(s.samples.value),
-      ...[s.relmse, s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99, s.flip].map((x) => interval(x)),
+      ...[s.relmse, s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99].map((x) => interval(x)),
       s.rays.shadow.toLocaleString("en"),
       s.rays.total.toLocaleString("en"),
     ]),
@@ -208,6 +212,9 @@ function repaint() {
   painted = left === right ? Array(2).fill(paint(left)) : [paint(left), paint(right)];
   const stops = Number(element("exposure").value);
   element("stops").textContent = `${stops > 0 ? "+" : ""}${stops} EV`;
+  element("tints").hidden = !element("classes").checked;
+  element("scale").hidden = element("mode").value !== "error";
+  [element("least").textContent, element("most").textContent] = [0.01, 1].map((error) => percent(error / 2 ** stops));
   draw();
 }
 
@@ -350,13 +357,15 @@ element("layout").addEventListener("input", fit);
 element("fit").addEventListener("click", fit);
 element("controls").addEventListener("submit", (event) => event.preventDefault());
 if (classMap) {
+  element("tints").append("Classes:");
   for (const [name, tint] of CLASSES.filter(([, tint]) => tint)) {
     const swatch = document.createElement("span");
     swatch.className = "swatch";
     swatch.style.background = `rgb(${tint})`;
-    element("legend").append(swatch, name);
+    element("tints").append(swatch, name);
   }
 }
+element("ramp").style.background = `linear-gradient(to right, ${HEAT.map((colour) => `rgb(${colour})`)})`;
 new ResizeObserver(() => {
   viewer.width = viewer.clientWidth * ratio();
   viewer.height = viewer.clientHeight * ratio();
