@@ -9,7 +9,7 @@ use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
 use crate::passes::choose::BoundChoose;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
 use crate::passes::film::{Film, Plane};
-use crate::passes::shade::{BoundShade, Shade, ShadeParameters};
+use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::Scene;
@@ -238,7 +238,11 @@ impl Direct {
                 audit_probability,
                 padding: 0,
             };
-            bound.shade.record(frame, &shade);
+            let arrange = |frame: &mut Frame<'_>, group| {
+                classify.record_arguments(frame, tile, &chunk, Queue::Sampled, group);
+            };
+            let arguments = (&buffers.queue_arguments, Queue::Sampled.arguments_offset());
+            bound.shade.record(frame, &shade, arrange, arguments);
             for light in 0..lights.min(films.len() as u32) {
                 films[(first_light + light) as usize].0.record_from(frame, tile, light * tile.point_count);
             }
@@ -314,14 +318,20 @@ impl Passes {
             visibility: &buffers.visibility,
             heal: map.map(VisibilityMap::heal_buffers),
         };
-        let samples = buffers.shadow_samples.as_ref();
+        let shade = ShadeBuffers {
+            classes,
+            visibility: &buffers.visibility,
+            shadow_samples: buffers.shadow_samples.as_ref(),
+            sampled_points: buffers.classify.sampled_points(),
+            queue_lengths: &buffers.classify.queue_lengths,
+        };
         let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, tables);
         Ok(Bound {
             earlier: earlier.map(bind).transpose()?,
             choose: choice.map(|choice| choice.bind(gpu, tile, tables)).transpose()?,
             classify: self.classify.bind(gpu, tile, map.and_then(VisibilityMap::grid), &buffers.classify, &scene)?,
             shadow: self.shadow.bind(gpu, tile, &shadow, &scene)?,
-            shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, &scene)?,
+            shade: self.shade.bind(gpu, tile, &shade, &scene)?,
         })
     }
 }
