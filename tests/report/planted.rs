@@ -100,3 +100,43 @@ fn planted_bias_and_noise_are_named() {
     assert!(last(wrong).bias.low > 0.003 && last(wrong).bias.high < 0.01, "{:?}", last(wrong).bias);
     assert!(report.advice.starts_with("Use path"), "{}", report.advice);
 }
+
+/// What all runs have in common may be the reference's error, which halves that differ in a few bright pixels tell too small by
+/// half: it is called bias only from twice that on.
+#[test]
+fn what_may_be_the_references_error_is_not_called_bias() {
+    let scene = Box::load();
+    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let subject = scene.subject(&settings);
+    const GREY: f32 = 0.5;
+    let image = |value: &dyn Fn(u32, u32) -> f32| {
+        let mut image = Image::new(8, 8);
+        let samples: Vec<f32> = (0..64).map(|i| value(i % 8, i / 8)).collect();
+        for name in ["R", "G", "B"] {
+            image.add_channel(name, samples.clone());
+        }
+        image
+    };
+    let sign = |bit: u32| if bit & 1 == 0 { 1.0 } else { -1.0 };
+    // A pattern in common, and one of each run's own that is orthogonal to it and to the others'.
+    let (common, own) = (0.05f32, 0.035);
+    let runs: Vec<Run> = (0..3)
+        .map(|seed| {
+            let mut run = Run::new(&subject, Technique::Path, seed, &[1e-9], &|| false).unwrap().unwrap();
+            let image = image(&|x, y| GREY + common * sign(y) + own * sign(x >> seed));
+            let rays = run.statistics.rays;
+            run.snapshots.push(Snapshot { budget: 1.0, time: 1.0, samples: 4, rays, image });
+            run
+        })
+        .collect();
+    let kind = |common_over_floor: f32| {
+        let mut reference = Reference { image: image(&|_, _| GREY), goal: None };
+        for name in ["variance.R", "variance.G", "variance.B"] {
+            reference.image.add_channel(name, vec![common * common / common_over_floor; 64]);
+        }
+        let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
+        report.techniques[0].verdict.kind
+    };
+    assert_eq!(kind(1.5), VerdictKind::Reference);
+    assert_eq!(kind(3.0), VerdictKind::Bias);
+}
