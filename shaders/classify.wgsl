@@ -36,7 +36,7 @@ var<immediate> classify_pass: ClassifyParameters;
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> classes: array<u32>;
 @group(0) @binding(2) var<storage, read_write> query_queue: array<u32>;
-// Lengths of the queries', the boundary and the audit queue.
+// Lengths of the queries', the boundary and the audit queue, and of that of pass `shade`.
 @group(0) @binding(3) var<storage, read_write> queue_lengths: array<atomic<u32>, 4>;
 // Of each queue three words and one unused.
 @group(0) @binding(4) var<storage, read_write> queue_arguments: array<u32, 16>;

@@ -4,6 +4,8 @@
 // light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
+// Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the points that
+// `shade_sampled` adds the rest to.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -40,8 +42,16 @@ struct ShadeParameters {
 // Of each slot, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
 @if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+// The points that light points are for, and the lengths of the tile's queues.
+@if(few_sampled) @group(0) @binding(7) var<storage, read_write> sampled_points: array<u32>;
+@if(few_sampled) @group(0) @binding(8) var<storage, read_write> queue_lengths: array<atomic<u32>, 4>;
 
 var<immediate> parameters: ShadeParameters;
+
+// Queue::Sampled of src/passes/classify.rs.
+const SAMPLED_QUEUE = 3u;
+@if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
+@if(few_sampled) var<workgroup> group_base: u32;
 
 // Everything that does not change over the lights of a point.
 struct Place {
@@ -82,12 +92,14 @@ fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
 struct Estimate {
     radiance: vec3f,
     visibility: f32,
+    // Light points have a part in it.
+    sampled: bool,
 }
 
-// Direct light of one light at one place.
-fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
+// Direct light of one light at one place: what the closed form says of it, what light points do, or both.
+fn direct_light(place: Place, light: u32, slot: u32, word: u32, by_form: bool, by_points: bool) -> Estimate {
     let class_ = class_of(word);
-    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), 0.0); }
+    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), 0.0, false); }
     let decided = class_ == CLASS_LIT || class_ == CLASS_SHADOWED;
     // The visibility that is taken for granted: the class, or the photons' guess.
     var granted = class_visibility(word);
@@ -102,7 +114,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     let closed = light_has_closed_form(light)
         && (place.flat || light_dark(light, place.position, -place.surface.geometric_normal));
     var radiance = vec3f(0.0);
-    if closed && granted > 0.0 {
+    if by_form && closed && granted > 0.0 {
         radiance = granted * bsdf_diffuse(place.surface)
             * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
     }
@@ -111,7 +123,7 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
     var facing = 0u;
     @if(glossy) let sampled = traced || granted > 0.0;
     @if(!glossy) let sampled = traced || (granted > 0.0 && !closed);
-    if sampled {
+    if by_points && sampled {
         let count = parameters.light_samples;
         var sum = vec3f(0.0);
         for (var j = 0u; j < count; j++) {
@@ -131,9 +143,11 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
         radiance += sum / f32(count);
     }
     var estimate = select(granted, f32(seen) / f32(max(facing, 1u)), traced);
+    var audited = false;
     @if(audit) {
         let chance = audit_chance(word, parameters.audit_probability);
-        if decided && is_audited(place.seed, place.sample_index, light, chance) {
+        audited = decided && is_audited(place.seed, place.sample_index, light, chance);
+        if by_points && audited {
             let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
             if error != 0.0 {
                 let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
@@ -145,24 +159,18 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32) -> Estimate {
             }
         }
     }
-    return Estimate(radiance, estimate);
+    return Estimate(radiance, estimate, sampled || audited);
 }
 
-@compute @workgroup_size(64)
-fn shade(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let i = group_index(group, groups) * 64u + lane;
-    if i >= parameters.tile.point_count { return; }
+// Adds the light of the chunk's lights to a point, or the part of it that one of the two says; whether light points have a part.
+fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
     if points[i].normal == INVALID_POINT {
         @if(aov_shadow) {
             for (var l = 0u; l < parameters.lights_in_chunk; l++) {
                 shadow_samples[l * parameters.tile.point_count + i] = vec4f(0.0);
             }
         }
-        return;
+        return false;
     }
     var place: Place;
     place.position = points[i].position;
@@ -171,10 +179,12 @@ fn shade(
     place.sample_index = tile_sample(parameters.tile, i);
     place.flat = bitcast<u32>(surfaces[i * SURFACE_VECTORS].w) == points[i].normal;
     var sum = vec3f(0.0);
+    var sampled = false;
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {
         let slot = l * parameters.tile.point_count + i;
         let light = slot_light(slot, parameters.first_light, parameters.tile.point_count);
-        let estimate = direct_light(place, light, slot, classes[slot]);
+        let estimate = direct_light(place, light, slot, classes[slot], by_form, by_points);
+        sampled = sampled || estimate.sampled;
         @if(light_choice) { sum += estimate.radiance * slot_weight(slot, parameters.first_light, parameters.tile.point_count); }
         @else { sum += estimate.radiance; }
         @if(aov_shadow) {
@@ -188,4 +198,41 @@ fn shade(
     if !is_finite3(sum) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     let so_far = radiance_direct[i];
     radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
+    return sampled;
+}
+
+@compute @workgroup_size(64)
+fn shade(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    @if(!few_sampled) {
+        if i < parameters.tile.point_count { _ = shade_point(i, true, true); }
+    }
+    @if(few_sampled) {
+        if lane == 0u { atomicStore(&group_sampled, 0u); }
+        workgroupBarrier();
+        var sampled = false;
+        var rank = 0u;
+        if i < parameters.tile.point_count { sampled = shade_point(i, true, false); }
+        if sampled { rank = atomicAdd(&group_sampled, 1u); }
+        workgroupBarrier();
+        if lane == 0u { group_base = atomicAdd(&queue_lengths[SAMPLED_QUEUE], atomicLoad(&group_sampled)); }
+        workgroupBarrier();
+        if sampled { sampled_points[group_base + rank] = i; }
+    }
+}
+
+// What light points say, at the points that `shade` has queued: most have none, and software devices would choose them all the same.
+@if(few_sampled)
+@compute @workgroup_size(64)
+fn shade_sampled(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < atomicLoad(&queue_lengths[SAMPLED_QUEUE]) { _ = shade_point(sampled_points[i], false, true); }
 }

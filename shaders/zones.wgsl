@@ -22,10 +22,10 @@ var<immediate> zones_pass: ZoneParameters;
 @group(0) @binding(0) var<storage, read> light_powers: array<f32>;
 @group(0) @binding(1) var<storage, read_write> listed_lights: array<u32>;
 
-const GROUP = 256u;
-const LIGHTS_PER_LANE = MAX_LIGHTS / GROUP;
-// Buckets of what lights send to a zone: by exponent and the first two bits behind it.
-const BUCKETS = 1024u;
+const GROUP = 64u;
+// Buckets of what lights send to a zone: by exponent and the first two bits behind it. The largest power is 1, and a tally
+// below 2^16, so no exponent is above 127 + 15.
+const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 
 // By light: illumination photons, above bit 16 shadow photons.
@@ -50,7 +50,7 @@ fn zone_at(at: vec3u) -> u32 {
     return (at.z * size.y + at.y) * size.x + at.x;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(64)
 fn list(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
@@ -64,10 +64,14 @@ fn list(
     let high = min(at + 1, vec3i(size) - 1);
     // Most zones of a large scene are empty, and nothing is there to be counted.
     let photons = load_cell_start(zone_at(vec3u(high)) + 1u) - load_cell_start(zone_at(vec3u(low)));
-    let lights = select(0u, LIGHTS_PER_LANE, photons > 0u);
-    let first_light = lane * LIGHTS_PER_LANE;
+    let per_lane = (zones_pass.light_count + GROUP - 1u) / GROUP;
+    let lights = select(0u, per_lane, photons > 0u);
+    let first_light = lane * per_lane;
+    // Where all lights fit, none need be weighed.
+    let room = ZONE_LIGHTS - zones_pass.environment;
+    let weighed = select(0u, lights, zones_pass.light_count > room);
     for (var l = 0u; l < lights; l++) { atomicStore(&tallies[first_light + l], 0u); }
-    for (var b = lane; b < BUCKETS && photons > 0u; b += GROUP) { atomicStore(&buckets[b], 0u); }
+    for (var b = lane; b < BUCKETS && weighed > 0u; b += GROUP) { atomicStore(&buckets[b], 0u); }
     workgroupBarrier();
     for (var z = low.z; inside && z <= high.z; z++) {
         for (var y = low.y; y <= high.y; y++) {
@@ -79,15 +83,14 @@ fn list(
         }
     }
     workgroupBarrier();
-    for (var l = 0u; l < lights; l++) {
+    for (var l = 0u; l < weighed; l++) {
         let bucket = bucket_of(first_light + l);
         if bucket > 0u { atomicAdd(&buckets[bucket], 1u); }
     }
     workgroupBarrier();
-    let room = ZONE_LIGHTS - zones_pass.environment;
     if lane == 0u {
         var listed = 0u;
-        var bucket = select(0u, BUCKETS - 1u, photons > 0u);
+        var bucket = select(0u, BUCKETS - 1u, weighed > 0u);
         while bucket > 0u && listed + atomicLoad(&buckets[bucket]) <= room {
             listed += atomicLoad(&buckets[bucket]);
             bucket--;
@@ -106,7 +109,7 @@ fn list(
     workgroupBarrier();
     if lane == 0u {
         var before = 0u;
-        for (var i = 0u; i < GROUP && photons > 0u; i++) {
+        for (var i = 0u; i * lights < zones_pass.light_count && lights > 0u; i++) {
             lane_firsts[i] = before;
             before += lane_counts[i];
         }

@@ -4,6 +4,7 @@
 //! queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no workgroups before
 //! anything is timed; and where the cache has none of them, devices opened for nothing else fill it from all cores.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -12,13 +13,12 @@ use crate::Result;
 
 use super::Gpu;
 use super::buffer::{TABLE_WIDTH, table_rows};
-use super::kernel::{Binding, Bindings, Built, Interface, Source, Variable};
+use super::kernel::{Binding, Bindings, Entry, Source, Variable};
 
 /// An entry point that has not been dispatched.
 pub(super) struct Undispatched {
     source: Arc<Source>,
-    interface: Interface,
-    built: Built,
+    entry: Entry,
 }
 
 /// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else 20 ms
@@ -30,13 +30,9 @@ const SURE: usize = 2;
 
 impl Gpu {
     /// Leaves an entry point to [`Gpu::compile_ahead`].
-    pub(super) fn compile_later(&self, source: &Arc<Source>, interface: &Interface, built: &Built) {
+    pub(super) fn compile_later(&self, source: &Arc<Source>, entry: &Entry) {
         if self.info.is_software() {
-            self.undispatched().push(Undispatched {
-                source: source.clone(),
-                interface: interface.clone(),
-                built: built.clone(),
-            });
+            self.undispatched().push(Undispatched { source: source.clone(), entry: entry.clone() });
         }
     }
 
@@ -52,8 +48,8 @@ impl Gpu {
         let mut translated = 0;
         for (i, kernel) in waiting.iter().enumerate() {
             let start = Instant::now();
-            stage.dispatch(&kernel.interface, &kernel.built);
-            self.wait(&kernel.interface.label())?;
+            stage.dispatch(&kernel.entry)?;
+            self.wait(&kernel.entry.interface.label())?;
             translated += usize::from(start.elapsed() > TRANSLATED);
             if translated == SURE {
                 self.fill_cache(&waiting[i + 1..], known);
@@ -72,10 +68,10 @@ impl Gpu {
             let Ok((device, queue)) = super::device::request(&self.adapter) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
             let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
-            while let Some(kernel) = kernels.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let shader = kernel.source.shader(&device);
-                let built = kernel.interface.build(&device, &kernel.source, &shader);
-                stage.dispatch(&kernel.interface, &built);
+            while let Some(Undispatched { source, entry }) = kernels.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let interface = entry.interface.clone();
+                let built = interface.build(&device, source, &source.shader(&device));
+                let _ = stage.dispatch(&Entry { interface, built });
                 let _ = device.poll(wgpu::PollType::wait_indefinitely());
             }
         };
@@ -97,21 +93,12 @@ struct Stage<'a> {
 
 impl Stage<'_> {
     /// Dispatches an entry point over no workgroups, with something bound to its variables.
-    fn dispatch(&mut self, interface: &Interface, built: &Built) {
-        let mut groups = Vec::new();
-        for (layout, variables) in built.layouts.iter().zip(&interface.groups) {
-            let resources: Vec<_> = variables.iter().map(|variable| self.resource(variable)).collect();
-            let entries = variables.iter().zip(&resources).map(|(variable, resource)| wgpu::BindGroupEntry {
-                binding: variable.layout.binding,
-                resource: match resource {
-                    Resource::Buffer(buffer) => buffer.as_entire_binding(),
-                    Resource::Texture(view) => wgpu::BindingResource::TextureView(view),
-                },
-            });
-            let entries: Vec<_> = entries.collect();
-            let group = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
-            groups.push(self.device.create_bind_group(&group));
-        }
+    fn dispatch(&mut self, entry: &Entry) -> Result<()> {
+        let Entry { interface, built } = entry;
+        let variables = interface.groups.iter().flatten();
+        let resources: BTreeMap<&str, Resource> =
+            variables.map(|variable| (variable.name.as_str(), self.resource(variable))).collect();
+        let groups = entry.groups(self.device, |name| resources.get(name).map(Resource::binding))?;
         let mut encoder = self.device.create_command_encoder(&Default::default());
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&built.pipeline);
@@ -124,6 +111,7 @@ impl Stage<'_> {
         pass.dispatch_workgroups(0, 0, 0);
         drop(pass);
         self.queue.submit([encoder.finish()]);
+        Ok(())
     }
 
     fn resource(&mut self, variable: &Variable) -> Resource {
@@ -178,6 +166,15 @@ impl Stage<'_> {
 enum Resource {
     Buffer(wgpu::Buffer),
     Texture(wgpu::TextureView),
+}
+
+impl Resource {
+    fn binding(&self) -> Binding<'_> {
+        match self {
+            Resource::Buffer(buffer) => Binding::Buffer(buffer),
+            Resource::Texture(view) => Binding::Texture(view),
+        }
+    }
 }
 
 /// The size of a small texture for which kernels are translated alike: whether sides are powers of two is what counts (llvmpipe).

@@ -129,6 +129,8 @@ pub const FEATURES: &[&str] = &[
     "zones",
     // Method: decided points are audited.
     "audit",
+    // Method: most points need no light point, as every light has a closed form and photons decide.
+    "few_sampled",
     // Method: rays end where photons have brought flux.
     "global_map",
     // Method: the global map is shown directly.

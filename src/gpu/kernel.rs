@@ -104,12 +104,39 @@ pub struct Kernel {
     entries: BTreeMap<String, Entry>,
 }
 
-struct Entry {
-    pipeline: wgpu::ComputePipeline,
-    /// By group: its layout, and the variables in it.
-    groups: Vec<(wgpu::BindGroupLayout, Vec<(u32, String)>)>,
-    workgroup_size: u32,
-    immediate_bytes: u32,
+/// An entry point on a device.
+#[derive(Clone)]
+pub(super) struct Entry {
+    pub(super) interface: Interface,
+    pub(super) built: Built,
+}
+
+impl Entry {
+    /// Bind groups of what `resource` has for each variable.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] naming the variable that it has nothing for.
+    pub(super) fn groups<'r>(
+        &self,
+        device: &wgpu::Device,
+        resource: impl Fn(&str) -> Option<Binding<'r>>,
+    ) -> Result<Vec<wgpu::BindGroup>> {
+        let label = self.interface.label();
+        let missing = |name: &str| Error::kernel(&label, format!("nothing is bound to the variable '{name}'"));
+        let group = |(layout, variables): (&wgpu::BindGroupLayout, &Vec<Variable>)| {
+            let entry = |variable: &Variable| {
+                let resource = match resource(&variable.name).ok_or_else(|| missing(&variable.name))? {
+                    Binding::Buffer(buffer) => buffer.as_entire_binding(),
+                    Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
+                };
+                Ok(wgpu::BindGroupEntry { binding: variable.layout.binding, resource })
+            };
+            let entries = variables.iter().map(entry).collect::<Result<Vec<_>>>()?;
+            let label = Some(label.as_str());
+            Ok(device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries }))
+        };
+        self.built.layouts.iter().zip(&self.interface.groups).map(group).collect()
+    }
 }
 
 /// An entry point with its resources bound.
@@ -150,18 +177,9 @@ impl Kernel {
         for (index, entry) in module.entry_points.iter().enumerate() {
             let interface = Interface::new(composed, index)?;
             let built = interface.build(&gpu.device, &source, &shader);
-            gpu.compile_later(&source, &interface, &built);
-            let groups = built.layouts.into_iter().zip(interface.groups);
-            let names = |group: Vec<Variable>| group.into_iter().map(|v| (v.layout.binding, v.name)).collect();
-            entries.insert(
-                entry.name.clone(),
-                Entry {
-                    pipeline: built.pipeline,
-                    groups: groups.map(|(layout, group)| (layout, names(group))).collect(),
-                    workgroup_size: entry.workgroup_size.iter().product(),
-                    immediate_bytes: interface.immediate_bytes,
-                },
-            );
+            let made = Entry { interface, built };
+            gpu.compile_later(&source, &made);
+            entries.insert(entry.name.clone(), made);
         }
         gpu.check(kernel)?;
         Ok(Kernel { name: kernel.to_owned(), entries })
@@ -172,42 +190,22 @@ impl Kernel {
     /// # Errors
     /// [`Error::Kernel`] naming the variable that none of `sets` has.
     pub fn bind(&self, gpu: &Gpu, entry: &str, sets: &[&dyn Bindings]) -> Result<BoundKernel> {
-        let at = || format!("{}/{entry}", self.name);
         let point = self.entries.get(entry).ok_or_else(|| Error::kernel(&self.name, format!("no entry '{entry}'")))?;
-        let mut groups = Vec::new();
-        for (layout, variables) in &point.groups {
-            let mut bound = Vec::new();
-            for (binding, name) in variables {
-                let resource = sets.iter().find_map(|set| set.get(name));
-                let resource = resource
-                    .ok_or_else(|| Error::kernel(at(), format!("nothing is bound to the variable '{name}'")))?;
-                bound.push(wgpu::BindGroupEntry {
-                    binding: *binding,
-                    resource: match resource {
-                        Binding::Buffer(buffer) => buffer.as_entire_binding(),
-                        Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
-                    },
-                });
-            }
-            groups.push(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(&at()),
-                layout,
-                entries: &bound,
-            }));
-        }
-        gpu.check(&at())?;
+        let Entry { interface, built } = point;
+        let groups = point.groups(&gpu.device, |name| sets.iter().find_map(|set| set.get(name)))?;
+        gpu.check(&interface.label())?;
         Ok(BoundKernel {
-            label: at(),
-            pipeline: point.pipeline.clone(),
+            label: interface.label(),
+            pipeline: built.pipeline.clone(),
             groups,
-            workgroup_size: point.workgroup_size,
-            immediate_bytes: point.immediate_bytes,
+            workgroup_size: interface.workgroup_size,
+            immediate_bytes: interface.immediate_bytes,
         })
     }
 
     /// Invocations in a workgroup of `entry`, as the kernel declares it.
     pub fn workgroup_size(&self, entry: &str) -> Option<u32> {
-        self.entries.get(entry).map(|e| e.workgroup_size)
+        self.entries.get(entry).map(|e| e.interface.workgroup_size)
     }
 }
 
@@ -248,6 +246,7 @@ pub(super) struct Interface {
     /// The variables by group.
     pub(super) groups: Vec<Vec<Variable>>,
     pub(super) immediate_bytes: u32,
+    workgroup_size: u32,
 }
 
 /// A pipeline with the layouts of its groups.
@@ -286,8 +285,10 @@ impl Interface {
             groups.resize_with(groups.len().max(group + 1), Vec::new);
             groups[group].push(Variable { layout, least_bytes: u64::from(bytes), name });
         }
-        let entry = module.entry_points[index].name.clone();
-        Ok(Interface { kernel: composed.kernel.clone(), entry, groups, immediate_bytes })
+        let entry = &module.entry_points[index];
+        let workgroup_size = entry.workgroup_size.iter().product();
+        let (kernel, entry) = (composed.kernel.clone(), entry.name.clone());
+        Ok(Interface { kernel, entry, groups, immediate_bytes, workgroup_size })
     }
 
     pub(super) fn label(&self) -> String {

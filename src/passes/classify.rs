@@ -85,7 +85,7 @@ bindings! {
     }
 }
 
-/// A queue that the classification fills.
+/// A queue of a tile's sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Queue {
@@ -95,6 +95,8 @@ pub enum Queue {
     Boundary = 1,
     /// Lit and shadowed points that are audited.
     Audit = 2,
+    /// Points, not slots, that light points are for; pass `shade` fills it and consumes it.
+    Sampled = 3,
 }
 
 impl Queue {
@@ -304,6 +306,11 @@ impl ClassifyBuffers {
     pub fn bytes(&self) -> u64 {
         let words = [&self.classes, &self.dilated_classes, &self.boundary_queue, &self.audit_queue, &self.query_queue];
         words.into_iter().map(|b| b.bytes).sum()
+    }
+
+    /// Room for a queue of all points once the classes are known: nothing reads the queries then.
+    pub fn sampled_points(&self) -> &Buffer {
+        &self.query_queue
     }
 
     /// The class words that [`BoundClassify::record`] leaves with that dilation.

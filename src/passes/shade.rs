@@ -28,17 +28,34 @@ shared_struct! {
 /// The pass; see `shaders/shade.wgsl`.
 pub struct Shade(Kernel);
 
+/// What the kernel reads of the passes before it, and its own queue.
+pub struct ShadeBuffers<'a> {
+    /// Class words of the slots.
+    pub classes: &'a Buffer,
+    /// Words of visibilities of the slots.
+    pub visibility: &'a Buffer,
+    /// Written where the AOV is asked for: class, visibility, n_i and n_s of each slot.
+    pub shadow_samples: Option<&'a Buffer>,
+    /// Room for every point of the tile.
+    pub sampled_points: &'a Buffer,
+    /// Lengths of the tile's queues, that of [`super::classify::Queue::Sampled`] 0.
+    pub queue_lengths: &'a Buffer,
+}
+
 impl Shade {
     /// Compiles the kernel.
     ///
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Shade> {
-        let own = ["points", "surfaces", "classes", "visibility", "radiance_direct", "counters"];
+        let mut own = vec!["points", "surfaces", "classes", "visibility", "radiance_direct", "counters"];
+        if features.has("few_sampled") {
+            own.extend(["sampled_points", "queue_lengths"]);
+        }
         Ok(Shade(kernel(gpu, "shade", features, constants, &own)?))
     }
 
-    /// Binds it. `shadow_samples` is written where the AOV is asked for.
+    /// Binds it.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -46,9 +63,7 @@ impl Shade {
         &self,
         gpu: &Gpu,
         tile: &TileBuffers,
-        classes: &Buffer,
-        visibility: &Buffer,
-        shadow_samples: Option<&Buffer>,
+        buffers: &ShadeBuffers<'_>,
         scene: &dyn Bindings,
     ) -> Result<BoundShade> {
         let mut own = Resources::new()
@@ -56,21 +71,42 @@ impl Shade {
             .with("surfaces", &tile.surfaces)
             .with("radiance_direct", &tile.radiance_direct)
             .with("counters", &tile.counters)
-            .with("classes", classes)
-            .with("visibility", visibility);
-        if let Some(samples) = shadow_samples {
+            .with("classes", buffers.classes)
+            .with("visibility", buffers.visibility);
+        if let Some(samples) = buffers.shadow_samples {
             own = own.with("shadow_samples", samples);
         }
-        Ok(BoundShade(self.0.bind(gpu, "shade", &[&own, scene])?))
+        let sampled_group = self.0.workgroup_size("shade_sampled");
+        if sampled_group.is_some() {
+            own = own.with("sampled_points", buffers.sampled_points).with("queue_lengths", buffers.queue_lengths);
+        }
+        let bind = |entry| self.0.bind(gpu, entry, &[&own, scene]);
+        let sampled = sampled_group.map(|group| Ok((bind("shade_sampled")?, group))).transpose()?;
+        Ok(BoundShade { shade: bind("shade")?, sampled })
     }
 }
 
 /// The pass, bound.
-pub struct BoundShade(BoundKernel);
+pub struct BoundShade {
+    shade: BoundKernel,
+    /// With the invocations of a workgroup.
+    sampled: Option<(BoundKernel, u32)>,
+}
 
 impl BoundShade {
-    /// Adds the light of the chunk's lights to every point of the tile.
-    pub fn record(&self, frame: &mut Frame<'_>, parameters: &ShadeParameters) {
-        frame.run(&self.0, parameters.tile.point_count, parameters);
+    /// Adds the light of the chunk's lights to every point of the tile. Where the kernel has a queue, `arrange` is asked to make
+    /// its length into an indirect dispatch's arguments for workgroups of so many invocations: those are at byte `offset` of `arguments`.
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        parameters: &ShadeParameters,
+        arrange: impl FnOnce(&mut Frame<'_>, u32),
+        (arguments, offset): (&Buffer, u64),
+    ) {
+        frame.run(&self.shade, parameters.tile.point_count, parameters);
+        if let Some((sampled, group)) = &self.sampled {
+            arrange(frame, *group);
+            frame.run_indirect(sampled, arguments, offset, parameters);
+        }
     }
 }

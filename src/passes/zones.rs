@@ -22,7 +22,7 @@ const MAX_ZONES: f64 = (1u32 << 15) as f64;
 const PHOTONS_PER_LIGHT: f32 = 4.0;
 
 /// Invocations of a workgroup, one workgroup a zone.
-const GROUP: u32 = 256;
+const GROUP: u32 = 64;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/zones.wgsl`.

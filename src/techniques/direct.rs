@@ -9,7 +9,7 @@ use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
 use crate::passes::choose::BoundChoose;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
 use crate::passes::film::{Film, Plane};
-use crate::passes::shade::{BoundShade, Shade, ShadeParameters};
+use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::Scene;
@@ -85,7 +85,8 @@ pub(super) struct Direct {
     earlier: Option<Earlier>,
     choice: Option<Choice>,
     passes: Passes,
-    bound: Bound,
+    /// None while the map is sorted anew.
+    bound: Option<Bound>,
     /// That each point asks.
     lights: u32,
     lights_in_chunk: u32,
@@ -181,7 +182,7 @@ impl Direct {
             earlier,
             choice,
             passes,
-            bound,
+            bound: Some(bound),
             lights,
             lights_in_chunk,
             words,
@@ -193,7 +194,8 @@ impl Direct {
 
     /// Adds the direct light of every light to the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, films: &[ShadowFilm]) {
-        if let Some(choose) = &self.bound.choose {
+        let bound = self.bound.as_ref().expect("a map that could not be sorted ends the batch before");
+        if let Some(choose) = &bound.choose {
             choose.record(frame, tile);
         }
         for first_light in (0..self.lights).step_by(self.lights_in_chunk as usize) {
@@ -211,9 +213,9 @@ impl Direct {
             let buffers = &self.buffers.classify;
             let trace = |frame: &mut Frame<'_>| {
                 let [boundary, audit] = [Queue::Boundary, Queue::Audit].map(Queue::arguments_offset);
-                self.bound.shadow.record(frame, &buffers.queue_arguments, boundary, audit, &shadow);
+                bound.shadow.record(frame, &buffers.queue_arguments, boundary, audit, &shadow);
             };
-            let Bound { classify, earlier, .. } = &self.bound;
+            let Bound { classify, earlier, .. } = bound;
             if let Some(earlier) = earlier {
                 earlier.record(frame, buffers, tile, &chunk, &self.settings, |frame| {
                     classify.record_arguments(frame, tile, &chunk, Queue::Boundary, group);
@@ -236,7 +238,11 @@ impl Direct {
                 audit_probability,
                 padding: 0,
             };
-            self.bound.shade.record(frame, &shade);
+            let arrange = |frame: &mut Frame<'_>, group| {
+                classify.record_arguments(frame, tile, &chunk, Queue::Sampled, group);
+            };
+            let arguments = (&buffers.queue_arguments, Queue::Sampled.arguments_offset());
+            bound.shade.record(frame, &shade, arrange, arguments);
             for light in 0..lights.min(films.len() as u32) {
                 films[(first_light + light) as usize].0.record_from(frame, tile, light * tile.point_count);
             }
@@ -252,8 +258,10 @@ impl Direct {
     /// Adds the photons that audits left to the map and sorts it anew, if that is `due` or there is little room for more.
     pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
-        if map.heal(shared.gpu, due, totals)? {
-            self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?;
+        if map.take_healed(shared.gpu, due, totals)? {
+            self.bound = None;
+            map.sort(shared.gpu)?;
+            self.bound = Some(self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?);
         }
         Ok(())
     }
@@ -274,7 +282,7 @@ impl Direct {
             return Ok(self.earlier.as_ref().map_or(state.rest.is_empty(), fits));
         };
         let fits = map.restore(shared.gpu, state, totals)?;
-        self.bound = self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?;
+        self.bound = Some(self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?);
         Ok(fits)
     }
 
@@ -310,14 +318,20 @@ impl Passes {
             visibility: &buffers.visibility,
             heal: map.map(VisibilityMap::heal_buffers),
         };
-        let samples = buffers.shadow_samples.as_ref();
+        let shade = ShadeBuffers {
+            classes,
+            visibility: &buffers.visibility,
+            shadow_samples: buffers.shadow_samples.as_ref(),
+            sampled_points: buffers.classify.sampled_points(),
+            queue_lengths: &buffers.classify.queue_lengths,
+        };
         let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, tables);
         Ok(Bound {
             earlier: earlier.map(bind).transpose()?,
             choose: choice.map(|choice| choice.bind(gpu, tile, tables)).transpose()?,
-            classify: self.classify.bind(gpu, tile, map.map(VisibilityMap::grid), &buffers.classify, &scene)?,
+            classify: self.classify.bind(gpu, tile, map.and_then(VisibilityMap::grid), &buffers.classify, &scene)?,
             shadow: self.shadow.bind(gpu, tile, &shadow, &scene)?,
-            shade: self.shade.bind(gpu, tile, classes, &buffers.visibility, samples, &scene)?,
+            shade: self.shade.bind(gpu, tile, &shade, &scene)?,
         })
     }
 }

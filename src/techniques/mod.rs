@@ -213,6 +213,10 @@ impl<'g> Renderer<'g> {
         let size = [settings.width, settings.height];
         let tables = SceneTables::new(gpu, &scene, bvh, camera, size, &features)?;
         totals.scene_bytes = tables.bytes;
+        let decided = features.has("visibility_map") && !features.has("light_choice");
+        // Light points tell all that glossy surfaces reflect.
+        let closed = !features.has("glossy") && tables.lights.lights.iter().all(|light| light.closed_form);
+        let features = features.with("few_sampled", decided && closed);
 
         let start = Instant::now();
         let constants = tables.constants();

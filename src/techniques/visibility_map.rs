@@ -39,9 +39,11 @@ impl MapKernels {
 }
 
 pub(super) struct VisibilityMap {
-    grid: PhotonGrid,
+    /// None between [`VisibilityMap::take_healed`] and [`VisibilityMap::sort`].
+    grid: Option<PhotonGrid>,
     kernel: Grid,
     shape: GridShape,
+    lights: u32,
     photons: Buffer,
     count: u32,
     room: u32,
@@ -58,7 +60,7 @@ pub(super) struct MapState {
     pub left: u32,
     /// Those of them that there was room for.
     pub kept: Vec<Photon>,
-    /// See [`PhotonGrid::asked_state`]; or what stands in for the map has left.
+    /// See [`PhotonGrid::asked_state`], nothing where no point has asked yet; or what stands in for the map has left.
     pub rest: Vec<u32>,
 }
 
@@ -102,9 +104,10 @@ impl VisibilityMap {
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
         totals.photon_bytes += traced.photons.bytes + grid.bytes;
         Ok(VisibilityMap {
-            grid,
+            grid: Some(grid),
             kernel: kernels.grid,
             shape,
+            lights,
             photons: traced.photons,
             count: traced.count,
             room: HEAL_ROOM,
@@ -113,33 +116,36 @@ impl VisibilityMap {
         })
     }
 
-    /// Adds the photons that audits left to the map and sorts it anew, if that is `due` or there is little room for
-    /// more; whether it did.
-    pub fn heal(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
+    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more; whether the map
+    /// is to be sorted anew. Its tables are then gone.
+    pub fn take_healed(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
         let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
         if left == 0 || !(due || left > HEAL_BATCH / 2) {
-            return Ok(false);
+            return Ok(self.grid.is_none());
         }
         let added = if left > HEAL_BATCH.min(self.room) { 0 } else { left };
-        if added == 0 {
-            let mut frame = gpu.frame("heal");
-            frame.clear(&self.heal_count);
-            frame.submit()?;
-            return Ok(false);
-        }
-        let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
-        for photon in words {
-            totals.photons[photon.light() as usize].healed += 1;
-        }
-        let size = size_of::<Photon>() as u64;
         let mut frame = gpu.frame("heal");
-        frame.copy(&self.heal_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+        if added > 0 {
+            let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
+            for photon in words {
+                totals.photons[photon.light() as usize].healed += 1;
+            }
+            let size = size_of::<Photon>() as u64;
+            frame.copy(&self.heal_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+            self.grid = None;
+        }
         frame.clear(&self.heal_count);
         frame.submit()?;
         self.count += added;
         self.room -= added;
-        self.grid = self.kernel.build(gpu, &self.photons, self.count, self.grid.lights, self.shape)?;
-        Ok(true)
+        Ok(self.grid.is_none())
+    }
+
+    /// Sorts the map after [`VisibilityMap::take_healed`] has asked for it. Who still has the old tables bound should let
+    /// go of them before: they are among the largest things of a render.
+    pub fn sort(&mut self, gpu: &Gpu) -> Result<()> {
+        self.grid = Some(self.kernel.build(gpu, &self.photons, self.count, self.lights, self.shape)?);
+        Ok(())
     }
 
     /// What samples have left so far.
@@ -150,14 +156,14 @@ impl VisibilityMap {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
             kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
-            rest: self.grid.asked_state(gpu)?,
+            rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.asked_state(gpu))?,
         })
     }
 
     /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let of_this_map = |photon: &Photon| {
-            photon.light() < self.grid.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
+            photon.light() < self.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
         };
         if !state.added.iter().chain(&state.kept).all(of_this_map) {
             return Ok(false);
@@ -165,15 +171,18 @@ impl VisibilityMap {
         for batch in state.added.chunks(HEAL_BATCH as usize) {
             gpu.write(&self.heal_photons, batch);
             gpu.write(&self.heal_count, &[batch.len() as u32]);
-            self.heal(gpu, true, totals)?;
+            self.take_healed(gpu, true, totals)?;
+        }
+        if self.grid.is_none() {
+            self.sort(gpu)?;
         }
         gpu.write(&self.heal_photons, &state.kept);
         gpu.write(&self.heal_count, &[state.left]);
-        Ok(self.grid.restore_asked(gpu, &state.rest))
+        Ok(state.rest.is_empty() || self.grid.as_ref().is_some_and(|grid| grid.restore_asked(gpu, &state.rest)))
     }
 
-    pub fn grid(&self) -> &PhotonGrid {
-        &self.grid
+    pub fn grid(&self) -> Option<&PhotonGrid> {
+        self.grid.as_ref()
     }
 
     pub fn heal_capacity(&self) -> u32 {

@@ -130,7 +130,9 @@ impl Choice {
         };
         let needs = Needs::new(&self.scene(), &settings);
         let features = needs.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
-        features.with("shallow_bvh", self.has(60))
+        // Renders of glossy scenes leave it out, but so few sets are of scenes that are not.
+        let few_sampled = self.has(61) && features.has("visibility_map") && !features.has("light_choice");
+        features.with("shallow_bvh", self.has(60)).with("few_sampled", few_sampled)
     }
 }
 

@@ -4,9 +4,10 @@
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::Features;
 use penumbra::gpu::buffer::POISON;
-use penumbra::passes::shade::{Shade, ShadeParameters};
+use penumbra::gpu::{Features, Frame};
+use penumbra::passes::classify::Queue;
+use penumbra::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
 use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 use penumbra::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
@@ -49,11 +50,14 @@ struct Setup {
 struct Outcome {
     radiance: Vec<[f32; 4]>,
     shadow_samples: Vec<[f32; 4]>,
+    /// Points that were queued for light points, in order; none where there is no queue.
+    sampled: Option<Vec<u32>>,
 }
 
-fn stage(scene: Scene, size: [u32; 2]) -> Stage {
+fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, size, Technique::ShadowPhotons, |f: Features| f.with("aov_shadow", true))
+    let features = |f: Features| f.with("aov_shadow", true).with("few_sampled", few_sampled);
+    Stage::new(scene, &view, size, Technique::ShadowPhotons, features)
 }
 
 impl Setup {
@@ -71,7 +75,17 @@ impl Setup {
         let visibility = gpu.upload("test/visibility", visibility).unwrap();
         let count = self.slots.count() + 1;
         let samples = gpu.poisoned::<[f32; 4]>("test/shadow_samples", count).unwrap();
-        let bound = pass.bind(gpu, &tile, &classes, &visibility, Some(&samples), tables).unwrap();
+        let points = self.slots.tile.point_count;
+        let sampled_points = gpu.poisoned::<u32>("test/sampled_points", points as usize + 1).unwrap();
+        let queue_lengths = gpu.upload("test/queue_lengths", &[POISON, POISON, POISON, 0]).unwrap();
+        let buffers = ShadeBuffers {
+            classes: &classes,
+            visibility: &visibility,
+            shadow_samples: Some(&samples),
+            sampled_points: &sampled_points,
+            queue_lengths: &queue_lengths,
+        };
+        let bound = pass.bind(gpu, &tile, &buffers, tables).unwrap();
         let parameters = ShadeParameters {
             tile: self.slots.tile,
             first_light: self.slots.chunk[0],
@@ -82,14 +96,27 @@ impl Setup {
             padding: 0,
         };
         let mut frame = gpu.frame("test");
-        bound.record(&mut frame, &parameters);
+        // As many workgroups as all points would need: what is not queued must be left alone.
+        let mut arranged = false;
+        let arguments = gpu.upload("test/arguments", &[0, points.div_ceil(64), 1, 1]).unwrap();
+        let arrange = |_: &mut Frame<'_>, group: u32| {
+            assert_eq!(group, 64);
+            arranged = true;
+        };
+        bound.record(&mut frame, &parameters, arrange, (&arguments, 4));
         frame.submit().unwrap();
+        let lengths: Vec<u32> = gpu.read(&queue_lengths, 4).unwrap();
+        let mut queue: Vec<u32> = gpu.read(&sampled_points, points as usize + 1).unwrap();
+        let rest = queue.split_off(lengths[Queue::Sampled as usize] as usize);
+        assert!(rest.iter().all(|word| *word == POISON) && lengths[..3] == [POISON; 3], "past the queue");
+        queue.sort_unstable();
+        assert_eq!(arranged, features.has("few_sampled"));
         let mut radiance: Vec<[f32; 4]> = gpu.read(&tile.radiance_direct, radiance.len()).unwrap();
         let mut shadow_samples: Vec<[f32; 4]> = gpu.read(&samples, count).unwrap();
         for past in [radiance.pop(), shadow_samples.pop()] {
             assert_eq!(past.unwrap().map(f32::to_bits), [POISON; 4], "past the last point");
         }
-        Outcome { radiance, shadow_samples }
+        Outcome { radiance, shadow_samples, sampled: arranged.then_some(queue) }
     }
 
     fn normals(&self, i: usize) -> [DVec3; 2] {
@@ -117,6 +144,33 @@ impl Setup {
             }
             _ => unreachable!("no such light in these tests"),
         }
+    }
+
+    /// Whether light points have a part in a slot.
+    fn is_sampled(&self, slot: usize, word: u32) -> bool {
+        let i = slot % self.slots.points.len();
+        let light = self.slots.chunk[0] + (slot / self.slots.points.len()) as u32;
+        if self.slots.points[i].normal == INVALID_POINT || word & 7 == DARK {
+            return false;
+        }
+        let flat = self.slots.points[i].normal == self.surfaces[i][3].to_bits();
+        let closed =
+            self.slots.stage.tables.lights.lights[light as usize].closed_form && (flat || self.unshadowed(light, i).1);
+        let decided = matches!(word & 7, LIT | SHADOWED);
+        !decided || (word & 7 == LIT && !closed) || self.is_audited(i, light, word, Fault::None)
+    }
+
+    /// Whether a decided slot is audited.
+    fn is_audited(&self, i: usize, light: u32, word: u32, fault: Fault) -> bool {
+        let (seed, sample) = pixel_of(&self.slots.tile, i);
+        let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
+        uniform < self.audit_chance(word, fault)
+    }
+
+    /// Sixteen times as much near boundaries; certain, where that is above 1.
+    fn audit_chance(&self, word: u32, fault: Fault) -> f64 {
+        let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
+        f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 }
     }
 
     /// Radiance and visibility of a slot, and the sum of the sizes of all terms.
@@ -163,13 +217,8 @@ impl Setup {
         let facing: Vec<usize> = (0..points.len()).filter(|j| could_be_seen(&points[*j])).collect();
         let seen = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
         let mut visibility = if decided { granted } else { seen };
-        let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
-        // Sixteen times as many near boundaries, all at most.
-        let chance = f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 };
-        let (seed, sample) = pixel_of(&self.slots.tile, i);
-        let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
-        if decided && uniform < chance && fault != Fault::Unaudited {
-            let error = (bit(0) - granted) / chance.min(1.0);
+        if decided && fault != Fault::Unaudited && self.is_audited(i, light, word, fault) {
+            let error = (bit(0) - granted) / self.audit_chance(word, fault).min(1.0);
             add(error * contribution(&audit[0]));
             visibility += error;
         }
@@ -216,13 +265,15 @@ fn any_word(random: &mut Random) -> u32 {
 fn shading_follows_the_estimator() {
     let mut random = Random(31);
     let mut found = Vec::new();
-    for (width, layers, chunk, samples, audit_probability) in [
+    let cases = [
         (1, 1, [0, 3], 1, 0.25),
         (63, 1, [1, 2], 4, 0.02),
         (32, 2, [0, 3], 33, 0.03),
         (65, 3, [0, 3], 40, 0.25),
         (65, 3, [2, 1], 4, 0.0),
-    ] {
+    ];
+    let of_both_kernels = cases.into_iter().flat_map(|case| [(case, false), (case, true)]);
+    for ((width, layers, chunk, samples, audit_probability), few_sampled) in of_both_kernels {
         let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..whole([width, 1], layers) };
         let count = tile.point_count as usize;
         let mut points: Vec<Point> = Vec::new();
@@ -239,7 +290,7 @@ fn shading_follows_the_estimator() {
             points.push(Point { position: p.as_vec3().to_array(), normal });
         }
         let setup = Setup {
-            slots: Slots { stage: stage(lights(), [width, 7]), tile, points, chunk, samples },
+            slots: Slots { stage: stage(lights(), [width, 7], few_sampled), tile, points, chunk, samples },
             surfaces,
             audit_probability,
         };
@@ -251,6 +302,15 @@ fn shading_follows_the_estimator() {
             .collect();
         let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
         let outcome = setup.run(&classes, &visibility, &before);
+        if let Some(sampled) = &outcome.sampled {
+            let is_sampled = |i: &u32| {
+                let mut slots = (*i as usize..classes.len()).step_by(count);
+                slots.any(|slot| setup.is_sampled(slot, classes[slot]))
+            };
+            let expected: Vec<u32> = (0..count as u32).filter(is_sampled).collect();
+            assert_eq!(*sampled, expected);
+            assert!(count < 64 || sampled.len() < count, "a queue of all points is none");
+        }
         let light_points = setup.slots.light_points();
         // Points, and slots of the AOV, that differ.
         let differences = |fault: Fault| -> [usize; 2] {
@@ -317,7 +377,7 @@ fn shading_is_unbiased() {
     let normal = oct_encode(DVec3::Y);
     let setup = Setup {
         slots: Slots {
-            stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE]),
+            stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE], true),
             tile,
             points: vec![Point { position: place.as_vec3().to_array(), normal }; count],
             chunk: [0, 1],
