@@ -61,12 +61,14 @@ impl<'a> Picture<'a> {
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
+        // Texels that a byte stands for at most.
         let densest = match format {
             // A block of 64 takes a bit at least; components of which each is reduced along another axis take half as many.
             ImageFormat::Jpeg => 8 * 64 * 2,
-            // Deflate expands a byte to 1032 at most, of 8 texels each. Runs of Radiance's old form could go beyond,
-            // those that its programs write do not.
-            _ => 1032 * 8,
+            // Deflate expands a byte to 1032 at most.
+            ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes),
+            // Radiance's old form has runs of 255 texels in four bytes. What repeats these could go beyond; its programs do not.
+            _ => 64,
         };
         if texels == 0 || texels > densest * bytes.len() as u64 {
             return Err(format!("claims {width} x {height} texels in {} bytes", bytes.len()));
@@ -83,4 +85,15 @@ impl<'a> Picture<'a> {
     pub fn decode(self) -> std::result::Result<DynamicImage, String> {
         DynamicImage::from_decoder(self.decoder).map_err(|e| e.to_string())
     }
+}
+
+/// Bits of a texel of a PNG whose header has been read: its depth, at byte 24, and by its type at 25 as many channels.
+fn png_texel_bits(bytes: &[u8]) -> u64 {
+    let channels = match bytes[25] {
+        2 => 3,
+        4 => 2,
+        6 => 4,
+        _ => 1,
+    };
+    u64::from(bytes[24]) * channels
 }

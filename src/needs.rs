@@ -94,6 +94,9 @@ impl Needs {
         let vertices = |on: bool| (on, "some vertices have them".to_owned());
         let (on, why) = vertices(m.vertex_colours);
         self.decide("vertex_colours", on, why, "every vertex is white", &per_triangle(32));
+        let (on, why) = (m.needles > 0, format!("{}, the distance along which rounds", count(m.needles, "needle")));
+        let unneeded = "no triangle is much longer than wide";
+        self.decide("needles", on, why, unneeded, "a plane at every triangle that a ray is tested with");
         let (on, why) = vertices(m.smooth_normals);
         self.decide(
             "smooth_normals",
@@ -427,6 +430,17 @@ fn has_coat_normal(m: &Material) -> bool {
     !m.unlit && m.clearcoat > 0.0 && base != coat
 }
 
+/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it than rays
+/// are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times its length
+/// (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in `shaders/lib/ray.wgsl`). Of
+/// floors of needles as long as the scene the first ray is stopped between aspects of 100 and 1000.
+fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
+    const LONG: f32 = 100.0;
+    let longest2 = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+    let height = (b - a).cross(c - a).length() / longest2.sqrt();
+    longest2 > LONG * height
+}
+
 /// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
 fn is_lambertian(m: &Material) -> bool {
     m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0 && !has_sheen(m))
@@ -466,6 +480,7 @@ struct Facts {
     unlit: usize,
     vertex_colours: bool,
     smooth_normals: bool,
+    needles: usize,
     mesh_lights: usize,
     point_lights: usize,
     spot_lights: usize,
@@ -502,6 +517,7 @@ impl Facts {
         }
         facts.vertex_colours = scene.vertices.iter().any(|v| v.colour != glam::Vec4::ONE);
         facts.smooth_normals = scene.triangles.iter().any(|triangle| !scene.is_flat(triangle));
+        facts.needles = (0..scene.triangles.len()).filter(|i| is_needle(scene.triangle_positions(*i))).count();
         for light in &scene.lights {
             match &light.kind {
                 LightKind::Mesh { material, .. } => {

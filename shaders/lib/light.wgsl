@@ -601,12 +601,22 @@ const BEYOND_SCENE = 4.0;
 
 // The whole way from a surface to a light point, clear of both surfaces, with t from 0 to 1. It leads to the point
 // itself and not along the sample's direction: from an origin that was moved, that would miss the point by as much, and
-// enter a curved light before its end.
+// enter a curved light before its end. Where light and surface are nearer to each other than they are kept clear of, it
+// would begin beyond the one or end beyond the other; nothing has room in between, and the ray is empty.
 fn shadow_ray(position: vec3f, normal: vec3f, chosen: LightSample) -> Ray {
     let origin = offset_origin(position, normal);
-    let reach = min(chosen.distance, BEYOND_SCENE);
-    let end = offset_origin(position + reach * chosen.direction, chosen.normal);
-    return Ray(origin, 0.0, end - origin, 1.0);
+    let end = offset_origin(light_point(position, chosen), chosen.normal);
+    let crossed = is_beyond(origin, position, chosen) || dot(end - position, normal) < 0.0;
+    return Ray(origin, 0.0, end - origin, select(1.0, 0.0, crossed));
+}
+
+fn light_point(position: vec3f, chosen: LightSample) -> vec3f {
+    return position + min(chosen.distance, BEYOND_SCENE) * chosen.direction;
+}
+
+// Whether an origin of rays from a position is already beyond the light that the sample is on: they do not find it.
+fn is_beyond(origin: vec3f, position: vec3f, chosen: LightSample) -> bool {
+    return dot(origin - light_point(position, chosen), chosen.normal) < 0.0;
 }
 
 // ---- Closed form

@@ -78,8 +78,25 @@ fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_
     let outside = min(u, min(v, w)) < 0.0 && max(u, max(v, w)) > 0.0;
     let determinant = u + v + w;
     let inverse = 1.0 / determinant;
-    let t = (u * a.z + v * b.z + w * c.z) * inverse;
+    var t = (u * a.z + v * b.z + w * c.z) * inverse;
+    @if(needles) { t = on_plane(a, b, c, vec3f(u, v, w) * inverse, t); }
     return select(vec3f(t, v * inverse, w * inverse), vec3f(MISSED, 0.0, 0.0), outside || determinant == 0.0);
+}
+
+// The distance t of a point of a triangle, in the ray's frame, moved along the triangle's plane to where the ray is. Where
+// products round by themselves, weights of the corners of a needle are off by as much as it is longer than it is wide,
+// and the point that they make lies that far along the needle: beside the ray, and, where the needle is inclined, at another
+// distance. The plane's inclination is off by as much, so what is left is the square of that.
+@if(needles)
+fn on_plane(a: vec3f, b: vec3f, c: vec3f, weights: vec3f, t: f32) -> f32 {
+    let beside = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
+    let normal = cross(b - a, c - a);
+    let moved = t + dot(normal.xy, beside) / normal.z;
+    // Seen edge-on it has any inclination; its points are between its corners all the same. (The sum is NaN where the ray
+    // lies in the plane, and numbers compare false with it.)
+    let least = min(a.z, min(b.z, c.z));
+    let most = max(a.z, max(b.z, c.z));
+    return select(t, clamp(moved, least, most), abs(moved) < MISSED);
 }
 
 // Farther than anything: no WGSL constant is infinite.

@@ -13,7 +13,7 @@ import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_s
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 @if(global_map) import package::lib::irradiance::irradiance_near;
-import package::lib::light::{BEYOND_SCENE, choose_light, light_sample, load_light_record, shadow_ray};
+import package::lib::light::{BEYOND_SCENE, choose_light, is_beyond, light_sample, load_light_record, shadow_ray};
 @if(environment) import package::lib::environment::environment_met;
 @if(environment) import package::lib::light::light_count;
 @if(mesh_lights) import package::lib::light::emitter_of;
@@ -84,9 +84,12 @@ fn light_at(vertex: Vertex, bounce: u32) -> vec3f {
     let pdf = chosen.pdf * choice.probability;
     var reflected = reflection(vertex, chosen.direction) * chosen.radiance / pdf;
     if all(reflected == vec3f(0.0)) { return vec3f(0.0); }
-    if !chosen.delta { reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, chosen.direction)); }
+    let ray = shadow_ray(vertex.position, leaving_normal(vertex.surface, chosen.direction), chosen);
+    if !chosen.delta && !is_beyond(ray.origin, vertex.position, chosen) {
+        reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, chosen.direction));
+    }
     shadow_rays++;
-    if trace_occluded(shadow_ray(vertex.position, leaving_normal(vertex.surface, chosen.direction), chosen), hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
+    if trace_occluded(ray, hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
     return reflected;
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::iter::Peekable;
+use std::ops::Range;
 
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
@@ -19,6 +20,10 @@ pub(super) const MAX_CORNERS: usize = 3 << 25;
 
 /// Most vertices that a scene may have, instances counted each: while they are placed each takes up to 270 bytes.
 pub(super) const MAX_VERTICES: usize = 1 << 25;
+
+/// Objects that are no wider than this, over the scene's radius, are told of: three times the gap that rays skip where they
+/// leave a surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
+const SMALL_OBJECT: f64 = 1e-4;
 
 /// Refuses a scene that is too large before any of it is placed. A small file may place a mesh many times.
 pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive])>) -> Result<()> {
@@ -57,6 +62,8 @@ pub(super) struct Geometry {
     vertices: Vec<Vertex>,
     triangles: Vec<Triangle>,
     mesh_lights: Vec<MeshLight>,
+    /// Vertices of each node that emits nothing.
+    objects: Vec<Range<usize>>,
     /// Corners of the boxes of procedural objects.
     pub procedural_corners: Vec<DVec3>,
     /// Mean radiance by triangle.
@@ -75,6 +82,7 @@ impl Geometry {
         materials: &mut Vec<Material>,
     ) -> Result<()> {
         let mut lights = HashMap::new();
+        let first = self.world.len();
         for primitive in primitives {
             let material = primitive.material.map(|m| m as u32).unwrap_or_else(|| {
                 *self.default_material.get_or_insert_with(|| {
@@ -91,6 +99,9 @@ impl Geometry {
                 })
             };
             self.instantiate(node, primitive, material, light)?;
+        }
+        if lights.is_empty() {
+            self.objects.push(first..self.world.len());
         }
         Ok(())
     }
@@ -203,7 +214,7 @@ impl Geometry {
     /// Moves everything into `scene`, by its normalisation: vertices that triangles use, triangles
     /// that have an area in f32 too.
     pub fn finish(self, scene: &mut Scene, notes: &mut Notes) -> Vec<PlacedMeshLight> {
-        let mut degenerate = self.degenerate;
+        let (mut degenerate, mut rounded_off) = (self.degenerate, 0);
         let normalisation = scene.normalisation;
         let positions: Vec<Vec3> = self.world.par_iter().map(|world| normalisation.apply(*world)).collect();
         let mut lights: Vec<PlacedMeshLight> = self
@@ -214,8 +225,12 @@ impl Geometry {
         let mut place = vec![u32::MAX; positions.len()];
         scene.triangles.reserve(self.triangles.len());
         for (triangle, radiance) in self.triangles.iter().zip(self.radiance) {
-            if !has_area(triangle.vertices.map(|v| positions[v as usize])) {
-                degenerate += 1;
+            let corners = triangle.vertices.map(|v| positions[v as usize]);
+            if !has_area(corners) {
+                // In the file's own coordinates the corners are apart, and it has an area.
+                let [a, b, c] = corners;
+                let coincide = a == b || b == c || c == a;
+                *if coincide { &mut rounded_off } else { &mut degenerate } += 1;
                 continue;
             }
             let vertices = triangle.vertices.map(|v| {
@@ -234,6 +249,28 @@ impl Geometry {
         }
         if degenerate > 0 {
             notes.push(format!("{degenerate} triangles have no area and are left out"));
+        }
+        if rounded_off > 0 {
+            notes.push(format!(
+                "{rounded_off} triangles are below 6e-8 of the scene's size, too small for it in single precision, and left out: \
+                 leave out what is far away instead"
+            ));
+        }
+        let small = self.objects.iter().filter(|vertices| {
+            let corners = &self.world[(*vertices).clone()];
+            let [lower, upper] =
+                corners.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[lower, upper], corner| {
+                    [lower.min(*corner), upper.max(*corner)]
+                });
+            let width = (upper - lower).length() * normalisation.scale();
+            width > 0.0 && width < SMALL_OBJECT
+        });
+        let small = small.count();
+        if small > 0 {
+            notes.push(format!(
+                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: rays skip gaps of 3e-5 of it, so that \
+                 what they shade is not right; leave out what is far away, or render them by themselves"
+            ));
         }
         lights
     }

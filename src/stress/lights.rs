@@ -1,11 +1,11 @@
 //! Lights: how large, how near, how bright, how many.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3};
 
 use crate::gpu::Gpu;
-use crate::{Result, Technique};
+use crate::{Result, Settings, Technique};
 
 use super::oracle::{difference, green, mean, polygon_irradiance, reflected, relative};
 use super::placement::{CLOSED, room};
@@ -138,6 +138,14 @@ pub static DISTANCE: Family = Family {
             bound: |_| EVEN,
             prepare: |gpu| distance(gpu, Technique::TwoPass, Place::Under),
         },
+        Series {
+            name: "two-pass, under a square of 512 triangles",
+            values: &GAPS,
+            // Its triangles are chosen by their power, and a point gets half its light from the part of the lamp that is as
+            // wide as it is away, one of that many equal ones: three standard errors of their number.
+            bound: |gap| 3.0 * ((1.0 / (PI * gap * gap)).min(512.0) / (16 * 16 * MANY_SAMPLES) as f64).sqrt(),
+            prepare: |gpu| distance(gpu, Technique::TwoPass, Place::UnderMany),
+        },
     ],
 };
 
@@ -151,15 +159,20 @@ const NEAR: f64 = 1e-4;
 enum Place {
     Under,
     UnderDisc,
+    UnderMany,
     Wall,
 }
+
+/// Samples of a pixel under a lamp of many triangles.
+const MANY_SAMPLES: u32 = 1024;
 
 /// Corners of the disc: as many as a light of a closed form may have.
 const DISC_CORNERS: u32 = 64;
 
 fn distance(gpu: &Gpu, technique: Technique, place: Place) -> Result<Measure<'_>> {
     let exact = technique == Technique::ShadowPhotons;
-    let settings = settings(technique, 16, if exact { 1 } else { 64 }, 0);
+    let samples = if place == Place::UnderMany { MANY_SAMPLES } else { 64 };
+    let settings = settings(technique, 16, if exact { 1 } else { samples }, 0);
     Ok(Box::new(move |gap| {
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
         let (lamp, normal): (Vec<Corners>, DVec3) = match place {
@@ -172,6 +185,11 @@ fn distance(gpu: &Gpu, technique: Technique, place: Place) -> Result<Measure<'_>
             let at = |i: u32| TAU * f64::from(i) / f64::from(DISC_CORNERS);
             corners = (0..DISC_CORNERS).map(|i| y * gap + 0.5 * (x * at(i).cos() + z * at(i).sin())).collect();
             triangles = polygon(&corners);
+        }
+        if place == Place::UnderMany {
+            let at = |i: u32| (f64::from(i) + 0.5) / 16.0 - 0.5;
+            let squares = (0..256).map(|i| y * gap + x * at(i % 16) + z * at(i / 16));
+            triangles = squares.flat_map(|centre| square(centre, x / 32.0, z / 32.0)).collect();
         }
         let (surface, eye) = match place {
             // Below the lamp, from its edge on.
@@ -308,7 +326,7 @@ pub static LIGHTS: Family = Family {
         Series {
             name: "shadow-photons",
             values: &COUNTS,
-            bound: |_| NOISE,
+            bound: |lights| if lights <= f64::from(Settings::MANY_LIGHTS) { EVEN } else { NOISE },
             prepare: |gpu| lights(gpu, Technique::ShadowPhotons),
         },
         Series { name: "path", values: &COUNTS, bound: |_| NOISE, prepare: |gpu| lights(gpu, Technique::Path) },

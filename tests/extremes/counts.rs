@@ -7,7 +7,7 @@ use penumbra::stress::placement::room;
 use penumbra::stress::stage::{Eye, Paint, Stage, View, square};
 use penumbra::{Settings, Technique};
 
-use crate::setup::{assert_finite, assert_holds, mean_and_error, render, settings, with_variance};
+use crate::setup::{assert_finite, assert_holds, mean_and_error, render, run, settings, with_variance};
 
 #[test]
 fn one_photon_or_a_cell_full_of_them() {
@@ -25,6 +25,8 @@ fn panes_let_their_share_through() {
     for series in ["seen through", "lit through, two-pass", "lit through, shadow-photons", "lit through, path"] {
         assert_holds(&LAYERS, series, &[1.0, 1000.0]);
     }
+    // Beyond what loops may take there is an error, and no image.
+    assert!(run(&LAYERS, "lit through, two-pass", &[1e4])[0].outcome.is_err());
 }
 
 /// Slats thinner than a pixel and than the distance of photons: audits keep the mean of the image that of all shadow rays.

@@ -1,14 +1,41 @@
 //! The same seed, device and binary give the same bytes.
 
-use penumbra::stress::placement::room;
-use penumbra::{Aov, Image, Renderer, Settings, Technique};
+use std::sync::Arc;
 
+use glam::{DAffine3, DVec3, Vec3};
+use penumbra::needs::Needs;
+use penumbra::procedural::Role;
+use penumbra::scene::{Panorama, Volume};
+use penumbra::stress::placement::room;
+use penumbra::stress::stage::{Paint, Part, square};
+use penumbra::{Aov, Camera, Image, Renderer, Scene, Settings, Technique};
+
+use crate::procedurals;
 use crate::setup::{assert_same, gpu, settings};
 
+/// What no plain room has: lights of which points choose a few, glass with its caustics, a sky, and an object that is a function.
+fn everything() -> (Scene, Camera) {
+    let mut stage = room();
+    // The room is open behind the camera.
+    stage.parts[0].triangles.truncate(10);
+    let places = (0..20).map(|i| DAffine3::from_translation(DVec3::new(0.04 * f64::from(i) - 0.4, 0.4, 0.2)));
+    let bulb = square(DVec3::ZERO, DVec3::X * 0.01, DVec3::Z * 0.01);
+    stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), places: places.collect() });
+    let (mut scene, camera) = stage.import().unwrap();
+    let glass = &mut scene.materials[1];
+    (glass.transmission, glass.roughness, glass.specular) = (1.0, 0.0, 1.0);
+    glass.volume = Some(Volume { attenuation_distance: f32::INFINITY, attenuation_colour: Vec3::ONE });
+    let wall = scene.materials[0].clone();
+    let place = DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), Default::default(), DVec3::X * 0.25);
+    procedurals::place(&mut scene, &[procedurals::sphere(Role::Distance, place, wall)]);
+    let sky = Panorama { width: 2, height: 1, texels: vec![[0.5; 3], [1.0; 3]] };
+    scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
+    (scene, camera)
+}
+
 /// Renders, by way of a checkpoint after that many batches if it is given.
-fn render(settings: &Settings, stop: Option<u32>) -> (Image, u64) {
-    let (scene, camera) = room().import().unwrap();
-    let mut renderer = Renderer::new(gpu(), scene.clone(), &camera, settings).unwrap();
+fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u32>) -> (Image, u64) {
+    let mut renderer = Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
     if let Some(stop) = stop {
         for _ in 0..stop {
             renderer.render_batch().unwrap();
@@ -17,13 +44,14 @@ fn render(settings: &Settings, stop: Option<u32>) -> (Image, u64) {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("state");
         renderer.save_checkpoint(&file).unwrap();
-        renderer = Renderer::new(gpu(), scene, &camera, settings).unwrap();
+        renderer = Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
         renderer.resume(&file).unwrap();
     }
     while renderer.samples() < settings.spp {
         renderer.render_batch().unwrap();
     }
-    let healed = renderer.statistics().unwrap().photons.iter().map(|light| light.healed).sum();
+    let statistics = renderer.statistics().unwrap();
+    let healed = statistics.photons.iter().map(|light| light.healed).sum();
     let mut image = renderer.image().unwrap();
     image.metadata.clear();
     (image, healed)
@@ -33,6 +61,7 @@ fn render(settings: &Settings, stop: Option<u32>) -> (Image, u64) {
 /// checkpoint. Photons are few and audits many, so that the map is mended in between.
 #[test]
 fn runs_are_the_same_bytes() {
+    let scene = room().import().unwrap();
     for technique in Technique::ALL {
         let runs = if technique == Technique::default() { 20 } else { 3 };
         // No classes among the channels, so that the pilot may leave the map out.
@@ -43,15 +72,30 @@ fn runs_are_the_same_bytes() {
             aovs: vec![Aov::Direct, Aov::Variance, Aov::Normal],
             ..settings(technique, 24, 20, 8)
         };
-        let (first, healed) = render(&settings, None);
+        let (first, healed) = render(&scene, &settings, None);
         if technique == Technique::ShadowPhotons {
             assert!(healed > 0, "nothing was mended: the test does not see its order");
         }
         for run in 1..runs {
             let stop = (run % 2 == 1).then_some(1 + run / 2 % 2);
-            assert_same(&render(&settings, stop).0, &first, &format!("{technique}, run {run}"));
+            assert_same(&render(&scene, &settings, stop).0, &first, &format!("{technique}, run {run}"));
         }
-        let (other, _) = render(&Settings { seed: 1, ..settings }, None);
+        let (other, _) = render(&scene, &Settings { seed: 1, ..settings }, None);
         assert!(other.channels != first.channels, "{technique}: another seed changes nothing");
     }
+}
+
+/// The same, straight on and by way of a checkpoint, where there is all that scenes can have, by the technique that has all of
+/// it too.
+#[test]
+fn runs_of_everything_are_the_same_bytes() {
+    let scene = everything();
+    let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::ShadowPhotons, 16, 20, 4) };
+    let needs = Needs::new(&scene.0, &settings);
+    let all = ["environment", "procedurals", "transmission", "zones", "light_choice", "caustics", "chains"];
+    assert!(all.iter().all(|feature| needs.features.has(feature)), "something is missing");
+    let (first, _) = render(&scene, &settings, None);
+    assert!(first.channel("G").unwrap().iter().any(|x| *x > 0.0), "nothing is seen");
+    assert_same(&render(&scene, &settings, None).0, &first, "run again");
+    assert_same(&render(&scene, &settings, Some(1)).0, &first, "resumed");
 }

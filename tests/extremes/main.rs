@@ -53,4 +53,7 @@ mod energy;
 mod geometry;
 mod lights;
 mod placement;
+#[allow(dead_code)]
+#[path = "../common/procedurals.rs"]
+mod procedurals;
 mod setup;

@@ -51,6 +51,7 @@ fn offsets_change_nothing() {
 fn needles_are_as_good_as_any_triangle() {
     assert_holds(&ASPECT, "along the axes", &[1e3, 1e9]);
     assert_holds(&ASPECT, "tilted", &[1e3, 1e6]);
+    assert_holds(&ASPECT, "shadow rays, tilted", &[1e3, 1e4]);
 }
 
 /// A scene that its nodes mirror is the scene, whether it was mirrored before or its matrices undo each other. Mirrored

@@ -74,6 +74,12 @@ fn what_is_no_image_is_an_error() {
     // A PNG header (with its right checksum) of 400,000 x 400,000 pixels: 590 GB as RGBA, and nothing behind it.
     let mut huge = Vec::new();
     png::Encoder::new(&mut huge, 400_000, 400_000).write_header().unwrap();
+    // 14 MB as 64 bits a texel, in 302 bytes: of as many bits as they are, not of one (found by fuzzing).
+    let mut wide = Vec::new();
+    let mut encoder = png::Encoder::new(&mut wide, 9, 200_000);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.write_header().unwrap().write_chunk(png::chunk::IDAT, &[0; 245]).unwrap();
     // Radiance files whose size is none, or not to be had of so few bytes.
     let radiance = |size: &str| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n").into_bytes();
     for (name, bytes) in [
@@ -84,12 +90,14 @@ fn what_is_no_image_is_an_error() {
         ("garbage.hdr", vec![7; 999]),
         ("text.txt", vec![7; 9]),
         ("huge.png", huge),
+        ("wide.png", wide),
     ] {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let error = Image::read(&path).unwrap_err();
         assert_eq!(error.exit_code(), 3);
         assert!(error.to_string().contains(name), "{error}");
+        assert!(name != "wide.png" || error.to_string().contains("claims 9 x 200000"), "{error}");
         assert_eq!(error.to_string().lines().count(), 1, "{error}");
     }
     for name in ["missing.png", "."] {

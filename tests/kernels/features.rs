@@ -67,6 +67,9 @@ impl Choice {
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
         }
+        if self.has(49) {
+            meshes.push((square(DVec3::NEG_Y, 0.5 * DVec3::X, 1e-4 * DVec3::Z), surface(0.5, 0.0)));
+        }
         let (position, direction, intensity) = (Vec3::Z, Vec3::NEG_Z, Vec3::ONE);
         let range = f32::INFINITY;
         let punctual = [
@@ -182,7 +185,8 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 20] = [
+    const FORCED: [&str; 21] = [
+        "needles",
         "textures",
         "uv1",
         "vertex_colours",

@@ -409,7 +409,7 @@ fn slivers_leave_no_gaps() {
                 [[a, b, c], [a, c, d]]
             })
             .collect();
-        let traced = Traced::new(&triangles);
+        let mut traced = Traced::new(&triangles);
         let mut random = Random(3);
         let rays: Vec<_> = (0..5000)
             .map(|_| {
@@ -420,7 +420,10 @@ fn slivers_leave_no_gaps() {
                 ray(origin, (target - origin).normalize())
             })
             .collect();
-        for (ray, answer) in rays.iter().zip(traced.closest(&rays)) {
+        let found = traced.closest(&rays);
+        traced.features = traced.features.clone().with("needles", true);
+        let on_planes = traced.closest(&rays);
+        for ((ray, answer), on_plane) in rays.iter().zip(found).zip(on_planes) {
             let t = f64::from(ray.origin.z) / -f64::from(ray.direction.z);
             assert!(answer.slot != NO_HIT, "{ray:?} passes between slivers of width {width}");
             assert!(answer.u >= 0.0 && answer.v >= 0.0 && answer.u + answer.v <= 1.000001, "{answer:?}");
@@ -429,6 +432,10 @@ fn slivers_leave_no_gaps() {
             // sliver's length, which is 1. For the thinnest that only says that t lies between the corners.
             let slack = 2f64.powi(-21) / f64::from(width);
             assert!((f64::from(answer.t) - t).abs() < slack, "{ray:?}: {answer:?} instead of {t}");
+            // Moved along the plane, whose inclination is off by as much: the square of that, and a few roundings.
+            assert!(on_plane.slot != NO_HIT, "{ray:?}");
+            let slack = slack * slack + 2f64.powi(-20);
+            assert!((f64::from(on_plane.t) - t).abs() < slack, "{ray:?}: {on_plane:?} instead of {t}");
         }
     }
 }

@@ -200,6 +200,30 @@ fn slivers_stay_and_degenerate_triangles_go() {
     assert!((b - a).cross(c - a).normalize().is_finite());
 }
 
+/// Two triangles of size 1 that far apart. What is small for its scene is told, and so is what single precision rounds off;
+/// lamps are points then, which they may be.
+#[test]
+fn what_is_too_small_for_its_scene_is_told() {
+    let told = |apart: f64, emits: bool| {
+        let mut file = File::triangle();
+        file.json["nodes"][0]["scale"] = json!([0.25, 0.25, 0.25]);
+        let mut second = file.json["nodes"][0].clone();
+        second["translation"] = json!([apart, 0.0, 0.0]);
+        file.add("nodes", second);
+        if emits {
+            file.json["materials"] = json!([{ "emissiveFactor": [1, 1, 1] }]);
+            file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+        }
+        let notes = file.load().notes;
+        let says = |text: &str| notes.iter().any(|note| note.starts_with(text));
+        [says("2 objects are less than 1e-4"), says("2 triangles are below 6e-8"), says("2 triangles have no area")]
+    };
+    assert_eq!(told(1e3, false), [false; 3]);
+    assert_eq!(told(1e5, false), [true, false, false]);
+    assert_eq!(told(1e12, false), [true, true, false]);
+    assert_eq!(told(1e5, true), [false; 3]);
+}
+
 #[test]
 fn normalisation_is_independent_of_place_and_scale() {
     let mut file = File::new();
