@@ -71,8 +71,9 @@ pub struct Renderer<'g> {
     /// Most samples of a pixel in a tile.
     layers: u32,
     samples: u32,
-    /// Calls of [`Renderer::render_batch`] so far. The map is mended after the first, the second, the fourth, ...: what
-    /// audits find is found early, and sorting the map anew then costs little of a long render.
+    /// Calls of [`Renderer::render_batch`] so far. The map is mended after the second, the fourth, the eighth, ...: what
+    /// audits find is found early, and sorting the map anew then costs little of a long render. After the pilot it would
+    /// cost a short one more than the few photons are worth that a sample of each pixel finds.
     batches: u32,
     totals: Totals,
     /// What is kept of the render should the device be lost; none where nobody asks for it.
@@ -306,7 +307,7 @@ impl<'g> Renderer<'g> {
         {
             let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
             let shared = Shared { gpu, scene, tables, tile };
-            direct.heal(&shared, self.batches.is_power_of_two(), &mut self.totals)?;
+            direct.heal(&shared, self.batches > 1 && self.batches.is_power_of_two(), &mut self.totals)?;
         }
         self.trace_caustics()?;
         self.batches += 1;
