@@ -63,13 +63,15 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     };
     let by_pass = by_pass(&not_finite);
     let left_out = totals.get(Counter::NotFinite);
+    // What a ray would bring that took too many turns is not known, and left out as what is not finite.
+    let advice = match overruns {
+        0 => "look for lights, colours or sizes in the scene that are beyond all measure",
+        _ => "those of rays that took too many turns are among them",
+    };
     warn(
         "not_finite",
         left_out.max(not_finite.total()),
-        format!(
-            "{left_out} samples are not finite and left out of the image{by_pass}: look for lights, colours or sizes in \
-             the scene that are beyond all measure"
-        ),
+        format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
     );
     warn(
         "near_overflow",
