@@ -366,9 +366,12 @@ if (classMap) {
   }
 }
 element("ramp").style.background = `linear-gradient(to right, ${HEAT.map((colour) => `rgb(${colour})`)})`;
-new ResizeObserver(() => {
+function resize() {
   viewer.width = viewer.clientWidth * ratio();
   viewer.height = viewer.clientHeight * ratio();
   fit();
-}).observe(viewer);
+}
 repaint();
+// An observer first reports with a frame, which a busy machine may show late.
+resize();
+new ResizeObserver(resize).observe(viewer);
