@@ -781,6 +781,7 @@ fn receivers_from(place: vec3f) -> Cap {
     return Cap(normalize(offset), squared_sine, squared_sine / (1.0 + sqrt(1.0 - squared_sine)));
 }
 
+@if(mesh_lights)
 struct AimedDirection {
     direction: vec3f,
     // Of the directions about the normal, by the cosine law.
