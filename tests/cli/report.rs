@@ -113,8 +113,7 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
     assert!(!output.exists() && !folder.join("report").exists());
     // Nor of a report that could not be made; a folder of the user's own stays.
     for made in [false, true] {
-        let none =
-            report(folder, "--device software --techniques path --budgets 1e-9 --repeats 3 --reference-error 0.5");
+        let none = report(folder, "--quiet --techniques path --budgets 1e-9 --reference-error 0.5");
         none.assert_refused(2, &["--budgets are too short"]);
         assert_eq!(folder.join("report").exists(), made);
         fs::create_dir_all(folder.join("report")).unwrap();
