@@ -19,6 +19,8 @@ const FAR: f32 = 1e30;
 type Triangle = [Vec3; 3];
 /// Origin and t_min, direction and t_max.
 type Rays = Vec<[f32; 4]>;
+/// Median and best seconds, of the kernel and of that with needles.
+type Times = [[f64; 2]; 2];
 
 /// Rays come from a table, since that is the cheapest read; every answer is stored.
 const KERNEL: &str = "
@@ -58,8 +60,8 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Median and best time in seconds, of the kernel and of that with needles, and the answers of the first.
-    fn run(&self, entry: &str, rays: &Rays) -> Result<([[f64; 2]; 2], Vec<[f32; 4]>)> {
+    /// Times, and the answers of the kernel without needles.
+    fn run(&self, entry: &str, rays: &Rays) -> Result<(Times, Vec<[f32; 4]>)> {
         let gpu = self.gpu;
         let count = rays.len() / 2;
         let nodes = gpu.table("bench/bvh_nodes", &self.bvh.nodes, TableFormat::Uint)?;
