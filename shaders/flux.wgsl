@@ -108,7 +108,7 @@ fn flux(
         rays++;
         if hit.triangle == NO_HIT || traversal_overrun { break; }
         let found = surface_at(hit, here);
-        if found.unlit { break; }
+        @if(!negative_photons) { if found.unlit { break; } }
         if bounce == 0u { flux *= flux_window(light, hit.t); }
         @if(transmission) { flux *= found.transmittance; }
         let lots = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
@@ -118,6 +118,7 @@ fn flux(
             // The first surface is lit anyway, as all behind it are: they lose what they should not have.
             stores &= bounce > 0u;
             if bounce == 0u { rays += store_shadows(light, here, hit, found, flux, lots.x, bounce_seed); }
+            if found.unlit { break; }
         }
         var goes_on = bounce < flux_pass.max_bounces;
         @if(caustics) {

@@ -108,7 +108,7 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         brought.w = hit.t;
         let found = surface_at(hit, leaving.ray);
         if !found.unlit {
-            let known = irradiance_near(found.position, found.surface.geometric_normal);
+            let known = irradiance_near(found.triangle_position, found.triangle_normal);
             var follow = 0u;
             var follows = true;
             var wide = spread_along(leaving.pdf, hit.t) >= known.radius;

@@ -10,14 +10,17 @@ import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, spoilt};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains && (photon_map || caustics)) import package::lib::point::CHAIN_VECTOR;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::point::PLACE_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(!negative_photons) import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(negative_photons) import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
 import package::lib::bvh::hit_normal;
+@if(negative_photons) import package::lib::surface::surface_at;
 
 struct IrradianceParameters {
     // Of the global map.
@@ -67,8 +70,8 @@ fn show(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     if i >= irradiance_pass.count { return; }
     var light = vec3f(0.0);
     if points[i].normal != INVALID_POINT {
-        let normal = oct_decode16(points[i].normal);
-        light = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(points[i].position, normal).xyz / PI;
+        let place = place_of(i);
+        light = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(place.position, place.normal).xyz / PI;
         @if(chains) { light *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
         light = counted(light, i);
     }
@@ -85,9 +88,26 @@ fn caustics(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
     var albedo = surfaces[i * SURFACE_VECTORS].xyz;
     @if(chains) { albedo *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
     if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
-    let disc = flux_about(points[i].position, oct_decode16(points[i].normal));
+    let place = place_of(i);
+    let disc = flux_about(place.position, place.normal);
     if disc.radius <= 0.0 && !traversal_overrun { return; }
     radiance_indirect[i] += vec4f(counted(albedo * disc.flux / (PI * PI * disc.radius * disc.radius), i), 0.0);
+}
+
+@if(photon_map || caustics)
+struct Place {
+    position: vec3f,
+    normal: vec3f,
+}
+
+// Where photons lie that have come to point i.
+@if(photon_map || caustics)
+fn place_of(i: u32) -> Place {
+    @if(smooth_normals) {
+        let place = surfaces[i * SURFACE_VECTORS + PLACE_VECTOR];
+        return Place(place.xyz, oct_decode16(bitcast<u32>(place.w)));
+    }
+    @else { return Place(points[i].position, oct_decode16(points[i].normal)); }
 }
 
 // The light of point i, or what the film leaves out where too many photons were in its way. Counts light that is no number.
@@ -101,13 +121,21 @@ fn counted(light: vec3f, i: u32) -> vec3f {
     return light;
 }
 
-// What the photons tell of a point, by density estimation; of direct light those with negative energy tell what is too much.
+// What the photons tell of a point, by density estimation.
+// Of direct light those with negative energy tell what is too much, and they lie on hidden surfaces as well: what is just below
+// the point, or behind a wall, and near enough to be in the disc, is taken as lit too. The mean is then that of the map whose
+// photons are all positive, which has none there.
 fn irradiance_at(position: vec3f, normal: vec3f) -> vec4f {
-    var found = density(position, normal);
+    let disc = flux_about(position, normal);
+    let share = covered(position, normal, disc.radius);
+    // In gaps too narrow for any probe the area is anyone's guess.
+    if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
+    var light = disc.flux / (PI * disc.radius * disc.radius * share.area);
     @if(negative_photons) {
-        for (var l = 0u; l < light_count(); l++) { found += vec4f(unshadowed(l, position, normal), 0.0); }
+        let surfaces = 1.0 + share.hidden / share.area;
+        for (var l = 0u; l < light_count(); l++) { light += surfaces * unshadowed(l, position, normal); }
     }
-    return found;
+    return vec4f(light, encode_disc(disc.radius, share.clear));
 }
 
 // Light points that stand for a light without a closed form.
@@ -128,17 +156,6 @@ fn unshadowed(light: u32, position: vec3f, normal: vec3f) -> vec3f {
     return sum / f32(UNSHADOWED_SAMPLES);
 }
 
-// The flux of the photons about a point over the area that they lie on, and the radius of the disc. The disc is what holds k
-// photons at the density of the 27 cells around, so its size does not depend on which of them lie in it, and the mean
-// is right whatever k is.
-fn density(position: vec3f, normal: vec3f) -> vec4f {
-    let disc = flux_about(position, normal);
-    let share = covered(position, normal, disc.radius);
-    // In gaps too narrow for any probe the area is anyone's guess.
-    if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, UNSURE); }
-    return vec4f(disc.flux / (PI * disc.radius * disc.radius * share.area), encode_disc(disc.radius, share.clear));
-}
-
 struct Disc {
     // Power of its photons.
     flux: vec3f,
@@ -146,6 +163,8 @@ struct Disc {
     radius: f32,
 }
 
+// The photons about a point. The disc is what holds k photons at the density of the 27 cells around, so its size does not
+// depend on which of them lie in it, and the mean is right whatever k is.
 fn flux_about(position: vec3f, normal: vec3f) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
@@ -178,6 +197,8 @@ struct Covered {
     area: f32,
     // How far from the point, in radii, there is no edge, wall or gap, as far as the probes tell.
     clear: f32,
+    // Area within the ellipsoid that is not seen from the point, over that of the disc.
+    @if(negative_photons) hidden: f32,
 }
 
 // A segment beyond that part of the radius is less than a probe, and may have been missed.
@@ -196,6 +217,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     let height = radius * inverseSqrt(1.0 + NORMAL_STRETCH);
     var found = 0u;
     var slant = 0.0;
+    @if(negative_photons) var hidden = 0.0;
     for (var j = 0u; j < PROBES; j++) {
         // A spiral of equal areas by the golden angle.
         let part = (f32(j) + 0.5) / f32(PROBES);
@@ -208,20 +230,47 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         let reach = height * sqrt(1.0 - part);
         let down = Ray(above, height - reach, -normal, height + reach);
         let seed = hash1(bits.x + j);
-        if trace_occluded(there, seed) { continue; }
+        let blocked = trace_occluded(there, seed);
+        @if(!negative_photons) { if blocked { continue; } }
         let hit = trace_closest(down, seed);
         if hit.triangle == NO_HIT { continue; }
+        @if(negative_photons) {
+            hidden += hidden_surfaces(down, hit, blocked, normal, seed);
+            if blocked { continue; }
+        }
         let cosine = abs(dot(normalize(hit_normal(hit)), normal));
         if cosine * cosine >= COMPATIBLE_COSINE_SQUARED {
             found++;
             slant += 1.0 / cosine;
         }
     }
-    if found == 0u { return Covered(0.0, 0.0); }
+    if found == 0u { return Covered(); }
     // A straight edge at x radii leaves out a segment of at most 0.5 (1 - x)^1.6 of the disc, and several edges together more.
     // One probe more, for what lies between them.
     let missing = f32(PROBES - found + 1u) / f32(PROBES);
     let clear = select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), NEVER_BEYOND, found == PROBES);
     // (n + 1) / (found + 1) is without bias for one over the share, as n / found is not.
-    return Covered(slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u)), clear);
+    let area = slant / f32(found) * (f32(found + 1u) / f32(PROBES + 1u));
+    @if(negative_photons) { return Covered(area, clear, hidden / f32(PROBES)); } @else { return Covered(area, clear); }
+}
+
+// The area of the surfaces that a probe meets below the one that it sees, where it sees one, over that of the probe: of those
+// that photons are stored at.
+@if(negative_photons)
+fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, seed: u32) -> f32 {
+    var ray = probe;
+    var hit = first;
+    var is_hidden = blocked;
+    var area = 0.0;
+    while hit.triangle != NO_HIT && !traversal_overrun {
+        let found = surface_at(hit, ray);
+        let cosine = abs(dot(found.triangle_normal, normal));
+        let compatible = cosine * cosine >= COMPATIBLE_COSINE_SQUARED;
+        if is_hidden && compatible && any(found.surface.albedo > vec3f(0.0)) { area += 1.0 / cosine; }
+        is_hidden = true;
+        let on = offset_origin(found.triangle_position, -found.triangle_normal);
+        ray = Ray(on, 0.0, ray.direction, ray.t_max - hit.t);
+        hit = trace_closest(ray, seed);
+    }
+    return area;
 }

@@ -20,6 +20,7 @@ import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
 @if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(chains) import package::lib::light::BEYOND_SCENE;
 @if(chains) import package::lib::point::CHAIN_VECTOR;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::point::PLACE_VECTOR;
 @if(chains) import package::lib::ray::{Ray, offset_origin};
 @if(chains) import package::lib::rng::{hash3, uniform_from_bits};
 @if(chains) import package::lib::surface::SurfaceHit;
@@ -76,6 +77,10 @@ fn primary(
             @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
             @if(sheen) { surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR] = packed.sheen; }
             @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
+        }
+        @if(smooth_normals && (photon_map || caustics)) {
+            let normal = bitcast<f32>(oct_encode16(found.triangle_normal));
+            surfaces[i * SURFACE_VECTORS + PLACE_VECTOR] = vec4f(found.triangle_position, normal);
         }
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }

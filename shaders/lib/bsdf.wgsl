@@ -4,7 +4,7 @@
 
 import package::lib::math::{PI, basis, safe_sqrt};
 import package::lib::sampling::sample_cosine;
-@if(sheen) import package::lib::sampling::sample_cone;
+@if(sheen) import package::lib::sampling::sample_cap;
 @if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS};
 
 // By cell of the cubic root of the cosine and the logarithm of the roughness: what the albedo of fibres is interpolated
@@ -578,7 +578,7 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         }
         let h = sample_visible_normal(lobe.view, lobe.alpha, u.xy);
         var wide = sample_cosine(u.xy);
-        @if(sheen) { if u.z < below + chances.sheen { wide = sample_cone(u.xy, 0.0); } }
+        @if(sheen) { if u.z < below + chances.sheen { wide = sample_cap(u.xy, 1.0); } }
         var local = select(wide, reflect(-lobe.view, h), u.z < below);
         @if(transmission) var passed = false;
         @if(transmission) {

@@ -3,9 +3,9 @@
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
-@if(mesh_lights) import package::lib::math::oct_decode16;
+@if(mesh_lights) import package::lib::math::{oct_decode16, safe_sqrt};
 @if(mesh_lights) import package::lib::math::angle_of;
-import package::lib::sampling::{sample_cone, sample_cosine, sample_disc, sample_sphere};
+import package::lib::sampling::{sample_cap, sample_cosine, sample_disc};
 @if(mesh_lights) import package::lib::sampling::{SeenTriangle, sample_seen_triangle, sample_triangle, seen_triangle};
 import package::lib::constants::{
     LIGHT_MESH, LIGHT_POINT, LIGHT_SPOT, LIGHT_DIRECTIONAL, LIGHT_KIND_MASK, LIGHT_TWO_SIDED, LIGHT_CLOSED_FORM,
@@ -762,9 +762,52 @@ fn far_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> Emitted
     return EmittedRay(sphere.xyz + offset, direction, direction, NO_EMITTER, irradiance * (PI * reach * reach));
 }
 
+// The directions from a place to all that there is to light: about an axis.
+@if(mesh_lights || point_lights || spot_lights || directional_lights)
+struct Cap {
+    axis: vec3f,
+    // Of the angle between the axis and the rim; 1 where the place is among the receivers, or nobody knows them.
+    squared_sine: f32,
+    // 1 less the cosine of that angle; 2, all directions, there.
+    height: f32,
+}
+
+@if(mesh_lights || point_lights || spot_lights || directional_lights)
+fn receivers_from(place: vec3f) -> Cap {
+    let sphere = bitcast<vec4f>(load_light_record(1u));
+    let offset = sphere.xyz - place;
+    let squared_sine = sphere.w * sphere.w / dot(offset, offset);
+    if sphere.w == 0.0 || !(squared_sine < 1.0) { return Cap(vec3f(0.0, 0.0, 1.0), 1.0, 2.0); }
+    return Cap(normalize(offset), squared_sine, squared_sine / (1.0 + sqrt(1.0 - squared_sine)));
+}
+
+struct AimedDirection {
+    direction: vec3f,
+    // Of the directions about the normal, by the cosine law.
+    share: f32,
+}
+
+// By the cosine law about the normal, and within the cap where that is over the horizon: such directions are the even points of
+// the unit disc under the hemisphere (Nusselt), and the cap's rim is an ellipse there.
+@if(mesh_lights)
+fn sample_aimed_cosine(normal: vec3f, cap: Cap, u: vec2f) -> AimedDirection {
+    let cosine = dot(cap.axis, normal);
+    if cosine <= 0.0 || cosine * cosine <= cap.squared_sine { return AimedDirection(basis(normal) * sample_cosine(u), 1.0); }
+    let along = cap.axis - cosine * normal;
+    let sine = length(along);
+    let frame = basis(normal);
+    var radial = frame[0];
+    // Straight above, the ellipse is a circle.
+    if sine > 1e-4 { radial = along / sine; }
+    let p = sqrt(cap.squared_sine) * sample_disc(u);
+    let below = along * (1.0 - cap.height) + radial * (cosine * p.x) + cross(normal, radial) * p.y;
+    let up = safe_sqrt(1.0 - dot(below, below));
+    return AimedDirection(below + up * normal, cap.squared_sine * cosine);
+}
+
 // A ray that leaves the light: from mesh lights by emitted power and cosine, from point lights uniform over the
-// sphere, from spot lights over the outer cone, from directional lights over a disc as wide as the scene, from the environment
-// over such a disc across a direction chosen by radiance.
+// sphere, from spot lights over the outer cone, but towards the receivers alone where they are in fewer directions; from
+// directional lights over a disc as wide as the scene, from the environment over such a disc across a direction chosen by radiance.
 fn light_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_record(light, 0u);
     @if(environment) {
@@ -786,13 +829,17 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
             }
             @if(spot_lights) {
                 if kind == LIGHT_SPOT {
-                    let direction = basis(axis.xyz) * sample_cone(u.xy, axis.w);
-                    let flux = intensity * (spot_falloff(light, axis, direction) * 2.0 * PI * (1.0 - axis.w));
+                    let aim = receivers_from(place.xyz);
+                    let narrower = aim.height < 1.0 - axis.w;
+                    let height = select(1.0 - axis.w, aim.height, narrower);
+                    let direction = basis(select(axis.xyz, aim.axis, narrower)) * sample_cap(u.xy, height);
+                    let flux = intensity * (spot_falloff(light, axis, direction) * 2.0 * PI * height);
                     return EmittedRay(place.xyz, direction, direction, NO_EMITTER, flux);
                 }
             }
-            let direction = sample_sphere(u.xy);
-            return EmittedRay(place.xyz, direction, direction, NO_EMITTER, intensity * (4.0 * PI));
+            let aim = receivers_from(place.xyz);
+            let direction = basis(aim.axis) * sample_cap(u.xy, aim.height);
+            return EmittedRay(place.xyz, direction, direction, NO_EMITTER, intensity * (2.0 * PI * aim.height));
         }
     }
     @if(mesh_lights) {
@@ -807,7 +854,8 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
             v.x = fract(2.0 * v.x);
             flux *= 2.0;
         }
-        return EmittedRay(point.position, basis(normal) * sample_cosine(v), normal, triangle.slot, flux);
+        let aimed = sample_aimed_cosine(normal, receivers_from(point.position), v);
+        return EmittedRay(point.position, aimed.direction, normal, triangle.slot, flux * aimed.share);
     }
     @else { return EmittedRay(vec3f(0.0), vec3f(0.0, 0.0, 1.0), vec3f(0.0, 0.0, 1.0), NO_EMITTER, vec3f(0.0)); }
 }

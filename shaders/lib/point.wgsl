@@ -23,11 +23,16 @@ struct Point {
 @if(!sheen) const SHEEN_VECTORS = 0u;
 @if(chains) const CHAIN_VECTORS = 1u;
 @if(!chains) const CHAIN_VECTORS = 0u;
+@if(smooth_normals && (photon_map || caustics)) const PLACE_VECTORS = 1u;
+@if(!(smooth_normals && (photon_map || caustics))) const PLACE_VECTORS = 0u;
 const TINT_VECTOR = 1u + GLOSSY_VECTORS;
 const LOBE_VECTOR = TINT_VECTOR + TINT_VECTORS;
 const SHEEN_VECTOR = LOBE_VECTOR + LOBE_VECTORS;
 const CHAIN_VECTOR = SHEEN_VECTOR + SHEEN_VECTORS;
-const SURFACE_VECTORS = CHAIN_VECTOR + CHAIN_VECTORS;
+// The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the smooth
+// surface that it stands for, which may be farther from the triangle than a disc of photons is high.
+const PLACE_VECTOR = CHAIN_VECTOR + CHAIN_VECTORS;
+const SURFACE_VECTORS = PLACE_VECTOR + PLACE_VECTORS;
 
 struct PackedSurface {
     a: vec4f,

@@ -71,14 +71,10 @@ fn sample_cosine(u: vec2f) -> vec3f {
     return vec3f(p, safe_sqrt(1.0 - dot(p, p)));
 }
 
-// Uniform on the unit sphere.
-fn sample_sphere(u: vec2f) -> vec3f {
-    return sample_cone(u, -1.0);
-}
-
-// Uniform over the directions within the angle of cosine `cos_max` of +z.
-fn sample_cone(u: vec2f, cos_max: f32) -> vec3f {
-    let below = u.x * (1.0 - cos_max);
+// Uniform over the directions whose cosine to +z is no more than `height` below 1: a cap of that height, however narrow,
+// or of height 2 the whole sphere.
+fn sample_cap(u: vec2f, height: f32) -> vec3f {
+    let below = u.x * height;
     let radius = safe_sqrt(below * (2.0 - below));
     let phi = 2.0 * PI * u.y;
     return vec3f(radius * cos(phi), radius * sin(phi), 1.0 - below);

@@ -112,6 +112,9 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
     var throughput = vec3f(1.0);
     var radiance = PathRadiance(vec3f(0.0), vec3f(0.0));
     @if(global_map) var spread = start.spread;
+    // Where photons lie that have come to the vertex.
+    @if(global_map) var place = vertex.position;
+    @if(global_map) var place_normal = vertex.surface.geometric_normal;
     // Since the point that is seen, a gather's before the first vertex, there were focusing surfaces only: what light counts
     // by is then the residual part of that point's BSDF.
     @if(caustics) var chain = start.bounce == 0u || focuses(first.surface);
@@ -189,13 +192,17 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
                 }
                 vertex.position = found.position;
                 vertex.surface = found.surface;
-                @if(global_map) { spread += spread_along(chosen.pdf, hit.t); }
+                @if(global_map) {
+                    place = found.triangle_position;
+                    place_normal = found.triangle_normal;
+                    spread += spread_along(chosen.pdf, hit.t);
+                }
             }
         }
         traversal_overrun |= traversal_turns > PATH_TURNS;
         if traversal_overrun || !going_on || bounce >= max_bounces { break; }
         @if(global_map) {
-            let known = irradiance_near(vertex.position, vertex.surface.geometric_normal);
+            let known = irradiance_near(place, place_normal);
             var wide = spread >= known.radius;
             @if(caustics) {
                 let focusing = focuses(vertex.surface);

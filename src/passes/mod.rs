@@ -102,6 +102,8 @@ impl TileBuffers {
         // Coat and anisotropy share one.
         vectors -= usize::from(features.has("clearcoat") && features.has("anisotropy"));
         vectors += usize::from(features.has("chains"));
+        let photons_shown = features.has("photon_map") || features.has("caustics");
+        vectors += usize::from(features.has("smooth_normals") && photons_shown);
         let samples = |on: bool, name: &str| on.then(|| gpu.buffer::<[f32; 4]>(name, points)).transpose();
         Ok(TileBuffers {
             points: gpu.buffer::<Point>("penumbra/primary/points", points)?,

@@ -9,6 +9,7 @@ use crate::gpu::buffer::TableFormat;
 use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
+use super::aim::Receivers;
 use super::environment::EnvironmentTable;
 use super::{oct_encode16, sobol};
 
@@ -25,7 +26,7 @@ pub(crate) const CLOSED_FORM: u32 = 16;
 pub(crate) const COVERAGE: u32 = 32;
 pub(crate) const VIEWED: u32 = 64;
 /// Records before the first light's, of a light, and of an emitter triangle.
-pub(crate) const HEADER: u32 = 1;
+pub(crate) const HEADER: u32 = 2;
 pub(crate) const RECORDS: u32 = 6;
 pub(crate) const EMITTER_RECORDS: u32 = 4;
 
@@ -74,6 +75,8 @@ pub struct LightInfo {
     /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
     /// directional light and of the environment: through the disc that covers the scene.
     pub power: f64,
+    /// The share of that which photons carry: they are sent to what there is to light, if that is known.
+    pub aimed: f64,
     /// What it sends where, about.
     pub emission: Emission,
     /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
@@ -106,11 +109,12 @@ pub struct Emission {
 pub(crate) const NO_AXIS: u32 = 0x8000_8000;
 
 impl LightTables {
-    /// Uploads the lights of a scene whose triangles are in the order of the BVH.
+    /// Uploads the lights of a scene whose triangles are in the order of the BVH. Photons are sent towards the receivers, or
+    /// wherever the light shines.
     ///
     /// # Errors
     /// As [`Gpu::table`].
-    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<LightTables> {
+    pub fn new(gpu: &Gpu, scene: &Scene, receivers: Option<Receivers>) -> Result<LightTables> {
         let mut build = Build::default();
         if let Some(Light { kind: LightKind::Environment { panorama, turn, strength }, .. }) = scene.lights.last() {
             build.environment = Some(EnvironmentTable::new(gpu, panorama, *turn, *strength)?);
@@ -118,9 +122,13 @@ impl LightTables {
         for (index, light) in scene.lights.iter().enumerate() {
             build.push(scene, index as u32, light);
         }
+        for (info, light) in build.lights.iter_mut().zip(&scene.lights) {
+            info.aimed = receivers.map_or(1.0, |receivers| receivers.share_of(scene, &light.kind));
+        }
         build.slots.sort_unstable();
         build.choose();
-        let mut records = vec![[scene.lights.len() as u32, build.emitters.len() as u32 / EMITTER_RECORDS, 0, 0]];
+        let header = [scene.lights.len() as u32, build.emitters.len() as u32 / EMITTER_RECORDS, 0, 0];
+        let mut records = vec![header, receivers.map_or([0; 4], |receivers| bits(receivers.centre, receivers.radius))];
         records.extend(build.records);
         build.emitters.extend(build.slots);
         Ok(LightTables {
@@ -188,6 +196,7 @@ impl Build {
     fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
         let punctual = |power, strength, centre, radius| LightInfo {
             power,
+            aimed: 1.0,
             emission: Emission { strength, axis: None },
             closed_form: true,
             contour_edges: 0,
@@ -214,9 +223,8 @@ impl Build {
                 let cone = [cos_inner.to_bits(), 0, 0, 0];
                 let place = bits(*position, finite(*range));
                 self.records.extend([kind, place, bits(*intensity, 0.0), bits(*direction, *cos_outer), cone, none]);
-                // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
-                let (inner, outer) = (f64::from(*cos_inner), f64::from(*cos_outer));
-                let steradians = 2.0 * std::f64::consts::PI * ((1.0 - inner) + (inner - outer) / 3.0);
+                let height = spot_height(f64::from(*cos_inner), f64::from(*cos_outer));
+                let steradians = 2.0 * std::f64::consts::PI * height;
                 punctual(mean(*intensity) * steradians, mean(*intensity), *position, 0.0)
             }
             LightKind::Directional { direction, irradiance } => {
@@ -238,6 +246,7 @@ impl Build {
         self.records.extend([[ENVIRONMENT, 0, 0, 0], none, none, none, bits(centre, radius), none]);
         let irradiance = self.environment.as_ref().map_or(0.0, |environment| environment.irradiance);
         LightInfo {
+            aimed: 1.0,
             power: irradiance * std::f64::consts::PI * f64::from(radius).powi(2),
             // A surface gets about half of what comes across all directions.
             emission: Emission { strength: irradiance / 2.0, axis: None },
@@ -325,6 +334,7 @@ impl Build {
         let axis = normals.clone().next().filter(|_| planar && !two_sided);
         LightInfo {
             power,
+            aimed: 1.0,
             // Along the axis the radiance times the area; without one, the mean over all directions.
             emission: Emission { strength: axis.map_or(power / (4.0 * std::f64::consts::PI), |_| total), axis },
             closed_form: contours.is_some(),
@@ -444,8 +454,14 @@ fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
     partners
 }
 
+/// Height of the spherical cap into which a spot light of full intensity sends the same power.
+pub(super) fn spot_height(cos_inner: f64, cos_outer: f64) -> f64 {
+    // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
+    (1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0
+}
+
 /// A sphere around the points: about the middle of their box, of radius 0 where there is none.
-fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
+pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
     let (low, high) = points
         .clone()
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), point| (low.min(point), high.max(point)));

@@ -1,5 +1,6 @@
 //! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
 
+pub mod aim;
 pub mod camera;
 pub mod environment;
 pub mod lights;
@@ -8,6 +9,7 @@ pub mod sobol;
 pub mod surfaces;
 pub mod textures;
 
+pub use aim::Receivers;
 pub use camera::CameraUniform;
 pub use lights::LightTables;
 pub use surfaces::SurfaceTables;
@@ -67,7 +69,9 @@ impl SceneTables {
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
         let records =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        let lights = LightTables::new(gpu, scene)?;
+        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.
+        let receivers = if features.has("visibility_estimate") { None } else { Receivers::of(scene) };
+        let lights = LightTables::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(SceneTables {
             lights,

@@ -16,5 +16,6 @@ mod procedurals;
 mod setup;
 #[path = "../common/shared_files.rs"]
 mod shared_files;
+mod shown;
 mod table;
 mod table1;

@@ -31,7 +31,7 @@ fn run(scene: &Scene, entry: &str, directions: &[DVec3], count: usize, per_item:
         compose::compose_source("environment", include_str!("shaders/environment.wgsl"), &features()).unwrap();
     let constants = [("count", count as f64), ("seed", 99.0)];
     let kernel = Kernel::new(gpu(), &composed, &constants, &["directions", "results"]).unwrap();
-    let tables = LightTables::new(gpu(), scene).unwrap();
+    let tables = LightTables::new(gpu(), scene, None).unwrap();
     let directions: Vec<_> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
     let directions = gpu().upload("test/directions", &directions).unwrap();
     let results = gpu().poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();

@@ -6,8 +6,8 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
 use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
-use penumbra::tables::LightTables;
 use penumbra::tables::lights::{has_many_emitters, is_closed};
+use penumbra::tables::{LightTables, Receivers};
 
 use crate::kit::{device_features, gpu};
 pub use crate::meshes::{Corners, cube, sphere, square};
@@ -80,10 +80,42 @@ pub fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item:
     run_with(&features(scene), scene, entry, places, count, per_item, samples)
 }
 
+/// A ray that leaves a light.
+pub struct Emitted {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    /// In the first channel.
+    pub flux: f64,
+}
+
+/// Rays of a light, which are sent towards the receivers where they are given.
+pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usize) -> Vec<Emitted> {
+    let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
+    let got = run_aimed(&features(scene), scene, receivers, "emitted", &place, rays, 3, 0);
+    let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let rays = got.chunks_exact(3);
+    rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
+}
+
 /// As [`run`], composed with other features.
 fn run_with(
     features: &Features,
     scene: &Scene,
+    entry: &str,
+    places: &[Place],
+    count: usize,
+    per_item: usize,
+    samples: u32,
+) -> Vec<[f32; 4]> {
+    run_aimed(features, scene, None, entry, places, count, per_item, samples)
+}
+
+/// As [`run_with`], with receivers of photons.
+#[expect(clippy::too_many_arguments, reason = "one call of a kernel")]
+fn run_aimed(
+    features: &Features,
+    scene: &Scene,
+    receivers: Option<Receivers>,
     entry: &str,
     places: &[Place],
     count: usize,
@@ -95,7 +127,7 @@ fn run_with(
     let composed = compose::compose_source("light", source, features).unwrap();
     let constants = [("count", count as f64), ("seed", 1234567.0), ("samples", f64::from(samples))];
     let kernel = Kernel::new(gpu, &composed, &constants, &["places", "results"]).unwrap();
-    let tables = LightTables::new(gpu, scene).unwrap();
+    let tables = LightTables::new(gpu, scene, receivers).unwrap();
     let records: Vec<Vec4> =
         places.iter().flat_map(|p| [p.position.extend(p.light as f32), p.normal.extend(0.0)]).collect();
     let places = gpu.upload("test/places", &records).unwrap();
@@ -334,7 +366,7 @@ fn the_oracle_is_the_integral() {
 /// Coplanar triangles are merged, holes kept, and lights of many planes have no closed form.
 #[test]
 fn contours_are_those_of_the_shape() {
-    let tables = LightTables::new(gpu(), &mesh_scene()).unwrap();
+    let tables = LightTables::new(gpu(), &mesh_scene(), None).unwrap();
     let edges: Vec<usize> = tables.lights.iter().map(|l| l.contour_edges).collect();
     assert_eq!(edges, [4, 3, 6, 8, 4, 24, 4, 0]);
     let closed: Vec<bool> = tables.lights.iter().map(|l| l.closed_form).collect();
@@ -486,7 +518,7 @@ fn places_about(scene: &Scene) -> Vec<Place> {
 #[test]
 fn densities_are_those_of_the_sampler() {
     let scene = mesh_scene();
-    let tables = LightTables::new(gpu(), &scene).unwrap();
+    let tables = LightTables::new(gpu(), &scene, None).unwrap();
     let mut queries = Vec::new();
     for place in places_about(&scene) {
         let LightKind::Mesh { emitters, .. } = &scene.lights[place.light].kind else { unreachable!() };

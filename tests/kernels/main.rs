@@ -1,5 +1,6 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
+mod aim;
 mod bsdf;
 mod cache;
 mod cells;

@@ -62,14 +62,14 @@ fn listed(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     results[2u * i + 1u] = vec4f(s.radiance, s.distance);
 }
 
-// Emitted rays: origin and triangle, direction, normal.
+// Emitted rays: origin and triangle, direction and flux, normal.
 @compute @workgroup_size(64)
 fn emitted(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let ray = light_emit(u32(places[0].w), sobol4(i, seed + i));
     results[3u * i] = vec4f(ray.origin, f32(ray.triangle));
-    results[3u * i + 1u] = vec4f(ray.direction, 0.0);
+    results[3u * i + 1u] = vec4f(ray.direction, ray.flux.x);
     results[3u * i + 2u] = vec4f(ray.normal, 0.0);
 }
 

@@ -2,7 +2,7 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::sampling::{
-    owen_scramble, sobol2, sobol4, sample_cosine, sample_disc, sample_sphere, sample_cone, sample_triangle,
+    owen_scramble, sobol2, sobol4, sample_cosine, sample_disc, sample_cap, sample_triangle,
     sample_seen_triangle, seen_triangle
 };
 import package::lib::math::{oct_encode16, oct_decode16, oct_encode7, oct_decode7, basis};
@@ -41,8 +41,8 @@ fn warped(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     switch warp {
         case 0u: { p = sample_cosine(u); }
         case 1u: { p = vec3f(sample_disc(u), 0.0); }
-        case 2u: { p = sample_sphere(u); }
-        case 3u: { p = sample_cone(u, cos_max); }
+        case 2u: { p = sample_cap(u, 2.0); }
+        case 3u: { p = sample_cap(u, 1.0 - cos_max); }
         default: { p = vec3f(sample_triangle(u), 0.0); }
     }
     points[i] = vec4f(p, 0.0);

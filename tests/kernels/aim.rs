@@ -1,0 +1,132 @@
+//! Rays that lights send to what there is to light, against rays that they send anywhere.
+
+use glam::{DVec3, Vec3};
+use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::tables::{LightTables, Receivers};
+
+use crate::kit::gpu;
+use crate::light::{Emitted, cube, emit, scene, sphere, square};
+
+const RECEIVERS: Receivers = Receivers { centre: Vec3::new(0.1, -0.2, 0.05), radius: 0.3 };
+
+/// Lamps of every kind about the receivers, near and far, and among them: those are not aimed.
+fn lights() -> Scene {
+    let over = DVec3::new(0.3, 0.9, 0.1);
+    let meshes = [
+        // Facing down, tilted, wide against its distance, far, and with the receivers across its horizon.
+        (square(over, DVec3::X * 0.2, DVec3::Z * 0.2), false),
+        (square(over, DVec3::new(0.2, 0.1, 0.0), DVec3::Z * 0.2), true),
+        (square(DVec3::Y * 0.4, DVec3::X * 0.6, DVec3::Z * 0.6), false),
+        (square(DVec3::new(-20.0, 30.0, 5.0), DVec3::X, DVec3::Z), false),
+        (square(DVec3::new(0.9, -0.1, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1), false),
+        (sphere(over, 0.2, 8), false),
+        (square(DVec3::NEG_Y * 0.1, DVec3::X * 0.1, DVec3::Z * 0.1), false),
+    ];
+    let (position, intensity, range) = (over.as_vec3(), Vec3::ONE, f32::INFINITY);
+    let direction = Vec3::new(-0.3, -1.0, 0.1).normalize();
+    let spot = |cos_outer| LightKind::Spot { position, direction, intensity, cos_inner: 0.99, cos_outer, range };
+    let punctual = [
+        LightKind::Point { position, intensity, range },
+        LightKind::Point { position: Vec3::new(-20.0, 30.0, 5.0), intensity, range },
+        LightKind::Point { position: RECEIVERS.centre, intensity, range },
+        spot(0.3),
+        spot(0.97),
+    ];
+    scene(&meshes, &punctual)
+}
+
+/// Parts of the receivers' sphere: by the octant of where a ray passes its middle, nearer to it or farther. None where it passes by.
+fn part(ray: &Emitted, spare: f64) -> Option<usize> {
+    let (centre, radius) = (RECEIVERS.centre.as_dvec3(), f64::from(RECEIVERS.radius));
+    let ahead = (centre - ray.origin).dot(ray.direction);
+    let beside = ray.origin + ray.direction * ahead - centre;
+    let inside = ray.origin.distance(centre) < radius;
+    if beside.length() > radius + spare || (ahead < 0.0 && !inside) {
+        return None;
+    }
+    let octant = (0..3).map(|i| usize::from(beside[i] > 0.0) << i).sum::<usize>();
+    Some(octant + 8 * usize::from(beside.length() < radius * 0.5f64.sqrt()))
+}
+
+/// Power into each part, the variance of its estimate, and the rays that came there.
+fn powers(rays: &[Emitted]) -> Vec<[f64; 3]> {
+    let n = rays.len() as f64;
+    let mut sums = vec![[0.0; 3]; 16];
+    for ray in rays {
+        if let Some(part) = part(ray, 0.0) {
+            sums[part][0] += ray.flux;
+            sums[part][1] += ray.flux * ray.flux;
+            sums[part][2] += 1.0;
+        }
+    }
+    sums.iter().map(|[sum, squares, met]| [sum / n, (squares / n - (sum / n).powi(2)) / n, *met]).collect()
+}
+
+/// What comes to each part of the receivers is what came there of rays sent anywhere, by a z-test of the parts of twelve lights that
+/// a hundred of those rays came to (Sobol points have less error than the independent ones that the test assumes). A tenth more is seen. Aimed rays go nowhere else, and the share of
+/// power that the host states is theirs.
+#[test]
+fn aimed_rays_are_the_lights_own() {
+    const RAYS: usize = 1 << 18;
+    let scene = lights();
+    let aimed_tables = LightTables::new(gpu(), &scene, Some(RECEIVERS)).unwrap();
+    let (mut narrowed, mut compared) = (0, 0);
+    let mut largest: [f64; 2] = [0.0; 2];
+    for (light, info) in aimed_tables.lights.iter().enumerate() {
+        let (anywhere, aimed) = (emit(&scene, None, light, RAYS), emit(&scene, Some(RECEIVERS), light, RAYS));
+        for ([a, variance_a, met], [b, variance_b, _]) in powers(&anywhere).into_iter().zip(powers(&aimed)) {
+            if met >= 100.0 {
+                compared += 1;
+                let error = (variance_a + variance_b).sqrt();
+                for (largest, b) in largest.iter_mut().zip([b, 1.1 * b]) {
+                    *largest = largest.max((a - b).abs() / error);
+                }
+            }
+        }
+        let total = |rays: &[Emitted]| rays.iter().map(|ray| ray.flux).sum::<f64>();
+        let share = total(&aimed) / total(&anywhere);
+        println!("light {light}: share {share}, as the host has it {}", info.aimed);
+        // Of few triangles near by the middles are not the mean: it shares out rays among lights, and need not be exact.
+        assert!((share / info.aimed).ln().abs() < 1.5f64.ln(), "light {light}: {share}, {}", info.aimed);
+        let met = aimed.iter().filter(|ray| part(ray, 1e-5).is_some()).count();
+        if share < 0.5 {
+            narrowed += 1;
+            // Of the sphere's triangles those that face away or aside are not aimed.
+            assert!(met == RAYS || light == 5, "light {light}: {} of {RAYS} rays pass by", RAYS - met);
+        }
+        if [6, 9, 11].contains(&light) {
+            assert_eq!(share, 1.0, "light {light}");
+        }
+    }
+    assert!(narrowed >= 6, "{narrowed} lights are aimed");
+    // Of a hundred comparisons one passes 4.5 by chance once in a thousand runs.
+    println!(
+        "{compared} compared, largest deviation {:.2}, of a tenth more {:.2} standard errors",
+        largest[0], largest[1]
+    );
+    assert!(compared > 80 && largest[0] < 4.5 && largest[1] > 4.5, "{compared}, {largest:?}");
+}
+
+/// Receivers are all surfaces but those of black lamps; where there is nothing else there are none.
+#[test]
+fn black_lamps_receive_nothing() {
+    let black = Material {
+        base_colour: Vec3::ZERO.extend(1.0),
+        metallic: 0.0,
+        specular: 0.0,
+        emissive: Vec3::ONE,
+        ..Material::default()
+    };
+    let mut scene = crate::meshes::scene(
+        &[(cube(DVec3::X * 0.5, 0.1), Material::default()), (cube(DVec3::NEG_X * 0.8, 0.1), black.clone())],
+        Vec::new(),
+    );
+    let receivers = Receivers::of(&scene).unwrap();
+    assert_eq!(receivers.centre, Vec3::X * 0.5);
+    let radius = 0.03f32.sqrt();
+    assert!(receivers.radius > radius && receivers.radius < radius + 2e-4, "{receivers:?}");
+    scene.materials[1].specular = 0.5;
+    assert!(Receivers::of(&scene).unwrap().radius > 0.7, "what shines and reflects receives as well");
+    scene.materials = vec![black.clone(), black];
+    assert_eq!(Receivers::of(&scene), None);
+}
