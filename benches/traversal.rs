@@ -1,4 +1,5 @@
-//! Rays a second through the hierarchy: camera, shadow and diffuse rays in a box of 36 triangles and among 200,012.
+//! Rays a second through the hierarchy: camera, shadow and diffuse rays in a box of 36 triangles and among 200,012; and the same by
+//! the kernels that scenes with needles have, run by run in turn.
 //!
 //! Timed on the device; `PENUMBRA_DEVICE` names another one than lavapipe. Median and best of nine runs, in millions a second.
 
@@ -8,7 +9,7 @@ use std::time::Instant;
 use glam::{Mat3, Vec3, vec3};
 use penumbra::Result;
 use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
+use penumbra::gpu::{BoundKernel, Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
 
 const RUNS: usize = 9;
 /// Pixels along a side of the image whose rays are traced.
@@ -18,6 +19,8 @@ const FAR: f32 = 1e30;
 type Triangle = [Vec3; 3];
 /// Origin and t_min, direction and t_max.
 type Rays = Vec<[f32; 4]>;
+/// Median and best seconds, of the kernel and of that with needles.
+type Times = [[f64; 2]; 2];
 
 /// Rays come from a table, since that is the cheapest read; every answer is stored.
 const KERNEL: &str = "
@@ -57,38 +60,50 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Median and best time in seconds, and the answers.
-    fn run(&self, entry: &str, rays: &Rays) -> Result<(f64, f64, Vec<[f32; 4]>)> {
+    /// Times, and the answers of the kernel without needles.
+    fn run(&self, entry: &str, rays: &Rays) -> Result<(Times, Vec<[f32; 4]>)> {
         let gpu = self.gpu;
         let count = rays.len() / 2;
-        let features = Features::default()
-            .with("texture_loads", gpu.texture_loads)
-            .with("interleave", gpu.texture_loads)
-            .with("shallow_bvh", self.bvh.is_shallow());
-        let composed = compose::compose_source("traversal", KERNEL, &features)?;
-        let kernel = Kernel::new(gpu, &composed, &[("ray_count", count as f64)], &["answers"])?;
         let nodes = gpu.table("bench/bvh_nodes", &self.bvh.nodes, TableFormat::Uint)?;
         let triangles = gpu.table("bench/bvh_triangles", &self.bvh.triangles, TableFormat::Float)?;
         let rays = gpu.table("bench/rays", rays, TableFormat::Float)?;
         let answers = gpu.poisoned::<[f32; 4]>("bench/answers", count)?;
         let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
-        let bound = kernel.bind(gpu, entry, &[&set.with("rays", &rays).with("answers", &answers)])?;
-        let mut times = Vec::new();
-        let run = |items: usize| -> Result<f64> {
+        let set = set.with("rays", &rays).with("answers", &answers);
+        let bind = |needles: bool| {
+            let features = Features::default()
+                .with("texture_loads", gpu.texture_loads)
+                .with("interleave", gpu.texture_loads)
+                .with("shallow_bvh", self.bvh.is_shallow())
+                .with("needles", needles);
+            let composed = compose::compose_source("traversal", KERNEL, &features)?;
+            let kernel = Kernel::new(gpu, &composed, &[("ray_count", count as f64)], &["answers"])?;
+            kernel.bind(gpu, entry, &[&set])
+        };
+        let time = |bound: &BoundKernel, items: usize| -> Result<f64> {
             let before = gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0);
             let mut frame = gpu.frame("bench");
-            frame.run(&bound, items as u32, &[0u32; 0]);
+            frame.run(bound, items as u32, &[0u32; 0]);
             frame.submit()?;
             Ok(gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0) - before)
         };
-        run(1)?;
-        for _ in 0..RUNS {
-            times.push(run(count)?);
+        let mut kernels = [(bind(false)?, Vec::new()), (bind(true)?, Vec::new())];
+        for (bound, _) in &kernels {
+            time(bound, 1)?;
         }
-        times.sort_by(f64::total_cmp);
+        for _ in 0..RUNS {
+            // The other one first, so that the answers are those of the first.
+            for (bound, times) in kernels.iter_mut().rev() {
+                times.push(time(bound, count)?);
+            }
+        }
         let answers: Vec<[f32; 4]> = gpu.read(&answers, count)?;
         assert!(answers.iter().all(|answer| answer[1] == 0.0), "a traversal gave up");
-        Ok((times[RUNS / 2], times[0], answers))
+        let of_kernel = |(_, mut times): (_, Vec<f64>)| {
+            times.sort_by(f64::total_cmp);
+            [times[RUNS / 2], times[0]]
+        };
+        Ok((kernels.map(of_kernel), answers))
     }
 }
 
@@ -142,17 +157,21 @@ fn main() -> Result<()> {
         let mut random = Random(1);
         let camera = camera_rays(&mut random);
         let first = bench.run("closest", &camera)?;
-        let (shadow, diffuse) = secondary_rays(&bvh, &camera, &first.2, &mut random);
+        let (shadow, diffuse) = secondary_rays(&bvh, &camera, &first.1, &mut random);
         let results = [
             (camera.len() / 2, first),
             (shadow.len() / 2, bench.run("occluded", &shadow)?),
             (diffuse.len() / 2, bench.run("closest", &diffuse)?),
         ];
-        let rates = results.map(|(count, (median, best, _))| {
-            format!("{:.2} ({:.2})", count as f64 / median * 1e-6, count as f64 / best * 1e-6)
-        });
         let count = triangles.len();
-        println!("{count} triangles, built in {build_s:.3} s, {} levels: {}", bvh.depth, rates.join(" / "));
+        println!("{count} triangles, built in {build_s:.3} s, {} levels", bvh.depth);
+        for (kernel, name) in ["as they are", "with needles"].into_iter().enumerate() {
+            let rates = results.each_ref().map(|(count, (times, _))| {
+                let [median, best] = times[kernel].map(|seconds| *count as f64 / seconds * 1e-6);
+                format!("{median:.2} ({best:.2})")
+            });
+            println!("  {name}: {}", rates.join(" / "));
+        }
     }
     Ok(())
 }

@@ -126,8 +126,9 @@ const OWN_LIMIT = 2048u;
 // Photons and rows of cells that one verdict may look at, as a multiple of k. On an even surface five times k are
 // enough; where many are not of the surface (foliage), a verdict costs more than it saves.
 const LOOKS_PER_NEAREST = 24u;
-// The same for a cell that is asked about: many points share the answer. A quarter of those iterations.
-const ASKED_LOOKS = 16384u;
+// The same for a cell that is asked about: many points share the answer. Lavapipe's eight lanes share those iterations: of loops in
+// loops that are long in turn, each lane waits for all others, and which cells are in its lanes depends on chance.
+const ASKED_LOOKS = 7168u;
 const NO_CODE = 0xffffffffu;
 
 @if(visibility_map)

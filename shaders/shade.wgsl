@@ -195,9 +195,11 @@ fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
         }
     }
     @if(chains) { sum *= seen_chain(i).throughput; }
-    if !is_finite3(sum) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
     let so_far = radiance_direct[i];
-    radiance_direct[i] = vec4f(so_far.xyz + sum, so_far.w);
+    let radiance = so_far.xyz + sum;
+    // Once, however many chunks of lights and entry points add to it.
+    if is_finite3(so_far.xyz) && !is_finite3(radiance) { atomicAdd(&counters[COUNTER_NOT_FINITE_SHADE], 1u); }
+    radiance_direct[i] = vec4f(radiance, so_far.w);
     return sampled;
 }
 

@@ -66,7 +66,7 @@ impl<'a> Picture<'a> {
             // A block of 64 takes a bit at least; components of which each is reduced along another axis take half as many.
             ImageFormat::Jpeg => 8 * 64 * 2,
             // Deflate expands a byte to 1032 at most.
-            ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes),
+            ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes)?,
             // Radiance's old form has runs of 255 texels in four bytes. What repeats these could go beyond; its programs do not.
             _ => 64,
         };
@@ -87,13 +87,8 @@ impl<'a> Picture<'a> {
     }
 }
 
-/// Bits of a texel of a PNG whose header has been read: its depth, at byte 24, and by its type at 25 as many channels.
-fn png_texel_bits(bytes: &[u8]) -> u64 {
-    let channels = match bytes[25] {
-        2 => 3,
-        4 => 2,
-        6 => 4,
-        _ => 1,
-    };
-    u64::from(bytes[24]) * channels
+/// Bits of a texel of a PNG, of which a decoder of pictures tells only what it expands them to.
+fn png_texel_bits(bytes: &[u8]) -> std::result::Result<u64, String> {
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    Ok(decoder.read_header_info().map_err(|e| e.to_string())?.bits_per_pixel() as u64)
 }

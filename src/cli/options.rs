@@ -399,16 +399,14 @@ impl FromStr for AovList {
 }
 
 /// A number that is not NaN or infinite.
-pub fn finite<T: FromStr<Err = std::num::ParseFloatError> + Into<f64> + Copy>(
-    text: &str,
-) -> std::result::Result<T, String> {
-    let number: T = text.parse().map_err(|problem: std::num::ParseFloatError| problem.to_string())?;
-    if number.into().is_finite() { Ok(number) } else { Err("it must be finite".into()) }
+pub fn finite<T: FromStr + Into<f64> + Copy>(text: &str) -> std::result::Result<T, String> {
+    let number = text.parse::<T>().ok().filter(|number| (*number).into().is_finite());
+    number.ok_or_else(|| "it must be a finite number".into())
 }
 
 /// A number above 0.
 pub fn positive(text: &str) -> std::result::Result<f64, String> {
-    finite(text).and_then(|x| if x > 0.0 { Ok(x) } else { Err("it must be more than 0".into()) })
+    finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "it must be a finite number, more than 0".into())
 }
 
 /// The image to compare with, which must be of the settings' size.

@@ -95,6 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.sweep.iter().try_for_each(|range| range.check(&settings))?;
     let given = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
     let gpu = arguments.device.open()?;
+    let _folder = arguments.folder()?;
     let mut bench = Bench { arguments, scene: &scene, camera: &camera, settings: &settings, gpu };
     let folder = cache_folder(&cache, &bench.subject());
 
@@ -214,6 +215,21 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     end
 }
 
+/// The folder of the report. One that was made for it goes again where no report comes into it.
+struct Folder<'a> {
+    path: &'a Path,
+    made: bool,
+}
+
+impl Drop for Folder<'_> {
+    fn drop(&mut self) {
+        if self.made {
+            // Refused where there is something in it.
+            let _ = fs::remove_dir(self.path);
+        }
+    }
+}
+
 /// What is measured, on the device that was opened or one like it that took its place.
 struct Bench<'a> {
     arguments: &'a Arguments,
@@ -311,7 +327,7 @@ impl Rounds {
 fn duration(seconds: f64) -> String {
     let whole = seconds.round() as u64;
     match (whole / 3600, whole / 60 % 60, whole % 60) {
-        (0, 0, _) => format!("{seconds} s"),
+        (0, 0, _) => format!("{} s", (seconds * 1e3).round() / 1e3),
         (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
         (hours, minutes, _) => format!("{hours} h {minutes} min"),
     }
@@ -328,8 +344,15 @@ impl Arguments {
         if let Some(repeats) = self.repeats.filter(|repeats| *repeats < LEAST_REPEATS) {
             return Err(Error::Usage(format!("--repeats is {repeats}; it must be {LEAST_REPEATS} or more")));
         }
-        fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
-        FILES.iter().try_for_each(|name| film::check_target(self.output.join(name)))
+        Ok(())
+    }
+
+    /// The folder, in which a report can be written.
+    fn folder(&self) -> Result<Folder<'_>> {
+        let folder = Folder { path: &self.output, made: !self.output.exists() };
+        fs::create_dir_all(folder.path).map_err(|problem| Error::output(folder.path, problem))?;
+        FILES.iter().try_for_each(|name| film::check_target(folder.path.join(name)))?;
+        Ok(folder)
     }
 
     /// Runs of each technique: as many as are asked for, or as there is time for.

@@ -261,7 +261,15 @@ impl Direct {
         if map.take_healed(shared.gpu, due, totals)? {
             self.bound = None;
             map.sort(shared.gpu)?;
-            self.bound = Some(self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?);
+        }
+        self.bind_anew(shared)
+    }
+
+    /// Binds the map where nothing is bound, as it was sorted since.
+    fn bind_anew(&mut self, shared: &Shared<'_>) -> Result<()> {
+        if self.bound.is_none() {
+            let map = self.map.as_ref();
+            self.bound = Some(self.passes.bind(shared, &self.buffers, map, None, None, self.dilate)?);
         }
         Ok(())
     }
@@ -281,8 +289,9 @@ impl Direct {
             let fits = |earlier: &Earlier| earlier.restore(shared.gpu, &state.rest);
             return Ok(self.earlier.as_ref().map_or(state.rest.is_empty(), fits));
         };
+        self.bound = None;
         let fits = map.restore(shared.gpu, state, totals)?;
-        self.bound = Some(self.passes.bind(shared, &self.buffers, Some(map), None, None, self.dilate)?);
+        self.bind_anew(shared)?;
         Ok(fits)
     }
 

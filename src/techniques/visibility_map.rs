@@ -160,7 +160,8 @@ impl VisibilityMap {
         })
     }
 
-    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map.
+    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. It is sorted anew, so
+    /// nobody should have its tables bound: see [`VisibilityMap::sort`].
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let of_this_map = |photon: &Photon| {
             photon.light() < self.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())

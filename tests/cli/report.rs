@@ -98,12 +98,26 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
         small.add_channel(name, vec![1.0; 64]);
     }
     refuse(&small, &["8 x 8", "24 x 16"]);
-    report(folder, "--budgets 0,1").assert_refused(2, &["--budgets", "more than 0"]);
+    for budgets in ["0,1", "x", "1,inf"] {
+        let arguments = format!("--budgets {budgets}");
+        report(folder, &arguments).assert_refused(2, &["--budgets", "a finite number, more than 0"]);
+    }
     report(folder, "--techniques shadow-photon").assert_refused(2, &["shadow-photon'", "shadow-photons"]);
 
     let file = folder.join("file");
     fs::write(&file, "").unwrap();
     run("report", &[&BOX, &"-o", &file]).assert_refused(3, &[file.to_str().unwrap()]);
+    // Nothing is left of what could not begin.
+    let [scene, output] = ["none.glb", "none"].map(|name| folder.join(name));
+    run("report", &[&scene, &"-o", &output]).assert_refused(3, &["none.glb"]);
+    assert!(!output.exists() && !folder.join("report").exists());
+    // Nor of a report that could not be made; a folder of the user's own stays.
+    for made in [false, true] {
+        let none = report(folder, "--quiet --techniques path --budgets 1e-9 --reference-error 0.5");
+        none.assert_refused(2, &["--budgets are too short"]);
+        assert_eq!(folder.join("report").exists(), made);
+        fs::create_dir_all(folder.join("report")).unwrap();
+    }
 }
 
 /// Stops a report as soon as it has said `words`; what it said in all.

@@ -10,16 +10,16 @@ use crate::setup::{assert_finite, assert_holds, brightest, mean_and_error, rende
 
 #[test]
 fn a_lamp_of_any_size_has_lamberts_irradiance() {
-    assert_holds(&RADIUS, "shadow-photons", &[10.0, 0.1, 1e-3, 1e-6, 1e-9]);
-    assert_holds(&RADIUS, "shadow-photons, away from the middle", &[1e-4]);
-    assert_holds(&RADIUS, "two-pass", &[1e3, 1e-6]);
-    assert_holds(&RADIUS, "path", &[1e3, 1e-6]);
+    assert_holds(&RADIUS, "shadow-photons", &[1e3, 10.0, 0.1, 1e-3, 1e-6, 1e-9]);
+    assert_holds(&RADIUS, "shadow-photons, away from the middle", &[1e3, 1e-4]);
+    assert_holds(&RADIUS, "two-pass", &[1e3, 1e-6, 1e-9]);
+    assert_holds(&RADIUS, "path", &[1e3, 1e-6, 1e-9]);
 }
 
 #[test]
 fn a_lamp_that_nearly_touches_has_lamberts_irradiance() {
     assert_holds(&DISTANCE, "under a square", &[1e-2, 1e-4]);
-    assert_holds(&DISTANCE, "under a disc", &[1e-4]);
+    assert_holds(&DISTANCE, "under a disc", &[1e-2, 1e-4]);
     assert_holds(&DISTANCE, "on a wall beside it", &[1e-4, 1e-7]);
     assert_holds(&DISTANCE, "path, under a square", &[1e-4, 1e-6]);
     assert_holds(&DISTANCE, "two-pass, under a square", &[1e-2, 1e-4, 1e-6]);
@@ -30,9 +30,9 @@ fn a_lamp_that_nearly_touches_has_lamberts_irradiance() {
 fn radiance_is_a_factor() {
     let two = 2f64.powi(40);
     for technique in ["path", "two-pass", "shadow-photons", "photon-map"] {
-        assert_holds(&RADIANCE, technique, &[1.0 / two, two]);
+        assert_holds(&RADIANCE, technique, &[1.0 / two, two, 1e-12]);
     }
-    assert_holds(&RADIANCE, "shadow-photons", &[1e-8, 1e8]);
+    assert_holds(&RADIANCE, "shadow-photons", &[1e12]);
     assert_holds(&RADIANCE, "photon-map", &[1e-1]);
 }
 
@@ -46,8 +46,8 @@ fn a_strong_light_leaves_another_room_alone() {
 
 #[test]
 fn many_lights_are_one() {
-    assert_holds(&LIGHTS, "shadow-photons", &[9.0, 1024.0]);
-    assert_holds(&LIGHTS, "path", &[1024.0]);
+    assert_holds(&LIGHTS, "shadow-photons", &[9.0, 1024.0, 10_000.0, 99_856.0]);
+    assert_holds(&LIGHTS, "path", &[1024.0, 99_856.0]);
 }
 
 /// A strip of light at the floor's edge, of a height of two millionths of its distance: it is seen at 1e-6 rad over the

@@ -1,10 +1,12 @@
 //! All light: direct light by photons or shadow rays, the rest by paths, against the path tracer and an independent one.
 
-use glam::{DVec3, Vec4};
-use penumbra::scene::Material;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3, Vec4};
+use penumbra::scene::{LightKind, Material};
 use penumbra::{Aov, Image, Settings, Technique};
 
-use crate::meshes::{camera, cube, inside_out, scene, square, surface};
+use crate::meshes::{camera, cube, inside_out, panorama, scene, square, surface};
 use crate::setup::{deviation, mean_and_error, reference_file, render, render_scene, scene_file};
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
@@ -142,6 +144,47 @@ fn a_pane_lets_through_what_it_does_not_reflect() {
     // one in forty falls on the pixels' floor, and discs that reach no edge: 1 % and some.
     println!("{mean}, expected {expected}");
     assert!((mean / expected - 1.0).abs() < 0.03, "{mean}, expected {expected}");
+}
+
+/// A room under a skylight, a thin pane that stops shadow rays and the photons of the visibility map. The sun's patch on the floor, all
+/// of it from the caustic map, is the closed form: what falls on the floor less what the pane reflects, by Schlick's formula. Under a
+/// panorama the room is the path tracer's, whose rays come by the sky through the pane.
+#[test]
+fn a_skylight_lets_in_sun_and_sky() {
+    let room = |albedo: f32| {
+        // All but the top.
+        let walls: Vec<_> =
+            inside_out(cube(DVec3::ZERO, 0.5)).into_iter().filter(|t| t.iter().any(|c| c.y < 0.4)).collect();
+        let pane = square(DVec3::Y * 0.5, DVec3::X * 0.5, DVec3::NEG_Z * 0.5);
+        [(walls, surface(albedo, 0.0)), (pane, glass())]
+    };
+    let albedo = 0.5;
+    let towards = DVec3::new(0.3, 1.0, 0.1).normalize();
+    let irradiance = 4.0;
+    let sun = LightKind::Directional { direction: -towards.as_vec3(), irradiance: Vec3::splat(irradiance) };
+    // Onto a piece of the floor that the sun falls on through the pane, which is its light's one bounce.
+    let below = camera(DVec3::Y * -0.2, DVec3::NEG_Y, 0.6);
+    let once = settings(Technique::ShadowPhotons, [16, 16], 64, 1);
+    let (image, _) = render_scene(scene(&room(albedo), vec![sun]), &below, &once);
+    let passed = 1.0 - (0.04 + 0.96 * (1.0 - towards.y).powi(5));
+    let expected = f64::from(irradiance * TINT * albedo) * towards.y * passed / std::f64::consts::PI;
+    let (mean, _) = mean_and_error(&image, "G");
+    println!("sun: {mean}, expected {expected}");
+    // As in the test above.
+    assert!((mean / expected - 1.0).abs() < 0.03, "{mean}, expected {expected}");
+
+    let sky = panorama(64, 32, |d| DVec3::new(0.5, 0.6, 0.8) * (1.0 + d.y));
+    let view = camera(DVec3::new(0.3, 0.0, 0.45), DVec3::new(-0.5, -0.3, -1.0), 1.2);
+    let of = |technique, spp| {
+        let mut scene = scene(&room(0.6), Vec::new());
+        scene.set_environment(Arc::new(sky.clone()), 0.0, 1.0).unwrap();
+        mean_and_error(&render_scene(scene, &view, &settings(technique, [32, 32], spp, 64)).0, "G")
+    };
+    let (paths, photons) = (of(Technique::Path, 512), of(Technique::ShadowPhotons, 48));
+    let off = |mean: f64| (mean - paths.0).abs() / (3.5 * photons.1.hypot(paths.1) + 0.01 * paths.0);
+    println!("sky: {photons:?}, paths {paths:?}");
+    assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
+    assert!(off(0.9 * photons.0) > 1.0, "a tenth less would pass");
 }
 
 /// The independent renderer's box with all bounces: the mean within 0.3 % and the standard error.

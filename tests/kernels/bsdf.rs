@@ -316,7 +316,7 @@ fn view(cosine: f64) -> DVec3 {
 /// Roughness and metallic over their ranges, seen from above and from low down.
 fn all_tested(base: f64) -> Vec<Tested> {
     let mut all = Vec::new();
-    for roughness in [0.05, 0.2, 0.5, 1.0] {
+    for roughness in [0.05, 0.2, 0.5, 1.0, 0.0] {
         for metallic in [0.0, 0.5, 1.0] {
             for cosine in [0.95, 0.25] {
                 let lobes = NO_LOBES;
@@ -326,6 +326,9 @@ fn all_tested(base: f64) -> Vec<Tested> {
     }
     all
 }
+
+/// Of each kind of lobes.
+const ROUGHNESS_AND_VIEW: [(f64, f64); 6] = [(0.3, 0.95), (0.3, 0.4), (0.7, 0.95), (0.7, 0.4), (0.0, 0.95), (0.0, 0.4)];
 
 /// Surfaces of more lobes: glass from outside and from inside, thin walls, coats, brushed metal, velvets, and all at once.
 fn all_lobes(base: f64) -> Vec<Tested> {
@@ -358,10 +361,8 @@ fn all_lobes(base: f64) -> Vec<Tested> {
     ];
     let mut all = Vec::new();
     for (metallic, lobes) in kinds {
-        for roughness in [0.3, 0.7] {
-            for cosine in [0.95, 0.4] {
-                all.push(Tested { base, roughness, metallic, view: view(cosine), tilt: 0.0, glossy: true, lobes });
-            }
+        for (roughness, cosine) in ROUGHNESS_AND_VIEW {
+            all.push(Tested { base, roughness, metallic, view: view(cosine), tilt: 0.0, glossy: true, lobes });
         }
     }
     all
@@ -522,7 +523,7 @@ fn no_surface_makes_light() {
     };
     // Of each kind one: roughness and view are chosen here.
     let tilted = all_tilted_coats(1.0).into_iter().step_by(2);
-    for lobed in all_lobes(1.0).into_iter().step_by(4).chain(tilted) {
+    for lobed in all_lobes(1.0).into_iter().step_by(ROUGHNESS_AND_VIEW.len()).chain(tilted) {
         for (cosine, roughness) in [1.0, 0.5, 0.1, 0.02].into_iter().flat_map(|c| [(c, 0.0), (c, 0.3), (c, 1.0)]) {
             let tested = Tested { view: view(cosine), roughness, ..lobed };
             let a = albedo(&tested);
@@ -546,7 +547,7 @@ fn no_surface_makes_light() {
             assert!((0.3..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a}");
         }
     }
-    for roughness in [0.05, 0.2, 0.5, 1.0] {
+    for roughness in [0.0, 0.05, 0.2, 0.5, 1.0] {
         for metallic in [0.0, 0.5, 1.0] {
             for cosine in [1.0, 0.7, 0.3, 0.1, 0.02] {
                 let tested = Tested {
@@ -564,7 +565,7 @@ fn no_surface_makes_light() {
                 if metallic == 0.0 && cosine >= 0.7 {
                     assert!(a > 0.93, "{tested:?} returns {a}");
                 }
-                if metallic == 1.0 && roughness == 0.05 && cosine > 0.2 {
+                if metallic == 1.0 && roughness <= 0.05 && cosine > 0.2 {
                     // Masking takes a part in 1e-5 at such a roughness: the rest is the sequence's error.
                     assert!(a > 0.998, "{tested:?} returns {a}");
                 }
@@ -625,7 +626,8 @@ fn samples_follow_their_density() {
     all.push(Tested { tilt: 0.4, ..all[12] });
     all.push(Tested { tilt: 0.4, ..all[13] });
     all.push(Tested { glossy: false, metallic: 0.0, ..all[20] });
-    all.extend(all_lobes(0.7));
+    // The cells are fine enough for one round needle: smooth glass has two, and that of brushed metal is flat.
+    all.extend(all_lobes(0.7).into_iter().filter(|t| t.roughness > 0.0));
     all.extend(all_tilted_coats(0.7));
     let family = all.len() as u32;
     for tested in &all {

@@ -11,6 +11,7 @@ use penumbra::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
 use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 use penumbra::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
+use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::{Corners, form_factor, sphere, square};
@@ -52,6 +53,8 @@ struct Outcome {
     shadow_samples: Vec<[f32; 4]>,
     /// Points that were queued for light points, in order; none where there is no queue.
     sampled: Option<Vec<u32>>,
+    /// Points that were counted as not finite.
+    not_finite: u32,
 }
 
 fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
@@ -116,7 +119,9 @@ impl Setup {
         for past in [radiance.pop(), shadow_samples.pop()] {
             assert_eq!(past.unwrap().map(f32::to_bits), [POISON; 4], "past the last point");
         }
-        Outcome { radiance, shadow_samples, sampled: arranged.then_some(queue) }
+        let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT).unwrap();
+        let not_finite = counters[Counter::NotFiniteShade as usize];
+        Outcome { radiance, shadow_samples, sampled: arranged.then_some(queue), not_finite }
     }
 
     fn normals(&self, i: usize) -> [DVec3; 2] {
@@ -351,6 +356,44 @@ fn shading_follows_the_estimator() {
     for fault in [Fault::Unaudited, Fault::Weight, Fault::Uncorrected, Fault::Horizon, Fault::Sample] {
         let all: usize = found.iter().filter(|(f, _)| *f == fault).map(|(_, n)| n).sum();
         assert!(all > 5, "{fault:?}: {all} differences");
+    }
+}
+
+/// A point whose light is not finite by the closed form, by light points, by both, by their sum, or was not before, is counted
+/// once or, in the last case, by the pass before.
+#[test]
+fn what_is_not_finite_is_counted_once() {
+    const POINTS: usize = 64;
+    let normal = oct_encode(DVec3::Y);
+    let place = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
+    for few_sampled in [false, true] {
+        let point = |i: usize| Point { position: [place(i), -0.4, 0.1], normal };
+        let albedo = |i: usize| if i % 4 == 2 { f32::INFINITY } else { 0.5 };
+        let setup = Setup {
+            slots: Slots {
+                stage: stage(lights(), [POINTS as u32, 1], few_sampled),
+                tile: whole([POINTS as u32, 1], 1),
+                points: (0..POINTS).map(point).collect(),
+                chunk: [0, 3],
+                samples: 4,
+            },
+            surfaces: (0..POINTS).map(|i| [albedo(i), 0.5, 0.5, f32::from_bits(normal)]).collect(),
+            audit_probability: 1.0,
+        };
+        let classes = vec![class_word(BOUNDARY, 10, 10, 2047); setup.slots.count()];
+        let before = |i: usize| match i % 8 {
+            3 => [f32::INFINITY, 0.0, 0.0, 0.0],
+            6 => [0.0, f32::NAN, 0.0, 0.0],
+            _ => [0.0; 4],
+        };
+        let before: Vec<_> = (0..POINTS).map(before).collect();
+        let outcome = setup.run(&classes, &vec![0; setup.slots.count()], &before);
+        let is_finite = |v: &[f32; 4]| v[..3].iter().all(|x| x.is_finite());
+        let expected = outcome.radiance.iter().zip(&before).filter(|(now, then)| is_finite(then) && !is_finite(now));
+        let expected = expected.count() as u32;
+        // A quarter of them, and what of another quarter was finite before.
+        assert_eq!(expected, 3 * POINTS as u32 / 8, "the test is blind");
+        assert_eq!(outcome.not_finite, expected, "few_sampled {few_sampled}");
     }
 }
 
