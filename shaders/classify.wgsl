@@ -216,17 +216,20 @@ struct Tally {
 
 // Photons and rows of cells that the searches of one query may look at, as a multiple of k, at least and at most; past it
 // the point is unknown. Where so many are not of the surface (foliage), looking costs more than the shadow rays that it could
-// save. Exact counts are given as much again: well below the 65,535 iterations that lavapipe grants an invocation.
+// save. Exact counts are given as much again, within the same limit.
 const LOOKS_PER_NEAREST = 64u;
 @if(!paper_counting) const LEAST_LOOKS = 3200u;
 // Without the normals a search is a ball, and not flat; this counting is there to be compared, not for its speed.
-@if(paper_counting) const LEAST_LOOKS = MOST_LOOKS;
-const MOST_LOOKS = 24000u;
+@if(paper_counting) const LEAST_LOOKS = 24000u;
+// The eight lanes of a vector share the 65,535 iterations that lavapipe grants, where their rows are long in turn and each waits for
+// all others. Queries of the paper's counting are of neighbours, which look at the same rows, and keep to what one lane is granted.
+@if(texture_loads && !paper_counting) const MOST_LOOKS = 8000u;
+@if(!texture_loads || paper_counting) const MOST_LOOKS = 48000u;
 
 var<private> looks_left: u32;
 
 fn look_allowance() -> u32 {
-    return clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, MOST_LOOKS);
+    return clamp(LOOKS_PER_NEAREST * nearest, LEAST_LOOKS, select(MOST_LOOKS, MOST_LOOKS / 2u, exact_counts));
 }
 
 // Counts within `floor` + eighths of `span`, squared distances both.

@@ -126,9 +126,9 @@ const OWN_LIMIT = 2048u;
 // Photons and rows of cells that one verdict may look at, as a multiple of k. On an even surface five times k are
 // enough; where many are not of the surface (foliage), a verdict costs more than it saves.
 const LOOKS_PER_NEAREST = 24u;
-// The same for a cell that is asked about: many points share the answer. Lavapipe's eight lanes share those iterations: of loops in
+// At most, and for a cell that is asked about, whose answer many points share. Lavapipe's eight lanes share those iterations: of loops in
 // loops that are long in turn, each lane waits for all others, and which cells are in its lanes depends on chance.
-const ASKED_LOOKS = 7168u;
+const MOST_LOOKS = 7168u;
 const NO_CODE = 0xffffffffu;
 
 @if(visibility_map)
@@ -201,7 +201,7 @@ fn judge_photons(light: u32, at: vec3u, begin: u32, end: u32, code: u32) -> vec2
             cos_spread = min(cos_spread, cosine);
         }
     }
-    return judge_surface(light, at, code, low, high, cos_spread, LOOKS_PER_NEAREST * nearest);
+    return judge_surface(light, at, code, low, high, cos_spread, min(LOOKS_PER_NEAREST * nearest, MOST_LOOKS));
 }
 
 // The asked cells to be judged: none where more are asked about than there is room for, since which of them have
@@ -229,7 +229,7 @@ fn judge_asked(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
     let high = f32(i32(atomicLoad(&asked_cells[i].high)) - i32(ASKED_ZERO)) * unit;
     let cos_spread = 1.0 - f32(atomicLoad(&asked_cells[i].spread)) * ASKED_UNIT;
     let code = asked_complement(asked_codes[cell]);
-    asked_cells[i].verdict = judge_surface(light_of_cell(cell), place_of_cell(cell), code, low, high, cos_spread, ASKED_LOOKS);
+    asked_cells[i].verdict = judge_surface(light_of_cell(cell), place_of_cell(cell), code, low, high, cos_spread, MOST_LOOKS);
 }
 
 // What holds for the points of a surface: those of the cell whose offsets along the code's normal are between `low` and
