@@ -11,12 +11,12 @@ import package::lib::dispatch::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{FLUX_MOST, Photon, flux_word};
-@if(!negative_photons) import package::lib::ray::{NO_HIT, Ray, offset_origin};
-@if(negative_photons) import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sobol2, sobol4};
-@if(!negative_photons) import package::lib::surface::surface_at;
-@if(negative_photons) import package::lib::surface::{SurfaceHit, surface_at};
+import package::lib::surface::surface_at;
+@if(negative_photons) import package::lib::surface::{SurfaceHit, ray_behind};
 import package::lib::constants::DIMENSION_FLUX;
 
 struct FluxParameters {
@@ -65,7 +65,7 @@ fn store_shadows(light: u32, first: Ray, first_hit: Hit, first_found: SurfaceHit
     // What the light's range takes is told by the whole way.
     let emitted = flux / max(flux_window(light, distance), 1e-20);
     for (var rays = 0u; ; rays++) {
-        let on = Ray(offset_origin(found.triangle_position, -found.triangle_normal), 0.0, first.direction, FAR_AWAY);
+        let on = ray_behind(found, first.direction, FAR_AWAY);
         let hit = trace_closest(on, seed);
         if hit.triangle == NO_HIT || traversal_overrun { return rays + 1u; }
         found = surface_at(hit, on);
@@ -108,7 +108,6 @@ fn flux(
         rays++;
         if hit.triangle == NO_HIT || traversal_overrun { break; }
         let found = surface_at(hit, here);
-        @if(!negative_photons) { if found.unlit { break; } }
         if bounce == 0u { flux *= flux_window(light, hit.t); }
         @if(transmission) { flux *= found.transmittance; }
         let lots = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
@@ -118,8 +117,8 @@ fn flux(
             // The first surface is lit anyway, as all behind it are: they lose what they should not have.
             stores &= bounce > 0u;
             if bounce == 0u { rays += store_shadows(light, here, hit, found, flux, lots.x, bounce_seed); }
-            if found.unlit { break; }
         }
+        if found.unlit { break; }
         var goes_on = bounce < flux_pass.max_bounces;
         @if(caustics) {
             if caustic_photons == 1u {

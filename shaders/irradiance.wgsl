@@ -16,11 +16,11 @@ import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
-@if(!negative_photons) import package::lib::ray::{NO_HIT, Ray, offset_origin};
-@if(negative_photons) import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, offset_origin};
+@if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
 import package::lib::bvh::hit_normal;
-@if(negative_photons) import package::lib::surface::surface_at;
+@if(negative_photons) import package::lib::surface::{ray_behind, surface_at};
 
 struct IrradianceParameters {
     // Of the global map.
@@ -268,8 +268,7 @@ fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, seed: u
         let compatible = cosine * cosine >= COMPATIBLE_COSINE_SQUARED;
         if is_hidden && compatible && any(found.surface.albedo > vec3f(0.0)) { area += 1.0 / cosine; }
         is_hidden = true;
-        let on = offset_origin(found.triangle_position, -found.triangle_normal);
-        ray = Ray(on, 0.0, ray.direction, ray.t_max - hit.t);
+        ray = ray_behind(found, ray.direction, ray.t_max - hit.t);
         hit = trace_closest(ray, seed);
     }
     return area;

@@ -793,10 +793,10 @@ struct AimedDirection {
 @if(mesh_lights)
 fn sample_aimed_cosine(normal: vec3f, cap: Cap, u: vec2f) -> AimedDirection {
     let cosine = dot(cap.axis, normal);
-    if cosine <= 0.0 || cosine * cosine <= cap.squared_sine { return AimedDirection(basis(normal) * sample_cosine(u), 1.0); }
+    let frame = basis(normal);
+    if cosine <= 0.0 || cosine * cosine <= cap.squared_sine { return AimedDirection(frame * sample_cosine(u), 1.0); }
     let along = cap.axis - cosine * normal;
     let sine = length(along);
-    let frame = basis(normal);
     var radial = frame[0];
     // Straight above, the ellipse is a circle.
     if sine > 1e-4 { radial = along / sine; }

@@ -7,6 +7,7 @@
 @if(procedurals) import package::lib::procedural::{is_procedural, procedural_clearance, procedural_colour, procedural_material, procedural_normal};
 @if(procedurals) import package::lib::procedural_functions::procedural_turns;
 import package::lib::ray::{Hit, Ray};
+@if(negative_photons) import package::lib::ray::offset_origin;
 import package::lib::math::oct_decode16;
 import package::lib::bsdf::Surface;
 import package::lib::constants::{
@@ -267,6 +268,12 @@ fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, norm
     return weights.x * min(dot(position - corners[0], normals[0]), 0.0) * -normals[0]
         + weights.y * min(dot(position - corners[1], normals[1]), 0.0) * -normals[1]
         + weights.z * min(dot(position - corners[2], normals[2]), 0.0) * -normals[2];
+}
+
+// The ray that goes straight on through the surface.
+@if(negative_photons)
+fn ray_behind(found: SurfaceHit, direction: vec3f, t_max: f32) -> Ray {
+    return Ray(offset_origin(found.triangle_position, -found.triangle_normal), 0.0, direction, t_max);
 }
 
 // The surface at a hit. The normals face the ray's origin; the position on the triangle is computed from the corners and

@@ -23,8 +23,8 @@ impl Receivers {
     /// Those of a scene: everything but lamps that reflect nothing. None where there is nothing else.
     pub fn of(scene: &Scene) -> Option<Receivers> {
         let receives = |material: u32| !is_black_lamp(&scene.materials[material as usize]);
-        let triangles = scene.triangles.iter().filter(|triangle| receives(triangle.material));
-        let corners = triangles.flat_map(|triangle| triangle.vertices.map(|v| scene.vertices[v as usize].position));
+        let triangles = (0..scene.triangles.len()).filter(|i| receives(scene.triangles[*i].material));
+        let corners = triangles.flat_map(|i| scene.triangle_positions(i));
         let (centre, radius) = bounding_sphere(corners.chain(scene.procedurals.iter().flat_map(|o| o.corners())));
         (radius > 0.0).then_some(Receivers { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }
@@ -44,12 +44,11 @@ impl Receivers {
                 let two_sided = scene.materials[*material as usize].double_sided;
                 let (mut sum, mut total) = (0.0, 0.0);
                 for emitter in emitters {
-                    let [a, b, c] = scene.triangles[emitter.triangle as usize]
-                        .vertices
-                        .map(|v| scene.vertices[v as usize].position);
+                    let [a, b, c] = scene.triangle_positions(emitter.triangle as usize);
                     let across = (b - a).as_dvec3().cross((c - a).as_dvec3());
                     let power = across.length() * emitter.radiance.as_dvec3().element_sum();
-                    let share = |normal: DVec3| self.cap_from((a + b + c) / 3.0).map_or(1.0, |cap| cap.share(normal));
+                    let cap = self.cap_from((a + b + c) / 3.0);
+                    let share = |normal: DVec3| cap.as_ref().map_or(1.0, |cap| cap.share(normal));
                     let normal = across.normalize();
                     sum += power * if two_sided { (share(normal) + share(-normal)) / 2.0 } else { share(normal) };
                     total += power;

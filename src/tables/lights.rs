@@ -120,10 +120,8 @@ impl LightTables {
             build.environment = Some(EnvironmentTable::new(gpu, panorama, *turn, *strength)?);
         }
         for (index, light) in scene.lights.iter().enumerate() {
-            build.push(scene, index as u32, light);
-        }
-        for (info, light) in build.lights.iter_mut().zip(&scene.lights) {
-            info.aimed = receivers.map_or(1.0, |receivers| receivers.share_of(scene, &light.kind));
+            let aimed = receivers.map_or(1.0, |receivers| receivers.share_of(scene, &light.kind));
+            build.push(scene, index as u32, light, aimed);
         }
         build.slots.sort_unstable();
         build.choose();
@@ -193,10 +191,10 @@ impl Build {
         }
     }
 
-    fn push(&mut self, scene: &Scene, index: u32, light: &Light) {
+    fn push(&mut self, scene: &Scene, index: u32, light: &Light, aimed: f64) {
         let punctual = |power, strength, centre, radius| LightInfo {
             power,
-            aimed: 1.0,
+            aimed,
             emission: Emission { strength, axis: None },
             closed_form: true,
             contour_edges: 0,
@@ -211,7 +209,7 @@ impl Build {
         let finite = |range: f32| range.min(f32::MAX);
         let none = [0; 4];
         let info = match &light.kind {
-            LightKind::Mesh { material, emitters } => self.push_mesh(scene, index, *material, emitters),
+            LightKind::Mesh { material, emitters } => self.push_mesh(scene, index, *material, emitters, aimed),
             LightKind::Point { position, intensity, range } => {
                 let kind = [POINT | CLOSED_FORM, 0, 0, 0];
                 self.records.extend([kind, bits(*position, finite(*range)), bits(*intensity, 0.0), none, none, none]);
@@ -246,8 +244,8 @@ impl Build {
         self.records.extend([[ENVIRONMENT, 0, 0, 0], none, none, none, bits(centre, radius), none]);
         let irradiance = self.environment.as_ref().map_or(0.0, |environment| environment.irradiance);
         LightInfo {
-            aimed: 1.0,
             power: irradiance * std::f64::consts::PI * f64::from(radius).powi(2),
+            aimed: 1.0,
             // A surface gets about half of what comes across all directions.
             emission: Emission { strength: irradiance / 2.0, axis: None },
             closed_form: false,
@@ -260,11 +258,16 @@ impl Build {
         }
     }
 
-    fn push_mesh(&mut self, scene: &Scene, index: u32, material: u32, emitters: &[EmitterTriangle]) -> LightInfo {
+    fn push_mesh(
+        &mut self,
+        scene: &Scene,
+        index: u32,
+        material: u32,
+        emitters: &[EmitterTriangle],
+        aimed: f64,
+    ) -> LightInfo {
         let material = &scene.materials[material as usize];
-        let corners = |e: &EmitterTriangle| {
-            scene.triangles[e.triangle as usize].vertices.map(|v| scene.vertices[v as usize].position)
-        };
+        let corners = |e: &EmitterTriangle| scene.triangle_positions(e.triangle as usize);
         let (centre, radius) = bounding_sphere(emitters.iter().flat_map(corners));
         let first = self.emitters.len() as u32 / EMITTER_RECORDS;
         let area = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3()).length() / 2.0;
@@ -334,7 +337,7 @@ impl Build {
         let axis = normals.clone().next().filter(|_| planar && !two_sided);
         LightInfo {
             power,
-            aimed: 1.0,
+            aimed,
             // Along the axis the radiance times the area; without one, the mean over all directions.
             emission: Emission { strength: axis.map_or(power / (4.0 * std::f64::consts::PI), |_| total), axis },
             closed_form: contours.is_some(),

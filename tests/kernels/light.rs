@@ -77,7 +77,7 @@ impl Place {
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
 pub fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
-    run_with(&features(scene), scene, entry, places, count, per_item, samples)
+    run_with(&features(scene), &tables(scene, None), entry, places, count, per_item, samples)
 }
 
 /// A ray that leaves a light.
@@ -91,31 +91,20 @@ pub struct Emitted {
 /// Rays of a light, which are sent towards the receivers where they are given.
 pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usize) -> Vec<Emitted> {
     let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
-    let got = run_aimed(&features(scene), scene, receivers, "emitted", &place, rays, 3, 0);
+    let got = run_with(&features(scene), &tables(scene, receivers), "emitted", &place, rays, 3, 0);
     let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let rays = got.chunks_exact(3);
     rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
 }
 
+fn tables(scene: &Scene, receivers: Option<Receivers>) -> LightTables {
+    LightTables::new(gpu(), scene, receivers).unwrap()
+}
+
 /// As [`run`], composed with other features.
 fn run_with(
     features: &Features,
-    scene: &Scene,
-    entry: &str,
-    places: &[Place],
-    count: usize,
-    per_item: usize,
-    samples: u32,
-) -> Vec<[f32; 4]> {
-    run_aimed(features, scene, None, entry, places, count, per_item, samples)
-}
-
-/// As [`run_with`], with receivers of photons.
-#[expect(clippy::too_many_arguments, reason = "one call of a kernel")]
-fn run_aimed(
-    features: &Features,
-    scene: &Scene,
-    receivers: Option<Receivers>,
+    tables: &LightTables,
     entry: &str,
     places: &[Place],
     count: usize,
@@ -127,13 +116,12 @@ fn run_aimed(
     let composed = compose::compose_source("light", source, features).unwrap();
     let constants = [("count", count as f64), ("seed", 1234567.0), ("samples", f64::from(samples))];
     let kernel = Kernel::new(gpu, &composed, &constants, &["places", "results"]).unwrap();
-    let tables = LightTables::new(gpu, scene, receivers).unwrap();
     let records: Vec<Vec4> =
         places.iter().flat_map(|p| [p.position.extend(p.light as f32), p.normal.extend(0.0)]).collect();
     let places = gpu.upload("test/places", &records).unwrap();
     let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
     let own = Resources::new().with("places", &places).with("results", &results);
-    let bound = kernel.bind(gpu, entry, &[&own, &tables]).unwrap();
+    let bound = kernel.bind(gpu, entry, &[&own, tables]).unwrap();
     let mut frame = gpu.frame("test");
     frame.run(&bound, count as u32, &[0u32; 0]);
     frame.submit().unwrap();
@@ -366,7 +354,7 @@ fn the_oracle_is_the_integral() {
 /// Coplanar triangles are merged, holes kept, and lights of many planes have no closed form.
 #[test]
 fn contours_are_those_of_the_shape() {
-    let tables = LightTables::new(gpu(), &mesh_scene(), None).unwrap();
+    let tables = tables(&mesh_scene(), None);
     let edges: Vec<usize> = tables.lights.iter().map(|l| l.contour_edges).collect();
     assert_eq!(edges, [4, 3, 6, 8, 4, 24, 4, 0]);
     let closed: Vec<bool> = tables.lights.iter().map(|l| l.closed_form).collect();
@@ -478,7 +466,7 @@ fn points_of_a_lamp_bring_the_same_light() {
         let position = random.direction() * distance;
         for needs in [features(&scene), features(&scene).with("emitter_pairs", false)] {
             let place = [Place::new(position, DVec3::Z, 0)];
-            let got = run_with(&needs, &scene, "listed", &place, N, 2, 0);
+            let got = run_with(&needs, &tables(&scene, None), "listed", &place, N, 2, 0);
             let angles = got.chunks_exact(2).map(|s| f64::from(s[0][3])).filter(|pdf| *pdf > 0.0).map(|pdf| 1.0 / pdf);
             let angles: Vec<f64> = angles.collect();
             let mean = angles.iter().sum::<f64>() / angles.len() as f64;
@@ -518,7 +506,7 @@ fn places_about(scene: &Scene) -> Vec<Place> {
 #[test]
 fn densities_are_those_of_the_sampler() {
     let scene = mesh_scene();
-    let tables = LightTables::new(gpu(), &scene, None).unwrap();
+    let tables = tables(&scene, None);
     let mut queries = Vec::new();
     for place in places_about(&scene) {
         let LightKind::Mesh { emitters, .. } = &scene.lights[place.light].kind else { unreachable!() };
@@ -529,7 +517,7 @@ fn densities_are_those_of_the_sampler() {
     }
     // Unpaired: what pairing adds is tested below, against the sampler.
     let unpaired = features(&scene).with("emitter_pairs", false);
-    let got = run_with(&unpaired, &scene, "densities", &queries, queries.len(), 1, 0);
+    let got = run_with(&unpaired, &tables, "densities", &queries, queries.len(), 1, 0);
     let (mut near, mut far, mut wrong) = (0, 0, 0);
     for (query, got) in queries.iter().zip(&got) {
         let slot = query.normal.x as usize;
