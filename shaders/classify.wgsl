@@ -7,8 +7,8 @@ import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR,
 @if(dark_points) import package::lib::light::light_dark;
 @if(visibility_map && environment) import package::lib::light::is_environment;
 @if(visibility_estimate) import package::lib::photon::asks_shadow_rays;
-import package::lib::light_choice::slot_light;
-@if(light_choice) import package::lib::light_choice::NO_LIGHT;
+import package::lib::sampled_light::slot_light;
+@if(light_sampling) import package::lib::sampled_light::NO_LIGHT;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::constants::{INVALID_POINT, COUNTER_DARK, COUNTER_AUDITED, COUNTER_NEAR, COUNTER_NEAR_AUDITED};
@@ -21,7 +21,7 @@ struct ClassifyParameters {
     tile: Tile,
     // (light, point) pairs: points of the chunk's first light, of its second, ...
     slot_count: u32,
-    // Or turn, where lights are chosen; see lib/light_choice.
+    // Or turn, where lights are chosen; see lib/light_sampling.
     first_light: u32,
     dilate_radius: u32,
     audit_probability: f32,
@@ -101,7 +101,7 @@ fn class_by_verdict(slot: u32) -> u32 {
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let normal = oct_decode16(point.normal);
     let light = light_of_slot(slot);
-    @if(light_choice) { if light == NO_LIGHT { return class_word(CLASS_DARK, 0u, 0u, 0.0); } }
+    @if(light_sampling) { if light == NO_LIGHT { return class_word(CLASS_DARK, 0u, 0u, 0.0); } }
     @if(dark_points) {
         if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
@@ -507,7 +507,7 @@ fn compact(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
         let local_light = slot / classify_pass.tile.point_count;
         let pixel = slot - local_light * classify_pass.tile.point_count;
         var is_point = points[pixel].normal != INVALID_POINT;
-        @if(light_choice) { is_point = is_point && light_of_slot(slot) != NO_LIGHT; }
+        @if(light_sampling) { is_point = is_point && light_of_slot(slot) != NO_LIGHT; }
         if is_point {
             let word = dilated_classes[slot];
             class_ = class_of(word);

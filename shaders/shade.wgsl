@@ -11,8 +11,8 @@ import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
-import package::lib::light_choice::{nth_light_sample, audit_light_sample, slot_light};
-@if(light_choice) import package::lib::light_choice::slot_weight;
+import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
+@if(light_sampling) import package::lib::sampled_light::slot_weight;
 import package::lib::bsdf::{Surface, bsdf_diffuse};
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
@@ -185,7 +185,7 @@ fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
         let light = slot_light(slot, parameters.first_light, parameters.tile.point_count);
         let estimate = direct_light(place, light, slot, classes[slot], by_form, by_points);
         sampled = sampled || estimate.sampled;
-        @if(light_choice) { sum += estimate.radiance * slot_weight(slot, parameters.first_light, parameters.tile.point_count); }
+        @if(light_sampling) { sum += estimate.radiance * slot_weight(slot, parameters.first_light, parameters.tile.point_count); }
         @else { sum += estimate.radiance; }
         @if(aov_shadow) {
             let word = classes[slot];

@@ -7,7 +7,7 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
 import package::lib::math::{oct_decode16, oct_encode7, spoilt};
 import package::lib::light::shadow_ray;
-import package::lib::light_choice::{nth_light_sample, audit_light_sample, slot_light};
+import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
 import package::lib::point::Point;
 import package::lib::rng::{hash2, hash3};
 @if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, is_near, photon_word};

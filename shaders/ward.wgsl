@@ -6,7 +6,7 @@ import package::lib::bsdf::{Surface, bsdf_evaluate};
 import package::lib::constants::INVALID_POINT;
 import package::lib::dispatch::group_index;
 @if(dark_points) import package::lib::light::light_dark;
-import package::lib::light_choice::nth_light_sample;
+import package::lib::sampled_light::nth_light_sample;
 import package::lib::math::luminance;
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN, class_word};
 import package::lib::seen::{points, seen_surface};

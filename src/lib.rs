@@ -4,24 +4,24 @@
 
 pub mod bvh;
 pub mod error;
-pub mod film;
 pub mod fingerprint;
 pub mod gpu;
+pub mod gpu_scene;
 mod input;
-pub mod needs;
+pub mod light_transport;
 pub mod passes;
 pub mod procedural;
+pub mod render;
 pub mod report;
 pub mod scene;
 pub mod settings;
+pub mod specialisation;
 pub mod statistics;
 pub mod stress;
-pub mod tables;
-pub mod techniques;
 
 pub use error::{Error, Result};
-pub use film::Image;
+pub use render::Image;
+pub use render::{Progress, Renderer};
 pub use scene::{Camera, Scene};
 pub use settings::{Aov, Settings, Technique};
 pub use statistics::Statistics;
-pub use techniques::{Progress, Renderer};

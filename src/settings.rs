@@ -74,7 +74,7 @@ impl Technique {
     }
 
     /// Its points may ask a few of many lights.
-    pub fn chooses_lights(self) -> bool {
+    pub fn samples_lights(self) -> bool {
         matches!(self, Technique::ShadowPhotons | Technique::TwoPass)
     }
 
@@ -102,7 +102,7 @@ impl Technique {
 /// Which lights a point asks, where direct light is a pass of its own; and by what paths choose one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum LightChoice {
+pub enum LightSampling {
     /// All of them.
     All,
     /// A few, each as likely as the other.
@@ -113,17 +113,18 @@ pub enum LightChoice {
     Zones,
 }
 
-impl LightChoice {
+impl LightSampling {
     /// All of them.
-    pub const ALL: [LightChoice; 4] = [LightChoice::All, LightChoice::Uniform, LightChoice::Power, LightChoice::Zones];
+    pub const ALL: [LightSampling; 4] =
+        [LightSampling::All, LightSampling::Uniform, LightSampling::Power, LightSampling::Zones];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            LightChoice::All => "all",
-            LightChoice::Uniform => "uniform",
-            LightChoice::Power => "power",
-            LightChoice::Zones => "zones",
+            LightSampling::All => "all",
+            LightSampling::Uniform => "uniform",
+            LightSampling::Power => "power",
+            LightSampling::Zones => "zones",
         }
     }
 }
@@ -193,7 +194,7 @@ macro_rules! by_name {
 }
 by_name!(Technique, "technique");
 by_name!(Aov, "AOV");
-by_name!(LightChoice, "choice of lights");
+by_name!(LightSampling, "choice of lights");
 
 /// The settings of a render.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -220,9 +221,9 @@ pub struct Settings {
     pub dilate: Option<u32>,
     /// Which lights points ask; none: `zones` of `shadow-photons` in scenes of more than [`Settings::MANY_LIGHTS`] lights, else `all`,
     /// and `power` of paths.
-    pub light_choice: Option<LightChoice>,
-    /// Lights that a point asks where they are chosen, 2 to [`Settings::MAX_CHOSEN_LIGHTS`].
-    pub chosen_lights: u32,
+    pub light_sampling: Option<LightSampling>,
+    /// Lights that a point asks where they are chosen, 2 to [`Settings::MAX_SAMPLED_LIGHTS`].
+    pub sampled_lights: u32,
     /// Probability that a decided point is audited, 0 to 1. 0 is the paper, and biased; zones are then not audited either.
     pub audit: f32,
     /// Count photons without regard to their normals, as the paper does.
@@ -266,8 +267,8 @@ impl Default for Settings {
             shadow_photons_per_ray: 10,
             shadow_samples: 4,
             dilate: None,
-            light_choice: None,
-            chosen_lights: 8,
+            light_sampling: None,
+            sampled_lights: 8,
             audit: 1.0 / 64.0,
             paper_counting: false,
             cells: 64,
@@ -302,7 +303,7 @@ impl Settings {
     /// the same error (docs/decisions.md, many lights).
     pub const MANY_LIGHTS: u32 = 16;
     /// Most lights that a point asks where they are chosen: as many as a zone lists.
-    pub const MAX_CHOSEN_LIGHTS: u32 = 64;
+    pub const MAX_SAMPLED_LIGHTS: u32 = 64;
     /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
     pub const MAX_PHOTONS: u32 = 1 << 26;
     /// Most cells along a side: 2^24 in all.
@@ -355,8 +356,8 @@ impl Settings {
         range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;
         range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
-        range("--chosen-lights", self.chosen_lights, 2, Self::MAX_CHOSEN_LIGHTS)?;
-        self.check_light_choice()?;
+        range("--chosen-lights", self.sampled_lights, 2, Self::MAX_SAMPLED_LIGHTS)?;
+        self.check_light_sampling()?;
         if !(0.0..=1.0).contains(&self.audit) {
             return Err(Error::Usage(format!("--audit is {}; it must be from 0 to 1", self.audit)));
         }
@@ -372,21 +373,21 @@ impl Settings {
         Ok(())
     }
 
-    fn check_light_choice(&self) -> Result<()> {
+    fn check_light_sampling(&self) -> Result<()> {
         let refuse = |why: String| Err(Error::Usage(why));
-        match self.light_choice {
-            Some(LightChoice::Zones) if !self.technique.uses_zones() => {
+        match self.light_sampling {
+            Some(LightSampling::Zones) if !self.technique.uses_zones() => {
                 refuse(format!("--light-choice zones: {} asks no photons which lights reach a point", self.technique))
             }
-            Some(LightChoice::All) if self.technique == Technique::Path => {
+            Some(LightSampling::All) if self.technique == Technique::Path => {
                 refuse("--light-choice all: paths ask one light at each vertex".to_owned())
             }
-            Some(LightChoice::Uniform | LightChoice::Power)
-                if !self.technique.chooses_lights() && self.technique != Technique::Path =>
+            Some(LightSampling::Uniform | LightSampling::Power)
+                if !self.technique.samples_lights() && self.technique != Technique::Path =>
             {
                 refuse(format!("--light-choice: {} asks all lights", self.technique))
             }
-            Some(choice) if choice != LightChoice::All && self.aovs.contains(&Aov::Shadow) => {
+            Some(choice) if choice != LightSampling::All && self.aovs.contains(&Aov::Shadow) => {
                 refuse(format!("--light-choice {choice}: the AOV shadow is of all lights"))
             }
             _ => Ok(()),

@@ -2,7 +2,7 @@
 #![no_main]
 
 use penumbra::fingerprint::digest;
-use penumbra::techniques::Checkpoint;
+use penumbra::render::Checkpoint;
 use penumbra_fuzz::{bounded, check};
 
 /// Bytes of the first line, and of the digest that follows it.

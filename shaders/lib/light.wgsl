@@ -71,9 +71,9 @@ fn is_environment(light: u32) -> bool {
     return (light_record(light, 0u).x & LIGHT_KIND_MASK) == LIGHT_ENVIRONMENT;
 }
 
-// ---- Choice
+// ---- LightSampler
 
-struct LightChoice {
+struct SampledLight {
     light: u32,
     // Of choosing it.
     probability: f32,
@@ -81,24 +81,24 @@ struct LightChoice {
     u: f32,
 }
 
-// How likely `choose_light` is to choose the light.
+// How likely `sample_light` is to choose the light.
 fn light_probability(light: u32) -> f32 {
-    @if(uniform_choice) { return 1.0 / f32(light_count()); }
+    @if(uniform_light_sampling) { return 1.0 / f32(light_count()); }
     @else { return light_record_f32(light, 5u).y; }
 }
 
 // A light, by power or alike; there must be one.
-fn choose_light(u: f32) -> LightChoice {
-    @if(uniform_choice) {
+fn sample_light(u: f32) -> SampledLight {
+    @if(uniform_light_sampling) {
         let count = light_count();
         let scaled = u * f32(count);
         let light = min(u32(scaled), count - 1u);
-        return LightChoice(light, 1.0 / f32(count), clamp(scaled - f32(light), 0.0, 1.0 - 1.0 / 16777216.0));
+        return SampledLight(light, 1.0 / f32(count), clamp(scaled - f32(light), 0.0, 1.0 - 1.0 / 16777216.0));
     }
-    @else { return choose_light_by_power(u); }
+    @else { return sample_light_by_power(u); }
 }
 
-fn choose_light_by_power(u: f32) -> LightChoice {
+fn sample_light_by_power(u: f32) -> SampledLight {
     // The first light whose cumulative probability exceeds u.
     var first = 0u;
     var last = light_count() - 1u;
@@ -108,7 +108,7 @@ fn choose_light_by_power(u: f32) -> LightChoice {
     }
     let found = light_record_f32(first, 5u);
     let left = 1.0 - (found.x - u) / found.y;
-    return LightChoice(first, found.y, clamp(left, 0.0, 1.0 - 1.0 / 16777216.0));
+    return SampledLight(first, found.y, clamp(left, 0.0, 1.0 - 1.0 / 16777216.0));
 }
 
 // ---- Punctual lights
@@ -342,7 +342,7 @@ fn emitter_power(emitter: u32) -> f32 {
 
 // A choice of an emitter triangle, and what is left of the random number, uniform again.
 @if(mesh_lights)
-struct EmitterChoice {
+struct SampledEmitter {
     emitter: u32,
     probability: f32,
     u: f32,
@@ -355,7 +355,7 @@ fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
 }
 
 @if(mesh_lights)
-fn choose_emitter(header: vec4u, u: f32) -> EmitterChoice {
+fn sample_emitter(header: vec4u, u: f32) -> SampledEmitter {
     // The first emitter triangle whose cumulative probability exceeds u.
     var first = header.y;
     var last = header.y + header.z - 1u;
@@ -364,7 +364,7 @@ fn choose_emitter(header: vec4u, u: f32) -> EmitterChoice {
         if bitcast<f32>(load_emitter_record(middle * EMITTER_RECORDS + 3u).z) > u { last = middle; } else { first = middle + 1u; }
     }
     let found = bitcast<vec2f>(load_emitter_record(first * EMITTER_RECORDS + 3u).yz);
-    return EmitterChoice(first, found.x, left_of(u, found.y, found.x));
+    return SampledEmitter(first, found.x, left_of(u, found.y, found.x));
 }
 
 // The point of an emitter triangle at barycentric coordinates.
@@ -421,7 +421,7 @@ fn view_share(view: u32, i: u32) -> f32 {
 }
 
 @if(emitter_pairs)
-fn choose_viewed(header: vec4u, view: u32, u: f32) -> EmitterChoice {
+fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
     // The first record with a cumulative probability above u, and that one of it.
     var first = 0u;
     var last = (header.z + 3u) / 4u - 1u;
@@ -432,7 +432,7 @@ fn choose_viewed(header: vec4u, view: u32, u: f32) -> EmitterChoice {
     let below = vec3u(load_light_vertex(view + first).xyz <= vec3f(u));
     let i = 4u * first + below.x + below.y + below.z;
     let share = view_share(view, i);
-    return EmitterChoice(header.y + i, share, left_of(u, view_cumulative(view, i), share));
+    return SampledEmitter(header.y + i, share, left_of(u, view_cumulative(view, i), share));
 }
 
 // The emitter triangles that may be chosen for a position: one, with that probability, or all, by what they send to it.
@@ -486,20 +486,20 @@ fn paired_power(emitter: u32, position: vec3f) -> f32 {
 @if(many_emitters)
 fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterRange {
     if asks_all(light, header, position) { return all_emitters(header, u); }
-    var chosen: EmitterChoice;
+    var chosen: SampledEmitter;
     @if(emitter_pairs) {
         let view = view_of(light, header, position);
         if view != NO_VIEW {
-            chosen = choose_viewed(header, view, u);
+            chosen = sample_viewed_emitter(header, view, u);
         } else {
-            chosen = choose_emitter(header, u);
+            chosen = sample_emitter(header, u);
             if !emitter_faces(load_emitter(chosen.emitter), position) {
                 chosen.emitter = load_emitter_record(chosen.emitter * EMITTER_RECORDS + 3u).x;
             }
             chosen.probability = paired_power(chosen.emitter, position);
         }
     }
-    @else { chosen = choose_emitter(header, u); }
+    @else { chosen = sample_emitter(header, u); }
     return EmitterRange(chosen.emitter, chosen.emitter + 1u, false, chosen.probability, chosen.u);
 }
 
@@ -844,7 +844,7 @@ fn light_emit(light: u32, u: vec4f) -> EmittedRay {
         }
     }
     @if(mesh_lights) {
-        let chosen = choose_emitter(header, u.x);
+        let chosen = sample_emitter(header, u.x);
         let triangle = load_emitter(chosen.emitter);
         let point = mesh_point(light, header, triangle, sample_triangle(vec2f(chosen.u, u.y)));
         var normal = point.normal;

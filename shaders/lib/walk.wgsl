@@ -13,7 +13,7 @@ import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_s
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 @if(global_map) import package::lib::irradiance::irradiance_near;
-import package::lib::light::{BEYOND_SCENE, choose_light, is_beyond, light_sample, load_light_record, shadow_ray};
+import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, load_light_record, shadow_ray};
 @if(environment) import package::lib::environment::environment_met;
 @if(environment) import package::lib::light::light_count;
 @if(mesh_lights) import package::lib::light::emitter_of;
@@ -76,7 +76,7 @@ fn reflection(vertex: Vertex, direction: vec3f) -> vec3f {
 
 // The light that one chosen light sends to the viewer of the vertex, over the chance to choose it.
 fn light_at(vertex: Vertex, bounce: u32) -> vec3f {
-    let choice = choose_light(vertex.lobe_and_light.y);
+    let choice = sample_light(vertex.lobe_and_light.y);
     let chosen = light_sample(choice.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
     if chosen.pdf <= 0.0 { return vec3f(0.0); }
     // `shade` asks for what arrives on the viewer's side.

@@ -7,10 +7,10 @@ use std::sync::Arc;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::gpu_scene::camera::CameraUniform;
 use penumbra::report::reference::Reference;
 use penumbra::scene::{ImportOptions, Panorama};
-use penumbra::settings::LightChoice;
-use penumbra::tables::camera::CameraUniform;
+use penumbra::settings::LightSampling;
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 
 #[derive(Args)]
@@ -70,14 +70,14 @@ impl SceneOptions {
             scene.set_environment(Arc::new(panorama), self.environment_rotation, self.environment_strength)?;
             scene.notes.extend(notes);
         }
-        let camera = self.choose_camera(&scene)?;
+        let camera = self.select_camera(&scene)?;
         if scene.cameras.is_empty() {
             scene.notes.push("the view is that of a camera that frames the scene".into());
         }
         Ok((scene, camera))
     }
 
-    fn choose_camera(&self, scene: &Scene) -> Result<Camera> {
+    fn select_camera(&self, scene: &Scene) -> Result<Camera> {
         let cameras = &scene.cameras;
         let Some(wanted) = &self.camera else {
             return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame_camera()));
@@ -247,12 +247,12 @@ pub struct SettingsOptions {
 
     /// Lights that a point asks, and by what they are chosen [default: zones of many lights where there are photons, else all;
     /// power of paths]
-    #[arg(long, value_name = "CHOICE", value_parser = light_choices(), help_heading = "Many lights")]
-    light_choice: Option<LightChoice>,
+    #[arg(long, value_name = "CHOICE", value_parser = light_samplings(), help_heading = "Many lights")]
+    light_sampling: Option<LightSampling>,
 
     /// Lights that a point asks where they are chosen
-    #[arg(long, value_name = "N", default_value_t = Settings::default().chosen_lights, help_heading = "Many lights")]
-    chosen_lights: u32,
+    #[arg(long, value_name = "N", default_value_t = Settings::default().sampled_lights, help_heading = "Many lights")]
+    sampled_lights: u32,
 
     /// Probability of a shadow ray where the photons decide: keeps the image unbiased; 0 is the paper, and biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().audit, help_heading = "Visibility map")]
@@ -320,8 +320,8 @@ impl SettingsOptions {
             shadow_photons_per_ray: self.shadow_photons_per_ray,
             shadow_samples: self.shadow_samples,
             dilate: self.dilate,
-            light_choice: self.light_choice,
-            chosen_lights: self.chosen_lights,
+            light_sampling: self.light_sampling,
+            sampled_lights: self.sampled_lights,
             audit: self.audit,
             paper_counting: self.paper_counting,
             cells: self.cells,
@@ -361,13 +361,13 @@ pub fn techniques() -> impl TypedValueParser<Value = Technique> {
 }
 
 /// One of the choices of lights, by name.
-fn light_choices() -> impl TypedValueParser<Value = LightChoice> {
-    let values = LightChoice::ALL.map(|choice| {
+fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
+    let values = LightSampling::ALL.map(|choice| {
         PossibleValue::new(choice.name()).help(match choice {
-            LightChoice::All => "all lights",
-            LightChoice::Uniform => "a few, each as likely as the other",
-            LightChoice::Power => "a few, half by power and half alike",
-            LightChoice::Zones => "a few of those that reach the zone, as photons tell",
+            LightSampling::All => "all lights",
+            LightSampling::Uniform => "a few, each as likely as the other",
+            LightSampling::Power => "a few, half by power and half alike",
+            LightSampling::Zones => "a few of those that reach the zone, as photons tell",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

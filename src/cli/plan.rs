@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use penumbra::needs::{Item, Needs};
+use penumbra::specialisation::{Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check()?;
     let (scene, camera) = arguments.scene.load()?;
     let settings = arguments.settings.settings(&camera)?;
-    let Needs { kept, left_out, .. } = Needs::new(&scene, &settings);
+    let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, &settings);
     let plan = Plan { scene: Counts::new(&scene), settings, kept, left_out, notes: scene.notes };
     if arguments.json {
         print_json(&plan)?

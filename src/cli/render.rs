@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
-use penumbra::film::{self, View};
 use penumbra::gpu::Gpu;
+use penumbra::render::Checkpoint;
+use penumbra::render::film::{self, View};
+use penumbra::render::recovery::{self, Failure, Salvage};
 use penumbra::report::estimate;
 use penumbra::report::metrics::Measures;
 use penumbra::report::reference::Reference;
-use penumbra::techniques::Checkpoint;
-use penumbra::techniques::recovery::{self, Failure, Salvage};
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;

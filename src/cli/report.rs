@@ -5,8 +5,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use penumbra::film;
 use penumbra::gpu::Gpu;
+use penumbra::render::film;
+use penumbra::render::recovery;
 use penumbra::report::classes::{Classes, Truth};
 use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
 use penumbra::report::page::page;
@@ -14,7 +15,6 @@ use penumbra::report::plot;
 use penumbra::report::reference::{Goal, Making, Reference, cache_folder};
 use penumbra::report::run::{Run, Subject, warm_up};
 use penumbra::report::sweep::{self, Sweep};
-use penumbra::techniques::recovery;
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
 use super::interrupt::Interrupt;

@@ -4,9 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use penumbra::Result;
+use penumbra::render::film;
 use penumbra::report::plot;
 use penumbra::stress::{FAMILIES, Family, Reading, breakdown};
-use penumbra::{Result, film};
 
 use super::options::DeviceOptions;
 use super::{Ending, print, say};

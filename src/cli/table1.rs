@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use penumbra::film;
 use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::render::film;
 use penumbra::report::table1::{Comparison, Options, SCENES, TECHNIQUES, notes, page};
 use penumbra::{Result, Technique};
 

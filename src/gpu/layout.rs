@@ -2,7 +2,7 @@
 
 use wgpu::naga;
 
-use crate::{Error, Result, passes, tables};
+use crate::{Error, Result, gpu_scene, passes};
 
 use super::compose::Composed;
 
@@ -57,13 +57,13 @@ pub const SHARED: &[&SharedStruct] = &[
     &passes::irradiance::IrradianceParameters::SHARED,
     &passes::photons::PhotonParameters::SHARED,
     &passes::path::PathParameters::SHARED,
-    &passes::choose::ChooseParameters::SHARED,
+    &passes::sample_lights::SampleLightsParameters::SHARED,
     &passes::shade::ShadeParameters::SHARED,
     &passes::shadow::ShadowParameters::SHARED,
     &passes::ward::WardParameters::SHARED,
     &passes::zones::ZoneParameters::SHARED,
     &passes::ward::WardState::SHARED,
-    &tables::CameraUniform::SHARED,
+    &gpu_scene::CameraUniform::SHARED,
 ];
 
 /// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin.

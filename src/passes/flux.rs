@@ -2,7 +2,7 @@
 //! surface, going on by Russian roulette on the BSDF.
 
 use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
-use crate::tables::LightTables;
+use crate::gpu_scene::GpuLights;
 use crate::{Result, bindings, shared_struct};
 
 use super::grid::Photon;
@@ -92,7 +92,7 @@ impl Flux {
         &self,
         gpu: &Gpu,
         scene: &dyn Bindings,
-        lights: &LightTables,
+        lights: &GpuLights,
         mut rays: u32,
         max_bounces: u32,
         seed: u32,
@@ -109,7 +109,7 @@ impl Flux {
         &self,
         gpu: &Gpu,
         scene: &dyn Bindings,
-        lights: &LightTables,
+        lights: &GpuLights,
         rays: u32,
         max_bounces: u32,
         seed: u32,

@@ -409,14 +409,14 @@ impl Grid {
         frame.run_indirect(&entry("judge")?, &judge_arguments, 0, &parameters);
         let judge =
             JudgeAsked { arrange: entry("arrange_asked")?, judge: entry("judge_asked")?, arguments, parameters };
-        let tables = [&judged_cells, &codes, &places, &asked_cells].map(|buffer| buffer.bytes);
+        let gpu_scene = [&judged_cells, &codes, &places, &asked_cells].map(|buffer| buffer.bytes);
         let cell_records = gpu.kernel_table(&mut frame, judged_cells, TableFormat::Uint)?;
         frame.submit()?;
         Ok(PhotonGrid {
             shape,
             lights,
             photons: count,
-            bytes: sorted.bytes + tables.iter().sum::<u64>(),
+            bytes: sorted.bytes + gpu_scene.iter().sum::<u64>(),
             photon_table: sorted.photon_table,
             cell_starts: sorted.cell_starts,
             cell_records,

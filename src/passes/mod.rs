@@ -2,7 +2,6 @@
 
 pub mod cache;
 pub mod cells;
-pub mod choose;
 pub mod classify;
 pub mod film;
 pub mod flux;
@@ -12,6 +11,7 @@ pub mod irradiance;
 pub mod path;
 pub mod photons;
 pub mod primary;
+pub mod sample_lights;
 pub mod shade;
 pub mod shadow;
 pub mod ward;

@@ -199,6 +199,6 @@ fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
 fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
     let mut renderer = subject.renderer(settings)?;
     renderer.render_batch()?;
-    let features = &renderer.needs().features;
+    let features = &renderer.specialisation().features;
     Ok((renderer.image()?, features.has("visibility_map") || features.has("cells")))
 }

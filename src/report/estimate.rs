@@ -1,6 +1,6 @@
 //! How far an image is expected to be from the truth, without a reference.
 
-use crate::film::Image;
+use crate::render::film::Image;
 use crate::statistics::Statistics;
 
 use super::metrics::RELMSE_FLOOR;

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use crate::film::{Image, View};
+use crate::render::film::{Image, View};
 use crate::{Error, Result};
 
 /// What is added to r^2 in relMSE, so that black pixels do not decide it alone (Rousselle et al. 2011).

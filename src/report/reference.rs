@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::film::Metadata;
 use crate::fingerprint::fingerprint;
+use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
 

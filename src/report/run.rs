@@ -155,7 +155,7 @@ impl Run {
         }
         let mut statistics = renderer.statistics()?;
         statistics.time.passes = difference(&passes, &passes_before);
-        let left_out = || renderer.needs().left_out.iter().find(|item| item.name == "visibility_map");
+        let left_out = || renderer.specialisation().left_out.iter().find(|item| item.name == "visibility_map");
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
         Ok(Some(Run { settings, setup, first, snapshots, statistics, map_left_out, time: sampled, spent: time }))
     }

@@ -6,8 +6,8 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use crate::film::View;
 use crate::gpu::Gpu;
+use crate::render::film::View;
 use crate::scene::ImportOptions;
 use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use penumbra::film::{Metadata, View};
+use penumbra::render::film::{Metadata, View};
 use penumbra::{Image, Technique};
 use serde_json::Value;
 

@@ -54,7 +54,7 @@ fn help_states_the_defaults_and_names() {
         ("--cells <", cells.to_string()),
         ("--cell-rays <", cell_rays.to_string()),
         ("--shadow-tolerance <", shadow_tolerance.to_string()),
-        ("--chosen-lights <", Settings::default().chosen_lights.to_string()),
+        ("--chosen-lights <", Settings::default().sampled_lights.to_string()),
     ] {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use penumbra::needs::Needs;
 use penumbra::procedural::Role;
 use penumbra::scene::{Panorama, Volume};
+use penumbra::specialisation::Specialisation;
 use penumbra::stress::placement::room;
 use penumbra::stress::stage::{Paint, Part, square};
 use penumbra::{Aov, Camera, Image, Renderer, Scene, Settings, Technique};
@@ -91,9 +91,9 @@ fn runs_are_the_same_bytes() {
 fn runs_of_everything_are_the_same_bytes() {
     let scene = everything();
     let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::ShadowPhotons, 16, 20, 4) };
-    let needs = Needs::new(&scene.0, &settings);
-    let all = ["environment", "procedurals", "transmission", "zones", "light_choice", "caustics", "chains"];
-    assert!(all.iter().all(|feature| needs.features.has(feature)), "something is missing");
+    let specialisation = Specialisation::new(&scene.0, &settings);
+    let all = ["environment", "procedurals", "transmission", "zones", "light_sampling", "caustics", "chains"];
+    assert!(all.iter().all(|feature| specialisation.features.has(feature)), "something is missing");
     let (first, _) = render(&scene, &settings, None);
     assert!(first.channel("G").unwrap().iter().any(|x| *x > 0.0), "nothing is seen");
     assert_same(&render(&scene, &settings, None).0, &first, "run again");

@@ -1,8 +1,8 @@
 //! Each count of `conditioning` is made by a scene that asks for it, and is zero in a scene that does not.
 
 use glam::{DAffine3, DVec3};
-use penumbra::film::Metadata;
 use penumbra::procedural::Role;
+use penumbra::render::film::Metadata;
 use penumbra::scene::Material;
 use penumbra::statistics::{Conditioning, NotFinite};
 use penumbra::{Aov, Camera, Image, Renderer, Result, Scene, Settings, Statistics, Technique};

@@ -6,8 +6,8 @@ use std::thread;
 use std::time::Duration;
 
 use penumbra::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
+use penumbra::render::recovery::{self, Failure};
 use penumbra::scene::ImportOptions;
-use penumbra::techniques::recovery::{self, Failure};
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Technique};
 
 fn open() -> Result<Gpu> {

@@ -1,6 +1,6 @@
 //! Metrics against values worked out by hand and by the authors' own tools.
 
-use penumbra::film::Image;
+use penumbra::render::film::Image;
 use penumbra::report::metrics::{flip, mae, p99, relmse, rmse};
 
 /// An image whose pixels are `colour(x, y)`.

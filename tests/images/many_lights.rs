@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use penumbra::scene::{LightKind, Scene};
-use penumbra::settings::LightChoice;
+use penumbra::settings::LightSampling;
 use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
 
 use crate::meshes::{camera, cube, inside_out, scene, square, surface};
@@ -55,7 +55,7 @@ fn has(statistics: &Statistics, part: &str) -> bool {
 fn chosen_lights_bring_all_light() {
     let settings = |spp, seed| move |settings: Settings| Settings { spp, seed, ..settings };
     let all = render(200, |s| Settings { technique: Technique::TwoPass, ..settings(8, 1)(s) });
-    assert!(!has(&all.1, "light_choice"));
+    assert!(!has(&all.1, "light_sampling"));
     let truth = mean_and_error(&all.0, "G");
     println!("all lights: {truth:?}, {} rays", all.1.rays.shadow);
     let of = |what: &str, image: &(Image, Statistics)| {
@@ -70,19 +70,22 @@ fn chosen_lights_bring_all_light() {
     };
 
     let zones = render(200, settings(32, 2));
-    assert!(has(&zones.1, "zones") && has(&zones.1, "light_choice"));
+    assert!(has(&zones.1, "zones") && has(&zones.1, "light_sampling"));
     let (found, off) = of("zones", &zones);
     assert!(off < 3.5 && found.1 < 0.02 * found.0, "zones: {off}");
     // By the sample, eight of 201 lights.
     assert!(zones.1.rays.shadow / 32 < all.1.rays.shadow / 8 / 10, "{} rays", zones.1.rays.shadow);
 
-    for choice in [LightChoice::Power, LightChoice::Uniform] {
-        let some = render(200, |s| Settings { light_choice: Some(choice), ..settings(32, 3)(s) });
+    for choice in [LightSampling::Power, LightSampling::Uniform] {
+        let some = render(200, |s| Settings { light_sampling: Some(choice), ..settings(32, 3)(s) });
         let ((_, error), off) = of(choice.name(), &some);
         assert!(off < 3.5, "{choice}: {off}");
         assert!(error > 2.0 * found.1, "{choice} is no noisier than zones: {error}");
-        let paths =
-            render(200, |s| Settings { technique: Technique::Path, light_choice: Some(choice), ..settings(64, 3)(s) });
+        let paths = render(200, |s| Settings {
+            technique: Technique::Path,
+            light_sampling: Some(choice),
+            ..settings(64, 3)(s)
+        });
         let (_, off) = of("path", &paths);
         assert!(off < 3.5, "path, {choice}: {off}");
     }
@@ -101,7 +104,7 @@ fn more_lights_than_photons_can_name_are_chosen_by_power() {
     let small = |settings: Settings| Settings { width: 12, height: 12, ..settings };
     let all = render(2100, |s| Settings { technique: Technique::TwoPass, spp: 4, ..small(s) });
     let some = render(2100, |s| Settings { spp: 256, seed: 1, ..small(s) });
-    assert!(has(&some.1, "light_choice") && !has(&some.1, "zones") && !has(&some.1, "visibility_map"));
+    assert!(has(&some.1, "light_sampling") && !has(&some.1, "zones") && !has(&some.1, "visibility_map"));
     let [all, some] = [&all, &some].map(|(image, _)| mean_and_error(image, "G"));
     println!("{all:?}, {some:?}");
     assert!(deviation(all, some) < 3.5 && some.1 < 0.05 * some.0, "{all:?}, {some:?}");

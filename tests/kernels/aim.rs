@@ -1,8 +1,8 @@
 //! Rays that lights send to what there is to light, against rays that they send anywhere.
 
 use glam::{DVec3, Vec3};
+use penumbra::gpu_scene::{GpuLights, Receivers};
 use penumbra::scene::{LightKind, Material, Scene};
-use penumbra::tables::{LightTables, Receivers};
 
 use crate::kit::gpu;
 use crate::light::{Emitted, cube, emit, scene, sphere, square};
@@ -69,7 +69,7 @@ fn powers(rays: &[Emitted]) -> Vec<[f64; 3]> {
 fn aimed_rays_are_the_lights_own() {
     const RAYS: usize = 1 << 18;
     let scene = lights();
-    let aimed_tables = LightTables::new(gpu(), &scene, Some(RECEIVERS)).unwrap();
+    let aimed_tables = GpuLights::new(gpu(), &scene, Some(RECEIVERS)).unwrap();
     let (mut narrowed, mut compared) = (0, 0);
     let mut largest: [f64; 2] = [0.0; 2];
     for (light, info) in aimed_tables.lights.iter().enumerate() {

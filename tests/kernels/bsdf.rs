@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra::gpu::{Buffer, Features, Kernel, Resources, compose};
-use penumbra::tables::{sheen, sobol};
+use penumbra::gpu_scene::{sheen, sobol};
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::{Random, chi_square};
@@ -241,7 +241,7 @@ impl Tested {
 }
 
 fn features(t: &Tested) -> Features {
-    let needs = [
+    let specialisation = [
         ("glossy", t.glossy),
         ("transmission", t.lobes.transmission > 0.0),
         ("clearcoat", t.lobes.coat > 0.0),
@@ -249,7 +249,7 @@ fn features(t: &Tested) -> Features {
         ("anisotropy", t.lobes.along.is_some()),
         ("sheen", t.lobes.sheen > 0.0),
     ];
-    needs.into_iter().fold(device_features(gpu()), |features, (name, on)| features.with(name, on))
+    specialisation.into_iter().fold(device_features(gpu()), |features, (name, on)| features.with(name, on))
 }
 
 /// The test kernel, made once for all surfaces that it serves.

@@ -113,7 +113,7 @@ impl Setup {
         let reach = |head: &RecordHead| {
             self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
         };
-        let tables = RecordTables::new(gpu(), &heads, &values, self.size, reach).unwrap();
+        let gpu_scene = RecordTables::new(gpu(), &heads, &values, self.size, reach).unwrap();
         let mut tile = TileBuffers::new(gpu(), &self.features, self.tile.point_count, true).unwrap();
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {
@@ -130,7 +130,7 @@ impl Setup {
         buffers.path_points = gpu().poisoned::<u32>("test/path_points", count + 3).unwrap();
         buffers.path_arguments = gpu().poisoned::<u32>("test/arguments", 4).unwrap();
         let pass = Cache::new(gpu(), &self.features).unwrap();
-        let bound = pass.bind(gpu(), &tile, &buffers, &tables).unwrap();
+        let bound = pass.bind(gpu(), &tile, &buffers, &gpu_scene).unwrap();
         let mut frame = gpu().frame("test");
         bound.record_place(&mut frame, &buffers, &self.tile);
         bound.record_interpolate(&mut frame, &buffers, &self.tile);

@@ -96,12 +96,12 @@ fn expected(scene: &Scene, shape: &GridShape, points: &[CellPoint]) -> Vec<[u32;
 
 /// The words of all cells.
 fn judged(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (Vec<Classified>, u64) {
-    let pass = Cells::new(gpu(), &stage.features, &stage.tables.constants()).unwrap();
+    let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays, seed: 5 };
     // Two batches.
     let (first, rest) = points.split_at((points.len() / rays as usize / 2) * rays as usize);
     let batches = [first.to_vec(), rest.to_vec()].into_iter().filter(|batch| !batch.is_empty());
-    let table = pass.trace(gpu(), &stage.tables, &grid, batches).unwrap();
+    let table = pass.trace(gpu(), &stage.gpu_scene, &grid, batches).unwrap();
     (table.words(gpu(), LIGHTS as u32).unwrap().into_iter().map(Classified::new).collect(), table.rays)
 }
 
@@ -230,9 +230,9 @@ fn points_have_the_class_of_their_cell() {
     let stage = stage(Technique::VoxelTags);
     let shape = grid_of(&stage.scene, CELLS);
     let own = points(&stage.scene, &shape);
-    let pass = Cells::new(gpu(), &stage.features, &stage.tables.constants()).unwrap();
+    let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays: RAYS, seed: 5 };
-    let table = pass.trace(gpu(), &stage.tables, &grid, [own.clone()].into_iter()).unwrap();
+    let table = pass.trace(gpu(), &stage.gpu_scene, &grid, [own.clone()].into_iter()).unwrap();
     let words = table.words(gpu(), LIGHTS as u32).unwrap();
     let mut points: Vec<Point> =
         own.iter().map(|p| Point { position: p.position, normal: oct_encode(DVec3::Y) }).collect();
@@ -244,7 +244,7 @@ fn points_have_the_class_of_their_cell() {
     buffers.points = gpu().upload("test/points", &points).unwrap();
     let slots = 2 * points.len();
     let classes = gpu().poisoned::<u32>("test/classes", slots + 3).unwrap();
-    let bound = pass.bind(gpu(), &buffers, &table, &classes, &stage.tables).unwrap();
+    let bound = pass.bind(gpu(), &buffers, &table, &classes, &stage.gpu_scene).unwrap();
     let mut frame = gpu().frame("test");
     bound.record(&mut frame, &tile, &Chunk { first_light: 1, lights: 2, dilate: 0, audit_probability: 0.0 });
     frame.submit().unwrap();

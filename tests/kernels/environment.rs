@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
+use penumbra::gpu_scene::GpuLights;
 use penumbra::scene::{Panorama, Scene};
-use penumbra::tables::LightTables;
 
 use crate::kit::{device_features, gpu};
 use crate::light::cube;
@@ -31,12 +31,12 @@ fn run(scene: &Scene, entry: &str, directions: &[DVec3], count: usize, per_item:
         compose::compose_source("environment", include_str!("shaders/environment.wgsl"), &features()).unwrap();
     let constants = [("count", count as f64), ("seed", 99.0)];
     let kernel = Kernel::new(gpu(), &composed, &constants, &["directions", "results"]).unwrap();
-    let tables = LightTables::new(gpu(), scene, None).unwrap();
+    let gpu_scene = GpuLights::new(gpu(), scene, None).unwrap();
     let directions: Vec<_> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
     let directions = gpu().upload("test/directions", &directions).unwrap();
     let results = gpu().poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
     let own = Resources::new().with("directions", &directions).with("results", &results);
-    let bound = kernel.bind(gpu(), entry, &[&own, &tables]).unwrap();
+    let bound = kernel.bind(gpu(), entry, &[&own, &gpu_scene]).unwrap();
     let mut frame = gpu().frame("test");
     frame.run(&bound, count as u32, &[0u32; 0]);
     frame.submit().unwrap();

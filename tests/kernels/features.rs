@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
-use penumbra::needs::Needs;
 use penumbra::procedural::Role;
 use penumbra::scene::{
     AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
-use penumbra::settings::LightChoice;
+use penumbra::settings::LightSampling;
+use penumbra::specialisation::Specialisation;
 use penumbra::{Aov, Settings, Technique};
 use rayon::prelude::*;
 
@@ -21,15 +21,15 @@ use crate::stage::hash1;
 
 /// A choice for each of some thirty properties of a scene, its settings and the device.
 #[derive(Clone, Copy)]
-struct Choice(u64);
+struct LightSampler(u64);
 
 /// Choices by chance: of two properties each of the four combinations is in one of four, so that 192 leave one out of
 /// the two thousand with a probability of 2e-13.
-fn choices() -> impl ParallelIterator<Item = Choice> {
-    (0..192u32).into_par_iter().map(|i| Choice(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
+fn choices() -> impl ParallelIterator<Item = LightSampler> {
+    (0..192u32).into_par_iter().map(|i| LightSampler(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
 
-impl Choice {
+impl LightSampler {
     fn has(self, property: u64) -> bool {
         self.0 >> property & 1 != 0
     }
@@ -111,15 +111,15 @@ impl Choice {
             true => Technique::ShadowPhotons,
             false => techniques[hash1(self.0 as u32) as usize % techniques.len()],
         };
-        let light_choice = match technique.uses_zones() {
-            true if !self.has(41) || self.has(42) => LightChoice::Zones,
-            _ if self.has(41) => LightChoice::Uniform,
-            _ => LightChoice::Power,
+        let light_sampling = match technique.uses_zones() {
+            true if !self.has(41) || self.has(42) => LightSampling::Zones,
+            _ if self.has(41) => LightSampling::Uniform,
+            _ => LightSampling::Power,
         };
         let settings = Settings {
             technique,
-            light_choice: (self.has(43) || self.has(44)).then_some(light_choice),
-            chosen_lights: 2,
+            light_sampling: (self.has(43) || self.has(44)).then_some(light_sampling),
+            sampled_lights: 2,
             audit: if self.has(18) { 1.0 } else { 0.0 },
             paper_counting: self.has(19),
             max_bounces: if self.has(20) { 64 } else { 0 },
@@ -128,10 +128,10 @@ impl Choice {
             aovs: aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect(),
             ..Settings::default()
         };
-        let needs = Needs::new(&self.scene(), &settings);
-        let features = needs.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
+        let specialisation = Specialisation::new(&self.scene(), &settings);
+        let features = specialisation.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
         // Renders of glossy scenes leave it out, but so few sets are of scenes that are not.
-        let few_sampled = self.has(61) && features.has("visibility_map") && !features.has("light_choice");
+        let few_sampled = self.has(61) && features.has("visibility_map") && !features.has("light_sampling");
         features.with("shallow_bvh", self.has(60)).with("few_sampled", few_sampled)
     }
 }
@@ -144,7 +144,7 @@ fn kernels() -> impl Iterator<Item = &'static (&'static str, &'static str)> {
 fn runs(kernel: &str, features: &Features) -> bool {
     match kernel {
         "photons" | "grid" => features.has("visibility_map") || features.has("zones"),
-        "choose" => features.has("light_choice"),
+        "sample_lights" => features.has("light_sampling"),
         "zones" => features.has("zones"),
         "flux" | "irradiance" => features.has("global_map"),
         "cells" => features.has("cells"),
@@ -158,7 +158,7 @@ fn runs(kernel: &str, features: &Features) -> bool {
 /// chance; each feature is in some of them and out of others. An error where two features meet would be seen.
 #[test]
 fn reachable_features_compose() {
-    let sets: BTreeSet<Features> = choices().map(Choice::features).collect();
+    let sets: BTreeSet<Features> = choices().map(LightSampler::features).collect();
     for feature in compose::FEATURES {
         let (with, without): (Vec<_>, Vec<_>) = sets.iter().partition(|set| set.has(feature));
         assert!(!with.is_empty() && !without.is_empty(), "{feature}: in {} sets of {}", with.len(), sets.len());

@@ -44,8 +44,8 @@ struct Traced {
 
 impl Traced {
     fn new(stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
-        let pass = Flux::new(gpu(), &stage.features, &stage.tables.constants()).unwrap();
-        let traced = pass.trace(gpu(), &stage.tables, &stage.tables.lights, rays, max_bounces, SEED).unwrap();
+        let pass = Flux::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
+        let traced = pass.trace(gpu(), &stage.gpu_scene, &stage.gpu_scene.lights, rays, max_bounces, SEED).unwrap();
         assert_eq!(traced.cut, 0);
         let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
         Traced { photons, emitted: traced.emitted, rays: traced.rays, step: traced.step }
@@ -79,7 +79,7 @@ fn closed_rooms_keep_their_energy() {
             ("glowing box", scene(&[glowing], Vec::new())),
         ] {
             let stage = stage(scene);
-            let emitted = stage.tables.lights.lights[0].power;
+            let emitted = stage.gpu_scene.lights.lights[0].power;
             // Beyond 4000 bounces a path goes on with a chance of 1e-18.
             let traced = Traced::new(&stage, rays, 4000);
             assert_eq!(traced.emitted, rays);
@@ -102,7 +102,7 @@ fn colours_keep_their_energy() {
     let (walls, mut material) = room(0.0);
     material.base_colour = albedo.extend(1.0);
     let stage = stage(scene(&[(walls, material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
-    let emitted = stage.tables.lights.lights[0].power;
+    let emitted = stage.gpu_scene.lights.lights[0].power;
     let traced = Traced::new(&stage, 1 << 15, 4000);
     let absorbed = (DVec3::ONE - albedo.as_dvec3()) * traced.power(|_| true);
     let survival = f64::from(albedo.z);
@@ -278,14 +278,14 @@ struct Request {
 /// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and counts.
 fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
     let composed = compose::compose("flux", &stage.features).unwrap();
-    let constants = composed.overrides(&stage.tables.constants());
+    let constants = composed.overrides(&stage.gpu_scene.constants());
     let kernel = Kernel::new(gpu(), &composed, &constants, &[]).unwrap();
     let photons = gpu().poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
     let counts = gpu().buffer::<[u32; 5]>("test/counts", 1).unwrap();
     let ray_table = gpu().upload("test/rays", &[0, rays]).unwrap();
     let own =
         Resources::new().with("flux_photons", &photons).with("flux_counts", &counts).with("flux_rays", &ray_table);
-    let bound = kernel.bind(gpu(), "flux", &[&own, &stage.tables]).unwrap();
+    let bound = kernel.bind(gpu(), "flux", &[&own, &stage.gpu_scene]).unwrap();
     let Request { first, count, max_bounces, inverse_unit, stored, .. } = *request;
     let mut frame = gpu().frame("test");
     frame.run(&bound, count, &[first, count, 1, SEED, max_bounces, stored, inverse_unit.to_bits(), 0]);
@@ -304,7 +304,7 @@ fn batches_do_not_show() {
     let rays = (1 << 15) + 77;
     let traced = Traced::new(&stage, rays, 64);
     assert!(traced.photons.len() > 8 * rays as usize);
-    let unit = stage.tables.lights.lights[0].power / f64::from(rays);
+    let unit = stage.gpu_scene.lights.lights[0].power / f64::from(rays);
     let room = 14 * rays as usize;
     let mut request =
         Request { first: 0, count: 0, max_bounces: 64, inverse_unit: (1.0 / unit) as f32, stored: 0, room };
@@ -336,7 +336,7 @@ fn batches_do_not_show() {
 fn what_has_no_room_is_counted() {
     let stage = stage(scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
     let count = 65_535 * 64 + 65;
-    let power = stage.tables.lights.lights[0].power;
+    let power = stage.gpu_scene.lights.lights[0].power;
     // A thousand units a photon.
     let inverse_unit = (1000.0 * f64::from(count) / power) as f32;
     let request = Request { first: 0, count, max_bounces: 0, inverse_unit, stored: 0, room: 1000 };

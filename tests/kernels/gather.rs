@@ -144,8 +144,8 @@ impl<'a> Gathering<'a> {
         tile.surfaces = gpu().upload("test/surfaces", &surfaces).unwrap();
         let count = (self.before as usize + wanted.len()) * vectors;
         let values = gpu().poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
-        let pass = Gather::new(gpu(), features, &self.stage.tables.constants()).unwrap();
-        let sets: [&dyn Bindings; 2] = [&self.stage.tables, self.known];
+        let pass = Gather::new(gpu(), features, &self.stage.gpu_scene.constants()).unwrap();
+        let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
         let bound = pass.bind(gpu(), &tile, RAYS, &values, &sets).unwrap();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };

@@ -69,7 +69,7 @@ impl Bench {
     fn with(rectangles: &[Rectangle], shown: Option<&'static str>) -> Bench {
         let stage = stage(rectangles, shown);
         let composed = compose::compose("irradiance", &stage.features).unwrap();
-        let mut constants = stage.tables.constants().to_vec();
+        let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
         let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
         Bench { grid: Grid::sorting_only(gpu(), &stage.features).unwrap(), kernel, stage }
@@ -90,7 +90,7 @@ impl Bench {
             .with("places", &places.sorted)
             .with("irradiances", &irradiances)
             .with("counters", &counters);
-        let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.tables]).unwrap();
+        let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
         frame.run(&bound, places.count, &parameters(map, places.count, [step, 1.0]));
         frame.submit().unwrap();
@@ -123,7 +123,7 @@ impl Bench {
             .with("surfaces", &surfaces)
             .with("radiance_indirect", &radiance)
             .with("counters", &counters);
-        let bound = self.kernel.bind(gpu(), entry, &[&own, map, &self.stage.tables]).unwrap();
+        let bound = self.kernel.bind(gpu(), entry, &[&own, map, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
         frame.run(&bound, count as u32, &parameters(map, count as u32, of));
         frame.submit().unwrap();
@@ -611,7 +611,7 @@ fn look_ups_find_the_nearest_place() {
         .collect();
     let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     let map = bench.sort(&photons, shape);
-    let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.tables.constants()).unwrap();
+    let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
     for (place_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
         let places: Vec<Photon> = (0..place_count)
             .map(|_| {
@@ -633,7 +633,7 @@ fn look_ups_find_the_nearest_place() {
             told.places.iter().map(|p| bytemuck::cast(*p)).zip(told.irradiances.iter().copied()).collect();
         let sorted = bench.sort(&places, shape);
         let sorted_places: Vec<[u32; 4]> = gpu().read(&sorted.sorted, place_count as usize).unwrap();
-        let known = pass.precompute(gpu(), &bench.stage.tables, &map, sorted, 1.0).unwrap();
+        let known = pass.precompute(gpu(), &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
         let read = |entry: &str, count: usize| -> Vec<[f32; 4]> {
             let source = include_str!("shaders/irradiance_near.wgsl");
             let composed = compose::compose_source("irradiance_near", source, &bench.stage.features).unwrap();

@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
+use penumbra::gpu_scene::lights::{has_many_emitters, is_closed};
+use penumbra::gpu_scene::{GpuLights, Receivers};
 use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
-use penumbra::tables::lights::{has_many_emitters, is_closed};
-use penumbra::tables::{LightTables, Receivers};
 
 use crate::kit::{device_features, gpu};
 pub use crate::meshes::{Corners, cube, sphere, square};
@@ -77,7 +77,7 @@ impl Place {
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
 pub fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
-    run_with(&features(scene), &tables(scene, None), entry, places, count, per_item, samples)
+    run_with(&features(scene), &gpu_scene(scene, None), entry, places, count, per_item, samples)
 }
 
 /// A ray that leaves a light.
@@ -91,20 +91,20 @@ pub struct Emitted {
 /// Rays of a light, which are sent towards the receivers where they are given.
 pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usize) -> Vec<Emitted> {
     let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
-    let got = run_with(&features(scene), &tables(scene, receivers), "emitted", &place, rays, 3, 0);
+    let got = run_with(&features(scene), &gpu_scene(scene, receivers), "emitted", &place, rays, 3, 0);
     let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let rays = got.chunks_exact(3);
     rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
 }
 
-fn tables(scene: &Scene, receivers: Option<Receivers>) -> LightTables {
-    LightTables::new(gpu(), scene, receivers).unwrap()
+fn gpu_scene(scene: &Scene, receivers: Option<Receivers>) -> GpuLights {
+    GpuLights::new(gpu(), scene, receivers).unwrap()
 }
 
 /// As [`run`], composed with other features.
 fn run_with(
     features: &Features,
-    tables: &LightTables,
+    gpu_scene: &GpuLights,
     entry: &str,
     places: &[Place],
     count: usize,
@@ -121,7 +121,7 @@ fn run_with(
     let places = gpu.upload("test/places", &records).unwrap();
     let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
     let own = Resources::new().with("places", &places).with("results", &results);
-    let bound = kernel.bind(gpu, entry, &[&own, tables]).unwrap();
+    let bound = kernel.bind(gpu, entry, &[&own, gpu_scene]).unwrap();
     let mut frame = gpu.frame("test");
     frame.run(&bound, count as u32, &[0u32; 0]);
     frame.submit().unwrap();
@@ -354,19 +354,19 @@ fn the_oracle_is_the_integral() {
 /// Coplanar triangles are merged, holes kept, and lights of many planes have no closed form.
 #[test]
 fn contours_are_those_of_the_shape() {
-    let tables = tables(&mesh_scene(), None);
-    let edges: Vec<usize> = tables.lights.iter().map(|l| l.contour_edges).collect();
+    let gpu_scene = gpu_scene(&mesh_scene(), None);
+    let edges: Vec<usize> = gpu_scene.lights.iter().map(|l| l.contour_edges).collect();
     assert_eq!(edges, [4, 3, 6, 8, 4, 24, 4, 0]);
-    let closed: Vec<bool> = tables.lights.iter().map(|l| l.closed_form).collect();
+    let closed: Vec<bool> = gpu_scene.lights.iter().map(|l| l.closed_form).collect();
     assert_eq!(closed, [true, true, true, true, true, true, true, false]);
-    let planar: Vec<bool> = tables.lights.iter().map(|l| l.planar).collect();
+    let planar: Vec<bool> = gpu_scene.lights.iter().map(|l| l.planar).collect();
     assert_eq!(planar, [true, true, true, true, true, false, true, false]);
     // pi times area times radiance, once for each emitting side; 7/3 is the mean of the channels.
     let square = 0.6 * 0.8 * PI * 7.0 / 3.0;
-    assert!((tables.lights[0].power - square).abs() < 1e-6 * square);
+    assert!((gpu_scene.lights[0].power - square).abs() < 1e-6 * square);
     let [a, b, c] = meshes()[1].1[0];
     let triangle = (b - a).cross(c - a).length() / 2.0 * 2.0 * PI * 7.0 / 3.0;
-    assert!((tables.lights[1].power - triangle).abs() < 1e-6 * triangle);
+    assert!((gpu_scene.lights[1].power - triangle).abs() < 1e-6 * triangle);
 }
 
 /// A light is dark exactly where no part of it that faces the position rises over the surface's plane; for lights
@@ -464,9 +464,9 @@ fn points_of_a_lamp_bring_the_same_light() {
     let mut spreads = Vec::new();
     for distance in [0.22, 0.5, 4.0] {
         let position = random.direction() * distance;
-        for needs in [features(&scene), features(&scene).with("emitter_pairs", false)] {
+        for specialisation in [features(&scene), features(&scene).with("emitter_pairs", false)] {
             let place = [Place::new(position, DVec3::Z, 0)];
-            let got = run_with(&needs, &tables(&scene, None), "listed", &place, N, 2, 0);
+            let got = run_with(&specialisation, &gpu_scene(&scene, None), "listed", &place, N, 2, 0);
             let angles = got.chunks_exact(2).map(|s| f64::from(s[0][3])).filter(|pdf| *pdf > 0.0).map(|pdf| 1.0 / pdf);
             let angles: Vec<f64> = angles.collect();
             let mean = angles.iter().sum::<f64>() / angles.len() as f64;
@@ -506,7 +506,7 @@ fn places_about(scene: &Scene) -> Vec<Place> {
 #[test]
 fn densities_are_those_of_the_sampler() {
     let scene = mesh_scene();
-    let tables = tables(&scene, None);
+    let gpu_scene = gpu_scene(&scene, None);
     let mut queries = Vec::new();
     for place in places_about(&scene) {
         let LightKind::Mesh { emitters, .. } = &scene.lights[place.light].kind else { unreachable!() };
@@ -517,7 +517,7 @@ fn densities_are_those_of_the_sampler() {
     }
     // Unpaired: what pairing adds is tested below, against the sampler.
     let unpaired = features(&scene).with("emitter_pairs", false);
-    let got = run_with(&unpaired, &tables, "densities", &queries, queries.len(), 1, 0);
+    let got = run_with(&unpaired, &gpu_scene, "densities", &queries, queries.len(), 1, 0);
     let (mut near, mut far, mut wrong) = (0, 0, 0);
     for (query, got) in queries.iter().zip(&got) {
         let slot = query.normal.x as usize;
@@ -535,7 +535,7 @@ fn densities_are_those_of_the_sampler() {
         if height.abs() < 1e-3 {
             continue;
         }
-        let info = &tables.lights[query.light];
+        let info = &gpu_scene.lights[query.light];
         let close = position.distance(info.centre.as_dvec3()) < 2.0 * f64::from(info.radius);
         let all = triangles.len() <= 4 || (close && triangles.len() < 16);
         let facing = two_sided || height > 0.0;

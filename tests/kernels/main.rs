@@ -4,7 +4,6 @@ mod aim;
 mod bsdf;
 mod cache;
 mod cells;
-mod choose;
 mod classify;
 #[path = "../common/device.rs"]
 mod device;
@@ -29,6 +28,7 @@ mod procedural;
 #[path = "../common/procedurals.rs"]
 mod procedurals;
 mod rooms;
+mod sample_lights;
 mod sampling;
 mod shade;
 mod shadow;

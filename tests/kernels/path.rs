@@ -5,15 +5,15 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 use penumbra::bvh::Bvh;
-use penumbra::film::Image;
 use penumbra::gpu::Features;
+use penumbra::gpu_scene::GpuScene;
 use penumbra::passes::path::{Path, PathParameters};
 use penumbra::passes::primary::Primary;
 use penumbra::passes::{Tile, TileBuffers};
+use penumbra::render::film::Image;
 use penumbra::scene::{Camera, ImportOptions, LightKind, Scene};
 use penumbra::settings::{Settings, Technique};
 use penumbra::statistics::Counter;
-use penumbra::tables::SceneTables;
 
 use crate::kit::{device_features, gpu};
 use crate::light::{cube, form_factor, sphere, square};
@@ -59,11 +59,11 @@ pub fn render_with(
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     scene.reorder_triangles(&bvh.order);
-    let needs = penumbra::needs::Needs::new(&scene, &settings);
+    let specialisation = penumbra::specialisation::Specialisation::new(&scene, &settings);
     let device = device_features(gpu);
-    let features = device.names().fold(changed(needs.features), |features, name| features.with(name, true));
-    let tables = SceneTables::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
-    let constants = tables.constants();
+    let features = device.names().fold(changed(specialisation.features), |features, name| features.with(name, true));
+    let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
+    let constants = gpu_scene.constants();
     let primary = Primary::new(gpu, &features, &constants).unwrap();
     let path = Path::new(gpu, &features, &constants).unwrap();
     let point_count = size * size * spp;
@@ -71,8 +71,8 @@ pub fn render_with(
     buffers.radiance_direct = gpu.poisoned::<[f32; 4]>("test/direct", point_count as usize).unwrap();
     let indirect = gpu.poisoned::<[f32; 4]>("test/indirect", point_count as usize).unwrap();
     buffers.radiance_indirect = Some(indirect);
-    let primary = primary.bind(gpu, &buffers, &tables).unwrap();
-    let bound = path.bind(gpu, &buffers, &[&tables]).unwrap();
+    let primary = primary.bind(gpu, &buffers, &gpu_scene).unwrap();
+    let bound = path.bind(gpu, &buffers, &[&gpu_scene]).unwrap();
     let tile = Tile {
         width: size,
         height: size,

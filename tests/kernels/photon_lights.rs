@@ -90,8 +90,8 @@ fn panels() -> Scene {
 }
 
 fn trace(stage: &Stage, lights: u32, rays: u32, cap: u32, seed: u32) -> (Traced, Vec<Photon>) {
-    let pass = Photons::new(gpu(), &stage.features, &stage.tables.constants(), cap).unwrap();
-    let traced = pass.trace(gpu(), &stage.tables, lights, rays, seed, 5).unwrap();
+    let pass = Photons::new(gpu(), &stage.features, &stage.gpu_scene.constants(), cap).unwrap();
+    let traced = pass.trace(gpu(), &stage.gpu_scene, lights, rays, seed, 5).unwrap();
     let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
     (traced, photons)
 }
@@ -103,7 +103,7 @@ fn emitted(stage: &Stage, light: u32, rays: u32) -> Vec<[DVec3; 2]> {
     let constants = [("light", f64::from(light)), ("seed", f64::from(SEED)), ("count", f64::from(rays))];
     let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &["rays"]).unwrap();
     let buffer = gpu().poisoned::<[Vec4; 2]>("test/rays", rays as usize).unwrap();
-    let bound = kernel.bind(gpu(), "emit", &[&Resources::new().with("rays", &buffer), &stage.tables]).unwrap();
+    let bound = kernel.bind(gpu(), "emit", &[&Resources::new().with("rays", &buffer), &stage.gpu_scene]).unwrap();
     let mut frame = gpu().frame("test");
     frame.run(&bound, rays, &[0u32; 0]);
     frame.submit().unwrap();

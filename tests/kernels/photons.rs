@@ -4,14 +4,14 @@ use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::Settings;
 use penumbra::bvh::Bvh;
 use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
-use penumbra::needs::Needs;
+use penumbra::gpu_scene::GpuScene;
 use penumbra::passes::grid::Photon;
 use penumbra::passes::photons::Photons;
 use penumbra::scene::{
     AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
     Texture, TextureImage, TextureSlot, Triangle, Vertex, Wrap,
 };
-use penumbra::tables::SceneTables;
+use penumbra::specialisation::Specialisation;
 
 use penumbra::procedural::Role;
 
@@ -81,7 +81,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
     (scene, bvh)
 }
 
-fn tables(gpu: &Gpu, scene: &Scene, bvh: Bvh, features: &Features) -> SceneTables {
+fn gpu_scene(gpu: &Gpu, scene: &Scene, bvh: Bvh, features: &Features) -> GpuScene {
     let camera = Camera {
         name: String::new(),
         position: Vec3::Z,
@@ -90,7 +90,7 @@ fn tables(gpu: &Gpu, scene: &Scene, bvh: Bvh, features: &Features) -> SceneTable
         near: 0.0,
         far: f32::INFINITY,
     };
-    SceneTables::new(gpu, scene, bvh, &camera, [1, 1], features).unwrap()
+    GpuScene::new(gpu, scene, bvh, &camera, [1, 1], features).unwrap()
 }
 
 struct Traced {
@@ -119,19 +119,19 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
 
 fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let gpu = gpu();
-    let needs = Needs::new(scene, &Settings::default());
-    let features = penumbra::techniques::device_features(gpu, needs.features);
-    let tables = tables(gpu, scene, bvh, &features);
-    let pass = Photons::new(gpu, &features, &tables.constants(), kept).unwrap();
+    let specialisation = Specialisation::new(scene, &Settings::default());
+    let features = penumbra::render::device_features(gpu, specialisation.features);
+    let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
+    let pass = Photons::new(gpu, &features, &gpu_scene.constants(), kept).unwrap();
     let lights = scene.lights.len() as u32;
-    let traced = pass.trace(gpu, &tables, lights, per_light, 9, 5).unwrap();
+    let traced = pass.trace(gpu, &gpu_scene, lights, per_light, 9, 5).unwrap();
     let composed = compose::compose_source("emit", EMIT, &features).unwrap();
-    let kernel = Kernel::new(gpu, &composed, &composed.overrides(&tables.constants()), &[]).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &composed.overrides(&gpu_scene.constants()), &[]).unwrap();
     let rays = (0..lights).map(|light| {
         let rays = gpu.poisoned::<[f32; 4]>("test/rays", 2 * per_light as usize).unwrap();
         let request = gpu.upload("test/request", &[light, 9, per_light]).unwrap();
         let own = Resources::new().with("rays", &rays).with("request", &request);
-        let bound = kernel.bind(gpu, "emit", &[&own, &tables]).unwrap();
+        let bound = kernel.bind(gpu, "emit", &[&own, &gpu_scene]).unwrap();
         let mut frame = gpu.frame("test");
         frame.run(&bound, per_light, &[0u32; 0]);
         frame.submit().unwrap();

@@ -356,7 +356,7 @@ fn stage(camera: &Camera, size: [u32; 2]) -> Stage {
 
 fn run(stage: &Stage, tile: &Tile) -> Outcome {
     let gpu = gpu();
-    let pass = Primary::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
+    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
     // One more, to see that it stays.
     let poisoned = |name: &str| gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap();
@@ -367,7 +367,7 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     buffers.albedo_samples = Some(poisoned("test/albedo"));
     buffers.normal_samples = Some(poisoned("test/normals"));
     buffers.position_samples = Some(poisoned("test/positions"));
-    let bound = pass.bind(gpu, &buffers, &stage.tables).unwrap();
+    let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, tile);
     frame.submit().unwrap();
@@ -569,9 +569,9 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         assert!(stage.features.has(feature), "{feature}");
     }
     let gpu = gpu();
-    let pass = Primary::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
+    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
-    let bound = pass.bind(gpu, &buffers, &stage.tables).unwrap();
+    let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
     frame.submit().unwrap();

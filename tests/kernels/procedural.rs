@@ -25,7 +25,7 @@ struct Ray {
 /// What an entry of `shaders/traverse.wgsl` answers to rays, and the counts of answers that were none.
 fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
     let composed = compose::compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
-    let mut constants = stage.tables.constants();
+    let mut constants = stage.gpu_scene.constants();
     constants.extend([("ray_count", rays.len() as f64), ("slot_count", 0.0)]);
     let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
     let texels: Vec<[f32; 4]> = rays
@@ -35,11 +35,11 @@ fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
     let rays_buffer = gpu().upload("test/rays", &texels).unwrap();
     let answers = gpu().poisoned::<[u32; 4]>("test/answers", rays.len()).unwrap();
     let own = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-    let bound = kernel.bind(gpu(), entry, &[&own, &stage.tables]).unwrap();
+    let bound = kernel.bind(gpu(), entry, &[&own, &stage.gpu_scene]).unwrap();
     let mut frame = gpu().frame("test");
     frame.run(&bound, rays.len() as u32, &[0u32; 0]);
     frame.submit().unwrap();
-    let misses: Vec<u32> = gpu().read(&stage.tables.procedural_misses, 2).unwrap();
+    let misses: Vec<u32> = gpu().read(&stage.gpu_scene.procedural_misses, 2).unwrap();
     (gpu().read(&answers, rays.len()).unwrap(), [misses[0], misses[1]])
 }
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::tables::sobol;
+use penumbra::gpu_scene::sobol;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::chi_square;

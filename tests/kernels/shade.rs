@@ -66,8 +66,8 @@ fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
 impl Setup {
     fn run(&self, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, tables, .. } = &self.slots.stage;
-        let pass = Shade::new(gpu, features, &tables.constants()).unwrap();
+        let Stage { features, gpu_scene, .. } = &self.slots.stage;
+        let pass = Shade::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
         tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
         tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
@@ -88,7 +88,7 @@ impl Setup {
             sampled_points: &sampled_points,
             queue_lengths: &queue_lengths,
         };
-        let bound = pass.bind(gpu, &tile, &buffers, tables).unwrap();
+        let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let parameters = ShadeParameters {
             tile: self.slots.tile,
             first_light: self.slots.chunk[0],
@@ -159,8 +159,8 @@ impl Setup {
             return false;
         }
         let flat = self.slots.points[i].normal == self.surfaces[i][3].to_bits();
-        let closed =
-            self.slots.stage.tables.lights.lights[light as usize].closed_form && (flat || self.unshadowed(light, i).1);
+        let closed = self.slots.stage.gpu_scene.lights.lights[light as usize].closed_form
+            && (flat || self.unshadowed(light, i).1);
         let decided = matches!(word & 7, LIT | SHADOWED);
         !decided || (word & 7 == LIT && !closed) || self.is_audited(i, light, word, Fault::None)
     }
@@ -202,7 +202,7 @@ impl Setup {
             radiance += term;
             size += term.abs().element_sum();
         };
-        let mut closed = self.slots.stage.tables.lights.lights[light as usize].closed_form;
+        let mut closed = self.slots.stage.gpu_scene.lights.lights[light as usize].closed_form;
         if closed {
             let (irradiance, before) = self.unshadowed(light, i);
             closed = before || self.slots.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
@@ -299,7 +299,8 @@ fn shading_follows_the_estimator() {
             surfaces,
             audit_probability,
         };
-        let closed: Vec<bool> = setup.slots.stage.tables.lights.lights.iter().map(|light| light.closed_form).collect();
+        let closed: Vec<bool> =
+            setup.slots.stage.gpu_scene.lights.lights.iter().map(|light| light.closed_form).collect();
         assert_eq!(closed, [true, false, true], "not the lights that the test is about");
         let classes: Vec<u32> = (0..setup.slots.count()).map(|_| any_word(&mut random)).collect();
         let visibility: Vec<u32> = (0..setup.slots.count() * setup.slots.words())

@@ -94,8 +94,8 @@ impl Setup {
 
     fn run(&self, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, tables, .. } = &self.slots.stage;
-        let pass = Shadow::new(gpu, features, &tables.constants()).unwrap();
+        let Stage { features, gpu_scene, .. } = &self.slots.stage;
+        let pass = Shadow::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
         tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
         tile.counters = gpu.upload("test/counters", &[BEFORE; Counter::COUNT]).unwrap();
@@ -116,7 +116,7 @@ impl Setup {
             visibility: &visibility,
             heal: Some([&heal, &heal_count]),
         };
-        let bound = pass.bind(gpu, &tile, &buffers, tables).unwrap();
+        let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
         let arguments = gpu.upload("test/arguments", &[groups(boundary), 1, 1, groups(audits), 1, 1]).unwrap();
         let parameters = ShadowParameters {

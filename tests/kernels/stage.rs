@@ -3,11 +3,11 @@
 use glam::DVec3;
 use penumbra::bvh::Bvh;
 use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::needs::Needs;
+use penumbra::gpu_scene::GpuScene;
 use penumbra::passes::{Point, Tile};
 use penumbra::scene::{Camera, Scene};
 use penumbra::settings::{Settings, Technique};
-use penumbra::tables::SceneTables;
+use penumbra::specialisation::Specialisation;
 
 use crate::kit::{device_features, gpu};
 
@@ -15,7 +15,7 @@ use crate::kit::{device_features, gpu};
 pub struct Stage {
     pub scene: Scene,
     pub features: Features,
-    pub tables: SceneTables,
+    pub gpu_scene: GpuScene,
 }
 
 impl Stage {
@@ -31,10 +31,10 @@ impl Stage {
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);
-        let needed = changed(Needs::new(&scene, &settings).features);
+        let needed = changed(Specialisation::new(&scene, &settings).features);
         let features = device_features(gpu()).names().fold(needed, |features, name| features.with(name, true));
-        let tables = SceneTables::new(gpu(), &scene, bvh, camera, size, &features).unwrap();
-        Stage { scene, features, tables }
+        let gpu_scene = GpuScene::new(gpu(), &scene, bvh, camera, size, &features).unwrap();
+        Stage { scene, features, gpu_scene }
     }
 }
 
@@ -170,7 +170,7 @@ impl Slots {
         let count = (slots * (self.samples + 1)) as usize;
         let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
         let own = Resources::new().with("points", &points).with("chosen", &chosen);
-        let bound = kernel.bind(gpu(), "choose", &[&own, &self.stage.tables]).unwrap();
+        let bound = kernel.bind(gpu(), "sample_lights", &[&own, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
         frame.run(&bound, slots, &self.tile);
         frame.submit().unwrap();

@@ -58,8 +58,8 @@ impl Traced {
         let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
         let answers = gpu.poisoned::<[u32; 4]>("test/answers", rays.len() + 1).unwrap();
         let set = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-        let run = |tables: &Resources| {
-            let bound = kernel.bind(gpu, entry, &[&set, tables]).unwrap();
+        let run = |gpu_scene: &Resources| {
+            let bound = kernel.bind(gpu, entry, &[&set, gpu_scene]).unwrap();
             let mut frame = gpu.frame("test");
             frame.run(&bound, rays.len() as u32, &[0u32; 0]);
             frame.submit().unwrap();

@@ -130,8 +130,8 @@ fn lights_are_tested_as_ward_does() {
         let mut classify = ClassifyBuffers::new(gpu, slots).unwrap();
         classify.classes = gpu.poisoned::<u32>("test/classes", slots as usize).unwrap();
         let own = WardBuffers::new(gpu, count, LIGHTS as u32).unwrap();
-        let pass = Ward::new(gpu, &stage.features, &stage.tables.constants()).unwrap();
-        let bound = pass.bind(gpu, &buffers, &classify, &visibility, &own, &stage.tables).unwrap();
+        let pass = Ward::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
+        let bound = pass.bind(gpu, &buffers, &classify, &visibility, &own, &stage.gpu_scene).unwrap();
         let mut rates = vec![[1.0f64; 2]; LIGHTS];
         for turn in 0..2 {
             let parameters = WardParameters {

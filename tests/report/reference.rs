@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use penumbra::film::Metadata;
+use penumbra::render::film::Metadata;
 use penumbra::report::metrics;
 use penumbra::report::reference::{Goal, Reference, cache_folder};
 use penumbra::{Image, Settings};

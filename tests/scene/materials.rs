@@ -2,8 +2,8 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use penumbra::Settings;
-use penumbra::needs::Needs;
 use penumbra::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
+use penumbra::specialisation::Specialisation;
 use serde_json::{Value, json};
 
 use crate::builder::{File, U16, png};
@@ -107,8 +107,9 @@ fn clear_coats() {
     assert_eq!(slots.map(|slot| slot.uv_set), [1, 0, 0]);
     assert!(slots.iter().all(|slot| scene.textures[slot.texture as usize].space == ColourSpace::Linear));
 
-    let has_own =
-        |coat: Value, base: Value| Needs::new(&coated(coat, base), &Settings::default()).features.has("coat_normals");
+    let has_own = |coat: Value, base: Value| {
+        Specialisation::new(&coated(coat, base), &Settings::default()).features.has("coat_normals")
+    };
     let coat = |normal: Value| json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": normal });
     assert!(has_own(coat(mapped(1.0)), slot(0, 0)));
     assert!(has_own(coat(mapped(0.5)), mapped(1.0)));

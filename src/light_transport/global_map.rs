@@ -11,11 +11,11 @@ use crate::passes::irradiance::{
 use crate::settings::Settings;
 use crate::statistics::{Counter, Indirect};
 
-use super::direct::Shared;
-use super::totals::Totals;
+use super::direct_light::Shared;
 use super::visibility_map::extent;
+use crate::statistics::totals::Totals;
 
-pub(super) struct GlobalMapKernels {
+pub(crate) struct GlobalMapKernels {
     flux: Flux,
     pub grid: Grid,
     pub irradiance: Irradiance,
@@ -32,7 +32,7 @@ impl GlobalMapKernels {
 }
 
 /// What a render asks of the global map.
-pub(super) struct GlobalMap {
+pub(crate) struct GlobalMap {
     /// Irradiance at places, for paths and gathers.
     irradiance: Option<IrradianceMap>,
     /// The map shown at the points of a tile.
@@ -54,14 +54,14 @@ impl GlobalMap {
         paths: bool,
         totals: &mut Totals,
     ) -> Result<GlobalMap> {
-        let Shared { gpu, scene, tables, tile } = *shared;
+        let Shared { gpu, scene, gpu_scene, tile } = *shared;
         let shown = settings.technique.shows_map();
         // What a look-up tells is seen after one bounce.
         let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
         let Settings { flux_photons, seed, .. } = *settings;
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
-            let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, max_bounces, seed)?;
+            let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, max_bounces, seed)?;
             totals.photon_rays += traced.rays;
             totals.count(Counter::Overrun, traced.overruns);
             totals.count(Counter::NotFiniteFlux, traced.not_finite);
@@ -83,7 +83,7 @@ impl GlobalMap {
             let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
             let shape = place_grid(extent, places.count);
             let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
-            let precomputed = kernels.irradiance.precompute(gpu, tables, &map, places, photons.step)?;
+            let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, places, photons.step)?;
             counts.places = u64::from(precomputed.places.count);
             totals.indirect_bytes += precomputed.bytes;
             totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
@@ -92,7 +92,7 @@ impl GlobalMap {
         let mut show = None;
         if shown {
             totals.indirect_bytes += map.bytes;
-            show = Some(kernels.irradiance.bind_show(gpu, tile, tables, &map, photons.step)?);
+            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &map, photons.step)?);
         }
         totals.indirect = counts;
         Ok(GlobalMap { irradiance, show })

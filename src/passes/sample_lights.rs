@@ -9,7 +9,7 @@ use super::{Tile, TileBuffers, kernel};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/choose.wgsl`.
-    pub struct ChooseParameters {
+    pub struct SampleLightsParameters {
         tile: Tile,
         zones: GridShape,
     }
@@ -19,13 +19,13 @@ shared_struct! {
 pub const NO_LIGHT: u32 = u32::MAX;
 
 /// The pass; see `shaders/choose.wgsl`.
-pub struct Choose {
+pub struct SampleLights {
     kernel: Kernel,
     /// Slots of a point.
     chosen: u32,
 }
 
-impl Choose {
+impl SampleLights {
     /// Compiles the kernel, for `chosen` slots a point, at least 1; where zones are `audited` the last of them is for lights that
     /// are not in the zone's list, and there must be 2.
     ///
@@ -37,11 +37,11 @@ impl Choose {
         constants: &[(&str, f64)],
         chosen: u32,
         audited: bool,
-    ) -> Result<Choose> {
+    ) -> Result<SampleLights> {
         let mut constants = constants.to_vec();
         constants.extend([("chosen", f64::from(chosen)), ("zones_audited", f64::from(u8::from(audited)))]);
-        let kernel = kernel(gpu, "choose", features, &constants, &["points", "chosen_slots"])?;
-        Ok(Choose { kernel, chosen })
+        let kernel = kernel(gpu, "sample_lights", features, &constants, &["points", "sampled_lights"])?;
+        Ok(SampleLights { kernel, chosen })
     }
 
     /// Slots of a point.
@@ -49,7 +49,7 @@ impl Choose {
         self.chosen
     }
 
-    /// Binds it. Of each slot `chosen_slots` takes the light and the bits of what it stands for.
+    /// Binds it. Of each slot `sampled_lights` takes the light and the bits of what it stands for.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -57,27 +57,27 @@ impl Choose {
         &self,
         gpu: &Gpu,
         tile: &TileBuffers,
-        chosen_slots: &Buffer,
+        sampled_lights: &Buffer,
         zones: Option<&ZoneTable>,
         scene: &dyn Bindings,
-    ) -> Result<BoundChoose> {
-        let own = Resources::new().with("points", &tile.points).with("chosen_slots", chosen_slots);
+    ) -> Result<BoundSampleLights> {
+        let own = Resources::new().with("points", &tile.points).with("sampled_lights", sampled_lights);
         let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
         sets.extend(zones.map(|zones| zones as &dyn Bindings));
-        let kernel = self.kernel.bind(gpu, "choose", &sets)?;
-        Ok(BoundChoose { kernel, zones: zones.map(|zones| zones.shape).unwrap_or_default() })
+        let kernel = self.kernel.bind(gpu, "sample_lights", &sets)?;
+        Ok(BoundSampleLights { kernel, zones: zones.map(|zones| zones.shape).unwrap_or_default() })
     }
 }
 
 /// The pass, bound.
-pub struct BoundChoose {
+pub struct BoundSampleLights {
     kernel: BoundKernel,
     zones: GridShape,
 }
 
-impl BoundChoose {
+impl BoundSampleLights {
     /// Chooses the lights of all points of a tile.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        frame.run(&self.kernel, tile.point_count, &ChooseParameters { tile: *tile, zones: self.zones });
+        frame.run(&self.kernel, tile.point_count, &SampleLightsParameters { tile: *tile, zones: self.zones });
     }
 }

@@ -28,7 +28,7 @@ const LEAST_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
 pub(crate) const HEADER: u32 = 2;
 
 /// The panorama on the device.
-pub struct EnvironmentTable {
+pub struct GpuEnvironment {
     /// Header, rows of cells, cells, texels.
     pub(super) records: Table,
     /// Radiance, mean of the three channels, times solid angle.
@@ -39,12 +39,12 @@ pub struct EnvironmentTable {
     pub reduced: Option<[u32; 2]>,
 }
 
-impl EnvironmentTable {
+impl GpuEnvironment {
     /// Uploads a panorama, turned by `turn` turns.
     ///
     /// # Errors
     /// As [`Gpu::table`].
-    pub fn new(gpu: &Gpu, panorama: &Panorama, turn: f32, strength: f32) -> Result<EnvironmentTable> {
+    pub fn new(gpu: &Gpu, panorama: &Panorama, turn: f32, strength: f32) -> Result<GpuEnvironment> {
         // What the sampling table may take beside the texels.
         let others = u64::from(HEADER + (MOST_CELLS[0] / 4 + 1) * (MOST_CELLS[1] + 2));
         let fitting = fitting(panorama, MOST_TEXELS.min(gpu.max_table_records().saturating_sub(others)).max(1));
@@ -52,7 +52,7 @@ impl EnvironmentTable {
         let reduced = matches!(fitting, Cow::Owned(_)).then_some([fitting.width, fitting.height]);
         let bytes = size_of_val(records.as_slice()) as u64;
         let records = gpu.table("penumbra/scene/environment_records", &records, TableFormat::Float)?;
-        Ok(EnvironmentTable { records, irradiance: irradiance * f64::from(strength), bytes, reduced })
+        Ok(GpuEnvironment { records, irradiance: irradiance * f64::from(strength), bytes, reduced })
     }
 }
 

@@ -11,7 +11,7 @@ const MOST_OVERRUNS: f64 = 1e-3;
 
 /// Sums over all samples so far.
 #[derive(Clone, Default, Serialize, Deserialize)]
-pub(super) struct Totals {
+pub(crate) struct Totals {
     counters: [u64; Counter::COUNT],
     camera_rays: u64,
     pub photons: Vec<LightPhotons>,

@@ -2,18 +2,18 @@
 
 use crate::Result;
 use crate::gpu::{Buffer, Features, Gpu, Resources};
+use crate::gpu_scene::GpuScene;
 use crate::passes::TileBuffers;
-use crate::passes::choose::{BoundChoose, Choose};
 use crate::passes::grid::Grid;
 use crate::passes::photons::Photons;
+use crate::passes::sample_lights::{BoundSampleLights, SampleLights};
 use crate::passes::zones::{ZoneTable, Zones, zone_shape};
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::Counter;
-use crate::tables::SceneTables;
 
-use super::totals::Totals;
 use super::visibility_map::{by_light, extent};
+use crate::statistics::totals::Totals;
 
 /// Rays of all lights together that tell zones.
 const ZONE_RAYS: u32 = 1 << 20;
@@ -22,8 +22,8 @@ const ZONE_RAYS: u32 = 1 << 20;
 const RAYS_PER_LIGHT: u32 = 6553;
 const SHADOW_PHOTONS: u32 = 10;
 
-pub(super) struct ChoiceKernels {
-    choose: Choose,
+pub(crate) struct LightSamplerKernels {
+    choose: SampleLights,
     zones: Option<ZoneKernels>,
 }
 
@@ -33,15 +33,15 @@ struct ZoneKernels {
     zones: Zones,
 }
 
-impl ChoiceKernels {
+impl LightSamplerKernels {
     /// Those that the features ask for.
     pub fn new(
         gpu: &Gpu,
         features: &Features,
         constants: &[(&str, f64)],
         settings: &Settings,
-    ) -> Result<Option<ChoiceKernels>> {
-        if !features.has("light_choice") {
+    ) -> Result<Option<LightSamplerKernels>> {
+        if !features.has("light_sampling") {
             return Ok(None);
         }
         let tagged = features.clone().with("light_tags", true);
@@ -58,35 +58,35 @@ impl ChoiceKernels {
         };
         let audited = settings.audit > 0.0;
         let (choose, zones) =
-            rayon::join(|| Choose::new(gpu, features, constants, settings.chosen_lights, audited), zones);
-        Ok(Some(ChoiceKernels { choose: choose?, zones: zones? }))
+            rayon::join(|| SampleLights::new(gpu, features, constants, settings.sampled_lights, audited), zones);
+        Ok(Some(LightSamplerKernels { choose: choose?, zones: zones? }))
     }
 }
 
 /// The lights that the points of a tile ask.
-pub(super) struct Choice {
-    choose: Choose,
+pub(crate) struct LightSampler {
+    choose: SampleLights,
     zones: Option<ZoneTable>,
     chosen: Buffer,
 }
 
-impl Choice {
+impl LightSampler {
     /// Traces the photons that tell the zones, and makes room for the lights of `points` points.
     pub fn new(
         gpu: &Gpu,
-        kernels: ChoiceKernels,
+        kernels: LightSamplerKernels,
         scene: &Scene,
-        tables: &SceneTables,
+        gpu_scene: &GpuScene,
         points: u32,
         settings: &Settings,
         totals: &mut Totals,
-    ) -> Result<Choice> {
-        let ChoiceKernels { choose, zones } = kernels;
+    ) -> Result<LightSampler> {
+        let LightSamplerKernels { choose, zones } = kernels;
         let slots = points as usize * choose.slots() as usize;
-        Ok(Choice {
+        Ok(LightSampler {
             choose,
-            zones: zones.map(|zones| zone_table(gpu, &zones, scene, tables, settings, totals)).transpose()?,
-            chosen: gpu.buffer::<[u32; 2]>("penumbra/choose/chosen_slots", slots)?,
+            zones: zones.map(|zones| zone_table(gpu, &zones, scene, gpu_scene, settings, totals)).transpose()?,
+            chosen: gpu.buffer::<[u32; 2]>("penumbra/sample_lights/sampled_lights", slots)?,
         })
     }
 
@@ -95,13 +95,13 @@ impl Choice {
         self.choose.slots()
     }
 
-    pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, tables: &SceneTables) -> Result<BoundChoose> {
-        self.choose.bind(gpu, tile, &self.chosen, self.zones.as_ref(), tables)
+    pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, gpu_scene: &GpuScene) -> Result<BoundSampleLights> {
+        self.choose.bind(gpu, tile, &self.chosen, self.zones.as_ref(), gpu_scene)
     }
 
     /// What was chosen, as the other passes read it.
     pub fn resources(&self) -> Resources<'_> {
-        Resources::new().with("chosen_lights", &self.chosen)
+        Resources::new().with("sampled_lights", &self.chosen)
     }
 
     /// Bytes of the buffers of the frame.
@@ -114,13 +114,13 @@ fn zone_table(
     gpu: &Gpu,
     kernels: &ZoneKernels,
     scene: &Scene,
-    tables: &SceneTables,
+    gpu_scene: &GpuScene,
     settings: &Settings,
     totals: &mut Totals,
 ) -> Result<ZoneTable> {
     let lights = scene.placed_lights().len() as u32;
     let rays = settings.photons.min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
-    let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, 0)?;
+    let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.seed, 0)?;
     totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
     totals.count(Counter::Overrun, traced.overruns);
     totals.photons = by_light(scene, &traced);
@@ -128,7 +128,7 @@ fn zone_table(
     let shape = zone_shape(bounds, area, traced.count, lights);
     // The keys of the sort are zones alone.
     let sorted = kernels.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
-    let powers: Vec<f64> = tables.lights.lights[..lights as usize].iter().map(|light| light.power).collect();
+    let powers: Vec<f64> = gpu_scene.lights.lights[..lights as usize].iter().map(|light| light.power).collect();
     let table = kernels.zones.list(gpu, &sorted, &powers, scene.environment().is_some())?;
     totals.photon_bytes += table.bytes;
     Ok(table)

@@ -20,20 +20,20 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::gpu::Gpu;
+use crate::gpu_scene::GpuScene;
 use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells, grid_of};
 use crate::passes::grid::GridShape;
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::tables::SceneTables;
 
-use super::totals::Totals;
+use crate::statistics::totals::Totals;
 
 /// Traces the rays of all cells.
-pub(super) fn table(
+pub(crate) fn table(
     gpu: &Gpu,
     kernel: &Cells,
     scene: &Scene,
-    tables: &SceneTables,
+    gpu_scene: &GpuScene,
     settings: &Settings,
     totals: &mut Totals,
 ) -> Result<CellTable> {
@@ -41,7 +41,7 @@ pub(super) fn table(
     let surfaces = Surfaces::new(scene, &shape);
     let (rays, seed) = (settings.cell_rays, settings.seed);
     let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
-    let table = kernel.trace(gpu, tables, &grid, surfaces.points(rays, seed))?;
+    let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
     totals.cell_rays += table.rays;
     totals.photon_bytes += table.bytes;
     Ok(table)

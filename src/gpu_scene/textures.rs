@@ -6,7 +6,7 @@ use crate::gpu::{Gpu, Table};
 use crate::scene::{ColourSpace, Filter, Material, Scene, TextureSlot, Wrap};
 
 /// The tables behind `texture_slots`, `colour_texels` and `data_texels`.
-pub struct TextureTables {
+pub struct GpuTextures {
     /// Three records a slot; see `shaders/lib/surface.wgsl`.
     pub slots: Table,
     /// sRGB texels, decoded by the device.
@@ -45,12 +45,12 @@ pub(crate) const UV1: u32 = 64;
 /// Side of a layer of texels.
 const LAYER: u32 = TABLE_WIDTH;
 
-impl TextureTables {
+impl GpuTextures {
     /// Uploads the textures of the scene that some material uses.
     ///
     /// # Errors
     /// As [`Gpu::table`]; a device has at most 2,048 layers of 16 Mtexel, which no scene that imports exceeds.
-    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<(TextureTables, Vec<MaterialSlots>)> {
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<(GpuTextures, Vec<MaterialSlots>)> {
         let mut atlas = Atlas::default();
         let mut records: Vec<[u32; 4]> = Vec::new();
         let mut slot = |slot: &Option<TextureSlot>| -> u32 {
@@ -94,7 +94,7 @@ impl TextureTables {
         let colour = atlas.upload(gpu, scene, ColourSpace::Srgb);
         let data = atlas.upload(gpu, scene, ColourSpace::Linear);
         let bytes = u64::from(atlas.texels[0] + atlas.texels[1]) * 4;
-        Ok((TextureTables { slots, colour, data, bytes }, materials))
+        Ok((GpuTextures { slots, colour, data, bytes }, materials))
     }
 }
 

@@ -6,15 +6,15 @@ use serde::Serialize;
 
 use crate::bvh::Bvh;
 use crate::gpu::Features;
+use crate::gpu_scene::lights;
 use crate::passes::cells;
 use crate::passes::grid::MAX_LIGHTS;
 use crate::scene::{AlphaMode, Light, LightKind, Material, NO_LIGHT, Scene};
-use crate::settings::{Aov, LightChoice, Settings, Technique};
-use crate::tables::lights;
+use crate::settings::{Aov, LightSampling, Settings, Technique};
 
 /// What was decided for a scene and its settings.
 #[derive(Clone, Debug, Serialize)]
-pub struct Needs {
+pub struct Specialisation {
     /// What the kernels are composed with.
     #[serde(skip)]
     pub features: Features,
@@ -35,18 +35,19 @@ pub struct Item {
     pub cost: String,
 }
 
-impl Needs {
+impl Specialisation {
     /// Decides what `scene` rendered with `settings` needs.
-    pub fn new(scene: &Scene, settings: &Settings) -> Needs {
-        let mut needs = Needs { features: Features::default(), kept: Vec::new(), left_out: Vec::new() };
+    pub fn new(scene: &Scene, settings: &Settings) -> Specialisation {
+        let mut specialisation =
+            Specialisation { features: Features::default(), kept: Vec::new(), left_out: Vec::new() };
         let facts = Facts::new(scene);
-        needs.of_surfaces(scene, &facts);
-        needs.of_lights(scene, &facts);
-        needs.of_light_choice(scene, settings);
-        needs.of_visibility(scene, settings);
-        needs.of_indirect_light(scene, settings, &facts);
-        needs.of_channels(settings);
-        needs
+        specialisation.of_surfaces(scene, &facts);
+        specialisation.of_lights(scene, &facts);
+        specialisation.of_light_sampling(scene, settings);
+        specialisation.of_visibility(scene, settings);
+        specialisation.of_indirect_light(scene, settings, &facts);
+        specialisation.of_channels(settings);
+        specialisation
     }
 
     fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
@@ -159,14 +160,20 @@ impl Needs {
         );
     }
 
-    fn of_light_choice(&mut self, scene: &Scene, settings: &Settings) {
-        let (choice, why) = light_choice(scene, settings);
-        let few = !matches!(choice, LightChoice::All) && settings.technique != Technique::Path;
-        let cost = format!("pass choose; {} B a point", 8 * settings.chosen_lights);
-        self.decide("light_choice", few, why.clone(), &why, &cost);
-        let uniform = choice == LightChoice::Uniform;
-        self.decide("uniform_choice", uniform, "asked for".into(), "not asked for", "much noise where lights differ");
-        let zones = choice == LightChoice::Zones;
+    fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
+        let (choice, why) = light_sampling(scene, settings);
+        let few = !matches!(choice, LightSampling::All) && settings.technique != Technique::Path;
+        let cost = format!("pass choose; {} B a point", 8 * settings.sampled_lights);
+        self.decide("light_sampling", few, why.clone(), &why, &cost);
+        let uniform = choice == LightSampling::Uniform;
+        self.decide(
+            "uniform_light_sampling",
+            uniform,
+            "asked for".into(),
+            "not asked for",
+            "much noise where lights differ",
+        );
+        let zones = choice == LightSampling::Zones;
         let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 potentials a point";
         self.decide("zones", zones, why.clone(), &why, cost);
     }
@@ -187,7 +194,7 @@ impl Needs {
         };
         let many = placed > MAX_LIGHTS as usize;
         let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
-        let few = self.features.has("light_choice");
+        let few = self.features.has("light_sampling");
         // Of 64 lights of scenes/lamps.glb it left half of what was asked to shadow rays.
         let unneeded =
             if few { "points ask few of many lights: it costs more than it saves".to_owned() } else { unneeded };
@@ -361,15 +368,15 @@ fn is_lit(scene: &Scene) -> bool {
 }
 
 /// Which lights points ask, and why.
-fn light_choice(scene: &Scene, settings: &Settings) -> (LightChoice, String) {
+fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String) {
     let (lights, placed) = (scene.lights.len(), scene.placed_lights().len());
-    let chosen = settings.chosen_lights as usize;
+    let chosen = settings.sampled_lights as usize;
     let photons = placed > 0 && placed <= MAX_LIGHTS as usize;
     if settings.technique == Technique::Path {
-        let choice = settings.light_choice.unwrap_or(LightChoice::Power);
+        let choice = settings.light_sampling.unwrap_or(LightSampling::Power);
         return (choice, "paths ask one light at each vertex".into());
     }
-    let all = |why: String| (LightChoice::All, why);
+    let all = |why: String| (LightSampling::All, why);
     let technique = settings.technique;
     if lights <= chosen || scene.is_empty() {
         return all(format!("{lights} lights are few enough to ask all of them"));
@@ -377,26 +384,26 @@ fn light_choice(scene: &Scene, settings: &Settings) -> (LightChoice, String) {
     if settings.aovs.contains(&Aov::Shadow) {
         return all("the AOV shadow is of all lights".into());
     }
-    if !technique.chooses_lights() {
+    if !technique.samples_lights() {
         return all(format!("the technique {technique} asks all lights"));
     }
     let asked =
-        |choice: LightChoice| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
-    match settings.light_choice {
-        Some(LightChoice::Uniform) => asked(LightChoice::Uniform),
-        Some(LightChoice::Power) => asked(LightChoice::Power),
-        Some(LightChoice::All) => all("--light-choice all".into()),
+        |choice: LightSampling| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
+    match settings.light_sampling {
+        Some(LightSampling::Uniform) => asked(LightSampling::Uniform),
+        Some(LightSampling::Power) => asked(LightSampling::Power),
+        Some(LightSampling::All) => all("--light-choice all".into()),
         None if technique == Technique::TwoPass => all(format!("the technique {technique} asks all lights")),
         None if lights <= Settings::MANY_LIGHTS as usize => {
             all(format!("{lights} lights are few enough to ask all of them"))
         }
         _ if photons => {
-            (LightChoice::Zones, format!("points ask {chosen} of {lights} lights, by what reaches their zone"))
+            (LightSampling::Zones, format!("points ask {chosen} of {lights} lights, by what reaches their zone"))
         }
         _ => {
             let why =
                 format!("points ask {chosen} of {lights} lights by power: a photon's word has room for {MAX_LIGHTS}");
-            (LightChoice::Power, why)
+            (LightSampling::Power, why)
         }
     }
 }

@@ -6,32 +6,32 @@
 
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
-use crate::passes::choose::BoundChoose;
+use crate::gpu_scene::GpuScene;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
 use crate::passes::film::{Film, Plane};
+use crate::passes::sample_lights::BoundSampleLights;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::Scene;
 use crate::settings::{Aov, Settings};
-use crate::tables::SceneTables;
 
 use super::earlier::{BoundEarlier, Earlier, EarlierKernels};
-use super::light_choice::{Choice, ChoiceKernels};
-use super::totals::Totals;
+use super::light_sampler::{LightSampler, LightSamplerKernels};
 use super::visibility_map::{MapKernels, MapState, VisibilityMap};
+use crate::statistics::totals::Totals;
 
 /// Most slots (points times lights) that are worked on at once, where one light's points are not more.
 const CHUNK_SLOTS: u32 = 1 << 21;
 
 /// Most points of a tile that the technique can work on at once, all lights of a point together where it must, and so that what is
 /// counted of a tile, light points of all lights at most, fits a word.
-pub(super) fn most_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
+pub(crate) fn most_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
     let lights = lights.max(1) as u32;
     if features.has("ward") {
         return (CHUNK_SLOTS / lights).max(1);
     }
-    let asked = if features.has("light_choice") { settings.chosen_lights } else { lights };
+    let asked = if features.has("light_sampling") { settings.sampled_lights } else { lights };
     (u32::MAX / asked.saturating_mul(settings.shadow_samples)).max(1)
 }
 
@@ -46,13 +46,13 @@ const SHADE_TURNS: u32 = 32_768;
 /// dilation; the boundaries of a narrower one are too wide already (the two scenes of the paper: 0.33 and 0.02).
 const WIDE_LIGHT: f32 = 0.05;
 
-pub(super) struct Kernels {
+pub(crate) struct Kernels {
     classify: Classify,
     shadow: Shadow,
     shade: Shade,
     map: Option<MapKernels>,
     earlier: Option<EarlierKernels>,
-    choice: Option<ChoiceKernels>,
+    choice: Option<LightSamplerKernels>,
     /// They audit.
     audit: bool,
 }
@@ -65,7 +65,7 @@ impl Kernels {
             || {
                 let map =
                     || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings));
-                let choice = || ChoiceKernels::new(gpu, features, constants, settings);
+                let choice = || LightSamplerKernels::new(gpu, features, constants, settings);
                 rayon::join(
                     || Classify::new(gpu, features, settings.nearest, exact_counts),
                     || rayon::join(map, || rayon::join(|| EarlierKernels::new(gpu, features, constants), choice)),
@@ -79,11 +79,11 @@ impl Kernels {
     }
 }
 
-pub(super) struct Direct {
+pub(crate) struct Direct {
     buffers: Buffers,
     map: Option<VisibilityMap>,
     earlier: Option<Earlier>,
-    choice: Option<Choice>,
+    choice: Option<LightSampler>,
     passes: Passes,
     /// None while the map is sorted anew.
     bound: Option<Bound>,
@@ -114,7 +114,7 @@ struct Buffers {
 
 /// The passes bound to the current map: a new grid binds anew.
 struct Bound {
-    choose: Option<BoundChoose>,
+    choose: Option<BoundSampleLights>,
     classify: BoundClassify,
     earlier: Option<BoundEarlier>,
     shadow: BoundShadow,
@@ -122,7 +122,7 @@ struct Bound {
 }
 
 /// The film of one light's classes: that of the first sample (x) and visibility, n_i and n_s of all.
-pub(super) struct ShadowFilm(Plane);
+pub(crate) struct ShadowFilm(Plane);
 
 impl ShadowFilm {
     pub fn plane(&self) -> &Plane {
@@ -131,10 +131,10 @@ impl ShadowFilm {
 }
 
 /// What the passes share with the rest of the render.
-pub(super) struct Shared<'a> {
+pub(crate) struct Shared<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Scene,
-    pub tables: &'a SceneTables,
+    pub gpu_scene: &'a GpuScene,
     pub tile: &'a TileBuffers,
 }
 
@@ -147,16 +147,17 @@ impl Direct {
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<Direct> {
-        let Shared { gpu, scene, tables, .. } = *shared;
+        let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let Kernels { classify, shadow, shade, map, earlier, choice, audit } = kernels;
         let audit_probability = if audit { settings.audit } else { 0.0 };
-        let choice =
-            choice.map(|kernels| Choice::new(gpu, kernels, scene, tables, points, settings, totals)).transpose()?;
-        let lights = choice.as_ref().map_or(scene.lights.len() as u32, Choice::slots);
+        let choice = choice
+            .map(|kernels| LightSampler::new(gpu, kernels, scene, gpu_scene, points, settings, totals))
+            .transpose()?;
+        let lights = choice.as_ref().map_or(scene.lights.len() as u32, LightSampler::slots);
         let words = settings.shadow_samples.div_ceil(32);
         let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words));
         // Of a light `shade` takes a turn, one for each light point, and those of the closed form.
-        let edges = tables.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
+        let edges = gpu_scene.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
         let fitting = fitting.min(SHADE_TURNS / (2 + settings.shadow_samples + 2 * edges)).clamp(1, lights.max(1));
         let lights_in_chunk = if matches!(earlier, Some(EarlierKernels::Ward(_))) { lights } else { fitting };
         let slots = points * lights_in_chunk;
@@ -168,10 +169,12 @@ impl Direct {
                 .then(|| gpu.buffer::<[f32; 4]>("penumbra/shade/shadow_samples", slots as usize))
                 .transpose()?,
         };
-        let map = map.map(|kernels| VisibilityMap::new(gpu, kernels, scene, tables, settings, totals)).transpose()?;
-        let earlier =
-            earlier.map(|kernels| Earlier::new(gpu, kernels, scene, tables, points, settings, totals)).transpose()?;
-        let wide = tables.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
+        let map =
+            map.map(|kernels| VisibilityMap::new(gpu, kernels, scene, gpu_scene, settings, totals)).transpose()?;
+        let earlier = earlier
+            .map(|kernels| Earlier::new(gpu, kernels, scene, gpu_scene, points, settings, totals))
+            .transpose()?;
+        let wide = gpu_scene.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
         let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
         let bound = passes.bind(shared, &buffers, map.as_ref(), earlier.as_ref(), choice.as_ref(), dilate)?;
@@ -301,7 +304,7 @@ impl Direct {
             + self.buffers.visibility.bytes
             + self.buffers.shadow_samples.as_ref().map_or(0, |b| b.bytes)
             + self.earlier.as_ref().map_or(0, Earlier::frame_bytes)
-            + self.choice.as_ref().map_or(0, Choice::frame_bytes)
+            + self.choice.as_ref().map_or(0, LightSampler::frame_bytes)
     }
 }
 
@@ -312,12 +315,12 @@ impl Passes {
         buffers: &Buffers,
         map: Option<&VisibilityMap>,
         earlier: Option<&Earlier>,
-        choice: Option<&Choice>,
+        choice: Option<&LightSampler>,
         dilate: u32,
     ) -> Result<Bound> {
-        let Shared { gpu, tables, tile, .. } = *shared;
-        let chosen = choice.map(Choice::resources).unwrap_or_default();
-        let scene: [&dyn Bindings; 2] = [tables, &chosen];
+        let Shared { gpu, gpu_scene, tile, .. } = *shared;
+        let chosen = choice.map(LightSampler::resources).unwrap_or_default();
+        let scene: [&dyn Bindings; 2] = [gpu_scene, &chosen];
         let classes = buffers.classify.final_classes(dilate);
         let shadow = ShadowBuffers {
             classes,
@@ -334,10 +337,10 @@ impl Passes {
             sampled_points: buffers.classify.sampled_points(),
             queue_lengths: &buffers.classify.queue_lengths,
         };
-        let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, tables);
+        let bind = |earlier: &Earlier| earlier.bind(gpu, tile, &buffers.classify, &buffers.visibility, gpu_scene);
         Ok(Bound {
             earlier: earlier.map(bind).transpose()?,
-            choose: choice.map(|choice| choice.bind(gpu, tile, tables)).transpose()?,
+            choose: choice.map(|choice| choice.bind(gpu, tile, gpu_scene)).transpose()?,
             classify: self.classify.bind(gpu, tile, map.and_then(VisibilityMap::grid), &buffers.classify, &scene)?,
             shadow: self.shadow.bind(gpu, tile, &shadow, &scene)?,
             shade: self.shade.bind(gpu, tile, &shade, &scene)?,

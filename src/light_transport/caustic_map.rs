@@ -14,9 +14,9 @@ use crate::settings::Settings;
 use crate::statistics::Counter;
 
 use super::TILE_SAMPLES;
-use super::direct::Shared;
+use super::direct_light::Shared;
 use super::global_map::GlobalMapKernels;
-use super::totals::Totals;
+use crate::statistics::totals::Totals;
 
 /// Rays of a caustic map for one of the global map: few of them meet a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
@@ -24,7 +24,7 @@ const RAYS_PER_FLUX_RAY: u32 = 4;
 /// Cells of the grid, about: light is focused on little of what the grid spans.
 const CELLS: u32 = 1 << 19;
 
-pub(super) struct CausticKernels {
+pub(crate) struct CausticKernels {
     flux: Flux,
 }
 
@@ -35,7 +35,7 @@ impl CausticKernels {
 }
 
 /// The map of some samples, bound to a tile.
-pub(super) struct CausticMap {
+pub(crate) struct CausticMap {
     number: u32,
     /// None where no photon arrived.
     show: Option<BoundShow>,
@@ -61,11 +61,11 @@ impl CausticMap {
         number: u32,
         totals: &mut Totals,
     ) -> Result<CausticMap> {
-        let Shared { gpu, tables, tile, .. } = *shared;
+        let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let rays = settings.flux_photons.saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
-        let traced = kernels.flux.trace(gpu, tables, &tables.lights, rays, settings.max_bounces, seed)?;
+        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.max_bounces, seed)?;
         // A render that is taken up again traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;
@@ -86,7 +86,7 @@ impl CausticMap {
         let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let show = map.irradiance.bind_caustics(gpu, tile, tables, &sorted, traced.step, shrink)?;
+        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &sorted, traced.step, shrink)?;
         Ok(CausticMap { number, show: Some(show) })
     }
 

@@ -4,7 +4,7 @@ use crate::procedural::TURNS;
 use crate::settings::Settings;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
-use super::totals::Totals;
+use crate::statistics::totals::Totals;
 
 /// Unknown points are of note above this share of all: below it more photons could save no more than a tenth of the shadow
 /// rays of `two-pass`. The image is the same with either.

@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::passes::choose::{Choose, NO_LIGHT};
 use penumbra::passes::grid::{Grid, GridShape, Photon};
+use penumbra::passes::sample_lights::{NO_LIGHT, SampleLights};
 use penumbra::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
 use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 use penumbra::scene::{LightKind, Material, Scene};
@@ -119,13 +119,13 @@ impl Setup {
     /// By slot the light and what it stands for.
     fn choose(&self, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
         let gpu = gpu();
-        let Stage { features, tables, .. } = &self.stage;
-        let pass = Choose::new(gpu, features, &tables.constants(), CHOSEN, audited).unwrap();
+        let Stage { features, gpu_scene, .. } = &self.stage;
+        let pass = SampleLights::new(gpu, features, &gpu_scene.constants(), CHOSEN, audited).unwrap();
         let mut buffers = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
         buffers.points = gpu.upload("test/points", &self.points).unwrap();
         let slots = (self.tile.point_count * CHOSEN) as usize;
         let chosen = gpu.poisoned::<[u32; 2]>("test/chosen", slots).unwrap();
-        let bound = pass.bind(gpu, &buffers, &chosen, zones, tables).unwrap();
+        let bound = pass.bind(gpu, &buffers, &chosen, zones, gpu_scene).unwrap();
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &self.tile);
         frame.submit().unwrap();
@@ -233,7 +233,7 @@ fn what_zones_choose_stands_for_all_lights() {
 #[test]
 fn what_power_chooses_stands_for_all_lights() {
     for uniform in [false, true] {
-        let setup = Setup::new(|features| features.with("zones", false).with("uniform_choice", uniform));
+        let setup = Setup::new(|features| features.with("zones", false).with("uniform_light_sampling", uniform));
         let chosen = setup.choose(None, false);
         let wrong: Vec<(u32, f32)> = chosen.iter().map(|(light, w)| (*light, w * 0.75)).collect();
         let mut caught = 0;
@@ -298,7 +298,7 @@ fn potentials_are_irradiances() {
     let (input, output) =
         (gpu.upload("test/places", &places).unwrap(), gpu.poisoned::<[f32; 4]>("test/results", PLACES).unwrap());
     let own = Resources::new().with("places", &input).with("results", &output);
-    let bound = kernel.bind(gpu, "weigh", &[&own, &stage.tables]).unwrap();
+    let bound = kernel.bind(gpu, "weigh", &[&own, &stage.gpu_scene]).unwrap();
     let mut frame = gpu.frame("test");
     frame.run(&bound, PLACES as u32, &[0u32; 0]);
     frame.submit().unwrap();
@@ -308,7 +308,7 @@ fn potentials_are_irradiances() {
     for (place, [potential, irradiance, dark, _]) in places.iter().zip(&results) {
         let light = place[0][3] as usize;
         let [position, normal] = place.map(|v| Vec3::from_slice(&v).as_dvec3());
-        let info = &stage.tables.lights.lights[light];
+        let info = &stage.gpu_scene.lights.lights[light];
         if *dark == 0.0 && (*irradiance > 0.0 || !info.closed_form) {
             assert!(*potential > 0.0, "light {light} from {position} facing {normal}: {irradiance}");
             positive += 1;

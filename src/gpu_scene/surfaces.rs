@@ -11,7 +11,7 @@ use super::oct_encode16;
 use super::textures::MaterialSlots;
 
 /// The tables behind `surface_records` and `material_records`.
-pub struct SurfaceTables {
+pub struct GpuSurfaces {
     /// As many records a triangle as the scene needs.
     pub surfaces: Table,
     /// A fixed number of records a material.
@@ -50,12 +50,12 @@ impl Layout {
 /// Bit of a triangle's material word: it is flat, and its corners' normals say nothing.
 pub(crate) const FLAT: u32 = 1 << 31;
 
-impl SurfaceTables {
+impl GpuSurfaces {
     /// Uploads the surfaces of the scene, whose triangles are in the order of the BVH.
     ///
     /// # Errors
     /// As [`Gpu::table`].
-    pub fn new(gpu: &Gpu, scene: &Scene, slots: &[MaterialSlots], features: &Features) -> Result<SurfaceTables> {
+    pub fn new(gpu: &Gpu, scene: &Scene, slots: &[MaterialSlots], features: &Features) -> Result<GpuSurfaces> {
         let layout = Layout::new(features);
         let mut records = Vec::with_capacity(scene.triangles.len() * layout.stride as usize);
         for triangle in &scene.triangles {
@@ -63,7 +63,7 @@ impl SurfaceTables {
         }
         let materials: Vec<[u32; 4]> =
             scene.materials.iter().zip(slots).flat_map(|(m, s)| material_records(scene, m, s)).collect();
-        Ok(SurfaceTables {
+        Ok(GpuSurfaces {
             surfaces: gpu.table("penumbra/scene/surface_records", &records, TableFormat::Uint)?,
             materials: gpu.table("penumbra/scene/material_records", &materials, TableFormat::Uint)?,
             layout,
@@ -78,7 +78,7 @@ impl SurfaceTables {
     /// The `override`s of the kernels that read surfaces.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let Layout { uv, colour, tangent, stride, .. } = self.layout;
-        let focusing_alpha = f64::from(crate::needs::FOCUSING_ALPHA);
+        let focusing_alpha = f64::from(crate::specialisation::FOCUSING_ALPHA);
         let mut constants = vec![
             ("surface_stride", f64::from(stride)),
             ("focusing_alpha", focusing_alpha),

@@ -2,14 +2,14 @@
 
 use crate::Result;
 use crate::gpu::{Buffer, Features, Gpu};
+use crate::gpu_scene::GpuScene;
 use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 use crate::passes::photons::{Photons, Traced};
 use crate::scene::{Light, Scene};
 use crate::settings::Settings;
 use crate::statistics::{Counter, LightPhotons};
-use crate::tables::SceneTables;
 
-use super::totals::Totals;
+use crate::statistics::totals::Totals;
 
 /// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
 /// thousand of one in 64 points. Where there are more, which of them have a place depends on chance, so none is taken;
@@ -23,7 +23,7 @@ const HEAL_ROOM: u32 = 1 << 18;
 /// photons) holds where rays meet two surfaces on average.
 const MAX_RAYS: u32 = 1 << 22;
 
-pub(super) struct MapKernels {
+pub(crate) struct MapKernels {
     photons: Photons,
     grid: Grid,
 }
@@ -38,7 +38,7 @@ impl MapKernels {
     }
 }
 
-pub(super) struct VisibilityMap {
+pub(crate) struct VisibilityMap {
     /// None between [`VisibilityMap::take_healed`] and [`VisibilityMap::sort`].
     grid: Option<PhotonGrid>,
     kernel: Grid,
@@ -53,7 +53,7 @@ pub(super) struct VisibilityMap {
 
 /// What samples have left in the map.
 #[derive(Default)]
-pub(super) struct MapState {
+pub(crate) struct MapState {
     /// Photons that were added to the map.
     pub added: Vec<Photon>,
     /// Photons that came since.
@@ -89,13 +89,13 @@ impl VisibilityMap {
         gpu: &Gpu,
         kernels: MapKernels,
         scene: &Scene,
-        tables: &SceneTables,
+        gpu_scene: &GpuScene,
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<VisibilityMap> {
         let lights = scene.placed_lights().len() as u32;
         let rays = settings.photons.min(MAX_RAYS / lights);
-        let traced = kernels.photons.trace(gpu, tables, lights, rays, settings.seed, HEAL_ROOM)?;
+        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);
         totals.photons = by_light(scene, &traced);
@@ -196,7 +196,7 @@ impl VisibilityMap {
 }
 
 /// What was traced of each light.
-pub(super) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
+pub(crate) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
     let counts = traced.emitted.iter().zip(&traced.stored);
     let of_light = |(light, (emitted, [illumination, shadow])): (&Light, (&u32, &[u32; 2]))| LightPhotons {
         light: light.name.clone(),
@@ -209,7 +209,7 @@ pub(super) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
 }
 
 /// Bounds and area of the scene's surfaces, of procedural objects those of their boxes.
-pub(super) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
+pub(crate) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
     let mut bounds = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
     let mut area = 0.0f64;
     for i in 0..scene.triangles.len() {

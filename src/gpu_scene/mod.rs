@@ -11,9 +11,9 @@ pub mod textures;
 
 pub use aim::Receivers;
 pub use camera::CameraUniform;
-pub use lights::LightTables;
-pub use surfaces::SurfaceTables;
-pub use textures::TextureTables;
+pub use lights::GpuLights;
+pub use surfaces::GpuSurfaces;
+pub use textures::GpuTextures;
 
 use crate::Result;
 use crate::bvh::Bvh;
@@ -23,13 +23,13 @@ use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 
 /// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
-pub struct SceneTables {
+pub struct GpuScene {
     /// The lights, and what the host wants to know of them.
-    pub lights: LightTables,
+    pub lights: GpuLights,
     nodes: Table,
     triangles: Table,
-    surfaces: SurfaceTables,
-    textures: TextureTables,
+    surfaces: GpuSurfaces,
+    textures: GpuTextures,
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
@@ -44,7 +44,7 @@ pub struct SceneTables {
 pub(crate) const TRIANGLE_ALPHA: u32 = 1;
 pub(crate) const TRIANGLE_DOUBLE_SIDED: u32 = 2;
 
-impl SceneTables {
+impl GpuScene {
     /// Uploads a scene whose triangles are in the order of `bvh`.
     ///
     /// # Errors
@@ -56,24 +56,24 @@ impl SceneTables {
         camera: &Camera,
         size: [u32; 2],
         features: &Features,
-    ) -> Result<SceneTables> {
+    ) -> Result<GpuScene> {
         for (slot, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
             let alpha = if material.alpha == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
             let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
             bvh.set_triangle_word(slot as u32, alpha | sides);
         }
-        let (textures, slots) = TextureTables::new(gpu, scene)?;
-        let surfaces = SurfaceTables::new(gpu, scene, &slots, features)?;
+        let (textures, slots) = GpuTextures::new(gpu, scene)?;
+        let surfaces = GpuSurfaces::new(gpu, scene, &slots, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
         let records =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
         // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.
         let receivers = if features.has("visibility_estimate") { None } else { Receivers::of(scene) };
-        let lights = LightTables::new(gpu, scene, receivers)?;
+        let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
-        Ok(SceneTables {
+        Ok(GpuScene {
             lights,
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
@@ -96,7 +96,7 @@ impl SceneTables {
     }
 }
 
-impl Bindings for SceneTables {
+impl Bindings for GpuScene {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
         Some(match name {
             "bvh_nodes" => (&self.nodes).into(),

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 
 use glam::{DVec3, DVec4};
 
-use crate::film::{Channel, Metadata};
 use crate::gpu::Gpu;
 use crate::passes::film::Plane;
+use crate::render::film::{Channel, Metadata};
 use crate::settings::Aov;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
@@ -172,7 +172,7 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:photons", Metadata::Int(settings.photons as i32));
     put("penumbra:nearest", Metadata::Int(settings.nearest as i32));
     put("penumbra:shadowSamples", Metadata::Int(settings.shadow_samples as i32));
-    let left_out: Vec<&str> = renderer.needs.left_out.iter().map(|item| item.name).collect();
+    let left_out: Vec<&str> = renderer.specialisation.left_out.iter().map(|item| item.name).collect();
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);
     put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
@@ -185,7 +185,7 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
 
 pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>) -> Statistics {
     let (totals, scene, gpu): (_, _, &Gpu) = (&renderer.totals, &renderer.scene, renderer.gpu);
-    let names = |items: &[crate::needs::Item]| items.iter().map(|item| item.name.to_owned()).collect();
+    let names = |items: &[crate::specialisation::Item]| items.iter().map(|item| item.name.to_owned()).collect();
     Statistics {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
@@ -218,8 +218,8 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             images: scene.images.len() as u64,
             bvh_depth: totals.bvh_depth,
         },
-        kept: names(&renderer.needs.kept),
-        left_out: names(&renderer.needs.left_out),
+        kept: names(&renderer.specialisation.kept),
+        left_out: names(&renderer.specialisation.left_out),
         notes: renderer
             .notes
             .iter()

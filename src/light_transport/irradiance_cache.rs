@@ -5,15 +5,15 @@ use glam::Vec3;
 
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
+use crate::gpu_scene::CameraUniform;
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
 use crate::passes::gather::{BoundGather, Gather, GatherSettings, LEAST_RADIUS_PIXELS, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;
 use crate::statistics::Counter;
-use crate::tables::CameraUniform;
 
-use super::totals::Totals;
+use crate::statistics::totals::Totals;
 
 /// Pixels between the points that are asked for records, pass by pass. Points of one pass do not see each other's records, so
 /// the steps are small: a factor f gives up to f squared times the records that are needed.
@@ -22,7 +22,7 @@ const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 /// Largest radius of a record in pixels: farther apart the gradients leave out what lies between.
 const LARGEST_RADIUS_PIXELS: f32 = 20.0;
 
-pub(super) struct CacheKernels {
+pub(crate) struct CacheKernels {
     gather: Gather,
     cache: Cache,
 }
@@ -35,13 +35,13 @@ impl CacheKernels {
 }
 
 /// The records of a view, ready to light its points.
-pub(super) struct IrradianceCache {
+pub(crate) struct IrradianceCache {
     buffers: CacheBuffers,
     bound: BoundCache,
 }
 
 /// What filling the cache takes from the rest of the render.
-pub(super) struct Filling<'a> {
+pub(crate) struct Filling<'a> {
     pub gpu: &'a Gpu,
     pub kernels: &'a CacheKernels,
     pub features: &'a Features,
@@ -178,8 +178,8 @@ impl Records {
         for (head, distance) in heads.iter_mut().zip(distances) {
             head.size = radius(distance, head.size, accuracy);
         }
-        let tables = RecordTables::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
-        with.kernels.cache.bind(gpu, with.tile, buffers, &tables)
+        let gpu_scene = RecordTables::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
+        with.kernels.cache.bind(gpu, with.tile, buffers, &gpu_scene)
     }
 }
 

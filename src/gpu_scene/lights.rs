@@ -10,7 +10,7 @@ use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
 use super::aim::Receivers;
-use super::environment::EnvironmentTable;
+use super::environment::GpuEnvironment;
 use super::{oct_encode16, sobol};
 
 /// Kinds of lights, and flags, in the first word of a light's records.
@@ -58,11 +58,11 @@ const COPLANAR: f64 = 2e-6;
 
 /// The scene's lights on the device, bound by the names `light_records`, `emitter_records`, `light_vertices`,
 /// `environment_records` and `sobol_directions`.
-pub struct LightTables {
+pub struct GpuLights {
     /// What the host wants to know of each light, in the scene's order.
     pub lights: Vec<LightInfo>,
     /// The panorama, where there is one.
-    pub environment: Option<EnvironmentTable>,
+    pub environment: Option<GpuEnvironment>,
     records: Table,
     emitters: Table,
     vertices: Table,
@@ -108,16 +108,16 @@ pub struct Emission {
 /// [`Emission::axis`] where there is none, in the records: no normal has this code, as -32768 is no signed 16-bit fraction.
 pub(crate) const NO_AXIS: u32 = 0x8000_8000;
 
-impl LightTables {
+impl GpuLights {
     /// Uploads the lights of a scene whose triangles are in the order of the BVH. Photons are sent towards the receivers, or
     /// wherever the light shines.
     ///
     /// # Errors
     /// As [`Gpu::table`].
-    pub fn new(gpu: &Gpu, scene: &Scene, receivers: Option<Receivers>) -> Result<LightTables> {
+    pub fn new(gpu: &Gpu, scene: &Scene, receivers: Option<Receivers>) -> Result<GpuLights> {
         let mut build = Build::default();
         if let Some(Light { kind: LightKind::Environment { panorama, turn, strength }, .. }) = scene.lights.last() {
-            build.environment = Some(EnvironmentTable::new(gpu, panorama, *turn, *strength)?);
+            build.environment = Some(GpuEnvironment::new(gpu, panorama, *turn, *strength)?);
         }
         for (index, light) in scene.lights.iter().enumerate() {
             let aimed = receivers.map_or(1.0, |receivers| receivers.share_of(scene, &light.kind));
@@ -129,7 +129,7 @@ impl LightTables {
         let mut records = vec![header, receivers.map_or([0; 4], |receivers| bits(receivers.centre, receivers.radius))];
         records.extend(build.records);
         build.emitters.extend(build.slots);
-        Ok(LightTables {
+        Ok(GpuLights {
             lights: build.lights,
             environment: build.environment,
             records: gpu.table("penumbra/scene/light_records", &records, TableFormat::Uint)?,
@@ -140,7 +140,7 @@ impl LightTables {
     }
 }
 
-impl Bindings for LightTables {
+impl Bindings for GpuLights {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
         match name {
             "light_records" => Some((&self.records).into()),
@@ -156,7 +156,7 @@ impl Bindings for LightTables {
 #[derive(Default)]
 struct Build {
     lights: Vec<LightInfo>,
-    environment: Option<EnvironmentTable>,
+    environment: Option<GpuEnvironment>,
     records: Vec<[u32; 4]>,
     emitters: Vec<[u32; 4]>,
     /// By BVH slot of an emitter triangle: its light and its place in `emitters`.

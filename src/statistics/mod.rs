@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+pub(crate) mod totals;
+
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{Beta, ContinuousCDF};
 

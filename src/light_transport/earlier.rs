@@ -14,18 +14,18 @@
 
 use crate::Result;
 use crate::gpu::{Buffer, Features, Frame, Gpu};
+use crate::gpu_scene::GpuScene;
 use crate::passes::cells::{BoundCells, CellTable, Cells};
 use crate::passes::classify::{Chunk, ClassifyBuffers};
 use crate::passes::ward::{BoundWard, Ward, WardBuffers, WardParameters};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::tables::SceneTables;
 
-use super::cells;
-use super::totals::Totals;
+use super::cell_visibility as cells;
+use crate::statistics::totals::Totals;
 
-pub(super) enum EarlierKernels {
+pub(crate) enum EarlierKernels {
     Cells(Cells),
     Ward(Ward),
 }
@@ -41,12 +41,12 @@ impl EarlierKernels {
     }
 }
 
-pub(super) enum Earlier {
+pub(crate) enum Earlier {
     Cells(Cells, CellTable),
     Ward(Ward, WardBuffers),
 }
 
-pub(super) enum BoundEarlier {
+pub(crate) enum BoundEarlier {
     Cells(BoundCells),
     Ward(BoundWard),
 }
@@ -57,14 +57,14 @@ impl Earlier {
         gpu: &Gpu,
         kernels: EarlierKernels,
         scene: &Scene,
-        tables: &SceneTables,
+        gpu_scene: &GpuScene,
         points: u32,
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<Earlier> {
         Ok(match kernels {
             EarlierKernels::Cells(kernel) => {
-                let table = cells::table(gpu, &kernel, scene, tables, settings, totals)?;
+                let table = cells::table(gpu, &kernel, scene, gpu_scene, settings, totals)?;
                 Earlier::Cells(kernel, table)
             }
             EarlierKernels::Ward(kernel) => {
@@ -80,14 +80,14 @@ impl Earlier {
         tile: &TileBuffers,
         classify: &ClassifyBuffers,
         visibility: &Buffer,
-        tables: &SceneTables,
+        gpu_scene: &GpuScene,
     ) -> Result<BoundEarlier> {
         Ok(match self {
             Earlier::Cells(kernel, table) => {
-                BoundEarlier::Cells(kernel.bind(gpu, tile, table, &classify.classes, tables)?)
+                BoundEarlier::Cells(kernel.bind(gpu, tile, table, &classify.classes, gpu_scene)?)
             }
             Earlier::Ward(kernel, buffers) => {
-                BoundEarlier::Ward(kernel.bind(gpu, tile, classify, visibility, buffers, tables)?)
+                BoundEarlier::Ward(kernel.bind(gpu, tile, classify, visibility, buffers, gpu_scene)?)
             }
         })
     }

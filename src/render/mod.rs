@@ -1,48 +1,39 @@
 //! Techniques: which passes run, in which order. [`Renderer`] sets up what all of them share.
 
-mod caustic_map;
-mod cells;
 mod checkpoint;
 mod conditioning;
-mod direct;
-mod earlier;
-mod global_map;
-mod irradiance_cache;
-mod light_choice;
+pub mod film;
 mod output;
 pub mod recovery;
-mod totals;
-mod visibility_map;
 
 use std::time::Instant;
 
+use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu::{Bindings, Features, Frame, Gpu, Resources};
-use crate::needs::Needs;
+use crate::gpu_scene::environment::GpuEnvironment;
+use crate::gpu_scene::{CameraUniform, GpuScene};
 use crate::passes::film::{Film, Plane};
 use crate::passes::path::{BoundPath, Path, PathParameters};
 use crate::passes::primary::{BoundPrimary, Primary};
 use crate::passes::{Tile, TileBuffers};
 use crate::scene::{Camera, Scene};
 use crate::settings::{Aov, Settings, Technique};
+use crate::specialisation::Specialisation;
 use crate::statistics::{self, Counter, Statistics};
-use crate::tables::environment::EnvironmentTable;
-use crate::tables::{CameraUniform, SceneTables};
-use crate::{Image, Result};
 
-use caustic_map::{CausticKernels, CausticMap};
+use crate::light_transport::TILE_SAMPLES;
+use crate::light_transport::caustic_map::{CausticKernels, CausticMap};
+use crate::light_transport::direct_light::{self, Direct, Shared};
+use crate::light_transport::global_map::{GlobalMap, GlobalMapKernels};
+use crate::light_transport::irradiance_cache::{CacheKernels, Filling, IrradianceCache};
+use crate::statistics::totals::Totals;
 pub use checkpoint::Checkpoint;
-use direct::{Direct, Shared};
-use global_map::{GlobalMap, GlobalMapKernels};
-use irradiance_cache::{CacheKernels, Filling, IrradianceCache};
+pub use film::Image;
 use recovery::Keeping;
-use totals::Totals;
 
 /// Most points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
 const TILE_POINTS: u32 = 1 << 19;
-
-/// Most samples of a pixel in one tile, so that audits mend the map early and a render can stop soon.
-const TILE_SAMPLES: u32 = 8;
 
 /// The visibility map is left out if more points than this are boundary or unknown after the first sample of each pixel:
 /// photons are then too sparse for what the scene hides, and asking them costs more than the rays that they save.
@@ -55,9 +46,9 @@ pub struct Renderer<'g> {
     scene: Scene,
     camera: Camera,
     settings: Settings,
-    needs: Needs,
+    specialisation: Specialisation,
     notes: Vec<String>,
-    tables: SceneTables,
+    gpu_scene: GpuScene,
     primary: BoundPrimary,
     /// Direct light by the photons and shadow rays, where the technique has it apart.
     direct: Option<Direct>,
@@ -106,12 +97,12 @@ impl Indirect {
         let stage = stage(samples);
         let settings = &refined(settings, stage);
         let IndirectKernels { map, cache, path, features, .. } = kernels;
-        let Shared { gpu, tables, tile, .. } = *shared;
+        let Shared { gpu, gpu_scene, tile, .. } = *shared;
         totals.indirect_bytes = 0;
         let paths = path.is_some();
         let map = map.as_ref().map(|map| GlobalMap::new(shared, map, settings, paths, totals)).transpose()?;
         let nothing = Resources::new();
-        let scene: [&dyn Bindings; 2] = [tables, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+        let scene: [&dyn Bindings; 2] = [gpu_scene, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
         let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
         let cache = cache.as_ref().map(|kernels| IrradianceCache::new(&filling(kernels), totals)).transpose()?;
         let mut sets = scene.to_vec();
@@ -179,7 +170,7 @@ struct TileFilm {
     albedo: Option<Plane>,
     normal: Option<Plane>,
     position: Option<Plane>,
-    shadow: Vec<direct::ShadowFilm>,
+    shadow: Vec<direct_light::ShadowFilm>,
 }
 
 impl TileFilm {
@@ -208,33 +199,33 @@ impl<'g> Renderer<'g> {
         totals.bvh_depth = bvh.depth;
         totals.time_bvh = start.elapsed().as_secs_f64();
 
-        let mut needs = Needs::new(&scene, settings);
-        needs.of_hierarchy(&bvh);
-        let features = device_features(gpu, needs.features.clone());
+        let mut specialisation = Specialisation::new(&scene, settings);
+        specialisation.of_hierarchy(&bvh);
+        let features = device_features(gpu, specialisation.features.clone());
         let size = [settings.width, settings.height];
-        let tables = SceneTables::new(gpu, &scene, bvh, camera, size, &features)?;
-        totals.scene_bytes = tables.bytes;
-        let decided = features.has("visibility_map") && !features.has("light_choice");
+        let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &features)?;
+        totals.scene_bytes = gpu_scene.bytes;
+        let decided = features.has("visibility_map") && !features.has("light_sampling");
         // Light points tell all that glossy surfaces reflect.
-        let closed = !features.has("glossy") && tables.lights.lights.iter().all(|light| light.closed_form);
+        let closed = !features.has("glossy") && gpu_scene.lights.lights.iter().all(|light| light.closed_form);
         let features = features.with("few_sampled", decided && closed);
 
         let start = Instant::now();
-        let constants = tables.constants();
+        let constants = gpu_scene.constants();
         let kernels = Kernels::new(gpu, &features, &constants, settings)?;
-        gpu.compile_ahead(&tables)?;
+        gpu.compile_ahead(&gpu_scene)?;
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
-        let most = TILE_POINTS.min(direct::most_points(&features, scene.lights.len(), settings));
+        let most = TILE_POINTS.min(direct_light::most_points(&features, scene.lights.len(), settings));
         let rows = (most / settings.width).clamp(1, settings.height);
         let layers = most_layers(most, rows, settings);
         let points = rows * settings.width * layers;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let has_indirect = indirect_kernels.path.is_some() || indirect_kernels.map.is_some();
         let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
-        let primary = primary.bind(gpu, &buffers, &tables)?;
-        let shared = Shared { gpu, scene: &scene, tables: &tables, tile: &buffers };
+        let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
+        let shared = Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers };
         let direct = direct.map(|direct| Direct::new(&shared, direct, points, settings, &mut totals)).transpose()?;
         let view = CameraUniform::new(camera, settings.width, settings.height);
         let indirect = Indirect::new(&shared, &primary, &indirect_kernels, &view, settings, 0, &mut totals)?;
@@ -251,16 +242,16 @@ impl<'g> Renderer<'g> {
         totals.frame_bytes += indirect.cache.as_ref().map_or(0, IrradianceCache::frame_bytes);
         totals.time_render = start.elapsed().as_secs_f64();
 
-        let notes = notes(&scene, settings, &totals.indirect, tables.lights.environment.as_ref());
+        let notes = notes(&scene, settings, &totals.indirect, gpu_scene.lights.environment.as_ref());
         let (camera, settings) = (camera.clone(), settings.clone());
         Ok(Renderer {
             gpu,
             scene,
             camera,
             settings,
-            needs,
+            specialisation,
             notes,
-            tables,
+            gpu_scene,
             primary,
             direct,
             indirect,
@@ -298,15 +289,15 @@ impl<'g> Renderer<'g> {
         let missing = self.settings.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
         // The first sample of each pixel is the pilot.
-        let layers = if self.batches == 0 && self.needs.features.has("visibility_map") { 1 } else { layers };
+        let layers = if self.batches == 0 && self.specialisation.features.has("visibility_map") { 1 } else { layers };
         if self.batches == 1 {
             self.end_pilot()?;
         }
         if self.batches > 0
             && let Some(direct) = &mut self.direct
         {
-            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            let shared = Shared { gpu, scene, tables, tile };
+            let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+            let shared = Shared { gpu, scene, gpu_scene, tile };
             direct.heal(&shared, self.batches > 1 && self.batches.is_power_of_two(), &mut self.totals)?;
         }
         self.trace_caustics()?;
@@ -342,7 +333,7 @@ impl<'g> Renderer<'g> {
             frame.submit()?;
             let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
             self.totals.add(&counters, u64::from(tile.point_count));
-            if self.needs.features.has("visibility_map") {
+            if self.specialisation.features.has("visibility_map") {
                 self.totals.add_mapped(&counters);
             }
         }
@@ -357,10 +348,10 @@ impl<'g> Renderer<'g> {
 
     /// Adds what the kernels have counted of procedural objects since the last batch.
     fn count_procedural_misses(&mut self) -> Result<()> {
-        if !self.needs.features.has("procedurals") {
+        if !self.specialisation.features.has("procedurals") {
             return Ok(());
         }
-        let misses = &self.tables.procedural_misses;
+        let misses = &self.gpu_scene.procedural_misses;
         let counters = [Counter::ProceduralOverruns, Counter::ProceduralNonsense];
         for (counter, more) in counters.into_iter().zip(self.gpu.read::<u32>(misses, 2)?) {
             self.totals.count(counter, more.into());
@@ -386,8 +377,8 @@ impl<'g> Renderer<'g> {
         if self.indirect.map.is_none() || stage(samples) == self.indirect.stage {
             return Ok(());
         }
-        let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-        let shared = Shared { gpu, scene, tables, tile };
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let shared = Shared { gpu, scene, gpu_scene, tile };
         let view = CameraUniform::new(&self.camera, self.settings.width, self.settings.height);
         let (kernels, totals) = (&self.indirect_kernels, &mut self.totals);
         self.indirect = Indirect::new(&shared, &self.primary, kernels, &view, &self.settings, samples, totals)?;
@@ -401,8 +392,8 @@ impl<'g> Renderer<'g> {
             return Ok(());
         };
         if self.caustics.as_ref().is_none_or(|caustics| caustics.number() != number) {
-            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            let shared = Shared { gpu, scene, tables, tile };
+            let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+            let shared = Shared { gpu, scene, gpu_scene, tile };
             let traced = CausticMap::new(&shared, kernels, map, &self.settings, number, &mut self.totals)?;
             self.caustics = Some(traced);
         }
@@ -413,8 +404,9 @@ impl<'g> Renderer<'g> {
     fn end_pilot(&mut self) -> Result<()> {
         let share = self.asked_boundary_share();
         // Without a map every point is unknown; and whoever asks for the classes, or for what the map alone says, gets it.
-        let asked = self.settings.technique == Technique::VisibilityEstimate || self.needs.features.has("aov_shadow");
-        if !self.needs.features.has("visibility_map") || asked || share <= PILOT_SHARE {
+        let asked =
+            self.settings.technique == Technique::VisibilityEstimate || self.specialisation.features.has("aov_shadow");
+        if !self.specialisation.features.has("visibility_map") || asked || share <= PILOT_SHARE {
             return Ok(());
         }
         self.leave_map_out(&format!(
@@ -437,16 +429,16 @@ impl<'g> Renderer<'g> {
 
     /// Goes on without the visibility map.
     fn leave_map_out(&mut self, reason: &str) -> Result<()> {
-        self.needs.leave_map_out(reason);
+        self.specialisation.leave_map_out(reason);
         self.notes.push(format!("the visibility map is left out: {reason}; more --photons may help"));
         let start = Instant::now();
-        let features = device_features(self.gpu, self.needs.features.clone());
-        let kernels = direct::Kernels::new(self.gpu, &features, &self.tables.constants(), &self.settings)?;
-        self.gpu.compile_ahead(&self.tables)?;
+        let features = device_features(self.gpu, self.specialisation.features.clone());
+        let kernels = direct_light::Kernels::new(self.gpu, &features, &self.gpu_scene.constants(), &self.settings)?;
+        self.gpu.compile_ahead(&self.gpu_scene)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
         let points = self.rows * self.settings.width * self.layers;
-        let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-        let shared = Shared { gpu, scene, tables, tile };
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let shared = Shared { gpu, scene, gpu_scene, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
         self.direct = Some(direct);
         Ok(())
@@ -454,7 +446,7 @@ impl<'g> Renderer<'g> {
 
     /// All that is summed, in an order that the scene and the settings decide.
     fn planes(&self) -> impl Iterator<Item = &Plane> {
-        self.tiles.iter().flat_map(|tile| tile.planes().chain(tile.shadow.iter().map(direct::ShadowFilm::plane)))
+        self.tiles.iter().flat_map(|tile| tile.planes().chain(tile.shadow.iter().map(direct_light::ShadowFilm::plane)))
     }
 
     /// Samples a pixel so far.
@@ -489,8 +481,8 @@ impl<'g> Renderer<'g> {
     }
 
     /// What was kept and left out.
-    pub fn needs(&self) -> &Needs {
-        &self.needs
+    pub fn specialisation(&self) -> &Specialisation {
+        &self.specialisation
     }
 
     /// Remarks on the render, a line each.
@@ -503,7 +495,7 @@ impl<'g> Renderer<'g> {
 struct Kernels {
     primary: Primary,
     film: Film,
-    direct: Option<direct::Kernels>,
+    direct: Option<direct_light::Kernels>,
     indirect: IndirectKernels,
 }
 
@@ -522,7 +514,7 @@ impl Kernels {
         let ((direct, primary), (film, indirect)) = rayon::join(
             || {
                 rayon::join(
-                    || two_pass.then(|| direct::Kernels::new(gpu, features, constants, settings)).transpose(),
+                    || two_pass.then(|| direct_light::Kernels::new(gpu, features, constants, settings)).transpose(),
                     || Primary::new(gpu, features, constants),
                 )
             },
@@ -575,7 +567,7 @@ fn notes(
     scene: &Scene,
     settings: &Settings,
     indirect: &statistics::Indirect,
-    environment: Option<&EnvironmentTable>,
+    environment: Option<&GpuEnvironment>,
 ) -> Vec<String> {
     let mut notes = Vec::new();
     if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {

@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::film::{read_file, write_atomically};
 use crate::fingerprint::{digest, fingerprint};
+use crate::render::film::{read_file, write_atomically};
 use crate::{Error, Result};
 
-use super::totals::Totals;
-use super::visibility_map::MapState;
-use super::{Renderer, direct};
+use super::Renderer;
+use crate::light_transport::direct_light;
+use crate::light_transport::visibility_map::MapState;
+use crate::statistics::totals::Totals;
 
 /// How every file begins; the number rises with the form.
 const MAGIC: &[u8] = b"penumbra checkpoint 3\n";
@@ -144,7 +145,7 @@ impl Renderer<'_> {
         }
         let map = self.direct.as_ref().map_or(Ok(MapState::default()), |direct| direct.map_state(self.gpu))?;
         words.extend(map.words());
-        let left_out = self.needs.left_out.iter().find(|item| item.name == "visibility_map");
+        let left_out = self.specialisation.left_out.iter().find(|item| item.name == "visibility_map");
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             fingerprint: String::new(),
@@ -187,7 +188,7 @@ impl Renderer<'_> {
             return Err(damaged());
         }
         let left_out = header.map_left_out.as_ref();
-        if let Some(reason) = left_out.filter(|_| self.needs.features.has("visibility_map")) {
+        if let Some(reason) = left_out.filter(|_| self.specialisation.features.has("visibility_map")) {
             self.leave_map_out(reason)?;
         }
         let mut rest = words.as_slice();
@@ -198,8 +199,8 @@ impl Renderer<'_> {
         }
         let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
         if let Some(direct) = &mut self.direct {
-            let (gpu, scene, tables, tile) = (self.gpu, &self.scene, &self.tables, &self.buffers);
-            if !direct.restore(&direct::Shared { gpu, scene, tables, tile }, &map, &mut self.totals)? {
+            let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+            if !direct.restore(&direct_light::Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
                 return Err(damaged());
             }
         }
