@@ -8,6 +8,7 @@ mod adapter;
 mod ahead;
 mod binding;
 mod buffer;
+pub mod compare;
 mod compose;
 mod device;
 mod error;
@@ -16,6 +17,7 @@ mod frame;
 mod kernel;
 mod layout;
 mod pipeline;
+pub mod test;
 mod timer;
 mod transfer;
 
