@@ -101,7 +101,11 @@ impl Composer {
         let mut wesl = wesl::Wesl::new_barebones().set_custom_resolver(sources);
         // Names are kept as they are, so that bindings and structs are found by the names in the files.
         wesl.set_options(options).set_mangler(wesl::ManglerKind::None);
-        let wgsl = wesl.compile(&root).map_err(|e| broken(&e))?.to_string();
+        let mut unit = wesl.compile(&root).map_err(|e| broken(&e))?.syntax;
+        // Modules come in the order of a hash that differs from run to run where a kernel has several entry points. Sorted,
+        // the same kernel is the same program, and the driver's cache on disk has it.
+        unit.global_declarations.sort_by_cached_key(|declaration| declaration.to_string());
+        let wgsl = unit.to_string();
         let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
         let (flags, capabilities) = (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::IMMEDIATES);
         let info = naga::valid::Validator::new(flags, capabilities)

@@ -112,3 +112,19 @@ fn hexadecimal_floats_are_refused() {
     assert!(compose(&format!("import package::lib::half::half; {}", kernel("half()"))).is_err());
     compose(&kernel("0.5")).unwrap();
 }
+
+/// A kernel of several entry points, each with modules of its own, is composed to the same text every time: drivers know
+/// programs by their bits.
+#[test]
+fn composing_is_repeatable() {
+    let numbers = || 0..6u32;
+    let module = |n| {
+        format!("import package::kit::group_index; fn f{n}(a: vec3u) -> u32 {{ return group_index(a, a) + {n}u; }}")
+    };
+    let composer = numbers().fold(Composer::new(), |composer, n| composer.with_module(format!("lib/m{n}"), module(n)));
+    let imports: String = numbers().map(|n| format!("import package::lib::m{n}::f{n};")).collect();
+    let entry = |n| format!("@compute @workgroup_size(1) fn e{n}() {{ let a = f{n}(vec3u(1u)); }}");
+    let source = imports + &numbers().map(entry).collect::<String>();
+    let texts = (0..20).map(|_| composer.compose_source("many", &source, &Features::none()).unwrap().wgsl);
+    assert_eq!(texts.collect::<std::collections::BTreeSet<_>>().len(), 1);
+}
