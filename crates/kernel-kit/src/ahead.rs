@@ -1,0 +1,172 @@
+//! Compiling ahead of the first dispatch.
+//!
+//! A software device translates a kernel to machine code when it is first dispatched, all of them one after the other on the
+//! queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no workgroups before
+//! anything is timed; and where the cache has none of them, devices opened for nothing else fill it from all cores.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::adapter;
+use crate::binding::{Binding, Bindings};
+use crate::buffer::{MIN_BYTES, TABLE_WIDTH, table_rows};
+use crate::device::Gpu;
+use crate::error::Result;
+use crate::pipeline::{Entry, Undispatched, Variable};
+
+/// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else 20 ms
+/// for the smallest kernels (lavapipe of Mesa 22.3).
+const TRANSLATED: Duration = Duration::from_millis(15);
+
+/// Kernels that were not in the cache before all others are taken not to be: one may be late on a busy machine.
+const SURE: usize = 2;
+
+impl Gpu {
+    /// Has the driver translate the kernels made since the last call, so that no pass has to. Does nothing but on software
+    /// devices: others translate pipelines as they are made. `known` has the sampled textures, for whose format and size kernels
+    /// are translated.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn compile_ahead(&self, known: &(dyn Bindings + Sync)) -> Result<()> {
+        let waiting = std::mem::take(&mut *self.undispatched());
+        let mut stage = Stage { device: &self.device, queue: &self.queue, known, textures: Vec::new() };
+        let mut translated = 0;
+        for (i, kernel) in waiting.iter().enumerate() {
+            let start = Instant::now();
+            stage.dispatch(&kernel.entry)?;
+            self.wait(&kernel.entry.interface.label())?;
+            translated += usize::from(start.elapsed() > TRANSLATED);
+            if translated == SURE {
+                self.fill_cache(&waiting[i + 1..], known);
+                translated += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Has further devices translate the kernels, so that the driver's cache has them. What fails there fails on this device
+    /// as well, which will say so.
+    fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync)) {
+        let next = AtomicUsize::new(0);
+        let workers = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
+        let work = || {
+            let Ok((device, queue)) = adapter::request(&self.adapter) else { return };
+            device.on_uncaptured_error(Arc::new(|_| ()));
+            let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
+            while let Some(Undispatched { source, entry }) = kernels.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let interface = entry.interface.clone();
+                let built = interface.build(&device, source, &source.shader(&device));
+                let _ = stage.dispatch(&Entry { interface, built });
+                let _ = device.poll(wgpu::PollType::wait_indefinitely());
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..workers {
+                scope.spawn(work);
+            }
+        });
+    }
+}
+
+/// A device, and what stands in there for the textures that kernels read.
+struct Stage<'a> {
+    device: &'a wgpu::Device,
+    queue: &'a wgpu::Queue,
+    known: &'a (dyn Bindings + Sync),
+    textures: Vec<(wgpu::Texture, wgpu::TextureView)>,
+}
+
+impl Stage<'_> {
+    /// Dispatches an entry point over no workgroups, with something bound to its variables.
+    fn dispatch(&mut self, entry: &Entry) -> Result<()> {
+        let Entry { interface, built } = entry;
+        let variables = interface.groups.iter().flatten();
+        let resources: BTreeMap<&str, Resource> =
+            variables.map(|variable| (variable.name.as_str(), self.resource(variable))).collect();
+        let groups = entry.groups(self.device, |name| resources.get(name).map(Resource::binding))?;
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&built.pipeline);
+        for (index, group) in (0..).zip(&groups) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        if interface.immediate_bytes > 0 {
+            pass.set_immediates(0, &vec![0; interface.immediate_bytes as usize]);
+        }
+        pass.dispatch_workgroups(0, 0, 0);
+        drop(pass);
+        self.queue.submit([encoder.finish()]);
+        Ok(())
+    }
+
+    fn resource(&mut self, variable: &Variable) -> Resource {
+        let table = wgpu::Extent3d { width: TABLE_WIDTH, height: table_rows(0), depth_or_array_layers: 1 };
+        let (format, size, kind, dimension) = match variable.layout.ty {
+            wgpu::BindingType::StorageTexture { format, view_dimension, .. } => {
+                (format, table, wgpu::TextureUsages::STORAGE_BINDING, view_dimension)
+            }
+            wgpu::BindingType::Texture { view_dimension, .. } => {
+                let (format, size) = match self.known.get(&variable.name) {
+                    Some(Binding::Texture(view)) => (view.texture().format(), alike(view.texture())),
+                    _ => (wgpu::TextureFormat::Rgba8Unorm, table),
+                };
+                (format, size, wgpu::TextureUsages::TEXTURE_BINDING, view_dimension)
+            }
+            _ => {
+                return Resource::Buffer(self.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: None,
+                    size: variable.min_bytes.max(MIN_BYTES).next_multiple_of(16),
+                    usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::UNIFORM,
+                    mapped_at_creation: false,
+                }));
+            }
+        };
+        // What copies cannot reach wgpu clears by drawing, and once anything has been drawn llvmpipe takes the time of passes at the
+        // next drawing: all would seem to take none.
+        let usage = kind | wgpu::TextureUsages::COPY_DST;
+        let same = |(texture, _): &&(wgpu::Texture, _)| {
+            (texture.format(), texture.size(), texture.usage()) == (format, size, usage)
+        };
+        if let Some((_, view)) = self.textures.iter().find(same) {
+            return Resource::Texture(view.clone());
+        }
+        let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        });
+        let view =
+            texture.create_view(&wgpu::TextureViewDescriptor { dimension: Some(dimension), ..Default::default() });
+        self.textures.push((texture, view.clone()));
+        Resource::Texture(view)
+    }
+}
+
+/// Something of the kind that a variable is bound to.
+enum Resource {
+    Buffer(wgpu::Buffer),
+    Texture(wgpu::TextureView),
+}
+
+impl Resource {
+    fn binding(&self) -> Binding<'_> {
+        match self {
+            Resource::Buffer(buffer) => Binding::Buffer(buffer),
+            Resource::Texture(view) => Binding::Texture(view),
+        }
+    }
+}
+
+/// The size of a small texture for which kernels are translated alike: whether sides are powers of two is what counts (llvmpipe).
+fn alike(texture: &wgpu::Texture) -> wgpu::Extent3d {
+    let side = |length: u32| if length.is_power_of_two() { 1 } else { 3 };
+    wgpu::Extent3d { width: side(texture.width()), height: side(texture.height()), depth_or_array_layers: 1 }
+}

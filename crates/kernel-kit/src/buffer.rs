@@ -1,0 +1,61 @@
+//! Buffers and tables: what lies in the device's memory.
+
+/// A storage buffer with its label. Clones are the same buffer.
+#[derive(Clone)]
+pub struct Buffer {
+    pub(crate) raw: wgpu::Buffer,
+    /// Names the buffer in errors and in the driver's tools, such as `<pass>/<buffer>`.
+    pub label: String,
+    /// Size in bytes, a multiple of 4 and at least 16.
+    pub bytes: u64,
+}
+
+impl Buffer {
+    /// The buffer itself, for what the kit does not do.
+    pub fn raw(&self) -> &wgpu::Buffer {
+        &self.raw
+    }
+}
+
+/// Read-only records of four 32-bit words that kernels look up at random: a texture of width
+/// [`TABLE_WIDTH`] where [`Gpu::texture_loads`](crate::Gpu::texture_loads), a storage buffer elsewhere.
+pub enum Table {
+    /// Texel i is at (i % width, i / width).
+    Texture(wgpu::TextureView),
+    /// Word quadruple i.
+    Buffer(Buffer),
+}
+
+/// What a table's words are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableFormat {
+    /// `texture_storage_2d<rgba32float, read>` or `array<vec4f>`.
+    Float,
+    /// `texture_storage_2d<rgba32uint, read>` or `array<vec4u>`.
+    Uint,
+}
+
+/// Width of a table's texture in texels. Kernels find texel i at `(i & (TABLE_WIDTH - 1), i >> TABLE_WIDTH_LOG2)`; both
+/// constants are in the module `package::kit`.
+pub const TABLE_WIDTH: u32 = 4096;
+
+/// Records of a buffer that is to become a table of `records`: whole rows.
+pub fn whole_rows(records: usize) -> usize {
+    records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
+}
+
+/// Rows of the texture of a table that has some to fill. Never a power of two: drivers on the CPU (llvmpipe) translate a kernel
+/// once more for textures that are as high as that.
+pub(crate) fn table_rows(rows: u32) -> u32 {
+    match rows {
+        0..3 => 3,
+        _ => rows + u32::from(rows.is_power_of_two()),
+    }
+}
+
+/// What buffers are filled with before a kernel under test runs: a word that is no small count and, read as
+/// a float, is NaN, so that a word the kernel forgot shows.
+pub const POISON: u32 = 0xffff_dead;
+
+/// Bytes of the smallest buffer: bindings must not be empty, and a `vec4` is 16 bytes.
+pub(crate) const MIN_BYTES: u64 = 16;

@@ -1,0 +1,201 @@
+//! Composing kernels: WESL imports and `@if(feature)`, so that a kernel holds only what it needs.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::str::FromStr;
+
+use wgpu::naga;
+
+use crate::buffer::TABLE_WIDTH;
+use crate::error::{Error, Result, one_line};
+use crate::feature::{Feature, Features};
+
+/// Largest number of workgroups in one dimension of a dispatch (WebGPU's limit, and lavapipe's).
+pub const MAX_GROUPS: u32 = 65_535;
+
+/// The modules that kernels are composed of, by path: kernels import from the module `lib/noise` as
+/// `package::lib::noise::item`. Clones share the text of embedded modules.
+///
+/// Every composer has the module `package::kit`: `group_index`, `dispatch_groups`, `MAX_GROUPS`, `TABLE_WIDTH` and
+/// `TABLE_WIDTH_LOG2`. What a kernel does not use is left out of it.
+#[derive(Clone, Debug)]
+pub struct Composer {
+    modules: BTreeMap<String, Cow<'static, str>>,
+}
+
+impl Default for Composer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Composer {
+    /// A composer that has the module `package::kit` and no other.
+    pub fn new() -> Self {
+        let constants = [
+            ("MAX_GROUPS", MAX_GROUPS),
+            ("TABLE_WIDTH", TABLE_WIDTH),
+            ("TABLE_WIDTH_LOG2", TABLE_WIDTH.trailing_zeros()),
+        ];
+        let kit = constants_module(&constants) + include_str!("kit.wgsl");
+        Composer { modules: BTreeMap::new() }.with_module("kit", kit)
+    }
+
+    /// With the module or kernel `path` (`/` between its parts, no extension), in place of one of the same path.
+    #[must_use]
+    pub fn with_module(mut self, path: impl Into<String>, wgsl: impl Into<Cow<'static, str>>) -> Self {
+        self.modules.insert(path.into(), wgsl.into());
+        self
+    }
+
+    /// With every `.wgsl` and `.wesl` file of a folder, by its path there without the extension. [`embed!`](crate::embed)
+    /// gives the folder.
+    #[must_use]
+    pub fn with_folder(mut self, folder: &'static include_dir::Dir<'static>) -> Self {
+        let mut folders = vec![folder];
+        while let Some(folder) = folders.pop() {
+            folders.extend(folder.dirs());
+            for file in folder.files() {
+                let path = file.path().with_extension("");
+                let is_wgsl = file.path().extension().is_some_and(|e| e == "wgsl" || e == "wesl");
+                if let (true, Some(path), Some(text)) = (is_wgsl, path.to_str(), file.contents_utf8()) {
+                    self.modules.insert(path.replace('\\', "/"), Cow::Borrowed(text));
+                }
+            }
+        }
+        self
+    }
+
+    /// The modules and kernels by path.
+    pub fn modules(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.modules.iter().map(|(path, text)| (path.as_str(), &**text))
+    }
+
+    /// Composes the kernel `path`, which is one of the modules.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] if there is none, with the composer's or the validator's words, or for an `@if` on what is none
+    /// of the features `F`.
+    pub fn compose<F: Feature>(&self, path: &str, features: &Features<F>) -> Result<Composed> {
+        let source = self.modules.get(path);
+        let source = source.ok_or_else(|| Error::kernel(path, "the composer has no module of this path"))?;
+        self.compose_source(path, source, features)
+    }
+
+    /// Composes a kernel from its source. `name` is what errors and timings call it.
+    ///
+    /// # Errors
+    /// As [`Composer::compose`].
+    pub fn compose_source<F: Feature>(&self, name: &str, source: &str, features: &Features<F>) -> Result<Composed> {
+        let broken = |e: &dyn std::fmt::Display| Error::kernel(name, one_line(&e.to_string()));
+        let path = format!("package::{}", name.replace('/', "::"));
+        let root: wesl::ModulePath = path.parse().map_err(|e: <wesl::ModulePath as FromStr>::Err| broken(&e))?;
+        let sources = Sources { modules: &self.modules, root: &root, source };
+        // naga validates what comes out.
+        let mut options = wesl::CompileOptions { validate: false, ..Default::default() };
+        options.features.default = wesl::Feature::Error;
+        for feature in F::ALL {
+            options.features.flags.insert(feature.name().to_owned(), features.has(*feature).into());
+        }
+        let mut wesl = wesl::Wesl::new_barebones().set_custom_resolver(sources);
+        // Names are kept as they are, so that bindings and structs are found by the names in the files.
+        wesl.set_options(options).set_mangler(wesl::ManglerKind::None);
+        let mut unit = wesl.compile(&root).map_err(|e| broken(&e))?.syntax;
+        // Modules come in the order of a hash that differs from run to run where a kernel has several entry points. Sorted,
+        // the same kernel is the same program, and the driver's cache on disk has it.
+        unit.global_declarations.sort_by_cached_key(|declaration| declaration.to_string());
+        let wgsl = unit.to_string();
+        let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
+        let (flags, capabilities) = (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::IMMEDIATES);
+        let info = naga::valid::Validator::new(flags, capabilities)
+            .validate(&module)
+            .map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
+        Ok(Composed { kernel: name.to_owned(), wgsl, module, info })
+    }
+}
+
+/// Finds the modules of a composer, and the kernel that is composed.
+struct Sources<'c> {
+    modules: &'c BTreeMap<String, Cow<'static, str>>,
+    root: &'c wesl::ModulePath,
+    source: &'c str,
+}
+
+impl wesl::Resolver for Sources<'_> {
+    fn resolve_source<'a>(&'a self, path: &wesl::ModulePath) -> std::result::Result<Cow<'a, str>, wesl::ResolveError> {
+        if path == self.root {
+            return read(self.source);
+        }
+        let own = matches!(path.origin, wesl::syntax::PathOrigin::Absolute);
+        let module = self.modules.get(&path.components.join("/")).filter(|_| own);
+        let missing = || wesl::ResolveError::ModuleNotFound(path.clone(), "the composer has none of this path".into());
+        module.ok_or_else(missing).and_then(|text| read(text))
+    }
+}
+
+/// The text of a module, if the composer reads it as it is meant: wesl 0.4.0 makes 2^-36 of the hexadecimal float `0x1p-9`.
+fn read(text: &str) -> std::result::Result<Cow<'_, str>, wesl::ResolveError> {
+    let code = text.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let mut words = code.flat_map(|line| line.split(|c: char| !c.is_ascii_alphanumeric() && c != '.'));
+    let hexadecimal = |word: &&str| (word.starts_with("0x") || word.starts_with("0X")) && word.contains(['p', 'P']);
+    match words.find(hexadecimal) {
+        None => Ok(Cow::Borrowed(text)),
+        Some(word) => {
+            let problem = format!("the hexadecimal float '{word}..' would be composed wrongly: write it as a decimal");
+            Err(wesl::Diagnostic::from(wesl::Error::Custom(problem)).into())
+        }
+    }
+}
+
+/// A module of constants that host and kernels share: `const NAME: u32 = value;` for each.
+pub fn constants_module(constants: &[(&str, u32)]) -> String {
+    constants.iter().fold(String::new(), |mut module, (name, value)| {
+        let _ = writeln!(module, "const {name}: u32 = {value}u;");
+        module
+    })
+}
+
+/// A composed and validated kernel.
+#[derive(Clone, Debug)]
+pub struct Composed {
+    /// The name it was composed under.
+    pub kernel: String,
+    /// Plain WGSL.
+    pub wgsl: String,
+    /// The same, parsed.
+    pub module: naga::Module,
+    /// What naga found out about it.
+    pub info: naga::valid::ModuleInfo,
+}
+
+impl Composed {
+    /// Those of `constants` that are `override`s of this kernel.
+    pub fn overrides<'c>(&self, constants: &[(&'c str, f64)]) -> Vec<(&'c str, f64)> {
+        constants.iter().copied().filter(|(name, _)| self.has_override(name)).collect()
+    }
+
+    /// Whether the kernel has an `override` of this name.
+    pub(crate) fn has_override(&self, name: &str) -> bool {
+        self.module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some(name))
+    }
+
+    /// Whether the kernel has a module-level variable of this name.
+    pub(crate) fn has_variable(&self, name: &str) -> bool {
+        self.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some(name))
+    }
+}
+
+/// Embeds a folder of modules into the program, for [`Composer::with_folder`]. The path may begin with an environment
+/// variable of the build: `kernel_kit::embed!("$CARGO_MANIFEST_DIR/shaders")`.
+///
+/// A changed file makes Cargo build the crate anew. A new one is found at the next build of the crate, which comes with the
+/// first change of a file that imports it.
+#[macro_export]
+macro_rules! embed {
+    ($path:tt) => {{
+        use $crate::include_dir;
+        static FOLDER: include_dir::Dir<'static> = include_dir::include_dir!($path);
+        &FOLDER
+    }};
+}

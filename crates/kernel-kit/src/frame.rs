@@ -1,0 +1,163 @@
+//! Recording dispatches, and timing them on the device.
+
+use std::collections::BTreeMap;
+
+use bytemuck::Pod;
+
+use crate::buffer::{Buffer, TABLE_WIDTH, Table, TableFormat};
+use crate::compose::MAX_GROUPS;
+use crate::device::Gpu;
+use crate::error::Result;
+use crate::kernel::BoundKernel;
+
+/// Dispatches recorded to be submitted together.
+pub struct Frame<'g> {
+    gpu: &'g Gpu,
+    /// The encoder, for copies between dispatches.
+    pub encoder: wgpu::CommandEncoder,
+    label: String,
+}
+
+/// The dispatch size for `groups` workgroups: a second dimension where one does not hold them. Kernels find the
+/// linear group index with `group_index` of `package::kit`; groups past the last are theirs to ignore.
+pub fn dispatch_size(groups: u32) -> [u32; 3] {
+    if groups <= MAX_GROUPS { [groups, 1, 1] } else { [MAX_GROUPS, groups.div_ceil(MAX_GROUPS), 1] }
+}
+
+impl Gpu {
+    /// Starts a frame. `label` names it in errors.
+    pub fn frame(&self, label: &str) -> Frame<'_> {
+        let encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+        Frame { gpu: self, encoder, label: label.to_owned() }
+    }
+
+    /// Runs a kernel once, in a frame of its own, without waiting for it; as [`Frame::run`].
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    ///
+    /// # Panics
+    /// As [`Frame::run`].
+    pub fn run(&self, kernel: &BoundKernel, items: u32, immediates: &impl Pod) -> Result<()> {
+        let mut frame = self.frame(&kernel.label);
+        frame.run(kernel, items, immediates);
+        frame.submit()
+    }
+
+    /// Seconds spent on the device so far by label of pass; empty where it has no timestamps.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn pass_times(&self) -> Result<BTreeMap<String, f64>> {
+        let mut timer = self.timer();
+        if let Some(timestamps) = timer.resolve(&self.device, &self.queue) {
+            let staging = timestamps.staging.clone();
+            self.map(&staging, "timestamps", |bytes| timer.add(timestamps, bytes))?;
+        }
+        Ok(timer.seconds().clone())
+    }
+
+    /// As [`Gpu::pass_times`], as far as they were read before the device was lost.
+    pub fn known_pass_times(&self) -> BTreeMap<String, f64> {
+        self.timer().seconds().clone()
+    }
+
+    /// A table of what kernels wrote into `buffer`, which is whole rows of [`TABLE_WIDTH`] records: copied into a texture
+    /// where tables are textures.
+    ///
+    /// # Errors
+    /// As [`Gpu::table_texture`].
+    pub fn kernel_table(&self, frame: &mut Frame<'_>, buffer: Buffer, format: TableFormat) -> Result<Table> {
+        if !self.texture_loads {
+            return Ok(Table::Buffer(buffer));
+        }
+        let texture = self.table_texture(&buffer.label, (buffer.bytes / 16) as usize, format)?;
+        frame.copy_to_table(&buffer, &texture);
+        Ok(Table::Texture(texture.create_view(&Default::default())))
+    }
+}
+
+impl Frame<'_> {
+    /// Runs the kernel with one invocation for each of `items` (rounded up to whole workgroups; kernels check).
+    /// `immediates` are its parameters: `&()` for a kernel that has none.
+    ///
+    /// # Panics
+    /// If the kernel takes more bytes of immediates than there are.
+    pub fn run(&mut self, kernel: &BoundKernel, items: u32, immediates: &impl Pod) {
+        let size = dispatch_size(items.div_ceil(kernel.workgroup_size));
+        self.pass(kernel, immediates, |pass| pass.dispatch_workgroups(size[0], size[1], size[2]));
+    }
+
+    /// Runs the kernel with the workgroups that `arguments` holds at byte `offset` when the device comes to it.
+    ///
+    /// # Panics
+    /// As [`Frame::run`].
+    pub fn run_indirect(&mut self, kernel: &BoundKernel, arguments: &Buffer, offset: u64, immediates: &impl Pod) {
+        self.pass(kernel, immediates, |pass| pass.dispatch_workgroups_indirect(&arguments.raw, offset));
+    }
+
+    fn pass(&mut self, kernel: &BoundKernel, immediates: &impl Pod, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let (given, needed) = (bytemuck::bytes_of(immediates), kernel.immediate_bytes as usize);
+        let label = &kernel.label;
+        assert!(given.len() >= needed, "kernel {label} takes {needed} bytes of immediates, {} are given", given.len());
+        let mut timer = self.gpu.timer();
+        let writes = timer.next(&kernel.label);
+        let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(&kernel.label),
+            timestamp_writes: writes.as_ref().map(|(set, begin)| wgpu::ComputePassTimestampWrites {
+                query_set: set,
+                beginning_of_pass_write_index: Some(*begin),
+                end_of_pass_write_index: Some(*begin + 1),
+            }),
+        });
+        pass.set_pipeline(&kernel.pipeline);
+        for (index, group) in kernel.groups.iter().enumerate() {
+            pass.set_bind_group(index as u32, group, &[]);
+        }
+        if kernel.immediate_bytes > 0 {
+            pass.set_immediates(0, &given[..needed]);
+        }
+        dispatch(&mut pass);
+    }
+
+    /// Zeroes a buffer.
+    pub fn clear(&mut self, buffer: &Buffer) {
+        self.encoder.clear_buffer(&buffer.raw, 0, None);
+    }
+
+    /// Copies the first `bytes` bytes of a buffer to another, from byte `at` on.
+    pub fn copy(&mut self, from: &Buffer, to: &Buffer, at: u64, bytes: u64) {
+        self.encoder.copy_buffer_to_buffer(&from.raw, 0, &to.raw, at, bytes);
+    }
+
+    /// Copies the whole rows that a buffer has, or as many as the texture has, into a table's texture.
+    pub fn copy_to_table(&mut self, buffer: &Buffer, texture: &wgpu::Texture) {
+        let rows = (buffer.bytes / u64::from(TABLE_WIDTH * 16)) as u32;
+        debug_assert!(rows > 0, "a buffer that is copied to a table is padded to whole rows");
+        self.encoder.copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer.raw,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(TABLE_WIDTH * 16),
+                    rows_per_image: None,
+                },
+            },
+            texture.as_image_copy(),
+            wgpu::Extent3d { width: TABLE_WIDTH, height: rows.min(texture.height()), depth_or_array_layers: 1 },
+        );
+    }
+
+    /// Submits what was recorded.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn submit(self) -> Result<()> {
+        self.gpu.queue.submit([self.encoder.finish()]);
+        let full = self.gpu.timer().nearly_full();
+        if full {
+            self.gpu.pass_times()?;
+        }
+        self.gpu.check(&self.label)
+    }
+}

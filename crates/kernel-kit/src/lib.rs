@@ -1,0 +1,40 @@
+#![doc = include_str!("../README.md")]
+#![warn(missing_docs)]
+
+// Macros name the crate from inside it as users do.
+extern crate self as kernel_kit;
+
+mod adapter;
+mod ahead;
+mod binding;
+mod buffer;
+pub mod compare;
+mod compose;
+mod device;
+mod error;
+mod feature;
+mod frame;
+mod kernel;
+mod layout;
+mod pipeline;
+pub mod test;
+mod timer;
+mod transfer;
+
+pub use adapter::{DeviceChoice, DeviceInfo};
+pub use binding::{Binding, Bindings, Declared, Resources};
+pub use buffer::{Buffer, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
+pub use compose::{Composed, Composer, MAX_GROUPS, constants_module};
+pub use device::Gpu;
+pub use error::{Error, Result};
+pub use feature::{Feature, Features, NoFeature};
+#[doc(hidden)]
+pub use feature::{snake as __snake, snake_length as __snake_length};
+pub use frame::{Frame, dispatch_size};
+pub use kernel::{BoundKernel, Host, Kernel};
+pub use layout::{Member, SharedStruct, check_layouts};
+
+// What the macros expand to, and what users need in the same version.
+pub use bytemuck;
+pub use include_dir;
+pub use wgpu;

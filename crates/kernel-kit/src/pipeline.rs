@@ -1,0 +1,204 @@
+//! Pipelines on a device, and what they take from the host.
+
+use std::sync::Arc;
+
+use wgpu::naga;
+
+use crate::binding::Binding;
+use crate::compose::Composed;
+use crate::error::{Error, Result};
+
+/// What pipelines are made of: a composed kernel and its constants.
+pub(crate) struct Source {
+    module: naga::Module,
+    constants: Vec<(String, f64)>,
+}
+
+impl Source {
+    pub(crate) fn new(composed: &Composed, constants: &[(&str, f64)]) -> Arc<Source> {
+        let constants = constants.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        Arc::new(Source { module: composed.module.clone(), constants })
+    }
+
+    pub(crate) fn shader(&self, device: &wgpu::Device) -> wgpu::ShaderModule {
+        device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: None,
+            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(self.module.clone())),
+        })
+    }
+}
+
+/// A variable that is bound.
+#[derive(Clone)]
+pub(crate) struct Variable {
+    pub(crate) layout: wgpu::BindGroupLayoutEntry,
+    /// Size in bytes without the elements of a run-time sized array.
+    pub(crate) min_bytes: u64,
+    pub(crate) name: String,
+}
+
+/// What an entry point takes from the host.
+#[derive(Clone)]
+pub(crate) struct Interface {
+    kernel: String,
+    entry: String,
+    /// The variables by group.
+    pub(crate) groups: Vec<Vec<Variable>>,
+    pub(crate) immediate_bytes: u32,
+    pub(crate) workgroup_size: u32,
+}
+
+/// A pipeline with the layouts of its groups.
+#[derive(Clone)]
+pub(crate) struct Built {
+    layouts: Vec<wgpu::BindGroupLayout>,
+    pub(crate) pipeline: wgpu::ComputePipeline,
+}
+
+/// An entry point on a device.
+#[derive(Clone)]
+pub(crate) struct Entry {
+    pub(crate) interface: Interface,
+    pub(crate) built: Built,
+}
+
+/// An entry point that has not been dispatched.
+pub(crate) struct Undispatched {
+    pub(crate) source: Arc<Source>,
+    pub(crate) entry: Entry,
+}
+
+impl Entry {
+    /// Bind groups of what `resource` has for each variable.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`] naming the variable that it has nothing for.
+    pub(crate) fn groups<'r>(
+        &self,
+        device: &wgpu::Device,
+        resource: impl Fn(&str) -> Option<Binding<'r>>,
+    ) -> Result<Vec<wgpu::BindGroup>> {
+        let label = self.interface.label();
+        let missing = |name: &str| Error::kernel(&label, format!("nothing is bound to the variable '{name}'"));
+        let group = |(layout, variables): (&wgpu::BindGroupLayout, &Vec<Variable>)| {
+            let entry = |variable: &Variable| {
+                let resource = match resource(&variable.name).ok_or_else(|| missing(&variable.name))? {
+                    Binding::Buffer(buffer) => buffer.as_entire_binding(),
+                    Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
+                };
+                Ok(wgpu::BindGroupEntry { binding: variable.layout.binding, resource })
+            };
+            let entries = variables.iter().map(entry).collect::<Result<Vec<_>>>()?;
+            let label = Some(label.as_str());
+            Ok(device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries }))
+        };
+        self.built.layouts.iter().zip(&self.interface.groups).map(group).collect()
+    }
+}
+
+impl Interface {
+    pub(crate) fn new(composed: &Composed, index: usize) -> Result<Interface> {
+        let module = &composed.module;
+        let uses = composed.info.get_entry_point(index);
+        let mut groups: Vec<Vec<Variable>> = Vec::new();
+        let mut immediate_bytes = 0;
+        for (handle, variable) in module.global_variables.iter() {
+            if uses[handle].is_empty() {
+                continue;
+            }
+            let name = variable.name.clone().unwrap_or_default();
+            let bytes = module.types[variable.ty].inner.size(module.to_ctx());
+            if variable.space == naga::AddressSpace::Immediate {
+                immediate_bytes = bytes;
+            }
+            let Some(binding) = &variable.binding else { continue };
+            let ty = binding_type(module, variable).ok_or_else(|| {
+                Error::kernel(&composed.kernel, format!("binding '{name}' is of a kind that the kit does not bind"))
+            })?;
+            let layout = wgpu::BindGroupLayoutEntry {
+                binding: binding.binding,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty,
+                count: None,
+            };
+            let group = binding.group as usize;
+            groups.resize_with(groups.len().max(group + 1), Vec::new);
+            groups[group].push(Variable { layout, min_bytes: u64::from(bytes), name });
+        }
+        let entry = &module.entry_points[index];
+        let workgroup_size = entry.workgroup_size.iter().product();
+        let (kernel, entry) = (composed.kernel.clone(), entry.name.clone());
+        Ok(Interface { kernel, entry, groups, immediate_bytes, workgroup_size })
+    }
+
+    /// `<kernel>/<entry>`.
+    pub(crate) fn label(&self) -> String {
+        format!("{}/{}", self.kernel, self.entry)
+    }
+
+    pub(crate) fn build(&self, device: &wgpu::Device, source: &Source, shader: &wgpu::ShaderModule) -> Built {
+        let label = self.label();
+        let layout = |variables: &Vec<Variable>| {
+            let entries: Vec<_> = variables.iter().map(|variable| variable.layout).collect();
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries })
+        };
+        let layouts: Vec<_> = self.groups.iter().map(layout).collect();
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(&label),
+            bind_group_layouts: &layouts.iter().map(Some).collect::<Vec<_>>(),
+            immediate_size: self.immediate_bytes,
+        });
+        let constants: Vec<_> = source.constants.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(&label),
+            layout: Some(&layout),
+            module: shader,
+            entry_point: Some(&self.entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &constants,
+                // Kernels write their shared memory before they read it; clearing it first is work for nothing.
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        });
+        Built { layouts, pipeline }
+    }
+}
+
+fn binding_type(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<wgpu::BindingType> {
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    match (variable.space, &module.types[variable.ty].inner) {
+        (naga::AddressSpace::Storage { access }, _) => {
+            let read_only = !access.contains(naga::StorageAccess::STORE);
+            Some(buffer(wgpu::BufferBindingType::Storage { read_only }))
+        }
+        (naga::AddressSpace::Uniform, _) => Some(buffer(wgpu::BufferBindingType::Uniform)),
+        (naga::AddressSpace::Handle, naga::TypeInner::Image { dim, arrayed, class }) => {
+            let view_dimension = match (dim, arrayed) {
+                (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
+                (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
+                _ => return None,
+            };
+            if let naga::ImageClass::Storage { format, access } = class {
+                let format = match format {
+                    naga::StorageFormat::Rgba32Float => wgpu::TextureFormat::Rgba32Float,
+                    naga::StorageFormat::Rgba32Uint => wgpu::TextureFormat::Rgba32Uint,
+                    _ => return None,
+                };
+                let read_only = *access == naga::StorageAccess::LOAD;
+                let access = wgpu::StorageTextureAccess::ReadOnly;
+                return read_only.then_some(wgpu::BindingType::StorageTexture { access, format, view_dimension });
+            }
+            let sample_type = match class {
+                // Kernels filter by hand: tables are rgba32float, which no device need filter.
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Float, .. } => {
+                    wgpu::TextureSampleType::Float { filterable: false }
+                }
+                naga::ImageClass::Sampled { kind: naga::ScalarKind::Uint, .. } => wgpu::TextureSampleType::Uint,
+                _ => return None,
+            };
+            Some(wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
+        }
+        _ => None,
+    }
+}

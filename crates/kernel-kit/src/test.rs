@@ -1,0 +1,64 @@
+//! The device that tests run on.
+
+use std::io::Write as _;
+use std::sync::OnceLock;
+
+use crate::adapter::DeviceChoice;
+use crate::device::Gpu;
+
+/// The environment variable that names the tests' device, where a crate has none of its own.
+pub const VARIABLE: &str = "KERNEL_KIT_DEVICE";
+
+/// The device of this test program: the one that the environment variable chooses (as text is parsed to a
+/// [`DeviceChoice`]), a software one if it is not set. Opened once, at the first call, whose variable counts; what it is is
+/// written to standard error then.
+///
+/// # Panics
+/// If there is no such device: tests that have none have failed, and are not skipped.
+pub fn device(variable: &str) -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| {
+        let choice = std::env::var(variable).unwrap_or_else(|_| "software".to_owned());
+        let choice = choice.parse().unwrap_or(DeviceChoice::Software);
+        let gpu = Gpu::open(&choice).unwrap_or_else(|e| panic!("{e}; the tests' device is chosen by {variable}"));
+        let info = &gpu.info;
+        // Not by a macro, whose words the test harness would keep to itself.
+        let _ = writeln!(std::io::stderr(), "device: {} ({}, {})", info.name, info.kind, info.driver);
+        gpu
+    })
+}
+
+/// Makes tests of functions that take the tests' device: `fn name(gpu) { .. }`, as many as wanted, with doc comments and
+/// attributes. `in "VARIABLE";` before them names the environment variable that chooses the device; it is [`VARIABLE`] else.
+///
+/// They may return what tests may return. Where the code is not built for tests (a doc test), they are plain functions.
+///
+/// ```
+/// kernel_kit::kernel_test! {
+///     /// The device is there.
+///     fn device_is_open(gpu) {
+///         gpu.check("test").unwrap();
+///     }
+/// }
+/// # fn main() { device_is_open(); }
+/// ```
+#[macro_export]
+macro_rules! kernel_test {
+    (in $variable:expr; $($(#[$meta:meta])* fn $name:ident($gpu:ident) $(-> $result:ty)? $body:block)+) => {
+        $(
+            $(#[$meta])*
+            #[cfg_attr(test, test)]
+            #[cfg_attr(not(test), allow(dead_code))]
+            fn $name() $(-> $result)? {
+                let $gpu: &'static $crate::Gpu = $crate::test::device($variable);
+                $body
+            }
+        )+
+    };
+    ($($(#[$meta:meta])* fn $name:ident($gpu:ident) $(-> $result:ty)? $body:block)+) => {
+        $crate::kernel_test! {
+            in $crate::test::VARIABLE;
+            $($(#[$meta])* fn $name($gpu) $(-> $result)? $body)+
+        }
+    };
+}

@@ -1,0 +1,214 @@
+//! Every item is worked on once, kernels compiled ahead run and are timed, and what a kernel forgets shows.
+
+use std::time::Instant;
+
+use kernel_kit::{
+    Composer, DeviceChoice, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
+    TableFormat, compare, dispatch_size, kernel_test, whole_rows,
+};
+
+use crate::composing::{DeviceFeature, device_features};
+
+/// Squares of numbers times a factor.
+pub const SQUARES: &str = "
+import package::kit::group_index;
+override factor: u32;
+@group(0) @binding(0) var<storage, read> numbers: array<u32>;
+@group(0) @binding(1) var<storage, read_write> squares: array<u32>;
+@compute @workgroup_size(64)
+fn square(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i < arrayLength(&numbers) { squares[i] = numbers[i] * numbers[i] * factor; }
+}";
+
+fn squares(gpu: &Gpu, kernel: &Kernel, count: usize) -> Result<(), compare::Mismatch> {
+    let numbers: Vec<u32> = (0..count as u32).collect();
+    let input = gpu.upload("test/numbers", &numbers).unwrap();
+    let output = gpu.poisoned::<u32>("test/squares", count + 7).unwrap();
+    let sets = Resources::new().with("numbers", &input).with("squares", &output);
+    let bound = kernel.bind(gpu, "square", &[&sets]).unwrap();
+    gpu.run(&bound, count as u32, &()).unwrap();
+    let got: Vec<u32> = gpu.read(&output, count + 7).unwrap();
+    let expected: Vec<u32> = numbers.iter().map(|n| n.wrapping_mul(*n).wrapping_mul(3)).chain([POISON; 7]).collect();
+    compare::exact(&got, &expected, |i| format!("number {i}"))
+}
+
+fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
+    let composed = Composer::new().compose_source("squares", source, &Features::none()).unwrap();
+    Kernel::new(gpu, &composed, &Host { constants: &[("factor", 3.0)], ..Host::default() }).unwrap()
+}
+
+const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
+
+kernel_test! {
+    /// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has room
+    /// for four words, which the kernel squares.)
+    fn dispatches_cover_every_item_once(gpu) {
+        let kernel = square_kernel(gpu, SQUARES);
+        assert_eq!(kernel.workgroup_size("square"), Some(64));
+        for count in [4, 63, 64, 65, PAST_ONE_DIMENSION] {
+            squares(gpu, &kernel, count).unwrap_or_else(|mismatch| panic!("{count} items: {mismatch}"));
+        }
+        let forgetful = square_kernel(gpu, &SQUARES.replace("group_index(group, groups)", "group.x"));
+        squares(gpu, &forgetful, 65).unwrap();
+        let caught = compare::must_catch("rows of groups", squares(gpu, &forgetful, PAST_ONE_DIMENSION)).to_string();
+        assert!(caught.starts_with("65 of 4194312 lanes differ") && caught.contains(&POISON.to_string()), "{caught}");
+    }
+
+    /// No items and one item: the kernel runs for none, and for one.
+    fn dispatches_of_none_and_of_one(gpu) {
+        let source = "
+            @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
+            var<immediate> count: u32;
+            @compute @workgroup_size(64)
+            fn run(@builtin(global_invocation_id) id: vec3u) { if id.x < count { runs[id.x] = 1u; } }";
+        let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
+        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+        for count in [0u32, 1] {
+            let runs = gpu.poisoned::<u32>("test/runs", 4).unwrap();
+            let bound = kernel.bind(gpu, "run", &[&Resources::new().with("runs", &runs)]).unwrap();
+            let mut frame = gpu.frame("test");
+            frame.run(&bound, count, &count);
+            frame.submit().unwrap();
+            let expected: Vec<u32> = (0..4).map(|i| if i < count { 1 } else { POISON }).collect();
+            compare::exact(&gpu.read::<u32>(&runs, 4).unwrap(), &expected, |i| format!("{count} items, word {i}")).unwrap();
+        }
+    }
+
+    /// Parameters that are shorter than the kernel's are named, not read past their end.
+    #[should_panic(expected = "kernel runs/run takes 4 bytes of immediates, 0 are given")]
+    fn missing_immediates_are_named(gpu) {
+        let source = "var<immediate> count: u32;
+            @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
+            @compute @workgroup_size(1) fn run() { runs[0] = count; }";
+        let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
+        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+        let runs = gpu.poisoned::<u32>("test/runs", 4).unwrap();
+        let bound = kernel.bind(gpu, "run", &[&Resources::new().with("runs", &runs)]).unwrap();
+        gpu.frame("test").run(&bound, 1, &());
+    }
+
+    /// Arguments of an indirect dispatch that a kernel writes are those of a direct one, and rows of groups have all items.
+    fn kernels_write_the_arguments_of_dispatches(gpu) {
+        let source = "
+            import package::kit::dispatch_groups;
+            @group(0) @binding(0) var<storage, read_write> arguments: array<u32>;
+            var<immediate> items: u32;
+            @compute @workgroup_size(1) fn arrange() {
+                let size = dispatch_groups(items, 64u);
+                arguments[0] = size.x; arguments[1] = size.y; arguments[2] = size.z;
+            }";
+        let composed = Composer::new().compose_source("arrange", source, &Features::none()).unwrap();
+        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+        let arguments = gpu.poisoned::<u32>("test/arguments", 3).unwrap();
+        let bound = kernel.bind(gpu, "arrange", &[&Resources::new().with("arguments", &arguments)]).unwrap();
+        for items in [0u32, 1, 64, 65, MAX_GROUPS * 64, MAX_GROUPS * 64 + 1] {
+            let mut frame = gpu.frame("test");
+            frame.run(&bound, 1, &items);
+            frame.submit().unwrap();
+            let [x, y, z] = dispatch_size(items.div_ceil(64));
+            // A kernel's dispatch over nothing has no row either.
+            let expected = [x, if items == 0 { 0 } else { y }, z];
+            compare::exact(&gpu.read::<u32>(&arguments, 3).unwrap(), &expected, |_| format!("{items} items")).unwrap();
+        }
+        arguments_are_followed(gpu, &bound, &arguments);
+    }
+
+    /// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take. (Where
+    /// what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
+    fn kernels_compiled_ahead_run_and_are_timed(gpu) {
+        let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+        let composed = Composer::new().compose_source("sums", SUMS, &device_features(&gpu)).unwrap();
+        let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();
+        gpu.compile_ahead(&Resources::new()).unwrap();
+        let records: Vec<[u32; 4]> = (0..1024).map(|i| [i, 0, 0, 0]).collect();
+        let table = gpu.table("test/table", &records, TableFormat::Uint).unwrap();
+        let count = 1 << 19;
+        let sums = gpu.poisoned::<u32>("test/sums", count).unwrap();
+        let sets = Resources::new().with("table", &table).with("sums", &sums);
+        let bound = kernel.bind(&gpu, "sum", &[&sets]).unwrap();
+        let start = Instant::now();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, count as u32, &());
+        frame.submit().unwrap();
+        gpu.wait("test").unwrap();
+        let passed = start.elapsed().as_secs_f64();
+        if gpu.info.timestamps {
+            let told = gpu.pass_times().unwrap()["sums/sum"];
+            assert_eq!(gpu.known_pass_times()["sums/sum"], told);
+            // Recording and waiting take less than a millisecond of the tens that the pass takes.
+            assert!(told > 0.25 * passed && told <= passed, "{told} s of {passed} s");
+        }
+        let expected: Vec<u32> = (0..count as u32).map(|i| (0..100).map(|j| (i + j) & 1023).sum()).collect();
+        compare::exact(&gpu.read::<u32>(&sums, count).unwrap(), &expected, |i| format!("item {i}")).unwrap();
+    }
+
+    /// A table of what a kernel wrote is read back as it was written, past the first row, on devices of both kinds.
+    fn kernels_results_become_tables(gpu) {
+        let features = device_features(gpu);
+        let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
+        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+        let count = TABLE_WIDTH as usize + 3;
+        let mut records: Vec<[u32; 4]> = (0..count as u32).map(|i| [i, 2 * i, 3 * i, 4 * i]).collect();
+        let expected = records.clone();
+        records.resize(whole_rows(count), [POISON; 4]);
+        let written = gpu.upload("test/records", &records).unwrap();
+        let mut frame = gpu.frame("test");
+        let table = gpu.kernel_table(&mut frame, written, TableFormat::Uint).unwrap();
+        frame.submit().unwrap();
+        assert_eq!(matches!(table, Table::Texture(_)), features.has(DeviceFeature::TextureLoads));
+        let copies = gpu.poisoned::<[u32; 4]>("test/copies", count).unwrap();
+        let bound = kernel.bind(gpu, "look_up", &[&Resources::new().with("table", &table).with("copies", &copies)]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, count as u32, &(count as u32));
+        frame.submit().unwrap();
+        assert_eq!(gpu.read::<[u32; 4]>(&copies, count).unwrap(), expected);
+        assert_eq!(gpu.read_from::<[u32; 4]>(&copies, count - 1, 1).unwrap(), expected[count - 1..]);
+        assert_eq!(gpu.read::<u32>(&copies, 0).unwrap(), []);
+    }
+}
+
+fn arguments_are_followed(gpu: &Gpu, bound: &kernel_kit::BoundKernel, arguments: &kernel_kit::Buffer) {
+    let kernel = square_kernel(gpu, SQUARES);
+    let numbers = gpu.upload("test/numbers", &[5u32; 100]).unwrap();
+    let squares = gpu.poisoned::<u32>("test/squares", 100).unwrap();
+    let sets = Resources::new().with("numbers", &numbers).with("squares", &squares);
+    let square = kernel.bind(gpu, "square", &[&sets]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(bound, 1, &64u32);
+    frame.run_indirect(&square, arguments, 0, &());
+    frame.submit().unwrap();
+    let expected: Vec<u32> = (0..100).map(|i| if i < 64 { 75 } else { POISON }).collect();
+    compare::exact(&gpu.read::<u32>(&squares, 100).unwrap(), &expected, |i| format!("item {i}")).unwrap();
+}
+
+const SUMS: &str = "
+import package::kit::group_index;
+@if(texture_loads) @group(0) @binding(0) var table: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(0) @binding(0) var<storage, read> table: array<vec4u>;
+@group(0) @binding(1) var<storage, read_write> sums: array<u32>;
+fn word(i: u32) -> u32 {
+    @if(texture_loads) { return textureLoad(table, vec2u(i, 0u)).x; }
+    @if(!texture_loads) { return table[i].x; }
+}
+@compute @workgroup_size(64)
+fn sum(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let i = group_index(group, groups) * 64u + lane;
+    var total = 0u;
+    for (var j = 0u; j < 100u; j++) { total += word((i + j) & 1023u); }
+    sums[i] = total;
+}";
+
+const LOOK_UP: &str = "
+import package::kit::{TABLE_WIDTH, TABLE_WIDTH_LOG2};
+@if(texture_loads) @group(0) @binding(0) var table: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(0) @binding(0) var<storage, read> table: array<vec4u>;
+@group(0) @binding(1) var<storage, read_write> copies: array<vec4u>;
+var<immediate> count: u32;
+@compute @workgroup_size(64)
+fn look_up(@builtin(global_invocation_id) id: vec3u) {
+    let i = id.x;
+    if i >= count { return; }
+    @if(texture_loads) { copies[i] = textureLoad(table, vec2u(i & (TABLE_WIDTH - 1u), i >> TABLE_WIDTH_LOG2)); }
+    @if(!texture_loads) { copies[i] = table[i]; }
+}";
