@@ -34,6 +34,24 @@ pub use frame::{Frame, dispatch_size};
 pub use kernel::{BoundKernel, Host, Kernel};
 pub use layout::{Member, SharedStruct, check_layouts};
 
+/// Makes a test of a function that takes the tests' device, `fn name(gpu: &Gpu)`, with its attributes and what it returns.
+///
+/// The environment variable [`test::VARIABLE`] chooses the device, or the one in the attribute:
+/// `#[kernel_test("MY_DEVICE")]`. A machine without such a device fails the test. In code that is not built for tests (a doc
+/// test) the function is a plain one without parameters.
+///
+/// ```
+/// use kernel_kit::{Gpu, kernel_test};
+///
+/// /// The device is open.
+/// #[kernel_test]
+/// fn device_is_open(gpu: &Gpu) {
+///     gpu.check("test").unwrap();
+/// }
+/// # fn main() { device_is_open(); }
+/// ```
+pub use kernel_kit_macros::kernel_test;
+
 // What the macros expand to, and what users need in the same version.
 pub use bytemuck;
 pub use include_dir;

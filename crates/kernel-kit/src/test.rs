@@ -27,38 +27,3 @@ pub fn device(variable: &str) -> &'static Gpu {
         gpu
     })
 }
-
-/// Makes tests of functions that take the tests' device: `fn name(gpu) { .. }`, as many as wanted, with doc comments and
-/// attributes. `in "VARIABLE";` before them names the environment variable that chooses the device; it is [`VARIABLE`] else.
-///
-/// They may return what tests may return. Where the code is not built for tests (a doc test), they are plain functions.
-///
-/// ```
-/// kernel_kit::kernel_test! {
-///     /// The device is there.
-///     fn device_is_open(gpu) {
-///         gpu.check("test").unwrap();
-///     }
-/// }
-/// # fn main() { device_is_open(); }
-/// ```
-#[macro_export]
-macro_rules! kernel_test {
-    (in $variable:expr; $($(#[$meta:meta])* fn $name:ident($gpu:ident) $(-> $result:ty)? $body:block)+) => {
-        $(
-            $(#[$meta])*
-            #[cfg_attr(test, test)]
-            #[cfg_attr(not(test), allow(dead_code))]
-            fn $name() $(-> $result)? {
-                let $gpu: &'static $crate::Gpu = $crate::test::device($variable);
-                $body
-            }
-        )+
-    };
-    ($($(#[$meta:meta])* fn $name:ident($gpu:ident) $(-> $result:ty)? $body:block)+) => {
-        $crate::kernel_test! {
-            in $crate::test::VARIABLE;
-            $($(#[$meta])* fn $name($gpu) $(-> $result)? $body)+
-        }
-    };
-}

@@ -25,62 +25,64 @@ const ADD: &str = "
 var<immediate> summand: u32;
 @compute @workgroup_size(64) fn add(@builtin(global_invocation_id) id: vec3u) { values[id.x] += summand; }";
 
-kernel_test! {
-    /// A device that the caller has opened runs kernels, times them if it can, and knows its own limits.
-    fn the_callers_device_is_taken(gpu) {
-        let adapter = adapter(&gpu.info.name);
-        let timed = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
-        for more in [wgpu::Features::empty(), timed] {
-            let (device, queue) = open(&adapter, wgpu::Features::IMMEDIATES | more);
-            let gpu = Gpu::from_wgpu(adapter.clone(), device, queue).unwrap();
-            assert_eq!(gpu.info.timestamps, !more.is_empty());
-            assert_eq!(gpu.max_buffer_bytes(), wgpu::Limits::default().max_storage_buffer_binding_size);
-            let composed = Composer::new().compose_source("add", ADD, &Features::none()).unwrap();
-            let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();
-            gpu.compile_ahead(&Resources::new()).unwrap();
-            let values = gpu.upload("test/values", &[1u32; 64]).unwrap();
-            let bound = kernel.bind(&gpu, "add", &[&Resources::new().with("values", &values)]).unwrap();
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, 64, &41u32);
-            frame.submit().unwrap();
-            assert_eq!(gpu.read::<u32>(&values, 64).unwrap(), [42; 64]);
-            assert_eq!(gpu.pass_times().unwrap().contains_key("add/add"), gpu.info.timestamps);
-            let problem = gpu.buffer::<u8>("test/huge", 1 << 28).err().unwrap();
-            let limit = gpu.max_buffer_bytes();
-            assert_eq!(problem, Error::Buffer { buffer: "test/huge".into(), needed: 1 << 28, limit });
-        }
-    }
-
-    /// A device without immediates is refused, with what it lacks.
-    fn a_device_without_immediates_is_refused(gpu) {
-        let adapter = adapter(&gpu.info.name);
-        let descriptor = wgpu::DeviceDescriptor::default();
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-        let problem = Gpu::from_wgpu(adapter, device, queue).err().unwrap().to_string();
-        assert!(problem.contains(&gpu.info.name) && problem.contains("IMMEDIATES"), "{problem}");
-    }
-
-    /// Devices are found by index and by part of a name; what is said of others names those that there are.
-    fn devices_are_chosen(gpu) {
-        let list = Gpu::list();
-        let index = list.iter().position(|info| *info == gpu.info).unwrap();
-        assert_eq!(Gpu::open(&DeviceChoice::Index(index)).unwrap().info, gpu.info);
-        assert_eq!(Gpu::open(&DeviceChoice::Name(gpu.info.name.to_uppercase())).unwrap().info.name, gpu.info.name);
-        for wrong in [DeviceChoice::Index(list.len()), DeviceChoice::Name("no such device".into())] {
-            let problem = Gpu::open(&wrong).err().unwrap();
-            assert!(matches!(&problem, Error::NoDevice(text) if text.contains(&gpu.info.name)), "{problem}");
-        }
-    }
-
-    /// What is done on a lost device says so, and does not panic.
-    fn a_lost_device_is_an_error(gpu) {
-        let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+/// A device that the caller has opened runs kernels, times them if it can, and knows its own limits.
+#[kernel_test]
+fn the_callers_device_is_taken(gpu: &Gpu) {
+    let adapter = adapter(&gpu.info.name);
+    let timed = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+    for more in [wgpu::Features::empty(), timed] {
+        let (device, queue) = open(&adapter, wgpu::Features::IMMEDIATES | more);
+        let gpu = Gpu::from_wgpu(adapter.clone(), device, queue).unwrap();
+        assert_eq!(gpu.info.timestamps, !more.is_empty());
+        assert_eq!(gpu.max_buffer_bytes(), wgpu::Limits::default().max_storage_buffer_binding_size);
+        let composed = Composer::new().compose_source("add", ADD, &Features::none()).unwrap();
+        let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();
+        gpu.compile_ahead(&Resources::new()).unwrap();
         let values = gpu.upload("test/values", &[1u32; 64]).unwrap();
-        gpu.lose();
-        let problem = gpu.read::<u32>(&values, 64).unwrap_err();
-        assert!(matches!(&problem, Error::DeviceLost { at, .. } if at == "test/values"), "{problem}");
-        assert!(matches!(gpu.frame("after").submit(), Err(Error::DeviceLost { .. })));
+        let bound = kernel.bind(&gpu, "add", &[&Resources::new().with("values", &values)]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.run(&bound, 64, &41u32);
+        frame.submit().unwrap();
+        assert_eq!(gpu.read::<u32>(&values, 64).unwrap(), [42; 64]);
+        assert_eq!(gpu.pass_times().unwrap().contains_key("add/add"), gpu.info.timestamps);
+        let problem = gpu.buffer::<u8>("test/huge", 1 << 28).err().unwrap();
+        let limit = gpu.max_buffer_bytes();
+        assert_eq!(problem, Error::Buffer { buffer: "test/huge".into(), needed: 1 << 28, limit });
     }
+}
+
+/// A device without immediates is refused, with what it lacks.
+#[kernel_test]
+fn a_device_without_immediates_is_refused(gpu: &Gpu) {
+    let adapter = adapter(&gpu.info.name);
+    let descriptor = wgpu::DeviceDescriptor::default();
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    let problem = Gpu::from_wgpu(adapter, device, queue).err().unwrap().to_string();
+    assert!(problem.contains(&gpu.info.name) && problem.contains("IMMEDIATES"), "{problem}");
+}
+
+/// Devices are found by index and by part of a name; what is said of others names those that there are.
+#[kernel_test]
+fn devices_are_chosen(gpu: &Gpu) {
+    let list = Gpu::list();
+    let index = list.iter().position(|info| *info == gpu.info).unwrap();
+    assert_eq!(Gpu::open(&DeviceChoice::Index(index)).unwrap().info, gpu.info);
+    assert_eq!(Gpu::open(&DeviceChoice::Name(gpu.info.name.to_uppercase())).unwrap().info.name, gpu.info.name);
+    for wrong in [DeviceChoice::Index(list.len()), DeviceChoice::Name("no such device".into())] {
+        let problem = Gpu::open(&wrong).err().unwrap();
+        assert!(matches!(&problem, Error::NoDevice(text) if text.contains(&gpu.info.name)), "{problem}");
+    }
+}
+
+/// What is done on a lost device says so, and does not panic.
+#[kernel_test]
+fn a_lost_device_is_an_error(gpu: &Gpu) {
+    let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+    let values = gpu.upload("test/values", &[1u32; 64]).unwrap();
+    gpu.lose();
+    let problem = gpu.read::<u32>(&values, 64).unwrap_err();
+    assert!(matches!(&problem, Error::DeviceLost { at, .. } if at == "test/values"), "{problem}");
+    assert!(matches!(gpu.frame("after").submit(), Err(Error::DeviceLost { .. })));
 }
 
 /// Text is a choice.

@@ -40,132 +40,137 @@ fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
 
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
 
-kernel_test! {
-    /// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has room
-    /// for four words, which the kernel squares.)
-    fn dispatches_cover_every_item_once(gpu) {
-        let kernel = square_kernel(gpu, SQUARES);
-        assert_eq!(kernel.workgroup_size("square"), Some(64));
-        for count in [4, 63, 64, 65, PAST_ONE_DIMENSION] {
-            squares(gpu, &kernel, count).unwrap_or_else(|mismatch| panic!("{count} items: {mismatch}"));
-        }
-        let forgetful = square_kernel(gpu, &SQUARES.replace("group_index(group, groups)", "group.x"));
-        squares(gpu, &forgetful, 65).unwrap();
-        let caught = compare::must_catch("rows of groups", squares(gpu, &forgetful, PAST_ONE_DIMENSION)).to_string();
-        assert!(caught.starts_with("65 of 4194312 lanes differ") && caught.contains(&POISON.to_string()), "{caught}");
+/// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has room
+/// for four words, which the kernel squares.)
+#[kernel_test]
+fn dispatches_cover_every_item_once(gpu: &Gpu) {
+    let kernel = square_kernel(gpu, SQUARES);
+    assert_eq!(kernel.workgroup_size("square"), Some(64));
+    for count in [4, 63, 64, 65, PAST_ONE_DIMENSION] {
+        squares(gpu, &kernel, count).unwrap_or_else(|mismatch| panic!("{count} items: {mismatch}"));
     }
+    let forgetful = square_kernel(gpu, &SQUARES.replace("group_index(group, groups)", "group.x"));
+    squares(gpu, &forgetful, 65).unwrap();
+    let caught = compare::must_catch("rows of groups", squares(gpu, &forgetful, PAST_ONE_DIMENSION)).to_string();
+    assert!(caught.starts_with("65 of 4194312 lanes differ") && caught.contains(&POISON.to_string()), "{caught}");
+}
 
-    /// No items and one item: the kernel runs for none, and for one.
-    fn dispatches_of_none_and_of_one(gpu) {
-        let source = "
-            @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
-            var<immediate> count: u32;
-            @compute @workgroup_size(64)
-            fn run(@builtin(global_invocation_id) id: vec3u) { if id.x < count { runs[id.x] = 1u; } }";
-        let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
-        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
-        for count in [0u32, 1] {
-            let runs = gpu.poisoned::<u32>("test/runs", 4).unwrap();
-            let bound = kernel.bind(gpu, "run", &[&Resources::new().with("runs", &runs)]).unwrap();
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, count, &count);
-            frame.submit().unwrap();
-            let expected: Vec<u32> = (0..4).map(|i| if i < count { 1 } else { POISON }).collect();
-            compare::exact(&gpu.read::<u32>(&runs, 4).unwrap(), &expected, |i| format!("{count} items, word {i}")).unwrap();
-        }
-    }
-
-    /// Parameters that are shorter than the kernel's are named, not read past their end.
-    #[should_panic(expected = "kernel runs/run takes 4 bytes of immediates, 0 are given")]
-    fn missing_immediates_are_named(gpu) {
-        let source = "var<immediate> count: u32;
-            @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
-            @compute @workgroup_size(1) fn run() { runs[0] = count; }";
-        let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
-        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+/// No items and one item: the kernel runs for none, and for one.
+#[kernel_test]
+fn dispatches_of_none_and_of_one(gpu: &Gpu) {
+    let source = "
+        @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
+        var<immediate> count: u32;
+        @compute @workgroup_size(64)
+        fn run(@builtin(global_invocation_id) id: vec3u) { if id.x < count { runs[id.x] = 1u; } }";
+    let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    for count in [0u32, 1] {
         let runs = gpu.poisoned::<u32>("test/runs", 4).unwrap();
         let bound = kernel.bind(gpu, "run", &[&Resources::new().with("runs", &runs)]).unwrap();
-        gpu.frame("test").run(&bound, 1, &());
-    }
-
-    /// Arguments of an indirect dispatch that a kernel writes are those of a direct one, and rows of groups have all items.
-    fn kernels_write_the_arguments_of_dispatches(gpu) {
-        let source = "
-            import package::kit::dispatch_groups;
-            @group(0) @binding(0) var<storage, read_write> arguments: array<u32>;
-            var<immediate> items: u32;
-            @compute @workgroup_size(1) fn arrange() {
-                let size = dispatch_groups(items, 64u);
-                arguments[0] = size.x; arguments[1] = size.y; arguments[2] = size.z;
-            }";
-        let composed = Composer::new().compose_source("arrange", source, &Features::none()).unwrap();
-        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
-        let arguments = gpu.poisoned::<u32>("test/arguments", 3).unwrap();
-        let bound = kernel.bind(gpu, "arrange", &[&Resources::new().with("arguments", &arguments)]).unwrap();
-        for items in [0u32, 1, 64, 65, MAX_GROUPS * 64, MAX_GROUPS * 64 + 1] {
-            let mut frame = gpu.frame("test");
-            frame.run(&bound, 1, &items);
-            frame.submit().unwrap();
-            let [x, y, z] = dispatch_size(items.div_ceil(64));
-            // A kernel's dispatch over nothing has no row either.
-            let expected = [x, if items == 0 { 0 } else { y }, z];
-            compare::exact(&gpu.read::<u32>(&arguments, 3).unwrap(), &expected, |_| format!("{items} items")).unwrap();
-        }
-        arguments_are_followed(gpu, &bound, &arguments);
-    }
-
-    /// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take. (Where
-    /// what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
-    fn kernels_compiled_ahead_run_and_are_timed(gpu) {
-        let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
-        let composed = Composer::new().compose_source("sums", SUMS, &device_features(&gpu)).unwrap();
-        let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();
-        gpu.compile_ahead(&Resources::new()).unwrap();
-        let records: Vec<[u32; 4]> = (0..1024).map(|i| [i, 0, 0, 0]).collect();
-        let table = gpu.table("test/table", &records, TableFormat::Uint).unwrap();
-        let count = 1 << 19;
-        let sums = gpu.poisoned::<u32>("test/sums", count).unwrap();
-        let sets = Resources::new().with("table", &table).with("sums", &sums);
-        let bound = kernel.bind(&gpu, "sum", &[&sets]).unwrap();
-        let start = Instant::now();
         let mut frame = gpu.frame("test");
-        frame.run(&bound, count as u32, &());
+        frame.run(&bound, count, &count);
         frame.submit().unwrap();
-        gpu.wait("test").unwrap();
-        let passed = start.elapsed().as_secs_f64();
-        if gpu.info.timestamps {
-            let told = gpu.pass_times().unwrap()["sums/sum"];
-            assert_eq!(gpu.known_pass_times()["sums/sum"], told);
-            // Recording and waiting take less than a millisecond of the tens that the pass takes.
-            assert!(told > 0.25 * passed && told <= passed, "{told} s of {passed} s");
-        }
-        let expected: Vec<u32> = (0..count as u32).map(|i| (0..100).map(|j| (i + j) & 1023).sum()).collect();
-        compare::exact(&gpu.read::<u32>(&sums, count).unwrap(), &expected, |i| format!("item {i}")).unwrap();
+        let expected: Vec<u32> = (0..4).map(|i| if i < count { 1 } else { POISON }).collect();
+        compare::exact(&gpu.read::<u32>(&runs, 4).unwrap(), &expected, |i| format!("{count} items, word {i}")).unwrap();
     }
+}
 
-    /// A table of what a kernel wrote is read back as it was written, past the first row, on devices of both kinds.
-    fn kernels_results_become_tables(gpu) {
-        let features = device_features(gpu);
-        let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
-        let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
-        let count = TABLE_WIDTH as usize + 3;
-        let mut records: Vec<[u32; 4]> = (0..count as u32).map(|i| [i, 2 * i, 3 * i, 4 * i]).collect();
-        let expected = records.clone();
-        records.resize(whole_rows(count), [POISON; 4]);
-        let written = gpu.upload("test/records", &records).unwrap();
+/// Parameters that are shorter than the kernel's are named, not read past their end.
+#[should_panic(expected = "kernel runs/run takes 4 bytes of immediates, 0 are given")]
+#[kernel_test]
+fn missing_immediates_are_named(gpu: &Gpu) {
+    let source = "var<immediate> count: u32;
+        @group(0) @binding(0) var<storage, read_write> runs: array<u32>;
+        @compute @workgroup_size(1) fn run() { runs[0] = count; }";
+    let composed = Composer::new().compose_source("runs", source, &Features::none()).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let runs = gpu.poisoned::<u32>("test/runs", 4).unwrap();
+    let bound = kernel.bind(gpu, "run", &[&Resources::new().with("runs", &runs)]).unwrap();
+    gpu.frame("test").run(&bound, 1, &());
+}
+
+/// Arguments of an indirect dispatch that a kernel writes are those of a direct one, and rows of groups have all items.
+#[kernel_test]
+fn kernels_write_the_arguments_of_dispatches(gpu: &Gpu) {
+    let source = "
+        import package::kit::dispatch_groups;
+        @group(0) @binding(0) var<storage, read_write> arguments: array<u32>;
+        var<immediate> items: u32;
+        @compute @workgroup_size(1) fn arrange() {
+            let size = dispatch_groups(items, 64u);
+            arguments[0] = size.x; arguments[1] = size.y; arguments[2] = size.z;
+        }";
+    let composed = Composer::new().compose_source("arrange", source, &Features::none()).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let arguments = gpu.poisoned::<u32>("test/arguments", 3).unwrap();
+    let bound = kernel.bind(gpu, "arrange", &[&Resources::new().with("arguments", &arguments)]).unwrap();
+    for items in [0u32, 1, 64, 65, MAX_GROUPS * 64, MAX_GROUPS * 64 + 1] {
         let mut frame = gpu.frame("test");
-        let table = gpu.kernel_table(&mut frame, written, TableFormat::Uint).unwrap();
+        frame.run(&bound, 1, &items);
         frame.submit().unwrap();
-        assert_eq!(matches!(table, Table::Texture(_)), features.has(DeviceFeature::TextureLoads));
-        let copies = gpu.poisoned::<[u32; 4]>("test/copies", count).unwrap();
-        let bound = kernel.bind(gpu, "look_up", &[&Resources::new().with("table", &table).with("copies", &copies)]).unwrap();
-        let mut frame = gpu.frame("test");
-        frame.run(&bound, count as u32, &(count as u32));
-        frame.submit().unwrap();
-        assert_eq!(gpu.read::<[u32; 4]>(&copies, count).unwrap(), expected);
-        assert_eq!(gpu.read_from::<[u32; 4]>(&copies, count - 1, 1).unwrap(), expected[count - 1..]);
-        assert_eq!(gpu.read::<u32>(&copies, 0).unwrap(), []);
+        let [x, y, z] = dispatch_size(items.div_ceil(64));
+        // A kernel's dispatch over nothing has no row either.
+        let expected = [x, if items == 0 { 0 } else { y }, z];
+        compare::exact(&gpu.read::<u32>(&arguments, 3).unwrap(), &expected, |_| format!("{items} items")).unwrap();
     }
+    arguments_are_followed(gpu, &bound, &arguments);
+}
+
+/// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take. (Where
+/// what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
+#[kernel_test]
+fn kernels_compiled_ahead_run_and_are_timed(gpu: &Gpu) {
+    let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+    let composed = Composer::new().compose_source("sums", SUMS, &device_features(&gpu)).unwrap();
+    let kernel = Kernel::new(&gpu, &composed, &Host::default()).unwrap();
+    gpu.compile_ahead(&Resources::new()).unwrap();
+    let records: Vec<[u32; 4]> = (0..1024).map(|i| [i, 0, 0, 0]).collect();
+    let table = gpu.table("test/table", &records, TableFormat::Uint).unwrap();
+    let count = 1 << 19;
+    let sums = gpu.poisoned::<u32>("test/sums", count).unwrap();
+    let sets = Resources::new().with("table", &table).with("sums", &sums);
+    let bound = kernel.bind(&gpu, "sum", &[&sets]).unwrap();
+    let start = Instant::now();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, count as u32, &());
+    frame.submit().unwrap();
+    gpu.wait("test").unwrap();
+    let passed = start.elapsed().as_secs_f64();
+    if gpu.info.timestamps {
+        let told = gpu.pass_times().unwrap()["sums/sum"];
+        assert_eq!(gpu.known_pass_times()["sums/sum"], told);
+        // Recording and waiting take less than a millisecond of the tens that the pass takes.
+        assert!(told > 0.25 * passed && told <= passed, "{told} s of {passed} s");
+    }
+    let expected: Vec<u32> = (0..count as u32).map(|i| (0..100).map(|j| (i + j) & 1023).sum()).collect();
+    compare::exact(&gpu.read::<u32>(&sums, count).unwrap(), &expected, |i| format!("item {i}")).unwrap();
+}
+
+/// A table of what a kernel wrote is read back as it was written, past the first row, on devices of both kinds.
+#[kernel_test]
+fn kernels_results_become_tables(gpu: &Gpu) {
+    let features = device_features(gpu);
+    let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let count = TABLE_WIDTH as usize + 3;
+    let mut records: Vec<[u32; 4]> = (0..count as u32).map(|i| [i, 2 * i, 3 * i, 4 * i]).collect();
+    let expected = records.clone();
+    records.resize(whole_rows(count), [POISON; 4]);
+    let written = gpu.upload("test/records", &records).unwrap();
+    let mut frame = gpu.frame("test");
+    let table = gpu.kernel_table(&mut frame, written, TableFormat::Uint).unwrap();
+    frame.submit().unwrap();
+    assert_eq!(matches!(table, Table::Texture(_)), features.has(DeviceFeature::TextureLoads));
+    let copies = gpu.poisoned::<[u32; 4]>("test/copies", count).unwrap();
+    let bound =
+        kernel.bind(gpu, "look_up", &[&Resources::new().with("table", &table).with("copies", &copies)]).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.run(&bound, count as u32, &(count as u32));
+    frame.submit().unwrap();
+    assert_eq!(gpu.read::<[u32; 4]>(&copies, count).unwrap(), expected);
+    assert_eq!(gpu.read_from::<[u32; 4]>(&copies, count - 1, 1).unwrap(), expected[count - 1..]);
+    assert_eq!(gpu.read::<u32>(&copies, 0).unwrap(), []);
 }
 
 fn arguments_are_followed(gpu: &Gpu, bound: &kernel_kit::BoundKernel, arguments: &kernel_kit::Buffer) {
