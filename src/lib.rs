@@ -18,6 +18,7 @@ pub mod settings;
 pub mod specialisation;
 pub mod statistics;
 pub mod stress;
+mod techniques;
 
 pub use error::{Error, Result};
 pub use render::Image;

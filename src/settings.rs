@@ -1,103 +1,12 @@
 //! What to render and how: the settings of a render, with their ranges.
 
+pub mod technique;
+
 use std::fmt;
 use std::str::FromStr;
 
 use crate::{Error, Result};
-
-/// How light is computed. The names are those of the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Technique {
-    /// Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.
-    Path,
-    /// The two-pass method with all shadow rays.
-    TwoPass,
-    /// The two-pass method with shadow rays only where the photons do not decide.
-    #[default]
-    ShadowPhotons,
-    /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
-    VisibilityEstimate,
-    /// The two-pass method with lights tested in the order of what they could contribute, until the rest could not matter;
-    /// the rest is guessed by what was seen of it so far (Ward 1991).
-    WardAdaptive,
-    /// The two-pass method without shadow rays from cells of space out of which no sample ray saw the light (Zimmerman and
-    /// Shirley 1995).
-    VisibilityCells,
-    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and Amanatides
-    /// 1990).
-    VoxelTags,
-    /// The global map shown directly, by density estimation.
-    PhotonMap,
-    /// As [`Technique::PhotonMap`], but direct light is that of a scene where everything is lit, less the energy of shadow
-    /// photons.
-    NegativePhotons,
-}
-
-impl Technique {
-    /// All techniques.
-    pub const ALL: [Technique; 9] = [
-        Technique::Path,
-        Technique::TwoPass,
-        Technique::ShadowPhotons,
-        Technique::VisibilityEstimate,
-        Technique::WardAdaptive,
-        Technique::VisibilityCells,
-        Technique::VoxelTags,
-        Technique::PhotonMap,
-        Technique::NegativePhotons,
-    ];
-
-    /// The name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Technique::Path => "path",
-            Technique::TwoPass => "two-pass",
-            Technique::ShadowPhotons => "shadow-photons",
-            Technique::VisibilityEstimate => "visibility-estimate",
-            Technique::WardAdaptive => "ward-adaptive",
-            Technique::VisibilityCells => "visibility-cells",
-            Technique::VoxelTags => "voxel-tags",
-            Technique::PhotonMap => "photon-map",
-            Technique::NegativePhotons => "negative-photons",
-        }
-    }
-
-    /// It asks the visibility map.
-    pub fn uses_visibility_map(self) -> bool {
-        matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
-    }
-
-    /// Photons can tell it which lights reach a zone.
-    pub fn uses_zones(self) -> bool {
-        self == Technique::ShadowPhotons
-    }
-
-    /// Its points may ask a few of many lights.
-    pub fn samples_lights(self) -> bool {
-        matches!(self, Technique::ShadowPhotons | Technique::TwoPass)
-    }
-
-    /// It says of points beforehand, by photons or by cells, whether they are lit, shadowed or neither.
-    pub fn classifies(self) -> bool {
-        self.uses_visibility_map() || self.uses_cells()
-    }
-
-    /// Rays from the cells of a grid say beforehand what its points see.
-    pub fn uses_cells(self) -> bool {
-        matches!(self, Technique::VisibilityCells | Technique::VoxelTags)
-    }
-
-    /// It shows the global map directly.
-    pub fn shows_map(self) -> bool {
-        matches!(self, Technique::PhotonMap | Technique::NegativePhotons)
-    }
-
-    /// Its direct light is a pass of its own, and indirect light another.
-    pub fn is_two_pass(self) -> bool {
-        self != Technique::Path && !self.shows_map()
-    }
-}
+pub use technique::Technique;
 
 /// Which lights a point asks, where direct light is a pass of its own; and by what paths choose one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -192,7 +101,6 @@ macro_rules! by_name {
         }
     };
 }
-by_name!(Technique, "technique");
 by_name!(Aov, "AOV");
 by_name!(LightSampling, "choice of lights");
 
@@ -319,13 +227,7 @@ impl Settings {
     /// The image goes to the truth as samples go on; of indirect light as near as photons and records come, of which there
     /// are then more.
     pub fn is_unbiased(&self) -> bool {
-        match self.technique {
-            Technique::Path | Technique::TwoPass => true,
-            Technique::ShadowPhotons => self.audit > 0.0,
-            Technique::WardAdaptive => self.shadow_tolerance == 0.0,
-            Technique::VisibilityEstimate | Technique::VisibilityCells | Technique::VoxelTags => false,
-            Technique::PhotonMap | Technique::NegativePhotons => false,
-        }
+        self.technique.is_unbiased(self)
     }
 
     /// Checks every range.
@@ -379,11 +281,11 @@ impl Settings {
             Some(LightSampling::Zones) if !self.technique.uses_zones() => {
                 refuse(format!("--light-choice zones: {} asks no photons which lights reach a point", self.technique))
             }
-            Some(LightSampling::All) if self.technique == Technique::Path => {
+            Some(LightSampling::All) if self.technique.is_path_tracing() => {
                 refuse("--light-choice all: paths ask one light at each vertex".to_owned())
             }
             Some(LightSampling::Uniform | LightSampling::Power)
-                if !self.technique.samples_lights() && self.technique != Technique::Path =>
+                if !self.technique.samples_lights() && !self.technique.is_path_tracing() =>
             {
                 refuse(format!("--light-choice: {} asks all lights", self.technique))
             }

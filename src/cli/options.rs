@@ -340,23 +340,7 @@ impl SettingsOptions {
 
 /// One of the techniques, by name.
 pub fn techniques() -> impl TypedValueParser<Value = Technique> {
-    let values = Technique::ALL.map(|technique| {
-        PossibleValue::new(technique.name()).help(match technique {
-            Technique::Path => "path tracing with next-event estimation: the reference",
-            Technique::TwoPass => "the two-pass method with all shadow rays",
-            Technique::ShadowPhotons => "shadow rays only where the photons do not decide",
-            Technique::VisibilityEstimate => "no shadow rays: the photons' own visibility, equation 1 of the paper",
-            Technique::WardAdaptive => "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
-            Technique::VisibilityCells => {
-                "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)"
-            }
-            Technique::VoxelTags => {
-                "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)"
-            }
-            Technique::PhotonMap => "the photon map shown directly, by density estimation",
-            Technique::NegativePhotons => "everything taken as lit, shadow photons take their energy away",
-        })
-    });
+    let values = Technique::all().map(|technique| PossibleValue::new(technique.name()).help(technique.help()));
     PossibleValuesParser::new(values).try_map(|name| name.parse())
 }
 

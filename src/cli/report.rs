@@ -36,7 +36,7 @@ pub struct Arguments {
     quiet: bool,
 
     /// Techniques to compare, with commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Technique::ALL, value_parser = techniques(), help_heading = "Report")]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Technique::all(), value_parser = techniques(), help_heading = "Report")]
     techniques: Vec<Technique>,
 
     /// Seconds after which images are compared, with commas; set-up counts, opening the device and the file does not
@@ -373,9 +373,9 @@ impl Arguments {
         self.cache.clone().or_else(own).ok_or_else(|| Error::Usage("no cache folder is known: give --cache".into()))
     }
 
-    /// In the order of [`Technique::ALL`], each once.
+    /// In the order of [`Technique::all()`], each once.
     fn techniques(&self) -> Vec<Technique> {
-        Technique::ALL.into_iter().filter(|technique| self.techniques.contains(technique)).collect()
+        Technique::all().filter(|technique| self.techniques.contains(technique)).collect()
     }
 
     /// In order, each once.

@@ -42,7 +42,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let Arguments { width, spp, paper_counting, .. } = *arguments;
     let options = Options { width, spp, paper_counting };
-    SCENES[0].settings(Technique::Path, &options).check()?;
+    SCENES[0].settings(Technique::PATH, &options).check()?;
     arguments.html.iter().try_for_each(film::check_target)?;
     let gpu = Gpu::open(&arguments.device)?;
     let mut comparisons = Vec::new();

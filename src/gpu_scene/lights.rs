@@ -8,6 +8,9 @@ use crate::Result;
 use crate::gpu::buffer::TableFormat;
 use crate::gpu::{Binding, Bindings, Buffer, Gpu, Table};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
+pub(crate) use crate::specialisation::lights::FEW_EMITTERS;
+use crate::specialisation::lights::is_closed_mesh;
+pub use crate::specialisation::lights::{has_many_emitters, is_closed};
 
 use super::aim::Receivers;
 use super::environment::GpuEnvironment;
@@ -41,9 +44,6 @@ pub(crate) const VIEW_SIDE: u32 = 16;
 /// Radii of a light from whose middle it is far. Nearer, what its triangles show hangs on the place and not on the direction
 /// alone.
 pub(crate) const NEAR_LIGHT: f64 = 2.0;
-
-/// Most triangles of a light all of which are asked what they send, wherever it is. A square has two.
-pub(crate) const FEW_EMITTERS: u32 = 4;
 
 /// Most triangles of a light all of which are asked where it is near: each costs some tenth of a shadow ray.
 pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
@@ -307,7 +307,7 @@ impl Build {
             let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
             self.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
         }
-        let viewed = closed(&triangles, two_sided)
+        let viewed = is_closed_mesh(&triangles, two_sided)
             && VIEWED_TRIANGLES.contains(&emitters.len())
             && convex(&triangles, f64::from(radius));
         let views = self.vertices.len() as u32;
@@ -349,31 +349,6 @@ impl Build {
             radius,
         }
     }
-}
-
-/// Whether a light has so many triangles that points choose one by power before they know what it sends to them.
-pub fn has_many_emitters(light: &Light) -> bool {
-    matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > FEW_EMITTERS as usize)
-}
-
-/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any place:
-/// its area vectors sum to nothing.
-pub fn is_closed(scene: &Scene, light: &Light) -> bool {
-    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
-    let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
-    closed(&triangles, scene.materials[*material as usize].double_sided)
-}
-
-fn closed(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
-    let mut sum = Vec3::ZERO;
-    let mut area = 0.0;
-    for [a, b, c] in triangles {
-        let across = (*b - *a).cross(*c - *a);
-        sum += across;
-        area += across.length();
-    }
-    // A hundredth: a mesh with a small hole for a socket counts as closed.
-    !two_sided && sum.length() < 0.01 * area
 }
 
 /// Whether no corner lies above a triangle: from anywhere outside only triangles are seen that face the direction from the middle.

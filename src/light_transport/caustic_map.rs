@@ -1,5 +1,5 @@
-//! The caustic map: photons that focusing surfaces alone have sent on, shown directly where they arrive (Jensen 1996). Samples
-//! have maps of their own, with discs that shrink, so that both their noise and their blur go to nothing (Knaus and Zwicker
+//! The caustic map: photons that left focusing surfaces alone, shown directly where they arrive (Jensen 1996). Every few
+//! samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus and Zwicker
 //! 2011, with their alpha of 2/3).
 
 use glam::Vec3;
@@ -12,16 +12,15 @@ use crate::passes::grid::{GridShape, Photon};
 use crate::passes::irradiance::BoundShow;
 use crate::settings::Settings;
 use crate::statistics::Counter;
-
-use super::TILE_SAMPLES;
-use super::direct_light::Shared;
-use super::global_map::GlobalMapKernels;
 use crate::statistics::totals::Totals;
 
-/// Rays of a caustic map for one of the global map: few of them meet a focusing surface first.
+use super::global_map::GlobalMapKernels;
+use super::shared::{Shared, TILE_SAMPLES};
+
+/// Rays of a caustic map for one of the global map: few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
-/// Cells of the grid, about: light is focused on little of what the grid spans.
+/// Approximate number of cells of the grid: light is focused on little of what the grid spans.
 const CELLS: u32 = 1 << 19;
 
 pub(crate) struct CausticKernels {
@@ -42,7 +41,7 @@ pub(crate) struct CausticMap {
 }
 
 impl CausticMap {
-    /// Which map shows its light to samples from that one on.
+    /// Which map serves samples from that one on.
     pub fn number_at(first_sample: u32) -> u32 {
         first_sample.div_ceil(TILE_SAMPLES)
     }
@@ -66,7 +65,7 @@ impl CausticMap {
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
         let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.max_bounces, seed)?;
-        // A render that is taken up again traces the map of its next samples once more.
+        // A resumed render traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;
             totals.photon_rays += traced.rays;
@@ -91,7 +90,7 @@ impl CausticMap {
     }
 
     /// Adds its light at the tile's points.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+    pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(show) = &self.show {
             show.record(frame, tile);
         }

@@ -1,16 +1,5 @@
-//! Direct light by cells of space that are judged before the first sample: the techniques `visibility-cells` and
-//! `voxel-tags`, which shadow photons are compared with.
-//!
-//! *visibility-cells* is Zimmerman and Shirley's source visibility preprocess (1995): up to 100 rays from each cell to
-//! points of each light; where all of them are blocked, nothing in the cell is thought to see the light, and no shadow ray
-//! is traced. That is wrong where a small part of a cell is lit, and shows as jagged edges. The share of rays that were
-//! seen weighs the lights' chances in the original, which samples one of many; here, where each light is sampled, it is
-//! the control variate of pass `shade`.
-//!
-//! *voxel-tags* is Woo and Amanatides' voxel occlusion testing (1990): each voxel is tagged lit, shadowed or neither for
-//! each light, and shadow rays are for the last kind alone. They tag by scanning the shadow volumes of polygons into the
-//! grid, which finds no shadow that several polygons cast together; rays find them all but what falls between them. So
-//! a tag stands only where the 26 voxels around have it too.
+//! What the points of each cell of a grid see of each light, told by rays before the first sample: for the techniques
+//! `visibility-cells` and `voxel-tags`.
 //!
 //! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a cell
 //! on a floor is below the floor, and tells nothing about its points.
@@ -19,32 +8,50 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::gpu::Gpu;
-use crate::gpu_scene::GpuScene;
-use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells, grid_of};
+use crate::gpu::Frame;
+use crate::passes::Tile;
+use crate::passes::cells::{BATCH_RAYS, BoundCells, CellGrid, CellPoint, CellTable, Cells, grid_of};
+use crate::passes::classify::Chunk;
 use crate::passes::grid::GridShape;
 use crate::scene::Scene;
 use crate::settings::Settings;
-
 use crate::statistics::totals::Totals;
 
-/// Traces the rays of all cells.
-pub(crate) fn table(
-    gpu: &Gpu,
-    kernel: &Cells,
-    scene: &Scene,
-    gpu_scene: &GpuScene,
-    settings: &Settings,
-    totals: &mut Totals,
-) -> Result<CellTable> {
-    let shape = grid_of(scene, settings.cells);
-    let surfaces = Surfaces::new(scene, &shape);
-    let (rays, seed) = (settings.cell_rays, settings.seed);
-    let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
-    let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
-    totals.cell_rays += table.rays;
-    totals.photon_bytes += table.bytes;
-    Ok(table)
+use super::direct_light::DirectLight;
+use super::shared::Shared;
+
+/// The class words of all cells, bound to give points those of their cells.
+pub(crate) struct CellVisibility {
+    /// Kept for the buffers that are bound.
+    _table: CellTable,
+    bound: BoundCells,
+}
+
+impl CellVisibility {
+    /// Traces the rays of all cells, and binds the classes of direct light.
+    pub fn new(
+        shared: &Shared<'_>,
+        kernel: &Cells,
+        direct: &DirectLight,
+        settings: &Settings,
+        totals: &mut Totals,
+    ) -> Result<CellVisibility> {
+        let Shared { gpu, scene, gpu_scene, tile } = *shared;
+        let shape = grid_of(scene, settings.cells);
+        let surfaces = Surfaces::new(scene, &shape);
+        let (rays, seed) = (settings.cell_rays, settings.seed);
+        let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
+        let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
+        totals.cell_rays += table.rays;
+        totals.photon_bytes += table.bytes;
+        let bound = kernel.bind(gpu, tile, &table, &direct.classify_buffers().classes, gpu_scene)?;
+        Ok(CellVisibility { _table: table, bound })
+    }
+
+    /// Gives the tile's points the classes of their cells.
+    pub fn classify(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.record(frame, tile, chunk);
+    }
 }
 
 /// A triangle that lies in one cell, a part of a triangle of the scene.
@@ -122,9 +129,9 @@ fn slabs(polygon: &[DVec3], shape: &GridShape, axis: usize, each: &mut dyn FnMut
     let (origin, cell) = (f64::from(shape.origin[axis]), f64::from(shape.cell));
     let last = shape.size[axis] - 1;
     let index = |x: f64| (((x - origin) / cell).max(0.0) as u32).min(last);
-    let places = || polygon.iter().map(|p| p[axis]);
-    let first = index(places().fold(f64::INFINITY, f64::min));
-    let end = index(places().fold(f64::NEG_INFINITY, f64::max));
+    let coordinates = || polygon.iter().map(|p| p[axis]);
+    let first = index(coordinates().fold(f64::INFINITY, f64::min));
+    let end = index(coordinates().fold(f64::NEG_INFINITY, f64::max));
     for slab in first..=end {
         let mut part = polygon.to_vec();
         if slab > first {
@@ -177,7 +184,7 @@ mod tests {
     use super::*;
 
     /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the triangle, in
-    /// their cell, as many in each as were asked for, and spread over it by area.
+    /// their cell, the given number in each, and spread over it by area.
     #[test]
     fn triangles_are_cut_at_cells() {
         let mut random = Random(7);

@@ -9,11 +9,10 @@ use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
 };
 use crate::settings::Settings;
+use crate::statistics::totals::Totals;
 use crate::statistics::{Counter, Indirect};
 
-use super::direct_light::Shared;
-use super::visibility_map::extent;
-use crate::statistics::totals::Totals;
+use super::shared::{Shared, extent};
 
 pub(crate) struct GlobalMapKernels {
     flux: Flux,
@@ -31,9 +30,9 @@ impl GlobalMapKernels {
     }
 }
 
-/// What a render asks of the global map.
+/// What a render reads of the global map.
 pub(crate) struct GlobalMap {
-    /// Irradiance at places, for paths and gathers.
+    /// Irradiance at some of its photons, for paths and gathers.
     irradiance: Option<IrradianceMap>,
     /// The map shown at the points of a tile.
     show: Option<BoundShow>,
@@ -46,7 +45,7 @@ impl Bindings for GlobalMap {
 }
 
 impl GlobalMap {
-    /// Traces the photons, sorts them, and estimates the irradiance at some places where `paths` end.
+    /// Traces the photons, sorts them, and estimates the irradiance at some of them for `paths`.
     pub fn new(
         shared: &Shared<'_>,
         kernels: &GlobalMapKernels,
@@ -56,7 +55,7 @@ impl GlobalMap {
     ) -> Result<GlobalMap> {
         let Shared { gpu, scene, gpu_scene, tile } = *shared;
         let shown = settings.technique.shows_map();
-        // What a look-up tells is seen after one bounce.
+        // A look-up happens after one bounce.
         let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
         let Settings { flux_photons, seed, .. } = *settings;
         let caustics = totals.indirect.caustics;
@@ -99,7 +98,7 @@ impl GlobalMap {
     }
 
     /// Shows the map at the tile's points, where the technique does.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+    pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(show) = &self.show {
             show.record(frame, tile);
         }

@@ -1,9 +1,10 @@
 //! Pass `cells`: rays from the surfaces in each cell of a grid to each light, and the classes of points by their cells.
 
-use glam::{DVec3, UVec3, Vec3};
+use glam::UVec3;
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
 use crate::scene::Scene;
+use crate::specialisation::visibility::CellLayout;
 use crate::statistics::Counter;
 use crate::{Error, Result, shared_struct};
 
@@ -36,24 +37,9 @@ shared_struct! {
     }
 }
 
-/// Most cells of all lights together: 8 bytes each. Where lights are many, cells are larger.
-const MAX_CELLS: f64 = (1u32 << 22) as f64;
-
 /// A grid of cubes over the scene, `cells` of them along its longest side, or fewer where lights are many.
 pub fn grid_of(scene: &Scene, cells: u32) -> GridShape {
-    let [low, high] = scene.bounds().unwrap_or([Vec3::ZERO; 2]);
-    // Surfaces on the scene's hull lie in cells, and not on their faces.
-    let border = 1e-3f32.max((high - low).max_element() * 1e-3);
-    let (low, high) = ((low - border).as_dvec3(), (high + border).as_dvec3());
-    let most = MAX_CELLS / (scene.lights.len().max(1) as f64);
-    let shape = |cells: u32| {
-        let cell = (high - low).max_element() / f64::from(cells);
-        // A hair less, so that rounding gives the longest side no cell more.
-        let size = ((high - low) / cell - 1e-6).ceil().max(DVec3::ONE);
-        (cell, size)
-    };
-    let (cell, size) =
-        (1..=cells).rev().map(shape).find(|(_, size)| size.element_product() <= most).unwrap_or(shape(1));
+    let CellLayout { low, cell, size } = CellLayout::of(scene, cells);
     GridShape {
         origin: low.as_vec3().to_array(),
         cell: cell as f32,

@@ -234,8 +234,8 @@ impl Classify {
 }
 
 impl BoundClassify {
-    /// Records the classification of a tile's points for a chunk of lights, dilation, and the queues with their
-    /// indirect arguments for workgroups of `queue_group` invocations.
+    /// All steps for a tile's points and a chunk of lights, in order. The queues get indirect arguments for workgroups of
+    /// `queue_group` invocations.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -244,39 +244,58 @@ impl BoundClassify {
         chunk: &Chunk,
         queue_group: u32,
     ) {
-        let slots = tile.point_count * chunk.lights;
-        let arguments = &buffers.queue_arguments;
-        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        frame.clear(&buffers.queue_lengths);
-        frame.run(&self.classify, slots, &query);
-        if let Some(Undecided { ask, judge_asked, query: search }) = &self.undecided {
-            frame.run(&self.arrange, 1, &query);
-            frame.run_indirect(ask, arguments, Queue::Query.arguments_offset(), &query);
-            judge_asked.record(frame);
-            frame.run_indirect(search, arguments, Queue::Query.arguments_offset(), &query);
-        }
-        self.record_queues(frame, buffers, tile, chunk, queue_group);
+        self.classify(frame, buffers, tile, chunk);
+        self.request_cells(frame, buffers, tile, chunk);
+        self.classify_requested_cells(frame);
+        self.query(frame, buffers, tile, chunk);
+        self.dilate(frame, buffers, tile, chunk);
+        self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// The part of [`BoundClassify::record`] that follows the classes, whoever wrote them: dilation, counts and queues. The
-    /// lengths of the queues must be 0.
-    pub fn record_queues(
-        &self,
-        frame: &mut Frame<'_>,
-        buffers: &ClassifyBuffers,
-        tile: &Tile,
-        chunk: &Chunk,
-        queue_group: u32,
-    ) {
+    /// Gives points the classes of their cells, where those are known, and empties the queues. What is not known is queued for
+    /// [`BoundClassify::query`].
+    pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let slots = tile.point_count * chunk.lights;
-        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        if chunk.dilate > 0 {
-            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(slots) * 4);
-            frame.run(&self.dilate, slots, &query);
-            frame.run(&self.compact, slots, &query);
-        } else {
-            frame.run(&self.compact_undilated, slots, &query);
+        frame.clear(&buffers.queue_lengths);
+        frame.run(&self.classify, slots, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+    }
+
+    /// Requests the cells of queued points that are not classified yet.
+    pub fn request_cells(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let Some(Undecided { ask, .. }) = &self.undecided else { return };
+        self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run_indirect(ask, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+    }
+
+    /// Classifies the cells that were newly requested.
+    pub fn classify_requested_cells(&self, frame: &mut Frame<'_>) {
+        if let Some(Undecided { judge_asked, .. }) = &self.undecided {
+            judge_asked.record(frame);
         }
+    }
+
+    /// Classifies the queued points: by their cells, or by a search for their nearest photons.
+    pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let Some(Undecided { query, .. }) = &self.undecided else { return };
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+    }
+
+    /// Widens boundaries, where the chunk asks for that.
+    pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        if chunk.dilate > 0 {
+            let slots = tile.point_count * chunk.lights;
+            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(slots) * 4);
+            frame.run(&self.dilate, slots, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+        }
+    }
+
+    /// Counts the classes, whichever pass wrote them, and queues the points that need shadow rays. The queues must be empty.
+    pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue_group: u32) {
+        let compact = if chunk.dilate > 0 { &self.compact } else { &self.compact_undilated };
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run(compact, tile.point_count * chunk.lights, &parameters);
         self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
         self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
     }

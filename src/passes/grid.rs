@@ -10,6 +10,7 @@ use glam::{UVec3, Vec3};
 
 use crate::gpu::buffer::{TableFormat, whole_rows};
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
+use crate::specialisation::kernels;
 use crate::{Error, Result, bindings, shared_struct};
 
 use super::kernel;
@@ -33,8 +34,7 @@ impl Photon {
     }
 }
 
-/// Lights of a photon map: a photon's word has eleven bits for its light.
-pub const MAX_LIGHTS: u32 = 2048;
+pub use crate::specialisation::lights::MAX_LIGHTS;
 
 /// Most photons asked for: a class word has nine bits for each count.
 pub const MAX_NEAREST: u32 = 511;
@@ -295,7 +295,7 @@ impl Grid {
         if !(1..=MAX_NEAREST).contains(&nearest) {
             return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
         }
-        let features = features.clone().with("visibility_map", true);
+        let features = kernels::grid_of_visibility_map(features);
         Ok(Grid { kernel: kernel(gpu, "grid", &features, &[("nearest", f64::from(nearest))], GridBindings::NAMES)? })
     }
 
@@ -304,7 +304,7 @@ impl Grid {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn sorting_only(gpu: &Gpu, features: &Features) -> Result<Grid> {
-        let features = features.clone().with("visibility_map", false).with("light_tags", false);
+        let features = kernels::sorting_grid(features);
         Ok(Grid { kernel: kernel(gpu, "grid", &features, &[], GridBindings::NAMES)? })
     }
 

@@ -99,7 +99,7 @@ pub struct BoundShadow {
 }
 
 impl BoundShadow {
-    /// Traces the queued slots: as many as `arguments` says, an indirect dispatch's three words for the boundary
+    /// Traces the queued candidates and audits: as many as `arguments` says, an indirect dispatch's three words for the boundary
     /// queue at byte `boundary`, for the audits at byte `audit`.
     pub fn record(
         &self,
@@ -109,9 +109,19 @@ impl BoundShadow {
         audit: u64,
         parameters: &ShadowParameters,
     ) {
-        frame.run_indirect(&self.shadow, arguments, boundary, parameters);
+        self.trace(frame, arguments, boundary, parameters);
+        self.audit(frame, arguments, audit, parameters);
+    }
+
+    /// Traces the shadow rays of the boundary queue, whose indirect arguments are at byte `offset`.
+    pub fn trace(&self, frame: &mut Frame<'_>, arguments: &Buffer, offset: u64, parameters: &ShadowParameters) {
+        frame.run_indirect(&self.shadow, arguments, offset, parameters);
+    }
+
+    /// Traces the shadow rays of the audit queue, where there are audits.
+    pub fn audit(&self, frame: &mut Frame<'_>, arguments: &Buffer, offset: u64, parameters: &ShadowParameters) {
         if let Some(kernel) = &self.audit {
-            frame.run_indirect(kernel, arguments, audit, parameters);
+            frame.run_indirect(kernel, arguments, offset, parameters);
         }
     }
 }

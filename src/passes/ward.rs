@@ -150,17 +150,37 @@ impl BoundWard {
         parameters: &WardParameters,
         test: impl Fn(&mut Frame<'_>),
     ) {
+        self.order(frame, parameters);
+        for _ in 0..parameters.light_count {
+            self.next(frame, classify, parameters);
+            test(frame);
+        }
+        self.guess(frame, parameters);
+        self.learn(frame, parameters);
+    }
+
+    /// Sorts the lights of each point by what they could contribute.
+    pub fn order(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         let points = parameters.tile.point_count;
         for first_light in (0..parameters.light_count).step_by(LIGHTS_AT_ONCE as usize) {
             let end_light = (first_light + LIGHTS_AT_ONCE).min(parameters.light_count);
             frame.run(&self.order, points, &WardParameters { first_light, end_light, ..*parameters });
         }
-        for _ in 0..parameters.light_count {
-            frame.clear(&classify.queue_lengths);
-            frame.run(&self.next, points, parameters);
-            test(frame);
-        }
-        frame.run(&self.guess, points, parameters);
+    }
+
+    /// Queues the next light of each point that is not done.
+    pub fn next(&self, frame: &mut Frame<'_>, classify: &ClassifyBuffers, parameters: &WardParameters) {
+        frame.clear(&classify.queue_lengths);
+        frame.run(&self.next, parameters.tile.point_count, parameters);
+    }
+
+    /// Guesses the visibility of the lights that were not tested.
+    pub fn guess(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
+        frame.run(&self.guess, parameters.tile.point_count, parameters);
+    }
+
+    /// Adds what this tile has seen of each light to what guesses are made of.
+    pub fn learn(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         frame.run(&self.learn, parameters.light_count, parameters);
     }
 }

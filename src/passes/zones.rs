@@ -72,7 +72,7 @@ impl Zones {
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features) -> Result<Zones> {
         // Photons are sorted by zone alone.
-        let features = features.clone().with("light_tags", false);
+        let features = crate::specialisation::kernels::zones(features);
         Ok(Zones(kernel(gpu, "zones", &features, &[], ZoneBindings::NAMES)?))
     }
 

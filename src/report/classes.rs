@@ -180,7 +180,7 @@ fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
 /// Visibility by `parts` renders, each with its share of the light points.
 fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
     let part = |index: u32| {
-        let settings = one_sample(subject, Technique::TwoPass);
+        let settings = one_sample(subject, Technique::TWO_PASS);
         let seed = settings.seed.wrapping_add(index);
         Ok(render(subject, &Settings { shadow_samples: LIGHT_POINTS / parts, seed, ..settings })?.0)
     };

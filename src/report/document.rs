@@ -24,7 +24,7 @@ use super::verdict::{Late, Verdict, advice, brightness, too_short, verdict};
 pub const LEAST_REPEATS: usize = 3;
 
 /// What the others are compared with: the technique that traces every shadow ray.
-pub(super) const BASELINE: Technique = Technique::TwoPass;
+pub(super) const BASELINE: Technique = Technique::TWO_PASS;
 
 /// A report.
 #[derive(Clone, Debug, Serialize)]
@@ -199,7 +199,8 @@ impl Report {
         let of = |technique: Technique| -> Vec<&Run> {
             runs.iter().filter(|run| run.settings.technique == technique).collect()
         };
-        let last = Technique::ALL.map(|technique| (technique, budgets(&of(technique)).last().copied()));
+        let last =
+            Technique::all().map(|technique| (technique, budgets(&of(technique)).last().copied())).collect::<Vec<_>>();
         let is_last = |run: &Run, snapshot: &Snapshot| last.contains(&(run.settings.technique, Some(snapshot.budget)));
         let snapshots: Vec<_> = runs.iter().flat_map(|run| run.snapshots.iter().map(move |s| (run, s))).collect();
         let row = |(run, snapshot): &(&Run, &Snapshot)| {
@@ -209,7 +210,7 @@ impl Report {
 
         let mut entrants = Vec::new();
         let mut late = Vec::new();
-        for technique in Technique::ALL {
+        for technique in Technique::all() {
             let own = of(technique);
             match Entrant::new(&own, &rows, reference) {
                 Some(entrant) => entrants.push(entrant),

@@ -72,7 +72,7 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
         let rays = snapshot.rays;
         (rays.shadow + rays.audit + rays.photon + rays.cell) as f64
     };
-    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::Path;
+    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::PATH;
     let techniques = report.techniques.iter().filter(own);
     let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
     draw("rays.svg", SIZE, |area| {
@@ -227,7 +227,7 @@ struct Series {
 impl Series {
     fn new(technique: &TechniqueReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
         let of = technique.settings.technique;
-        let index = Technique::ALL.iter().position(|technique| *technique == of).unwrap_or(0);
+        let index = Technique::all().position(|technique| technique == of).unwrap_or(0);
         Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],

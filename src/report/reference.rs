@@ -164,7 +164,7 @@ impl Reference {
         let samples = integer(a, SAMPLES).saturating_add(integer(b, SAMPLES));
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
         image.metadata.insert(SECONDS.to_owned(), Metadata::Float(seconds(a) as f32));
-        image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
+        image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::PATH.name().to_owned()));
         Ok(Reference { image, goal: None })
     }
 
@@ -250,7 +250,7 @@ impl Half {
         let seed = FIRST_SEED + 2 * self.sessions + self.index;
         self.sessions += 1;
         subject.renderer(&Settings {
-            technique: Technique::Path,
+            technique: Technique::PATH,
             seed,
             spp: Settings::UNLIMITED_SPP,
             aovs: Vec::new(),

@@ -147,7 +147,7 @@ impl Sweep {
         truth: &Truth,
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Sweep>> {
-        let technique = Technique::ShadowPhotons;
+        let technique = Technique::SHADOW_PHOTONS;
         let mut points = Vec::new();
         for value in range.values() {
             if stop() {

@@ -15,7 +15,7 @@ use super::metrics;
 
 /// The paper's techniques, in the order of its table.
 pub const TECHNIQUES: [Technique; 4] =
-    [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons, Technique::VisibilityEstimate];
+    [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS, Technique::VISIBILITY_ESTIMATE];
 
 /// Width and height of the images in pixels. The paper does not say; but a path sends a shadow ray and another ray from
 /// every surface that it meets, so its images have (rays in all - 2 shadow rays) / samples pixels: 132,000 and 117,000.
@@ -99,7 +99,7 @@ pub struct Options {
 impl PaperScene {
     /// Settings of a technique: the paper's, which has neither audits nor dilation.
     pub fn settings(&self, technique: Technique, options: &Options) -> Settings {
-        let path = technique == Technique::Path;
+        let path = technique == Technique::PATH;
         let side = options.width.unwrap_or(SIDE);
         Settings {
             technique,

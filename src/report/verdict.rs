@@ -168,9 +168,9 @@ pub(super) fn advice(
     }
     if let Some(reason) = map_left_out {
         let _ = write!(text, " Shadow photons are left out of this scene ({reason})");
-        let cost = comparisons.iter().find(|comparison| comparison.technique == Technique::ShadowPhotons);
+        let cost = comparisons.iter().find(|comparison| comparison.technique == Technique::SHADOW_PHOTONS);
         if let Some(Interval { value, .. }) = cost.and_then(|comparison| comparison.time_ratio) {
-            let _ = write!(text, "; {} took {value:.2} times the time of {BASELINE}", Technique::ShadowPhotons);
+            let _ = write!(text, "; {} took {value:.2} times the time of {BASELINE}", Technique::SHADOW_PHOTONS);
         }
         text.push('.');
     }

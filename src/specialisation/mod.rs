@@ -1,17 +1,19 @@
-//! What a scene needs: the one place that decides which modules and branches the kernels are composed of, which
-//! buffers exist and which passes run.
+//! What a render needs: the one place that decides which modules and branches the kernels are composed of, which buffers
+//! exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], which is all that a plan
+//! knows), by hierarchy and device, by the light tables, and by the pilot samples.
+
+mod indirect;
+pub(crate) mod kernels;
+pub(crate) mod lights;
+mod surfaces;
+pub(crate) mod visibility;
 
 use serde::Serialize;
 
 use crate::bvh::Bvh;
-use crate::gpu::Features;
-use crate::gpu_scene::lights;
-use crate::passes::cells;
-use crate::passes::grid::MAX_LIGHTS;
-use crate::scene::{Light, Scene};
-use crate::settings::{Aov, LightSampling, Settings, Technique};
-
-mod surfaces;
+use crate::gpu::{Features, Gpu};
+use crate::scene::Scene;
+use crate::settings::{Aov, Settings};
 
 pub(crate) use surfaces::FOCUSING_ALPHA;
 use surfaces::Facts;
@@ -22,6 +24,9 @@ pub struct Specialisation {
     /// What the kernels are composed with.
     #[serde(skip)]
     pub features: Features,
+    /// Pass `path` runs: for all light, for indirect light, or for what the shown map leaves.
+    #[serde(skip)]
+    pub traces_paths: bool,
     /// What is there, and why.
     pub kept: Vec<Item>,
     /// What was left out, and why.
@@ -42,8 +47,12 @@ pub struct Item {
 impl Specialisation {
     /// Decides what `scene` rendered with `settings` needs.
     pub fn new(scene: &Scene, settings: &Settings) -> Specialisation {
-        let mut specialisation =
-            Specialisation { features: Features::default(), kept: Vec::new(), left_out: Vec::new() };
+        let mut specialisation = Specialisation {
+            features: Features::default(),
+            traces_paths: false,
+            kept: Vec::new(),
+            left_out: Vec::new(),
+        };
         let facts = Facts::new(scene);
         specialisation.of_surfaces(scene, &facts);
         specialisation.of_lights(scene, &facts);
@@ -52,207 +61,6 @@ impl Specialisation {
         specialisation.of_indirect_light(scene, settings, &facts);
         specialisation.of_channels(settings);
         specialisation
-    }
-
-    fn of_lights(&mut self, scene: &Scene, m: &Facts) {
-        let some_lights = |n: usize| (n > 0, count(n, "light"));
-        for (feature, number) in [
-            ("mesh_lights", m.mesh_lights),
-            ("point_lights", m.point_lights),
-            ("spot_lights", m.spot_lights),
-            ("directional_lights", m.directional_lights),
-        ] {
-            let (on, why) = some_lights(number);
-            self.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
-        }
-        let panorama = scene.environment();
-        let why = panorama
-            .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
-        let unneeded = "no --environment is given";
-        let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
-        self.decide("environment", panorama.is_some(), why, unneeded, cost);
-        let (on, why) = some_lights(m.textured_lights);
-        self.decide("emissive_textures", on, why, "no emission is textured", "texture lookups at every light point");
-
-        self.decide(
-            "dark_points",
-            !scene.placed_lights().is_empty(),
-            "points that face away from a light need no ray".into(),
-            "there is no light that a point could face away from",
-            "a test at every point and light",
-        );
-        let many = |light: &&Light| lights::has_many_emitters(light);
-        let (on, why) = some_lights(scene.lights.iter().filter(many).count());
-        let unneeded = "points ask all triangles of every light what they send";
-        self.decide("many_emitters", on, why, unneeded, "a search at every light point");
-        let closed = |light: &&Light| lights::is_closed(scene, light);
-        let (on, why) = some_lights(scene.lights.iter().filter(many).filter(closed).count());
-        self.decide(
-            "emitter_pairs",
-            on,
-            why,
-            "no light of many triangles is a closed mesh",
-            "two records at every light point; 1 kB a triangle",
-        );
-    }
-
-    fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
-        let (choice, why) = light_sampling(scene, settings);
-        let few = !matches!(choice, LightSampling::All) && settings.technique != Technique::Path;
-        let cost = format!("pass choose; {} B a point", 8 * settings.sampled_lights);
-        self.decide("light_sampling", few, why.clone(), &why, &cost);
-        let uniform = choice == LightSampling::Uniform;
-        self.decide(
-            "uniform_light_sampling",
-            uniform,
-            "asked for".into(),
-            "not asked for",
-            "much noise where lights differ",
-        );
-        let zones = choice == LightSampling::Zones;
-        let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 potentials a point";
-        self.decide("zones", zones, why.clone(), &why, cost);
-    }
-
-    /// What tells whether points see lights: photons, cells, audits.
-    fn of_visibility(&mut self, scene: &Scene, settings: &Settings) {
-        let map = settings.technique.uses_visibility_map();
-        let placed = scene.placed_lights().len();
-        let photons = u64::from(settings.photons) * placed as u64;
-        let unneeded = if !map {
-            format!("the technique {} does not ask it", settings.technique)
-        } else if placed == 0 && scene.environment().is_some() {
-            format!("the environment is the only light: {NO_PHOTONS}")
-        } else if scene.lights.is_empty() {
-            "there is no light".to_owned()
-        } else {
-            "there is nothing to be lit".to_owned()
-        };
-        let many = placed > MAX_LIGHTS as usize;
-        let unneeded = if many { format!("a photon's word has room for {MAX_LIGHTS} lights") } else { unneeded };
-        let few = self.features.has("light_sampling");
-        // Of 64 lights of scenes/lamps.glb it left half of what was asked to shadow rays.
-        let unneeded =
-            if few { "points ask few of many lights: it costs more than it saves".to_owned() } else { unneeded };
-        let wanted = map && !many && !few && placed > 0 && !scene.is_empty();
-        let mut why = format!("{photons} photons tell lit and shadowed points apart");
-        if scene.environment().is_some() {
-            why += &format!("; none are of the environment: {NO_PHOTONS}");
-        }
-        let cost = format!("passes photons, grid, classify; about {}", bytes_text(photons * 24));
-        self.decide("visibility_map", wanted, why, &unneeded, &cost);
-        let several = placed > 1;
-        let why = format!("{placed} lights");
-        self.decide(
-            "light_tags",
-            wanted && several,
-            why,
-            "there is one light at most",
-            "a key and a comparison a photon",
-        );
-        self.decide(
-            "paper_counting",
-            wanted && settings.paper_counting,
-            "asked for".into(),
-            "photons are counted by their normals",
-            "false shadows beside objects",
-        );
-        let estimate = settings.technique == Technique::VisibilityEstimate;
-        let why = "the photons' own visibility is shown (equation 1)".to_owned();
-        let lit = is_lit(scene);
-        let many = scene.lights.len() > MAX_LIGHTS as usize;
-        let ward = lit && !many && scene.lights.len() > 1 && settings.technique == Technique::WardAdaptive;
-        let why = if ward { "lights that are not tested are guessed".to_owned() } else { why };
-        self.decide(
-            "visibility_estimate",
-            (wanted && estimate) || ward,
-            why,
-            "shadow rays decide at boundaries",
-            "blurred shadows",
-        );
-        let other = format!("the technique {} does not ask it", settings.technique);
-        let cells = lit && settings.technique.uses_cells();
-        let why = format!("{} rays a cell and light tell what its points see", settings.cell_rays);
-        let cost = format!("pass cells; about {}", bytes_text(grid_bytes(scene, settings)));
-        self.decide("cells", cells, why, &other, &cost);
-        let tags = cells && settings.technique == Technique::VoxelTags;
-        let why = "voxels that agree with their neighbours need no shadow ray".to_owned();
-        self.decide("voxel_tags", tags, why, &other, "a look at 26 neighbours a cell");
-        let why = format!("lights are tested until the rest is below {} of a point's light", settings.shadow_tolerance);
-        let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
-        let unneeded = match settings.technique {
-            Technique::WardAdaptive if many => too_many.as_str(),
-            Technique::WardAdaptive => "there is one light at most, which is always tested",
-            _ => &other,
-        };
-        self.decide("ward", ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
-        let audited = wanted && !estimate && settings.audit > 0.0;
-        let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.audit);
-        let reason =
-            if wanted && estimate { "the technique traces no shadow rays" } else { "nothing is decided by photons" };
-        let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
-        self.decide("audit", audited, why, reason, "a shadow ray for each audited point");
-    }
-
-    fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
-        let lit = is_lit(scene);
-        let shaded = settings.technique.is_two_pass() && lit;
-        // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
-        let highlights = m.glossy > 0 && (m.mesh_lights > 0 || scene.environment().is_some());
-        let why = match settings.max_bounces {
-            0 => "highlights of lights that rays can meet".to_owned(),
-            bounces => format!("up to {bounces} bounces"),
-        };
-        let unneeded = match settings.technique {
-            Technique::Path => "paths bring all light",
-            _ if settings.technique.shows_map() => "the map brings all light",
-            _ if settings.max_bounces == 0 => "--max-bounces 0",
-            _ if lit => "every surface is black",
-            _ => "there is nothing to be lit",
-        };
-        let reflected = settings.max_bounces > 0 && m.reflecting > 0;
-        let on = shaded && (reflected || highlights);
-        self.decide(
-            "indirect",
-            on,
-            why,
-            unneeded,
-            "pass path: a path from every glossy point, and where no record is; 16 B a point",
-        );
-
-        let shown = lit && settings.technique.shows_map();
-        self.decide(
-            "photon_map",
-            shown,
-            "the technique shows it".into(),
-            "its light is gathered, not shown",
-            "a search and 32 short rays a point",
-        );
-        let negative = shown && settings.technique == Technique::NegativePhotons;
-        let why = "shadow photons take the energy of the light that they lack".to_owned();
-        self.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
-        let bounces = on && reflected;
-        let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
-        let unneeded = "no light of more bounces is asked for";
-        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
-        self.decide("global_map", shown || bounces, why, unneeded, &cost);
-        let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
-        let absent = match settings.technique {
-            Technique::Path => "paths go on there",
-            _ if settings.max_bounces == 0 => "--max-bounces 0",
-            _ => "no material is a mirror or clear glass",
-        };
-        let traced = settings.technique != Technique::Path && settings.max_bounces > 0;
-        let cost = "rays on from such surfaces, to where photons are; 16 B a point";
-        self.decide("chains", traced && lit && m.clear > 0, why, absent, cost);
-        let why = format!("{} that light is focused by", count(m.focusing, "material"));
-        let unneeded = if bounces { "no material focuses light" } else { unneeded };
-        let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
-        self.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
-        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
-        let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
-        let cost = "passes gather, cache; about 100 B a record";
-        self.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
     }
 
     fn of_channels(&mut self, settings: &Settings) {
@@ -269,88 +77,43 @@ impl Specialisation {
         }
     }
 
-    /// What is decided once there is a hierarchy, which a plan does without.
+    /// Decides what depends on the hierarchy, which a plan does not build.
     pub(crate) fn of_hierarchy(&mut self, bvh: &Bvh) {
-        self.features = std::mem::take(&mut self.features).with("shallow_bvh", bvh.is_shallow());
+        self.set("shallow_bvh", bvh.is_shallow());
     }
 
-    /// Leaves the visibility map out, and what there is for it, once a render has found that it does not pay.
-    pub(crate) fn leave_map_out(&mut self, reason: &str) {
-        for name in ["visibility_map", "light_tags", "paper_counting", "audit"] {
-            if let Some(at) = self.kept.iter().position(|item| item.name == name) {
-                let item = self.kept.remove(at);
-                self.left_out.push(Item { reason: reason.to_owned(), ..item });
-                self.features = std::mem::take(&mut self.features).with(name, false);
-            }
-        }
+    /// Decides what depends on the device, which a plan does not open.
+    pub(crate) fn of_device(&mut self, gpu: &Gpu) {
+        self.features = device_features(gpu, std::mem::take(&mut self.features));
     }
 
     fn decide(&mut self, name: &'static str, on: bool, kept_for: String, left_out_for: &str, cost: &str) {
-        self.features = std::mem::take(&mut self.features).with(name, on);
+        self.set(name, on);
         let reason = if on { kept_for } else { left_out_for.to_owned() };
         let list = if on { &mut self.kept } else { &mut self.left_out };
         list.push(Item { name, reason, cost: cost.to_owned() });
     }
+
+    fn set(&mut self, name: &'static str, on: bool) {
+        self.features = std::mem::take(&mut self.features).with(name, on);
+    }
 }
 
-/// So many of something.
+/// `features` with those of the device: software devices read tables through textures, and interleave workgroups between
+/// threads.
+pub fn device_features(gpu: &Gpu, features: Features) -> Features {
+    features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
+}
+
+/// A number and its noun: "1 light", "2 lights".
 fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Whether there is something to be lit, and a light.
+/// Whether there is a surface to be lit, and a light.
 fn is_lit(scene: &Scene) -> bool {
     !scene.lights.is_empty() && !scene.is_empty()
 }
-
-/// Which lights points ask, and why.
-fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String) {
-    let (lights, placed) = (scene.lights.len(), scene.placed_lights().len());
-    let chosen = settings.sampled_lights as usize;
-    let photons = placed > 0 && placed <= MAX_LIGHTS as usize;
-    if settings.technique == Technique::Path {
-        let choice = settings.light_sampling.unwrap_or(LightSampling::Power);
-        return (choice, "paths ask one light at each vertex".into());
-    }
-    let all = |why: String| (LightSampling::All, why);
-    let technique = settings.technique;
-    if lights <= chosen || scene.is_empty() {
-        return all(format!("{lights} lights are few enough to ask all of them"));
-    }
-    if settings.aovs.contains(&Aov::Shadow) {
-        return all("the AOV shadow is of all lights".into());
-    }
-    if !technique.samples_lights() {
-        return all(format!("the technique {technique} asks all lights"));
-    }
-    let asked =
-        |choice: LightSampling| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
-    match settings.light_sampling {
-        Some(LightSampling::Uniform) => asked(LightSampling::Uniform),
-        Some(LightSampling::Power) => asked(LightSampling::Power),
-        Some(LightSampling::All) => all("--light-choice all".into()),
-        None if technique == Technique::TwoPass => all(format!("the technique {technique} asks all lights")),
-        None if lights <= Settings::MANY_LIGHTS as usize => {
-            all(format!("{lights} lights are few enough to ask all of them"))
-        }
-        _ if photons => {
-            (LightSampling::Zones, format!("points ask {chosen} of {lights} lights, by what reaches their zone"))
-        }
-        _ => {
-            let why =
-                format!("points ask {chosen} of {lights} lights by power: a photon's word has room for {MAX_LIGHTS}");
-            (LightSampling::Power, why)
-        }
-    }
-}
-
-/// Bytes of the grid that cells are judged by: a count and a class word for each cell and light.
-fn grid_bytes(scene: &Scene, settings: &Settings) -> u64 {
-    8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells).cells())
-}
-
-/// Why the environment has no visibility photons.
-const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";
 
 /// A number of bytes as people read it.
 pub fn bytes_text(bytes: u64) -> String {

@@ -22,13 +22,13 @@ pub static PHOTONS: Family = Family {
             name: "shadow-photons",
             values: &EMITTED,
             bound: |_| SPOT,
-            prepare: |gpu| photons(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| photons(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "visibility-estimate",
             values: &EMITTED,
             bound: |_| SPOT,
-            prepare: |gpu| photons(gpu, Technique::VisibilityEstimate),
+            prepare: |gpu| photons(gpu, Technique::VISIBILITY_ESTIMATE),
         },
     ],
 };
@@ -73,7 +73,7 @@ fn samples(gpu: &Gpu) -> Result<Measure<'_>> {
     let stage =
         Stage::new(eye).with(square(DVec3::ZERO, DVec3::Z, DVec3::X), Paint::matte(0.5)).with(lamp, Paint::lamp(1.0));
     Ok(Box::new(move |spp| {
-        let image = image(gpu, &stage, &settings(Technique::ShadowPhotons, 4, spp as u32, 0))?;
+        let image = image(gpu, &stage, &settings(Technique::SHADOW_PHOTONS, 4, spp as u32, 0))?;
         Ok(green(&image).map(|radiance| relative(radiance, expected)).fold(0.0, f64::max))
     }))
 }

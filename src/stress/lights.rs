@@ -58,21 +58,21 @@ pub static RADIUS: Family = Family {
             name: "shadow-photons",
             values: &RADII,
             bound: |_| CLOSED,
-            prepare: |gpu| radius(gpu, Technique::ShadowPhotons, DVec3::Y),
+            prepare: |gpu| radius(gpu, Technique::SHADOW_PHOTONS, DVec3::Y),
         },
         Series {
             name: "two-pass",
             values: &RADII,
             bound: |_| EVEN,
-            prepare: |gpu| radius(gpu, Technique::TwoPass, DVec3::Y),
+            prepare: |gpu| radius(gpu, Technique::TWO_PASS, DVec3::Y),
         },
-        Series { name: "path", values: &RADII, bound: |_| EVEN, prepare: |gpu| radius(gpu, Technique::Path, DVec3::Y) },
+        Series { name: "path", values: &RADII, bound: |_| EVEN, prepare: |gpu| radius(gpu, Technique::PATH, DVec3::Y) },
         Series {
             name: "shadow-photons, away from the middle",
             values: &RADII,
             // There a coordinate of the scene's size is rounded, by 2^-25 at most on either side.
             bound: |radius| CLOSED + 2.0 / (radius * (1u64 << 24) as f64),
-            prepare: |gpu| radius(gpu, Technique::ShadowPhotons, DVec3::new(0.3, 1.0, 0.2)),
+            prepare: |gpu| radius(gpu, Technique::SHADOW_PHOTONS, DVec3::new(0.3, 1.0, 0.2)),
         },
     ],
 };
@@ -80,7 +80,7 @@ pub static RADIUS: Family = Family {
 const RADII: [f64; 13] = [1e3, 1e2, 1e1, 1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
 
 fn radius(gpu: &Gpu, technique: Technique, centre: DVec3) -> Result<Measure<'_>> {
-    let exact = technique == Technique::ShadowPhotons;
+    let exact = technique == Technique::SHADOW_PHOTONS;
     let settings = settings(technique, 16, if exact { 1 } else { 16 }, 0);
     Ok(Box::new(move |radius| {
         let lamp = square(centre, DVec3::X * radius, DVec3::Z * radius);
@@ -112,31 +112,31 @@ pub static DISTANCE: Family = Family {
             name: "under a square",
             values: &GAPS,
             bound: |_| NEAR,
-            prepare: |gpu| distance(gpu, Technique::ShadowPhotons, Place::Under),
+            prepare: |gpu| distance(gpu, Technique::SHADOW_PHOTONS, Place::Under),
         },
         Series {
             name: "under a disc",
             values: &GAPS,
             bound: |_| NEAR,
-            prepare: |gpu| distance(gpu, Technique::ShadowPhotons, Place::UnderDisc),
+            prepare: |gpu| distance(gpu, Technique::SHADOW_PHOTONS, Place::UnderDisc),
         },
         Series {
             name: "on a wall beside it",
             values: &GAPS,
             bound: |_| NEAR,
-            prepare: |gpu| distance(gpu, Technique::ShadowPhotons, Place::Wall),
+            prepare: |gpu| distance(gpu, Technique::SHADOW_PHOTONS, Place::Wall),
         },
         Series {
             name: "path, under a square",
             values: &GAPS,
             bound: |_| EVEN,
-            prepare: |gpu| distance(gpu, Technique::Path, Place::Under),
+            prepare: |gpu| distance(gpu, Technique::PATH, Place::Under),
         },
         Series {
             name: "two-pass, under a square",
             values: &GAPS,
             bound: |_| EVEN,
-            prepare: |gpu| distance(gpu, Technique::TwoPass, Place::Under),
+            prepare: |gpu| distance(gpu, Technique::TWO_PASS, Place::Under),
         },
         Series {
             name: "two-pass, under a square of 512 triangles",
@@ -144,7 +144,7 @@ pub static DISTANCE: Family = Family {
             // Its triangles are chosen by their power, and a point gets half its light from the part of the lamp that is as
             // wide as it is away, one of that many equal ones: three standard errors of their number.
             bound: |gap| 3.0 * ((1.0 / (PI * gap * gap)).min(512.0) / (16 * 16 * MANY_SAMPLES) as f64).sqrt(),
-            prepare: |gpu| distance(gpu, Technique::TwoPass, Place::UnderMany),
+            prepare: |gpu| distance(gpu, Technique::TWO_PASS, Place::UnderMany),
         },
     ],
 };
@@ -170,7 +170,7 @@ const MANY_SAMPLES: u32 = 1024;
 const DISC_CORNERS: u32 = 64;
 
 fn distance(gpu: &Gpu, technique: Technique, place: Place) -> Result<Measure<'_>> {
-    let exact = technique == Technique::ShadowPhotons;
+    let exact = technique == Technique::SHADOW_PHOTONS;
     let samples = if place == Place::UnderMany { MANY_SAMPLES } else { 64 };
     let settings = settings(technique, 16, if exact { 1 } else { samples }, 0);
     Ok(Box::new(move |gap| {
@@ -216,25 +216,25 @@ pub static RADIANCE: Family = Family {
     parameter: "factor on all lights",
     deviation: "mean |difference| / mean of the image over the factor, against factor 1",
     series: &[
-        Series { name: "path", values: &FACTORS, bound: proportional, prepare: |gpu| radiance(gpu, Technique::Path) },
+        Series { name: "path", values: &FACTORS, bound: proportional, prepare: |gpu| radiance(gpu, Technique::PATH) },
         Series {
             name: "two-pass",
             values: &FACTORS,
             bound: proportional,
-            prepare: |gpu| radiance(gpu, Technique::TwoPass),
+            prepare: |gpu| radiance(gpu, Technique::TWO_PASS),
         },
         Series {
             name: "shadow-photons",
             values: &FACTORS,
             bound: proportional,
-            prepare: |gpu| radiance(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| radiance(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "photon-map",
             values: &FACTORS,
             // Where the lights' powers round otherwise one has a ray more and another one less, and both other rays.
             bound: |factor| 5.0 * proportional(factor),
-            prepare: |gpu| radiance(gpu, Technique::PhotonMap),
+            prepare: |gpu| radiance(gpu, Technique::PHOTON_MAP),
         },
     ],
 };
@@ -282,13 +282,13 @@ pub static RATIO: Family = Family {
     parameter: "radiance of the other lamp over this one's",
     deviation: "relative difference of the means, against ratio 1",
     series: &[
-        Series { name: "path", values: &RATIOS, bound: |_| NOISE, prepare: |gpu| ratio(gpu, Technique::Path) },
-        Series { name: "two-pass", values: &RATIOS, bound: |_| NOISE, prepare: |gpu| ratio(gpu, Technique::TwoPass) },
+        Series { name: "path", values: &RATIOS, bound: |_| NOISE, prepare: |gpu| ratio(gpu, Technique::PATH) },
+        Series { name: "two-pass", values: &RATIOS, bound: |_| NOISE, prepare: |gpu| ratio(gpu, Technique::TWO_PASS) },
         Series {
             name: "shadow-photons",
             values: &RATIOS,
             bound: |_| NOISE,
-            prepare: |gpu| ratio(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| ratio(gpu, Technique::SHADOW_PHOTONS),
         },
     ],
 };
@@ -327,9 +327,9 @@ pub static LIGHTS: Family = Family {
             name: "shadow-photons",
             values: &COUNTS,
             bound: |lights| if lights <= f64::from(Settings::MANY_LIGHTS) { EVEN } else { NOISE },
-            prepare: |gpu| lights(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| lights(gpu, Technique::SHADOW_PHOTONS),
         },
-        Series { name: "path", values: &COUNTS, bound: |_| NOISE, prepare: |gpu| lights(gpu, Technique::Path) },
+        Series { name: "path", values: &COUNTS, bound: |_| NOISE, prepare: |gpu| lights(gpu, Technique::PATH) },
     ],
 };
 
@@ -337,7 +337,7 @@ pub static LIGHTS: Family = Family {
 const COUNTS: [f64; 6] = [1.0, 9.0, 100.0, 1024.0, 10_000.0, 99_856.0];
 
 fn lights(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
-    let spp = if technique == Technique::Path { 64 } else { 1 };
+    let spp = if technique == Technique::PATH { 64 } else { 1 };
     let settings = settings(technique, 16, spp, 0);
     Ok(Box::new(move |count| {
         let eye = Eye { position: DVec3::Y * 0.25, towards: -DVec3::Y, view: View::Orthographic(0.4) };

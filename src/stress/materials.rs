@@ -22,25 +22,25 @@ pub static ALBEDO: Family = Family {
             name: "path, objects under a bright sky",
             values: &ABSORBED,
             bound: |_| FURNACE,
-            prepare: |gpu| open(gpu, Technique::Path),
+            prepare: |gpu| open(gpu, Technique::PATH),
         },
         Series {
             name: "shadow-photons, objects under a bright sky",
             values: &ABSORBED,
             bound: |_| SHARED_FURNACE,
-            prepare: |gpu| open(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| open(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "path, closed room",
             values: &ABSORBED,
             bound: |_| CLOSED_FURNACE,
-            prepare: |gpu| closed(gpu, Technique::Path),
+            prepare: |gpu| closed(gpu, Technique::PATH),
         },
         Series {
             name: "shadow-photons, closed room",
             values: &ABSORBED,
             bound: |_| CLOSED_FURNACE,
-            prepare: |gpu| closed(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| closed(gpu, Technique::SHADOW_PHOTONS),
         },
     ],
 };
@@ -58,7 +58,7 @@ const CLOSED_FURNACE: f64 = 5e-2;
 
 fn open(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
     // As many samples as bring the noise below the bound: paths ask one light of two, photons are shared.
-    let spp = if technique == Technique::Path { 1024 } else { 256 };
+    let spp = if technique == Technique::PATH { 1024 } else { 256 };
     let settings = settings(technique, 24, spp, 1000);
     Ok(Box::new(move |absorbed| {
         let eye = Eye {
@@ -104,13 +104,13 @@ pub static ROUGHNESS: Family = Family {
             name: "path",
             values: &ROUGHNESSES,
             bound: |_| MIRROR,
-            prepare: |gpu| roughness(gpu, Technique::Path),
+            prepare: |gpu| roughness(gpu, Technique::PATH),
         },
         Series {
             name: "shadow-photons",
             values: &ROUGHNESSES,
             bound: |_| MIRROR,
-            prepare: |gpu| roughness(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| roughness(gpu, Technique::SHADOW_PHOTONS),
         },
     ],
 };
@@ -149,19 +149,19 @@ pub static LAYERS: Family = Family {
             name: "lit through, two-pass",
             values: &PANES,
             bound: |_| HALF,
-            prepare: |gpu| layers(gpu, Some(Technique::TwoPass)),
+            prepare: |gpu| layers(gpu, Some(Technique::TWO_PASS)),
         },
         Series {
             name: "lit through, shadow-photons",
             values: &PANES,
             bound: |_| HALF,
-            prepare: |gpu| layers(gpu, Some(Technique::ShadowPhotons)),
+            prepare: |gpu| layers(gpu, Some(Technique::SHADOW_PHOTONS)),
         },
         Series {
             name: "lit through, path",
             values: &PANES,
             bound: |_| HALF,
-            prepare: |gpu| layers(gpu, Some(Technique::Path)),
+            prepare: |gpu| layers(gpu, Some(Technique::PATH)),
         },
     ],
 };
@@ -172,7 +172,7 @@ const PANES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4];
 const HALF: f64 = 3e-2;
 
 fn layers(gpu: &Gpu, lit_by: Option<Technique>) -> Result<Measure<'_>> {
-    let settings = settings(lit_by.unwrap_or(Technique::Path), 16, 64, 0);
+    let settings = settings(lit_by.unwrap_or(Technique::PATH), 16, 64, 0);
     Ok(Box::new(move |panes| {
         let alpha = 1.0 - 0.5f64.powf(1.0 / panes);
         let pane = |i: u32| {

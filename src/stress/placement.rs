@@ -20,25 +20,25 @@ pub static SCALE: Family = Family {
             name: "path, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::Path),
+            prepare: |gpu| scale(gpu, Technique::PATH),
         },
         Series {
             name: "two-pass, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::TwoPass),
+            prepare: |gpu| scale(gpu, Technique::TWO_PASS),
         },
         Series {
             name: "shadow-photons, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| scale(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "shadow-photons, powers of ten",
             values: &[1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6, 1e8, 1e10, 1e12],
             bound: |_| OTHER_NOISE,
-            prepare: |gpu| scale_by_any(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| scale_by_any(gpu, Technique::SHADOW_PHOTONS),
         },
     ],
 };
@@ -124,7 +124,7 @@ enum Way {
 }
 
 fn offset(gpu: &Gpu, way: Way) -> Result<Measure<'_>> {
-    let settings = settings(Technique::ShadowPhotons, 32, 4, 8);
+    let settings = settings(Technique::SHADOW_PHOTONS, 32, 4, 8);
     let reference = image(gpu, &corner(), &settings)?;
     Ok(Box::new(move |distance| {
         let away = DVec3::new(1.0, -1.0, 1.0) * distance;
@@ -137,7 +137,7 @@ fn offset(gpu: &Gpu, way: Way) -> Result<Measure<'_>> {
 }
 
 fn offset_any(gpu: &Gpu) -> Result<Measure<'_>> {
-    let settings = settings(Technique::ShadowPhotons, 32, 4, 8);
+    let settings = settings(Technique::SHADOW_PHOTONS, 32, 4, 8);
     let reference = mean(&image(gpu, &room(), &settings)?);
     Ok(Box::new(move |distance| {
         let stage = room().moved(DVec3::new(0.7, -0.9, 0.8) * distance);
@@ -201,7 +201,7 @@ fn tilt() -> DQuat {
 fn needles(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
     let expected = reflected(0.5, polygon_irradiance(&outline(&lamp()), DVec3::ZERO, DVec3::Y));
     // One sample, through the middle of each pixel, and no boundary is near: nothing is random.
-    let settings = Settings { audit: 0.0, ..settings(Technique::ShadowPhotons, 16, 1, 0) };
+    let settings = Settings { audit: 0.0, ..settings(Technique::SHADOW_PHOTONS, 16, 1, 0) };
     Ok(Box::new(move |aspect| {
         let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
         Ok(green(&image).map(|radiance| relative(radiance, expected)).fold(0.0, f64::max))
@@ -210,7 +210,7 @@ fn needles(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
 
 /// There is nothing between the floor and its lamp.
 fn shadows(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
-    let settings = Settings { aovs: vec![Aov::Shadow], ..settings(Technique::TwoPass, 16, 16, 0) };
+    let settings = Settings { aovs: vec![Aov::Shadow], ..settings(Technique::TWO_PASS, 16, 16, 0) };
     Ok(Box::new(move |aspect| {
         let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
         let seen = image.channel("shadow.light 0.visibility").into_iter().flatten().map(|v| f64::from(*v));

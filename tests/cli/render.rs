@@ -166,7 +166,7 @@ fn a_render_ends_by_time_or_by_samples() {
 fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let folder = folder();
     let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
-    let all = Technique::ALL.map(|technique| format!("--aov all --technique {technique}"));
+    let all = Technique::all().map(|technique| format!("--aov all --technique {technique}"));
     // The map counts photons in another way where the classes are not asked for. In the still life so few photons are of
     // no use, and the pilot leaves the map out. It has lights enough for some to be guessed by what was seen of them before.
     let others = [

@@ -54,7 +54,7 @@ fn slats_are_not_missed() {
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };
     let (all, few, none) =
-        (of(Technique::TwoPass, true), of(Technique::ShadowPhotons, true), of(Technique::TwoPass, false));
+        (of(Technique::TWO_PASS, true), of(Technique::SHADOW_PHOTONS, true), of(Technique::TWO_PASS, false));
     println!("{all:?}, {few:?}, without slats {none:?}");
     let apart = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).abs() / a.1.hypot(b.1);
     assert!(apart(all, few) < 3.5, "{all:?} and {few:?}");
@@ -65,7 +65,7 @@ fn slats_are_not_missed() {
 #[test]
 fn images_of_any_shape() {
     for [width, height] in [[1, 1], [Settings::MAX_SIDE, 1], [1, 4099]] {
-        for technique in [Technique::Path, Technique::ShadowPhotons] {
+        for technique in [Technique::PATH, Technique::SHADOW_PHOTONS] {
             let settings = Settings { width, height, ..settings(technique, 1, 1, 1) };
             let (image, _) = render(&room(), &settings);
             assert_eq!((image.width, image.height), (width, height));
@@ -73,7 +73,7 @@ fn images_of_any_shape() {
             assert!(image.channel("A").unwrap().iter().all(|a| *a == 1.0), "{technique}: {width} x {height}");
         }
     }
-    let least = settings(Technique::Path, 1, 1, 0);
+    let least = settings(Technique::PATH, 1, 1, 0);
     for none in [
         Settings { width: 0, ..least.clone() },
         Settings { height: 0, ..least.clone() },

@@ -62,7 +62,7 @@ fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u
 #[test]
 fn runs_are_the_same_bytes() {
     let scene = room().import().unwrap();
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let runs = if technique == Technique::default() { 20 } else { 3 };
         // No classes among the channels, so that the pilot may leave the map out.
         let settings = Settings {
@@ -73,7 +73,7 @@ fn runs_are_the_same_bytes() {
             ..settings(technique, 24, 20, 8)
         };
         let (first, healed) = render(&scene, &settings, None);
-        if technique == Technique::ShadowPhotons {
+        if technique == Technique::SHADOW_PHOTONS {
             assert!(healed > 0, "nothing was mended: the test does not see its order");
         }
         for run in 1..runs {
@@ -90,7 +90,7 @@ fn runs_are_the_same_bytes() {
 #[test]
 fn runs_of_everything_are_the_same_bytes() {
     let scene = everything();
-    let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::ShadowPhotons, 16, 20, 4) };
+    let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::SHADOW_PHOTONS, 16, 20, 4) };
     let specialisation = Specialisation::new(&scene.0, &settings);
     let all = ["environment", "procedurals", "transmission", "zones", "light_sampling", "caustics", "chains"];
     assert!(all.iter().all(|feature| specialisation.features.has(feature)), "something is missing");

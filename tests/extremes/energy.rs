@@ -30,7 +30,7 @@ fn corners_are_as_white() {
     for cache in [true, false] {
         let Settings { flux_photons, gather_rays, .. } = Settings::default();
         let settings =
-            Settings { cache, flux_photons, gather_rays, ..settings(Technique::ShadowPhotons, SIDE, 32, 32) };
+            Settings { cache, flux_photons, gather_rays, ..settings(Technique::SHADOW_PHOTONS, SIDE, 32, 32) };
         let (image, _) = render(&stage, &settings);
         let pixels: Vec<f64> = green(&image).collect();
         let of = |least: u32| {
@@ -61,7 +61,7 @@ fn walls_receive_what_lamps_emit() {
     let half = 0.1;
     // Seen from just before each wall; the lamp faces down from the ceiling, which gets nothing.
     let walls = [x, -x, -y, z, -z];
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let flux = |wall: DVec3| {
             let eye = Eye { position: wall * 0.499, towards: wall, view: View::Orthographic(0.5) };
             let stage = Stage::new(eye)
@@ -85,7 +85,7 @@ fn flux_is_the_same_both_ways() {
     let below = square(DVec3::ZERO, z * 0.5, x * 0.5);
     let above = square(y + x * 0.2, x * 0.2, z * 0.2);
     let shade = [square(y * 0.4, z * 0.15, x * 0.15), square(y * 0.4, x * 0.15, z * 0.15)].concat();
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         // Irradiance of the receiver times its area.
         let flux = |lamp: &Vec<_>, receiver: &Vec<_>, eye: Eye, area: f64| {
             let stage = Stage::new(eye)
@@ -117,7 +117,7 @@ fn black_surfaces_leave_indirect_light_out() {
             .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(albedo))
             .with(square(DVec3::Y * 0.45, DVec3::X * 0.1, DVec3::Z * 0.1), Paint::lamp(1.0))
     };
-    let settings = settings(Technique::ShadowPhotons, 16, 2, 8);
+    let settings = settings(Technique::SHADOW_PHOTONS, 16, 2, 8);
     let (_, black) = render(&stage(0.0), &settings);
     assert_eq!((black.rays.bounce, black.rays.gather, black.indirect.photons), (0, 0, 0), "{:?}", black.rays);
     for part in ["indirect", "global_map", "irradiance_cache"] {
@@ -153,7 +153,7 @@ fn light_finds_its_way_through_a_slit() {
         let settings = Settings { flux_photons: 1 << 16, gather_rays: 256, ..settings(technique, 24, spp, 16) };
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };
-    let (paths, photons) = (of(Technique::Path, 512), of(Technique::ShadowPhotons, 16));
+    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::SHADOW_PHOTONS, 16));
     println!("{paths:?}, {photons:?}");
     let (off, error) = ((paths.0 - photons.0).abs(), paths.1.hypot(photons.1));
     // One in a hundred photons comes through: what they share is off by some percent.

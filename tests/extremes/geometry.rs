@@ -11,7 +11,7 @@ use crate::setup::{assert_finite, assert_same, brightest, mean_and_error, render
 /// Triangles whose corners coincide or lie on a line, emissive ones too, change no bit of the image.
 #[test]
 fn triangles_without_area_are_none() {
-    let settings = settings(Technique::ShadowPhotons, 24, 2, 4);
+    let settings = settings(Technique::SHADOW_PHOTONS, 24, 2, 4);
     let (reference, _) = render(&room(), &settings);
     // What f32 holds, and so does it the middle.
     let (a, b) = (DVec3::new(0.125, 0.25, 0.25), DVec3::new(-0.25, 0.125, 0.0));
@@ -39,11 +39,11 @@ fn twins_are_one_surface() {
         }
         stage
     };
-    for technique in [Technique::Path, Technique::TwoPass] {
+    for technique in [Technique::PATH, Technique::TWO_PASS] {
         let settings = settings(technique, 24, 2, 0);
         assert_same(&render(&twin(true), &settings).0, &render(&twin(false), &settings).0, technique.name());
     }
-    let settings = settings(Technique::ShadowPhotons, 24, 2, 0);
+    let settings = settings(Technique::SHADOW_PHOTONS, 24, 2, 0);
     let ((one, single), (two, double)) = (render(&twin(false), &settings), render(&twin(true), &settings));
     for (a, b) in single.photons.iter().zip(&double.photons) {
         assert_eq!((a.illumination, a.shadow), (b.illumination, b.shadow), "{}", a.light);
@@ -64,7 +64,7 @@ fn nothing_leaves_a_closed_box() {
         towards: DVec3::new(-0.4, -0.35, -0.5),
         view: View::Perspective(0.9),
     };
-    for technique in Technique::ALL.into_iter().filter(|technique| *technique != Technique::NegativePhotons) {
+    for technique in Technique::all().filter(|technique| *technique != Technique::NEGATIVE_PHOTONS) {
         let stage = |open: bool| {
             let mut walls = cube(DVec3::ZERO, 0.2);
             if open {
@@ -94,7 +94,7 @@ fn nothing_passes_a_thin_wall() {
         view: View::Perspective(1.3),
     };
     let side = |x: f64, facing: f64| square(DVec3::X * x, DVec3::Y * 0.5 * facing, DVec3::Z * 0.5);
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let stage = |walled: bool| {
             let mut stage = Stage::new(eye)
                 .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(0.7))
@@ -107,7 +107,7 @@ fn nothing_passes_a_thin_wall() {
         let settings = with_variance(settings(technique, 24, 4, 8));
         let ((behind, _), (open, _)) = (render(&stage(true), &settings), render(&stage(false), &settings));
         assert!(mean(&open) > 0.01, "{technique}: the test sees nothing");
-        if technique == Technique::ShadowPhotons {
+        if technique == Technique::SHADOW_PHOTONS {
             let (mean_behind, error) = mean_and_error(&behind);
             println!("{mean_behind} +- {error} behind the wall, {} without it", mean(&open));
             assert!(mean_behind.abs() <= 4.0 * error && error < 1e-3 * mean(&open), "{mean_behind} +- {error}");
@@ -123,12 +123,12 @@ fn nothing_passes_a_thin_wall() {
 fn a_camera_may_be_inside_a_solid() {
     let inside =
         Eye { position: DVec3::new(0.05, 0.0, 0.1), towards: DVec3::new(1.0, 0.3, -0.4), view: View::Perspective(2.0) };
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let stage = Stage::new(inside)
             .with(cube(DVec3::ZERO, 0.2), Paint::matte(0.8))
             .with(inside_out(cube(DVec3::ZERO, 0.6)), Paint { radiance: 1.0, ..Paint::matte(0.5) });
         let (image, _) = render(&stage, &with_variance(settings(technique, 24, 16, 4)));
-        if technique == Technique::ShadowPhotons {
+        if technique == Technique::SHADOW_PHOTONS {
             let (mean, error) = mean_and_error(&image);
             println!("{mean} +- {error} in the cube");
             assert!(mean.abs() <= 4.0 * error && error < 0.01, "{mean} +- {error} in the cube");
@@ -148,7 +148,7 @@ fn one_triangle_is_a_scene() {
         Paint::matte(0.5),
     );
     stage.lights.push(PointLight { position: DVec3::new(0.1, 0.7, -0.2), intensity: 2.0 });
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let settings = settings(technique, 16, 1, 4);
         let (image, statistics) = render(&stage, &settings);
         for (pixel, radiance) in (0..).zip(green(&image)) {
@@ -157,7 +157,7 @@ fn one_triangle_is_a_scene() {
             let expected = reflected(0.5, 2.0 * way.normalize().y / way.length_squared());
             assert!(relative(radiance, expected) < 1e-5, "{technique}: {radiance} for {expected}");
         }
-        if technique == Technique::ShadowPhotons {
+        if technique == Technique::SHADOW_PHOTONS {
             assert_eq!((statistics.photons[0].shadow, statistics.rays.shadow), (0, 0), "what is there to ask?");
         }
     }
@@ -166,7 +166,7 @@ fn one_triangle_is_a_scene() {
 /// Without a light all is black, and without anything there is not even a surface, by any technique.
 #[test]
 fn nothing_may_be_lit_and_nothing_may_be_there() {
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let settings = settings(technique, 8, 2, 4);
         let dark = Stage { lights: Vec::new(), parts: room().parts[..2].to_vec(), ..room() };
         let (image, _) = render(&dark, &settings);
@@ -193,10 +193,10 @@ fn winding_does_not_matter_to_shadows() {
     };
     for (technique, tolerance) in [
         // Corners in another order round otherwise, at the shadow's edges.
-        (Technique::Path, 1e-3),
-        (Technique::TwoPass, 1e-3),
+        (Technique::PATH, 1e-3),
+        (Technique::TWO_PASS, 1e-3),
         // The photons on the occluder's own back are missing, so points near it are decided otherwise.
-        (Technique::ShadowPhotons, 2e-2),
+        (Technique::SHADOW_PHOTONS, 2e-2),
     ] {
         let settings = Settings { shadow_samples: 16, ..settings(technique, 32, 4, 0) };
         let ((mixed, _), (same, _)) = (render(&stage(true), &settings), render(&stage(false), &settings));

@@ -61,13 +61,13 @@ fn light_may_graze_at_a_millionth() {
         .with(square(DVec3::ZERO, z, x), Paint::matte(0.5))
         .with(strip.clone(), Paint { double_sided: true, ..Paint::lamp(1e6) });
     let expected = reflected(0.5, 1e6 * polygon_irradiance(&outline(&strip), DVec3::ZERO, y));
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let (image, _) = render(&stage, &with_variance(settings(technique, 16, 16, 0)));
         let (mean, error) = mean_and_error(&image);
         println!("{technique}: {mean} +- {error}, expected {expected}");
         // Where photons decide there is the closed form, whose terms cancel here but for a billionth: its error is 1e-6 of the
         // angle that the strip spans, which is nearly 1.
-        let closed = if technique == Technique::ShadowPhotons { reflected(0.5, 1e6 * 1e-6) } else { 0.0 };
+        let closed = if technique == Technique::SHADOW_PHOTONS { reflected(0.5, 1e6 * 1e-6) } else { 0.0 };
         assert!((mean - expected).abs() < 3.5 * error + closed, "{technique}: {mean} +- {error} for {expected}");
         assert!(error < 0.02 * expected, "{technique}: too noisy to tell");
     }
@@ -85,7 +85,7 @@ fn lamps_may_touch_and_pierce_surfaces() {
         [square(DVec3::ZERO, DVec3::Z * 0.5, DVec3::X * 0.5), square(DVec3::ZERO, DVec3::X * 0.5, DVec3::Z * 0.5)];
     let lying = square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.1);
     let sunk = cube(DVec3::Y * 0.05, 0.1);
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         for (name, lamp) in [("lying", &lying), ("sunk", &sunk)] {
             let stage = |eye: Eye| {
                 Stage::new(eye)
@@ -123,7 +123,7 @@ fn penumbrae_have_their_width() {
             Paint::matte(0.5),
         )
         .with(square(y, x * half, z * half), Paint::lamp(1.0));
-    for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let settings = Settings { aovs: vec![Aov::Shadow], shadow_samples: 256, ..settings(technique, SIDE, 1, 0) };
         let (image, _) = render(&stage, &settings);
         let visibility = image.channel("shadow.light 0.visibility").unwrap();

@@ -11,7 +11,7 @@ use crate::setup::{assert_holds, assert_same, render, run, settings};
 /// Every technique, scaled by powers of two: the same bits.
 #[test]
 fn powers_of_two_change_no_bit() {
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let settings = settings(technique, 24, 2, 4);
         let (reference, _) = render(&room(), &settings);
         assert!(reference.channel("G").unwrap().iter().any(|x| *x > 0.0), "{technique}: nothing is seen");
@@ -30,7 +30,7 @@ fn other_scales_change_the_noise_alone() {
 /// 2^66 m is 7e19 m: its square is beyond f32, and so is the square of its inverse.
 #[test]
 fn squares_may_be_beyond_f32() {
-    let settings = settings(Technique::ShadowPhotons, 24, 2, 4);
+    let settings = settings(Technique::SHADOW_PHOTONS, 24, 2, 4);
     let (reference, _) = render(&corner(), &settings);
     for exponent in [-66, 66] {
         let (scaled, _) = render(&corner().scaled(2f64.powi(exponent)), &settings);
@@ -58,7 +58,7 @@ fn needles_are_as_good_as_any_triangle() {
 /// triangles have their corners in another order, which rounds otherwise.
 #[test]
 fn mirrors_turn_nothing_inside_out() {
-    let settings = settings(Technique::ShadowPhotons, 32, 1, 0);
+    let settings = settings(Technique::SHADOW_PHOTONS, 32, 1, 0);
     let (reference, _) = render(&room(), &settings);
     let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let mut mirrored = room();

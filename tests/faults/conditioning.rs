@@ -62,7 +62,7 @@ fn assert_told(statistics: &Statistics, said: &Option<String>, name: &str, count
 
 #[test]
 fn an_ordinary_scene_says_nothing() {
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let settings = Settings { aovs: Aov::ALL.to_vec(), ..settings(technique) };
         let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings);
         let Conditioning { unknown, least_records, mean_bounces, .. } = found;
@@ -92,19 +92,19 @@ fn numbers_that_are_none_are_left_out_and_counted_by_pass() {
         assert_told(&statistics, &said, "not_finite", count, "not finite");
         found.not_finite
     };
-    let path = pass(Technique::Path, 4);
+    let path = pass(Technique::PATH, 4);
     assert_eq!(path, NotFinite { path: path.path, ..NotFinite::default() });
     assert!(path.path > 0);
-    let shade = pass(Technique::TwoPass, 0);
+    let shade = pass(Technique::TWO_PASS, 0);
     assert_eq!(shade, NotFinite { shade: shade.shade, ..NotFinite::default() });
     assert!(shade.shade > 0);
-    let all = pass(Technique::ShadowPhotons, 4);
+    let all = pass(Technique::SHADOW_PHOTONS, 4);
     assert!(all.flux > 0 && all.gather > 0 && all.shade > 0 && all.primary == 0, "{all:?}");
-    let shown = pass(Technique::PhotonMap, 4);
+    let shown = pass(Technique::PHOTON_MAP, 4);
     assert!(shown.irradiance > 0 && shown.flux > 0, "{shown:?}");
 
     let unlit = Material { unlit: true, ..surface(f32::INFINITY, 0.0) };
-    let (found, ..) = render(room(0.7, 5.0, &[(cube(), unlit)]), &settings(Technique::Path));
+    let (found, ..) = render(room(0.7, 5.0, &[(cube(), unlit)]), &settings(Technique::PATH));
     let primary = found.not_finite;
     assert_eq!(primary, NotFinite { primary: primary.primary, ..NotFinite::default() });
     assert!(primary.primary > 0);
@@ -113,7 +113,7 @@ fn numbers_that_are_none_are_left_out_and_counted_by_pass() {
 /// 2^104 is 2.03e31: a lamp of 1e31 that is seen comes to it at the third sample, one of 1e30 does not in four.
 #[test]
 fn sums_near_overflow_are_counted() {
-    let direct = Settings { max_bounces: 0, ..settings(Technique::TwoPass) };
+    let direct = Settings { max_bounces: 0, ..settings(Technique::TWO_PASS) };
     let (found, statistics, said) = render(room(0.0, 1e31, &[]), &direct);
     assert!(found.near_overflow > 0 && statistics.not_finite == 0, "{found:?}");
     assert_told(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
@@ -126,19 +126,20 @@ fn sums_near_overflow_are_counted() {
 #[test]
 fn want_of_photons_is_told_above_a_tenth_of_the_points() {
     // The map is kept whatever the pilot says where its classes are asked for.
-    let asked = Settings { photons: 64, max_bounces: 0, aovs: vec![Aov::Shadow], ..settings(Technique::ShadowPhotons) };
+    let asked =
+        Settings { photons: 64, max_bounces: 0, aovs: vec![Aov::Shadow], ..settings(Technique::SHADOW_PHOTONS) };
     let (found, statistics, said) = render(room(0.7, 5.0, &[]), &asked);
     assert_eq!(found.unknown, statistics.points.unknown);
     assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
     assert_told(&statistics, &said, "unknown", found.unknown, "--photons");
     // Without a map nothing is asked of photons.
-    let (found, ..) = render(room(0.7, 5.0, &[]), &Settings { technique: Technique::TwoPass, ..asked });
+    let (found, ..) = render(room(0.7, 5.0, &[]), &Settings { technique: Technique::TWO_PASS, ..asked });
     assert_eq!(found.unknown, 0);
 }
 
 #[test]
 fn records_of_the_least_radius_are_a_figure() {
-    let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings(Technique::TwoPass));
+    let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings(Technique::TWO_PASS));
     assert!(found.least_records > 0 && found.least_records < statistics.indirect.records, "{found:?}");
     assert_eq!(said, None);
 }
@@ -147,7 +148,7 @@ fn records_of_the_least_radius_are_a_figure() {
 /// that meet the lamp. Where surfaces reflect all that they get, none is.
 #[test]
 fn heavy_paths_are_counted() {
-    let settings = Settings { max_bounces: 8, ..settings(Technique::Path) };
+    let settings = Settings { max_bounces: 8, ..settings(Technique::PATH) };
     let (found, statistics, said) = render(room(1.5, 5.0, &[]), &settings);
     let paths = u64::from(statistics.samples) * 24 * 24;
     assert!((paths / 2..=paths).contains(&found.heavy_paths), "{found:?}");
@@ -159,7 +160,7 @@ fn heavy_paths_are_counted() {
 /// A closed room in which light bounces 1 / (1 - albedo) times: at 0.97 of it 14 % is left after 64 bounces, at 0.9 a thousandth.
 #[test]
 fn light_that_bounces_on_is_told() {
-    for technique in [Technique::Path, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::SHADOW_PHOTONS] {
         let (found, statistics, said) = render(room(0.97, 5.0, &[]), &settings(technique));
         // The lamp, which reflects nothing, is a twentieth of what light meets: 0.97 of 0.95.
         assert!((10..=33).contains(&found.mean_bounces), "{technique}: {found:?}");
@@ -181,7 +182,7 @@ fn rays_that_meet_the_loop_budget_are_left_out_or_end_the_render() {
         room(0.7, 5.0, &[(layer.iter().copied().cycle().take(70_000).collect(), surface(0.5, 0.0))])
     };
     // The size of a pixel at that distance is 0.03: a spot that is less than one in 48 x 48, and that few other rays meet.
-    let spot = Settings { width: 48, height: 48, spp: 8, max_bounces: 1, ..settings(Technique::Path) };
+    let spot = Settings { width: 48, height: 48, spp: 8, max_bounces: 1, ..settings(Technique::PATH) };
     let (found, statistics, said) = render(stack(0.006), &spot);
     assert!(found.overruns > 0 && statistics.not_finite >= found.overruns, "{found:?}");
     assert_eq!(found.not_finite.total(), 0, "{found:?}");
@@ -204,7 +205,7 @@ fn procedural_objects_that_fail_are_counted() {
         procedurals::place(&mut scene, &[object]);
         scene
     };
-    for technique in [Technique::Path, Technique::ShadowPhotons, Technique::PhotonMap] {
+    for technique in [Technique::PATH, Technique::SHADOW_PHOTONS, Technique::PHOTON_MAP] {
         // Each ray takes 4096 turns: few rays, and few bounces, as the turns of a path would be too many.
         let (photons, flux_photons, gather_rays) = (64, 64, 16);
         let settings = Settings { max_bounces: 1, photons, flux_photons, gather_rays, spp: 1, ..settings(technique) };
@@ -214,9 +215,9 @@ fn procedural_objects_that_fail_are_counted() {
         assert_told(&statistics, &said, "procedural_overruns", count, "turns in a procedural object");
     }
     let (found, statistics, said) =
-        render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::ShadowPhotons));
+        render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::SHADOW_PHOTONS));
     assert!(found.procedural_nonsense > 0 && found.procedural_overruns == 0, "{found:?}");
     assert_told(&statistics, &said, "procedural_nonsense", found.procedural_nonsense, "answers of procedural objects");
-    let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::ShadowPhotons));
+    let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::SHADOW_PHOTONS));
     assert_eq!((found.procedural_overruns, found.procedural_nonsense), (0, 0));
 }

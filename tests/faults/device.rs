@@ -85,7 +85,7 @@ fn disturbed(
 /// counts are those of a render that nothing happened to.
 #[test]
 fn a_render_goes_on_where_its_device_is_lost() {
-    for technique in [Technique::ShadowPhotons, Technique::Path] {
+    for technique in [Technique::SHADOW_PHOTONS, Technique::PATH] {
         let settings = settings(technique);
         let (image, statistics) = undisturbed(&settings, 20);
         for lost_at in [&[0][..], &[1, 9], &[20]] {
@@ -111,7 +111,7 @@ fn a_render_goes_on_where_its_device_is_lost() {
 /// As a driver does it: from another thread, at any moment of a batch.
 #[test]
 fn a_device_may_be_lost_while_it_works() {
-    let settings = settings(Technique::ShadowPhotons);
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let (image, _) = undisturbed(&settings, 20);
     let (scene, camera) = subject();
     for milliseconds in [0, 3, 20] {
@@ -145,7 +145,7 @@ fn a_device_may_be_lost_while_it_works() {
 /// the image of the samples that were kept, and a checkpoint that brings the rest.
 #[test]
 fn what_cannot_be_recovered_is_saved() {
-    let settings = settings(Technique::ShadowPhotons);
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let always = |renderer: &Renderer<'_>| {
         if renderer.samples() > 0 {
             renderer.gpu().lose();
@@ -181,7 +181,7 @@ fn what_cannot_be_recovered_is_saved() {
 /// What is timed begins anew, whole, on another device; where that is lost too, again and again, it ends.
 #[test]
 fn work_begins_anew_where_its_device_is_lost() {
-    let settings = settings(Technique::ShadowPhotons);
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let (scene, camera) = subject();
     let work = |losses: u32| {
         let (mut gpu, begun) = (open().unwrap(), Cell::new(0));
@@ -212,7 +212,7 @@ fn work_begins_anew_where_its_device_is_lost() {
 #[test]
 fn a_checkpoint_of_something_else_is_refused() {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
-    let settings = settings(Technique::Path);
+    let settings = settings(Technique::PATH);
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
     let other = Settings { seed: 1, ..settings };
     let error = Renderer::new(&gpu, scene, &camera, &other).unwrap().resume_from(&checkpoint).unwrap_err();
@@ -248,5 +248,5 @@ fn a_lost_device_answers_with_errors() {
     refused("compile", Kernel::new(&gpu, &composed, &[], &[]).err());
     refused("bind", kernel.bind(&gpu, "add", &[&sets]).err());
     let (scene, camera) = subject();
-    refused("render", Renderer::new(&gpu, scene, &camera, &settings(Technique::ShadowPhotons)).err());
+    refused("render", Renderer::new(&gpu, scene, &camera, &settings(Technique::SHADOW_PHOTONS)).err());
 }

@@ -16,9 +16,9 @@ fn small(technique: Technique, spp: u32) -> Settings {
 #[test]
 fn photons_do_not_bias() {
     for scene in ["box.glb", "sphere.glb"] {
-        let (all, _) = render(&scene_file(scene), &small(Technique::TwoPass, 64));
-        let (few, statistics) = render(&scene_file(scene), &small(Technique::ShadowPhotons, 64));
-        let brighter = Settings { light_scale: 1.01, ..small(Technique::ShadowPhotons, 64) };
+        let (all, _) = render(&scene_file(scene), &small(Technique::TWO_PASS, 64));
+        let (few, statistics) = render(&scene_file(scene), &small(Technique::SHADOW_PHOTONS, 64));
+        let brighter = Settings { light_scale: 1.01, ..small(Technique::SHADOW_PHOTONS, 64) };
         let (strong, _) = render(&scene_file(scene), &brighter);
         assert_eq!(statistics.not_finite, 0);
         let off = deviation(mean_and_error(&all, "G"), mean_and_error(&few, "G"));
@@ -34,7 +34,7 @@ fn photons_do_not_bias() {
 fn the_box_is_the_references() {
     let (Some(scene), Some(file)) = (reference_file("box.glb"), reference_file("box-direct.exr")) else { return };
     let reference = Image::read(&file).unwrap();
-    for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let settings = Settings { width: 256, height: 256, ..small(technique, 16) };
         let (image, _) = render(&scene, &settings);
         let relmse = metrics::relmse(&image, &reference).unwrap();
@@ -53,7 +53,7 @@ fn the_box_is_the_references() {
 /// The same seed gives the same bytes, healing and all; another seed does not.
 #[test]
 fn same_seed_same_bits() {
-    let settings = Settings { photons: 2048, nearest: 8, audit: 0.1, ..small(Technique::ShadowPhotons, 24) };
+    let settings = Settings { photons: 2048, nearest: 8, audit: 0.1, ..small(Technique::SHADOW_PHOTONS, 24) };
     let (first, statistics) = render(&scene_file("box.glb"), &settings);
     assert!(statistics.photons[0].healed > 0, "nothing healed: the test does not see the healing's order");
     let (second, _) = render(&scene_file("box.glb"), &settings);

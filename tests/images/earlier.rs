@@ -47,7 +47,7 @@ fn wards_error_is_within_its_tolerance() {
         let [a, b] = [a, b].map(|image| image.channel("G").unwrap());
         a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs() / b.max(1e-9))).fold(0.0, f64::max)
     };
-    let (all, none) = (of(&scene, Technique::TwoPass, 0.0), of(&scene, Technique::WardAdaptive, 0.0));
+    let (all, none) = (of(&scene, Technique::TWO_PASS, 0.0), of(&scene, Technique::WARD_ADAPTIVE, 0.0));
     // Sums of the same samples, in other groups.
     assert!(off(&none, &all) < 1e-5, "tolerance 0: {} off", off(&none, &all));
     assert_eq!(none.1.rays.shadow, all.1.rays.shadow);
@@ -55,9 +55,9 @@ fn wards_error_is_within_its_tolerance() {
     scene.lights.remove(0);
     scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::scene::NO_LIGHT);
     scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
-    let all = of(&scene, Technique::TwoPass, 0.0);
+    let all = of(&scene, Technique::TWO_PASS, 0.0);
     for tolerance in [0.02, 0.1, 0.3] {
-        let some = of(&scene, Technique::WardAdaptive, tolerance);
+        let some = of(&scene, Technique::WARD_ADAPTIVE, tolerance);
         let (off, rays) = (off(&some, &all), some.1.rays.shadow as f64 / all.1.rays.shadow as f64);
         println!("tolerance {tolerance}: {off} off at most, {rays} of the rays");
         // What is found is never more than the true light; keys keep twelve bits of a potential.
@@ -86,8 +86,8 @@ fn tags_do_not_bias_and_cells_darken() {
             render(&scene_file(name), &settings)
         };
         let Settings { cells, cell_rays, .. } = Settings::default();
-        let (all, counts) = of(Technique::TwoPass, cells, cell_rays);
-        let (tagged, tests) = of(Technique::VoxelTags, cells, cell_rays);
+        let (all, counts) = of(Technique::TWO_PASS, cells, cell_rays);
+        let (tagged, tests) = of(Technique::VOXEL_TAGS, cells, cell_rays);
         let mean = all.channel("G").unwrap().iter().map(|v| f64::from(*v)).sum::<f64>() / all.pixels() as f64;
         let (off, error) = difference(&tagged, &all);
         let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
@@ -106,7 +106,7 @@ fn tags_do_not_bias_and_cells_darken() {
         };
         // Two rays from each of a few large cells: some that are partly lit see nothing.
         let (coarse, fine) =
-            (of(Technique::VisibilityCells, 12, 2).0, of(Technique::VisibilityCells, cells, cell_rays).0);
+            (of(Technique::VISIBILITY_CELLS, 12, 2).0, of(Technique::VISIBILITY_CELLS, cells, cell_rays).0);
         let [[lost, gained], [less, _]] = [&coarse, &fine].map(lost_and_gained);
         println!("{name}: {lost} pixels darker, {gained} brighter; {less} of fine cells");
         assert!(lost > 10 && gained == 0 && less < lost, "{name}: {lost} pixels darker, {gained} brighter; {less}");

@@ -30,7 +30,7 @@ fn blocks(albedo: f32) -> Vec<(Vec<Corners>, Material)> {
 /// How far the map itself may be off where it is shown, and what is gathered from it; see `photons_bring_the_path_tracers_light`.
 fn tolerance(technique: Technique) -> f64 {
     match technique {
-        Technique::Path => 0.0,
+        technique if technique.is_path_tracing() => 0.0,
         technique if technique.shows_map() => 0.02,
         _ => 0.005,
     }
@@ -43,7 +43,7 @@ fn convex_bodies_show_their_albedo() {
     let even = panorama(8, 4, |_| DVec3::new(1.5, 1.0, 0.5));
     let body = [(cube(DVec3::ZERO, 0.3), surface(0.6, 0.0))];
     let view = |sideways| camera(DVec3::new(0.1, 0.0, 0.8), DVec3::new(sideways, 0.0, -1.0), 0.4);
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let (image, statistics) = render_scene(under(&body, &even), &view(0.0), &settings(technique, 16));
         assert!(image.channel("A").unwrap().iter().all(|alpha| *alpha == 1.0));
         for (channel, expected) in [("R", 0.9), ("G", 0.6), ("B", 0.3)] {
@@ -58,7 +58,7 @@ fn convex_bodies_show_their_albedo() {
         assert!(statistics.photons.is_empty() && statistics.not_finite == 0);
     }
     // Beside the body.
-    let (image, _) = render_scene(under(&body, &even), &view(-2.0), &settings(Technique::ShadowPhotons, 1));
+    let (image, _) = render_scene(under(&body, &even), &view(-2.0), &settings(Technique::SHADOW_PHOTONS, 1));
     let near =
         |channel: &str, expected: f32| image.channel(channel).unwrap().iter().all(|x| (x - expected).abs() < 1e-6);
     assert!(near("R", 1.5) && near("G", 1.0) && near("B", 0.5) && near("A", 1.0));
@@ -70,7 +70,7 @@ fn convex_bodies_show_their_albedo() {
 fn white_furnaces_are_white() {
     let even = panorama(8, 4, |_| DVec3::ONE);
     let view = camera(DVec3::new(0.1, 0.4, 0.8), DVec3::new(-0.1, -0.4, -0.8), 0.8);
-    for (technique, spp) in [(Technique::Path, 64), (Technique::TwoPass, 32)] {
+    for (technique, spp) in [(Technique::PATH, 64), (Technique::TWO_PASS, 32)] {
         let settings = Settings { flux_photons: 1 << 18, ..settings(technique, spp) };
         let (image, _) = render_scene(under(&blocks(1.0), &even), &view, &settings);
         let (mean, error) = mean_and_error(&image, "G");
@@ -78,7 +78,7 @@ fn white_furnaces_are_white() {
         assert!(error < 0.003 && (mean - 1.0).abs() < 0.005 + 3.0 * error, "{technique}: {mean} +- {error}");
     }
     // What is not white is seen.
-    let (image, _) = render_scene(under(&blocks(0.95), &even), &view, &settings(Technique::Path, 128));
+    let (image, _) = render_scene(under(&blocks(0.95), &even), &view, &settings(Technique::PATH, 128));
     let (mean, error) = mean_and_error(&image, "G");
     assert!((mean - 1.0).abs() > 0.005 + 3.0 * error, "albedo 0.95: {mean} +- {error}");
 }
@@ -91,7 +91,7 @@ fn planes_have_the_skys_irradiance() {
     let floor = [(square(DVec3::ZERO, DVec3::Z * 0.6, DVec3::X * 0.6), surface(0.5, 0.0))];
     for n in [1, 4] {
         let sky = panorama(256, 128, |d| DVec3::splat(if d.y > 0.0 { d.y.powi(n) } else { 7.0 }));
-        for technique in [Technique::Path, Technique::TwoPass] {
+        for technique in [Technique::PATH, Technique::TWO_PASS] {
             let (image, _) = render_scene(under(&floor, &sky), &view, &settings(technique, 64));
             let (mean, error) = mean_and_error(&image, "G");
             let expected = 1.0 / f64::from(n + 2);
@@ -121,10 +121,10 @@ fn suns_in_the_panorama_are_directional_lights() {
     let light = LightKind::Directional { direction: -towards.as_vec3(), irradiance: Vec3::splat(irradiance as f32) };
     let view = camera(DVec3::new(0.1, 0.5, 0.8), DVec3::new(-0.1, -0.5, -0.8), 0.9);
     let directional = || scene(&blocks(0.7), vec![light.clone()]);
-    let (by_light, _) = render_scene(directional(), &view, &settings(Technique::TwoPass, 64));
+    let (by_light, _) = render_scene(directional(), &view, &settings(Technique::TWO_PASS, 64));
     let expected = mean_and_error(&by_light, "G");
     // The background is black in one and has the sun's sphere in neither view.
-    for technique in [Technique::Path, Technique::TwoPass] {
+    for technique in [Technique::PATH, Technique::TWO_PASS] {
         let (by_sky, _) = render_scene(under(&blocks(0.7), &sky), &view, &settings(technique, 64));
         let (mean, error) = mean_and_error(&by_sky, "G");
         let off = |mean: f64| (mean - expected.0).abs() / (3.5 * error.hypot(expected.1) + 0.005 * expected.0);
@@ -151,10 +151,10 @@ fn every_technique_brings_the_path_tracers_light() {
             let settings = Settings { max_bounces, ..settings(technique, spp) };
             render_scene(under(&meshes, &sky), &view, &settings)
         };
-        let paths = mean_and_error(&of(Technique::Path, 128).0, "G");
-        for technique in Technique::ALL {
+        let paths = mean_and_error(&of(Technique::PATH, 128).0, "G");
+        for technique in Technique::all() {
             // Its visibility is blurred: no technique to be exact.
-            if [Technique::Path, Technique::VisibilityEstimate].contains(&technique) {
+            if [Technique::PATH, Technique::VISIBILITY_ESTIMATE].contains(&technique) {
                 continue;
             }
             let (image, statistics) = of(technique, 32);
@@ -165,7 +165,7 @@ fn every_technique_brings_the_path_tracers_light() {
             assert!(off(mean) < 1.0, "{technique}, {max_bounces} bounces: {mean} +- {error}, paths {paths:?}");
             assert!(off(1.1 * mean) > 1.0, "{technique}, {max_bounces} bounces: a tenth more would pass");
             let mapped = statistics.kept.iter().any(|name| name == "visibility_map");
-            assert_eq!(mapped, technique == Technique::ShadowPhotons);
+            assert_eq!(mapped, technique == Technique::SHADOW_PHOTONS);
             assert_eq!(statistics.photons.len(), usize::from(mapped), "photons of the environment");
         }
     }
@@ -178,7 +178,7 @@ fn photons_are_not_asked_about_the_environment() {
     let mut meshes = blocks(0.7);
     meshes.push((square(DVec3::new(0.3, 0.4, 0.3), DVec3::X * 0.05, DVec3::Z * 0.05), surface(0.0, 20.0)));
     let view = camera(DVec3::new(0.1, 0.5, 0.8), DVec3::new(-0.1, -0.5, -0.8), 0.9);
-    let asked = Settings { aovs: vec![Aov::Shadow], max_bounces: 0, ..settings(Technique::ShadowPhotons, 4) };
+    let asked = Settings { aovs: vec![Aov::Shadow], max_bounces: 0, ..settings(Technique::SHADOW_PHOTONS, 4) };
     let (image, _) = render_scene(under(&meshes, &panorama(8, 4, |_| DVec3::ONE)), &view, &asked);
     let classes = image.channel("shadow.environment.class").unwrap();
     let surfaces = image.channel("shadow..class").unwrap();

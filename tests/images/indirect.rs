@@ -21,7 +21,7 @@ fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) ->
 fn a_scene_of_everything_is_that_of_the_path_tracer() {
     for max_bounces in [0, 1, 64] {
         let of = |technique| render(&scene_file("still_life.glb"), &settings(technique, [96, 72], 128, max_bounces)).0;
-        let (paths, photons) = (of(Technique::Path), of(Technique::ShadowPhotons));
+        let (paths, photons) = (of(Technique::PATH), of(Technique::SHADOW_PHOTONS));
         for channel in ["R", "G", "B"] {
             let (a, b) = (mean_and_error(&paths, channel), mean_and_error(&photons, channel));
             let off = deviation(a, b);
@@ -39,7 +39,7 @@ fn a_scene_of_everything_is_that_of_the_path_tracer() {
 #[test]
 fn glass_and_metal_are_the_path_tracers() {
     let of = |technique, spp| render(&scene_file("materials.glb"), &settings(technique, [64, 64], spp, 64));
-    let (paths, (photons, statistics)) = (of(Technique::Path, 512).0, of(Technique::ShadowPhotons, 48));
+    let (paths, (photons, statistics)) = (of(Technique::PATH, 512).0, of(Technique::SHADOW_PHOTONS, 48));
     assert!(statistics.indirect.caustics > 1000, "{:?}", statistics.indirect);
     let share = |image: &Image, rows: std::ops::Range<usize>, columns: std::ops::Range<usize>| {
         let samples = image.channel("G").unwrap();
@@ -81,7 +81,7 @@ fn photons_light_what_is_seen_through_glass() {
     let pane = (square(DVec3::new(0.0, 0.6, 0.0), DVec3::X * 0.2, -DVec3::Z * 0.2), glass());
     let view = camera(DVec3::Y * 0.8, DVec3::NEG_Y, 0.6);
     let of = |meshes: &[_]| {
-        let settings = Settings { aovs: vec![Aov::Direct], ..settings(Technique::ShadowPhotons, [32, 32], 64, 4) };
+        let settings = Settings { aovs: vec![Aov::Direct], ..settings(Technique::SHADOW_PHOTONS, [32, 32], 64, 4) };
         let (image, statistics) = render_scene(scene(meshes, Vec::new()), &view, &settings);
         (image.channel("direct.G").unwrap().to_vec(), statistics.points)
     };
@@ -118,7 +118,7 @@ fn a_pane_lets_through_what_it_does_not_reflect() {
     // From below the pane, onto a piece of the floor below the lamp.
     let view = camera(DVec3::new(0.0, 0.3, 0.0), DVec3::NEG_Y, 0.6);
     let meshes = [(lamp, surface(0.0, radiance)), (floor, surface(albedo, 0.0)), (pane, glass())];
-    let mut settings = settings(Technique::ShadowPhotons, [16, 16], 64, 2);
+    let mut settings = settings(Technique::SHADOW_PHOTONS, [16, 16], 64, 2);
     settings.aovs.push(Aov::Direct);
     let (image, statistics) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
     assert!(statistics.indirect.caustics > 1000, "{:?}", statistics.indirect);
@@ -164,7 +164,7 @@ fn a_skylight_lets_in_sun_and_sky() {
     let sun = LightKind::Directional { direction: -towards.as_vec3(), irradiance: Vec3::splat(irradiance) };
     // Onto a piece of the floor that the sun falls on through the pane, which is its light's one bounce.
     let below = camera(DVec3::Y * -0.2, DVec3::NEG_Y, 0.6);
-    let once = settings(Technique::ShadowPhotons, [16, 16], 64, 1);
+    let once = settings(Technique::SHADOW_PHOTONS, [16, 16], 64, 1);
     let (image, _) = render_scene(scene(&room(albedo), vec![sun]), &below, &once);
     let passed = 1.0 - (0.04 + 0.96 * (1.0 - towards.y).powi(5));
     let expected = f64::from(irradiance * TINT * albedo) * towards.y * passed / std::f64::consts::PI;
@@ -180,7 +180,7 @@ fn a_skylight_lets_in_sun_and_sky() {
         scene.set_environment(Arc::new(sky.clone()), 0.0, 1.0).unwrap();
         mean_and_error(&render_scene(scene, &view, &settings(technique, [32, 32], spp, 64)).0, "G")
     };
-    let (paths, photons) = (of(Technique::Path, 512), of(Technique::ShadowPhotons, 48));
+    let (paths, photons) = (of(Technique::PATH, 512), of(Technique::SHADOW_PHOTONS, 48));
     let off = |mean: f64| (mean - paths.0).abs() / (3.5 * photons.1.hypot(paths.1) + 0.01 * paths.0);
     println!("sky: {photons:?}, paths {paths:?}");
     assert!(off(photons.0) < 1.0, "{photons:?}, paths {paths:?}");
@@ -192,7 +192,7 @@ fn a_skylight_lets_in_sun_and_sky() {
 fn the_box_is_the_references() {
     let (Some(scene), Some(file)) = (reference_file("box.glb"), reference_file("box-gi.exr")) else { return };
     let reference = Image::read(&file).unwrap();
-    let (image, statistics) = render(&scene, &settings(Technique::ShadowPhotons, [256, 256], 16, 64));
+    let (image, statistics) = render(&scene, &settings(Technique::SHADOW_PHOTONS, [256, 256], 16, 64));
     assert!(statistics.rays.bounce > 0 && statistics.rays.shadow > 0, "{:?}", statistics.rays);
     for channel in ["R", "G", "B"] {
         let samples = reference.channel(channel).unwrap();
@@ -220,12 +220,12 @@ fn photons_bring_the_path_tracers_light() {
         let settings = Settings { cache, ..settings(technique, [64, 64], spp, 64) };
         mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
     };
-    let paths = of(Technique::Path, false, 256);
+    let paths = of(Technique::PATH, false, 256);
     for (technique, cache, spp, tolerance) in [
-        (Technique::ShadowPhotons, true, 32, 0.01),
-        (Technique::ShadowPhotons, false, 32, 0.01),
-        (Technique::PhotonMap, false, 8, 0.02),
-        (Technique::NegativePhotons, false, 8, 0.02),
+        (Technique::SHADOW_PHOTONS, true, 32, 0.01),
+        (Technique::SHADOW_PHOTONS, false, 32, 0.01),
+        (Technique::PHOTON_MAP, false, 8, 0.02),
+        (Technique::NEGATIVE_PHOTONS, false, 8, 0.02),
     ] {
         let (mean, error) = of(technique, cache, spp);
         let off = |mean: f64| (mean - paths.0).abs() / (3.5 * error.hypot(paths.1) + tolerance * paths.0);
@@ -247,7 +247,7 @@ fn no_light_leaks_through_thin_walls() {
     let of = |walled: bool, cache| {
         let mut meshes = vec![room.clone(), (lamp.clone(), surface(0.0, 5.0))];
         meshes.extend(walled.then(|| (wall.clone(), surface(0.7, 0.0))));
-        let mut settings = Settings { cache, ..settings(Technique::ShadowPhotons, [48, 48], 4, 64) };
+        let mut settings = Settings { cache, ..settings(Technique::SHADOW_PHOTONS, [48, 48], 4, 64) };
         settings.aovs = vec![Aov::Indirect];
         let (image, _) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
         let light = image.channel("indirect.G").unwrap();

@@ -54,7 +54,7 @@ fn has(statistics: &Statistics, part: &str) -> bool {
 #[test]
 fn chosen_lights_bring_all_light() {
     let settings = |spp, seed| move |settings: Settings| Settings { spp, seed, ..settings };
-    let all = render(200, |s| Settings { technique: Technique::TwoPass, ..settings(8, 1)(s) });
+    let all = render(200, |s| Settings { technique: Technique::TWO_PASS, ..settings(8, 1)(s) });
     assert!(!has(&all.1, "light_sampling"));
     let truth = mean_and_error(&all.0, "G");
     println!("all lights: {truth:?}, {} rays", all.1.rays.shadow);
@@ -82,7 +82,7 @@ fn chosen_lights_bring_all_light() {
         assert!(off < 3.5, "{choice}: {off}");
         assert!(error > 2.0 * found.1, "{choice} is no noisier than zones: {error}");
         let paths = render(200, |s| Settings {
-            technique: Technique::Path,
+            technique: Technique::PATH,
             light_sampling: Some(choice),
             ..settings(64, 3)(s)
         });
@@ -102,7 +102,7 @@ fn chosen_lights_bring_all_light() {
 #[test]
 fn more_lights_than_photons_can_name_are_chosen_by_power() {
     let small = |settings: Settings| Settings { width: 12, height: 12, ..settings };
-    let all = render(2100, |s| Settings { technique: Technique::TwoPass, spp: 4, ..small(s) });
+    let all = render(2100, |s| Settings { technique: Technique::TWO_PASS, spp: 4, ..small(s) });
     let some = render(2100, |s| Settings { spp: 256, seed: 1, ..small(s) });
     assert!(has(&some.1, "light_sampling") && !has(&some.1, "zones") && !has(&some.1, "visibility_map"));
     let [all, some] = [&all, &some].map(|(image, _)| mean_and_error(image, "G"));

@@ -25,11 +25,11 @@ fn photons_add_no_error() {
     let files = shared_files("models", &["gltf", "glb"]).unwrap_or_default();
     let mut sum = 0.0;
     for file in &files {
-        let reference = render(file, Technique::TwoPass, 1);
+        let reference = render(file, Technique::TWO_PASS, 1);
         let ratio = |seed| {
             let error = |technique| metrics::relmse(&render(file, technique, seed), &reference).unwrap();
             // Files of one surface have no noise at all: floats' own rounding is left.
-            (error(Technique::ShadowPhotons) + 1e-9) / (error(Technique::TwoPass) + 1e-9)
+            (error(Technique::SHADOW_PHOTONS) + 1e-9) / (error(Technique::TWO_PASS) + 1e-9)
         };
         let ratios: Vec<f64> = SEEDS.map(ratio).collect();
         let n = ratios.len() as f64;

@@ -38,7 +38,7 @@ fn spheres_have_lamberts_shading() {
     for role in [Role::Intersection, Role::Distance] {
         let mut scene = scene(&[], vec![light.clone()]);
         place(&mut scene, &[sphere(role, at(DVec3::ZERO, 0.5), surface(albedo, 0.0))]);
-        let (image, statistics) = render_scene(scene, &view, &settings(Technique::Path, size, 1));
+        let (image, statistics) = render_scene(scene, &view, &settings(Technique::PATH, size, 1));
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
         let (mut lit, mut wrong, mut blind) = (0, 0, 0);
@@ -90,10 +90,10 @@ fn white_furnaces_are_white() {
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense), (0, 0), "rays were lost");
         mean_and_error(&image, "G")
     };
-    let (white, error) = mean(Technique::Path, 1.0, 32);
+    let (white, error) = mean(Technique::PATH, 1.0, 32);
     println!("path: {white} +- {error}");
     assert!(error < 0.003 && (white - 1.0).abs() < 0.002 + 3.0 * error, "{white} +- {error}");
-    let (grey, error) = mean(Technique::Path, 0.95, 32);
+    let (grey, error) = mean(Technique::PATH, 0.95, 32);
     assert!(1.0 - grey > 0.002 + 3.0 * error, "albedo 0.95: {grey} +- {error}");
 }
 
@@ -123,7 +123,7 @@ fn glass_is_that_of_the_mesh() {
     let render = |mut scene: Scene| {
         let sky = panorama(16, 8, |d| DVec3::new(1.0 + d.x, 1.0 + d.y, 1.0) * 0.5);
         scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
-        let settings = Settings { max_bounces: 16, ..settings(Technique::Path, 32, 16) };
+        let settings = Settings { max_bounces: 16, ..settings(Technique::PATH, 32, 16) };
         let (image, statistics) = render_scene(scene, &view, &settings);
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
@@ -179,16 +179,16 @@ fn shadows_are_those_of_the_mesh() {
         let settings = Settings { max_bounces: 0, ..settings(technique, 64, 16) };
         render_scene(scene, &view, &settings)
     };
-    let (mesh, _) = render(of_mesh(), Technique::TwoPass);
+    let (mesh, _) = render(of_mesh(), Technique::TWO_PASS);
     for role in [Role::Intersection, Role::Distance] {
-        let (image, statistics) = render(of_function(role, 0.2), Technique::TwoPass);
+        let (image, statistics) = render(of_function(role, 0.2), Technique::TWO_PASS);
         let off = difference(&mesh, &image);
-        let (larger, _) = render(of_function(role, 0.204), Technique::TwoPass);
+        let (larger, _) = render(of_function(role, 0.204), Technique::TWO_PASS);
         let seen = difference(&mesh, &larger);
         println!("{role:?}: {off}, a fiftieth more {seen}");
         // Chords of 128th turns are off the sphere by 3e-4 of the radius, and normals of triangles by 0.7 degrees, to either side.
         assert!(off < 0.003 && seen > 2.0 * off, "{role:?}: {off}, a fiftieth more {seen}");
-        let (few, photons) = render(of_function(role, 0.2), Technique::ShadowPhotons);
+        let (few, photons) = render(of_function(role, 0.2), Technique::SHADOW_PHOTONS);
         let apart = deviation(mean_and_error(&image, "G"), mean_and_error(&few, "G"));
         assert!(apart < 3.5, "{role:?}: shadow photons are {apart} standard errors off");
         let (all, few) = (statistics.rays.shadow, photons.rays.shadow);

@@ -7,7 +7,7 @@ use penumbra::{Settings, Technique};
 use crate::meshes::{camera, cube, scene, sphere, square, surface};
 use crate::setup::{mean_and_error, render_scene};
 
-const SHOWN: [Technique; 2] = [Technique::PhotonMap, Technique::NegativePhotons];
+const SHOWN: [Technique; 2] = [Technique::PHOTON_MAP, Technique::NEGATIVE_PHOTONS];
 
 /// The mean of the image by direct light alone.
 fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photons: u32) -> f64 {
@@ -45,8 +45,8 @@ fn hidden_layers_do_not_darken() {
     };
     let view = camera(DVec3::new(0.0, 0.4, 0.9), DVec3::new(0.0, -0.45, -0.9), 0.6);
     let of = |board, technique| mean(scene(&meshes(board), Vec::new()), &view, technique, 65_536);
-    let shaded = of(true, Technique::TwoPass);
-    let without_board = of(false, Technique::TwoPass);
+    let shaded = of(true, Technique::TWO_PASS);
+    let without_board = of(false, Technique::TWO_PASS);
     assert!(without_board > 1.1 * shaded, "the board shades too little to be missed: {without_board}, {shaded}");
     let [positive, negative] = SHOWN.map(|technique| of(true, technique));
     println!("{positive}, by negative energy {negative}, by shadow rays {shaded}");
@@ -68,7 +68,7 @@ fn photons_lie_on_the_triangles_of_smooth_surfaces() {
         scene
     };
     let view = camera(eye, DVec3::NEG_Z, 0.4);
-    let expected = mean(ball(), &view, Technique::TwoPass, 65_536);
+    let expected = mean(ball(), &view, Technique::TWO_PASS, 65_536);
     // One ray in 140 meets the ball.
     for technique in SHOWN {
         let found = mean(ball(), &view, technique, 1 << 23);

@@ -84,7 +84,7 @@ fn shares_are_those_of_the_simulation() {
             ..Settings::default()
         };
         // True visibility, by 256 points of the light, through the same pixel centres.
-        let all = Settings { technique: Technique::TwoPass, shadow_samples: 256, ..base.clone() };
+        let all = Settings { technique: Technique::TWO_PASS, shadow_samples: 256, ..base.clone() };
         let (truth, _) = render(&scene_file(scene), &all);
         let of = |name: &str| format!("shadow.light.{name}");
         let visibility = truth.channel(&of("visibility")).unwrap();

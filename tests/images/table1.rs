@@ -63,7 +63,7 @@ impl Seen {
 #[test]
 fn the_papers_counting_makes_false_shadows_beside_the_cube() {
     let scene = &SCENES[1];
-    let truth = Seen::new(scene, Technique::TwoPass, 256, false);
+    let truth = Seen::new(scene, Technique::TWO_PASS, 256, false);
     // The cube's edge is 0.7, its centre (0.3, -0.65, 0.1), turned by 20 degrees: its sides are at the distance 0.35 from
     // the axis along one of its own axes.
     let (sine, cosine) = 20f64.to_radians().sin_cos();
@@ -74,7 +74,7 @@ fn the_papers_counting_makes_false_shadows_beside_the_cube() {
         (distance - 0.35).abs() < 1e-3 && y > -0.995 && y < -0.9
     };
     let error = |paper_counting| {
-        let seen = Seen::new(scene, Technique::VisibilityEstimate, 1, paper_counting);
+        let seen = Seen::new(scene, Technique::VISIBILITY_ESTIMATE, 1, paper_counting);
         let (error, points) = seen.mean(foot_of_a_side, |i| seen.visibility[i] - truth.visibility[i]);
         assert!(points > 100, "{points} points on the sides: the test sees nothing");
         error
@@ -96,7 +96,7 @@ fn the_estimate_blurs_the_shadow_of_the_sphere() {
         // Of 256 light points and of 30 photons alike: not all, and not none.
         seen.mean(on_the_plane, |i| f64::from(seen.visibility[i] > 0.05 && seen.visibility[i] < 0.95)).0
     };
-    let (truth, estimate) = (partly(Technique::TwoPass, 256), partly(Technique::VisibilityEstimate, 1));
+    let (truth, estimate) = (partly(Technique::TWO_PASS, 256), partly(Technique::VISIBILITY_ESTIMATE, 1));
     println!("penumbra on the plane: {truth:.4}, by the estimate {estimate:.4}");
     assert!(truth > 0.0 && estimate > 2.0 * truth, "{truth}, estimated {estimate}");
 }

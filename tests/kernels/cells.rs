@@ -109,7 +109,7 @@ fn judged(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (
 /// boundary whose visibility is the share that is. Light from elsewhere would be noticed.
 #[test]
 fn rays_see_what_lines_see() {
-    let stage = stage(Technique::VisibilityCells);
+    let stage = stage(Technique::VISIBILITY_CELLS);
     let shape = grid_of(&stage.scene, CELLS);
     let points = points(&stage.scene, &shape);
     let (words, rays) = judged(&stage, shape, &points, RAYS);
@@ -146,7 +146,7 @@ fn rays_see_what_lines_see() {
 /// A voxel's tag stands where all around it have it too; the cells' method goes by each cell alone.
 #[test]
 fn tags_stand_where_neighbours_agree() {
-    let [cells_stage, tags_stage] = [Technique::VisibilityCells, Technique::VoxelTags].map(stage);
+    let [cells_stage, tags_stage] = [Technique::VISIBILITY_CELLS, Technique::VOXEL_TAGS].map(stage);
     let shape = grid_of(&cells_stage.scene, CELLS);
     let points = points(&cells_stage.scene, &shape);
     let (plain, _) = judged(&cells_stage, shape, &points, RAYS);
@@ -185,7 +185,7 @@ fn tags_stand_where_neighbours_agree() {
 /// The share of a cell's rays that see a light with a surface is what f64 lines between random points of both give.
 #[test]
 fn shares_are_visibilities() {
-    let stage = stage(Technique::VisibilityCells);
+    let stage = stage(Technique::VISIBILITY_CELLS);
     let shape = grid_of(&stage.scene, CELLS);
     let rays = 480;
     let mut random = Random(9);
@@ -227,7 +227,7 @@ fn shares_are_visibilities() {
 /// Points get the word of their cell; those that face away from the light are dark, and so is what lies nowhere.
 #[test]
 fn points_have_the_class_of_their_cell() {
-    let stage = stage(Technique::VoxelTags);
+    let stage = stage(Technique::VOXEL_TAGS);
     let shape = grid_of(&stage.scene, CELLS);
     let own = points(&stage.scene, &shape);
     let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();

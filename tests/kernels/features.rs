@@ -104,11 +104,11 @@ impl LightSampler {
     }
 
     fn features(self) -> Features {
-        let techniques = Technique::ALL;
+        let techniques = Technique::all();
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         // One in four is of the technique that has zones.
         let technique = match self.has(46) && self.has(47) {
-            true => Technique::ShadowPhotons,
+            true => Technique::SHADOW_PHOTONS,
             false => techniques[hash1(self.0 as u32) as usize % techniques.len()],
         };
         let light_sampling = match technique.uses_zones() {

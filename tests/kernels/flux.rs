@@ -18,7 +18,7 @@ use crate::statistics::{Random, chi_square, z_test};
 const SEED: u32 = 7;
 
 fn stage(scene: Scene) -> Stage {
-    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::ShadowPhotons, |features| features)
+    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A room of edge 1 whose walls reflect the share `albedo`.

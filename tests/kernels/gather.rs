@@ -88,7 +88,7 @@ fn stage(meshes: &[(Vec<Corners>, Material)], bent: bool) -> Stage {
     let dim = LightKind::Point { position: Vec3::splat(50.0), intensity: Vec3::splat(1e-9), range: f32::INFINITY };
     let scene: Scene = scene(meshes, vec![dim]);
     let view = camera(DVec3::new(0.0, 0.3, 1.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [HEIGHT, HEIGHT], Technique::ShadowPhotons, |f| {
+    Stage::new(scene, &view, [HEIGHT, HEIGHT], Technique::SHADOW_PHOTONS, |f| {
         let smooth = bent || f.has("smooth_normals");
         f.with("smooth_normals", smooth)
     })

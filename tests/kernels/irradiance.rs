@@ -40,7 +40,7 @@ fn stage(rectangles: &[Rectangle], shown: Option<&'static str>) -> Stage {
     let light = penumbra::scene::LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY };
     let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| match shown {
+    Stage::new(scene, &view, [1, 1], Technique::SHADOW_PHOTONS, |features| match shown {
         Some(feature) => features.with(feature, true),
         None => features,
     })

@@ -55,7 +55,7 @@ pub fn render_with(
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
     let gpu = gpu();
-    let settings = Settings { width: size, height: size, technique: Technique::Path, ..Settings::default() };
+    let settings = Settings { width: size, height: size, technique: Technique::PATH, ..Settings::default() };
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     scene.reorder_triangles(&bvh.order);

@@ -47,7 +47,7 @@ enum Fault {
 
 fn stage(scene: Scene) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [8, 8], Technique::ShadowPhotons, |features| features)
+    Stage::new(scene, &view, [8, 8], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A floor, panels that face up, down and both ways, two panels in one plane, and a light of each kind above.

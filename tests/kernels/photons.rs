@@ -120,7 +120,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
 fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let gpu = gpu();
     let specialisation = Specialisation::new(scene, &Settings::default());
-    let features = penumbra::render::device_features(gpu, specialisation.features);
+    let features = penumbra::specialisation::device_features(gpu, specialisation.features);
     let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
     let pass = Photons::new(gpu, &features, &gpu_scene.constants(), kept).unwrap();
     let lights = scene.lights.len() as u32;

@@ -349,7 +349,7 @@ impl Outcome {
 }
 
 fn stage(camera: &Camera, size: [u32; 2]) -> Stage {
-    Stage::new(panels(), camera, size, Technique::TwoPass, |features| {
+    Stage::new(panels(), camera, size, Technique::TWO_PASS, |features| {
         features.with("aov_albedo", true).with("aov_normal", true).with("aov_position", true)
     })
 }
@@ -564,7 +564,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         vertex.tangent = tangent;
     }
     let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
-    let stage = Stage::new(scene, &view, [1, 1], Technique::TwoPass, |features| features);
+    let stage = Stage::new(scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
     for feature in ["glossy", "uv1", "normal_maps", "textures"] {
         assert!(stage.features.has(feature), "{feature}");
     }

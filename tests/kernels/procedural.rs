@@ -45,7 +45,7 @@ fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
 
 fn stage(scene: Scene) -> Stage {
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::Path, |features| features)
+    Stage::new(scene, &view, [1, 1], Technique::PATH, |features| features)
 }
 
 /// An ellipsoid, turned and off the origin.

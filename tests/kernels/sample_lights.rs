@@ -82,7 +82,7 @@ impl Setup {
     fn new(features: impl Fn(Features) -> Features) -> Setup {
         let lamps = lamps();
         let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::ShadowPhotons, features);
+        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::SHADOW_PHOTONS, features);
         let mut random = Random(8);
         let points = (0..PIXELS).map(|i| {
             let position =
@@ -278,7 +278,7 @@ fn potentials_are_irradiances() {
         LightKind::Directional { direction: Vec3::new(0.6, -0.8, 0.0), irradiance: Vec3::ONE },
     ];
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TwoPass, |features| features);
+    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TWO_PASS, |features| features);
     let gpu = gpu();
     let mut random = Random(2);
     let lights = stage.scene.lights.len();

@@ -60,7 +60,7 @@ struct Outcome {
 fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
     let features = |f: Features| f.with("aov_shadow", true).with("few_sampled", few_sampled);
-    Stage::new(scene, &view, size, Technique::ShadowPhotons, features)
+    Stage::new(scene, &view, size, Technique::SHADOW_PHOTONS, features)
 }
 
 impl Setup {

@@ -79,7 +79,7 @@ const HEAL_ROOM: usize = 2000;
 impl Setup {
     fn new(chunk: [u32; 2], samples: u32) -> Setup {
         let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(), &view, [65, 2], Technique::ShadowPhotons, |features| features);
+        let stage = Stage::new(room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
         // Two layers, and not the first samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);

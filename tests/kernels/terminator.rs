@@ -113,7 +113,7 @@ fn differences(image: &Image, area_light: bool) -> [usize; 3] {
 #[test]
 fn a_coarse_sphere_darkens_as_the_smooth_one() {
     for area_light in [false, true] {
-        for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+        for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
             let [wrong, uncut, pixels] = differences(&render(area_light, technique, 1), area_light);
             println!("{technique}, area {area_light}: {wrong} differ, {uncut} from cut triangles, of {pixels}");
             assert!(pixels > 10_000, "{pixels} pixels");
@@ -132,7 +132,7 @@ fn the_path_tracer_agrees_in_the_mean() {
             let samples = image.channel("G").unwrap();
             samples.iter().map(|x| f64::from(*x)).sum::<f64>() / samples.len() as f64
         };
-        let (paths, photons) = (mean(Technique::Path, 64), mean(Technique::ShadowPhotons, 16));
+        let (paths, photons) = (mean(Technique::PATH, 64), mean(Technique::SHADOW_PHOTONS, 16));
         assert!((paths - photons).abs() < 2e-3 * paths, "area {area_light}: {paths} by paths, {photons} by photons");
     }
 }

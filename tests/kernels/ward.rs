@@ -105,7 +105,7 @@ fn lights_are_tested_as_ward_does() {
     let gpu = gpu();
     let lamps = lamps();
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WardAdaptive, |features| features);
+    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WARD_ADAPTIVE, |features| features);
     assert!(stage.features.has("ward"));
     let tile: Tile = whole([65, 3], 1);
     let count = tile.point_count;

@@ -32,7 +32,7 @@ fn what_is_late_is_named_with_the_budget_that_would_do() {
     let settings = Settings { width: 8, height: 8, photons: 4096, flux_photons: 4096, ..Settings::default() };
     let subject = scene.subject(&settings);
     let seeds = 0..LEAST_REPEATS as u32;
-    let techniques = [Technique::Path, Technique::PhotonMap];
+    let techniques = [Technique::PATH, Technique::PHOTON_MAP];
     let mut runs: Vec<Run> =
         seeds.flat_map(|seed| techniques.map(|technique| late(&subject, technique, seed))).collect();
     assert!(runs.iter().all(|run| run.snapshots.is_empty() && run.first.is_none() && run.setup > 1e-9));

@@ -59,18 +59,18 @@ fn planted_bias_and_noise_are_named() {
     for seed in 0..REPEATS {
         // The techniques are but names here: all of them render alike, and unlike only in what is planted.
         let rendered = |technique: Technique, light_scale: f32, plant: &dyn Fn(u32, &mut Image)| {
-            let path = Settings { technique: Technique::Path, seed, spp: 64, light_scale, ..settings.clone() };
+            let path = Settings { technique: Technique::PATH, seed, spp: 64, light_scale, ..settings.clone() };
             let mut run = run(&subject, path, plant);
             run.settings.technique = technique;
             run
         };
-        runs.push(rendered(Technique::Path, 1.0, &|_, _| {}));
-        runs.push(rendered(Technique::TwoPass, 1.02, &|_, _| {}));
+        runs.push(rendered(Technique::PATH, 1.0, &|_, _| {}));
+        runs.push(rendered(Technique::TWO_PASS, 1.02, &|_, _| {}));
         let noise = |seed: u32, image: &mut Image| scale(image, |x, y| 1.0 + 0.3 * sign(seed, x, y));
-        runs.push(rendered(Technique::ShadowPhotons, 1.0, &noise));
+        runs.push(rendered(Technique::SHADOW_PHOTONS, 1.0, &noise));
         // The same in every run, and as much light added as taken away.
         let pattern = |_: u32, image: &mut Image| scale(image, |x, y| 1.0 + 0.1 * sign(12, x, y));
-        runs.push(rendered(Technique::VisibilityEstimate, 1.0, &pattern));
+        runs.push(rendered(Technique::VISIBILITY_ESTIMATE, 1.0, &pattern));
     }
     let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
     let of = |technique: Technique| -> &TechniqueReport {
@@ -81,19 +81,19 @@ fn planted_bias_and_noise_are_named() {
     }
     println!("{}", report.advice);
 
-    let plain = of(Technique::Path);
+    let plain = of(Technique::PATH);
     assert_eq!(plain.verdict.kind, VerdictKind::Noise, "{}", plain.verdict.text);
-    let strong = of(Technique::TwoPass);
+    let strong = of(Technique::TWO_PASS);
     assert_eq!(strong.verdict.kind, VerdictKind::Bias);
     assert!(strong.verdict.text.contains("its light is too strong by "), "{}", strong.verdict.text);
     // Twice the half width of the interval at so many samples.
     assert!((strong.brightness.value - 0.02).abs() < 0.002, "{:?}", strong.brightness);
-    let noisy = of(Technique::ShadowPhotons);
+    let noisy = of(Technique::SHADOW_PHOTONS);
     assert_eq!(noisy.verdict.kind, VerdictKind::Noise, "{}", noisy.verdict.text);
     let last = |technique: &TechniqueReport| technique.snapshots.last().unwrap().clone();
     // Noise of 0.3 r adds 0.09 r^2 to every square, most of which is there over r^2 + 0.01.
     assert!(last(noisy).variance.low > last(plain).variance.high + 0.03);
-    let wrong = of(Technique::VisibilityEstimate);
+    let wrong = of(Technique::VISIBILITY_ESTIMATE);
     assert_eq!(wrong.verdict.kind, VerdictKind::Bias);
     assert!(wrong.verdict.text.contains("however long"), "{}", wrong.verdict.text);
     // As above: 0.01 r^2 / (r^2 + 0.01).
@@ -122,7 +122,7 @@ fn what_may_be_the_references_error_is_not_called_bias() {
     let (common, own) = (0.05f32, 0.035);
     let runs: Vec<Run> = (0..3)
         .map(|seed| {
-            let mut run = Run::new(&subject, Technique::Path, seed, &[1e-9], &|| false).unwrap().unwrap();
+            let mut run = Run::new(&subject, Technique::PATH, seed, &[1e-9], &|| false).unwrap().unwrap();
             let image = image(&|x, y| GREY + common * sign(y) + own * sign(x >> seed));
             let rays = run.statistics.rays;
             run.snapshots.push(Snapshot { budget: 1.0, time: 1.0, samples: 4, rays, image });
