@@ -104,7 +104,7 @@ impl LightSampler {
     }
 
     fn features(self) -> Features {
-        let techniques = Technique::all();
+        let techniques: Vec<Technique> = Technique::all().collect();
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         // One in four is of the technique that has zones.
         let technique = match self.has(46) && self.has(47) {
