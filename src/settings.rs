@@ -224,12 +224,6 @@ impl Settings {
     /// Most rays of a record: what one invocation can sum up on software devices.
     pub const MAX_GATHER_RAYS: u32 = 16_384;
 
-    /// The image goes to the truth as samples go on; of indirect light as near as photons and records come, of which there
-    /// are then more.
-    pub fn is_unbiased(&self) -> bool {
-        self.technique.is_unbiased(self)
-    }
-
     /// Checks every range.
     ///
     /// # Errors

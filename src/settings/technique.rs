@@ -1,11 +1,9 @@
-//! A technique: how light is computed. Each one is described in a file of its own, in `src/techniques/`.
+//! A technique: how light is computed. Each one has a file of its own in `src/techniques/`, with its description.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
 
 use serde::{Serialize, Serializer};
-
-use super::Settings;
 
 /// How light is computed. [`Technique::all`] lists all of them; the name tells them apart.
 #[derive(Clone, Copy)]
@@ -21,8 +19,6 @@ pub struct Description {
     pub source: &'static str,
     /// What it needs; [`crate::specialisation`] turns this into features for a scene.
     pub requirements: Requirements,
-    /// Whether the image converges to the true one as samples are added; see [`Settings::is_unbiased`].
-    pub is_unbiased: fn(&Settings) -> bool,
 }
 
 /// What a technique needs.
@@ -103,11 +99,6 @@ impl Technique {
     /// What it needs.
     pub const fn requirements(self) -> Requirements {
         self.0.requirements
-    }
-
-    /// Whether the image converges to the true one with these settings; see [`Settings::is_unbiased`].
-    pub fn is_unbiased(self, settings: &Settings) -> bool {
-        (self.0.is_unbiased)(settings)
     }
 
     /// Paths from the camera bring all light: there is no other pass for it.

@@ -4,8 +4,8 @@ use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::technique::Transport;
 
+use super::decisions::{Specialisation, bytes_text, count, is_lit};
 use super::surfaces::Facts;
-use super::{Specialisation, bytes_text, count, is_lit};
 
 impl Specialisation {
     pub(super) fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {

@@ -6,8 +6,8 @@ use crate::scene::{Light, LightKind, Scene};
 use crate::settings::technique::ConsideredLights;
 use crate::settings::{Aov, LightSampling, Settings};
 
+use super::decisions::{Specialisation, count};
 use super::surfaces::Facts;
-use super::{Specialisation, count};
 
 /// Maximum number of lights of a photon map: a photon's word has eleven bits for its light.
 pub const MAX_LIGHTS: u32 = 2048;

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
 
-use super::{Specialisation, bytes_text, count};
+use super::decisions::{Specialisation, bytes_text, count};
 
 impl Specialisation {
     pub(super) fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {

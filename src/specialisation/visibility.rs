@@ -6,8 +6,8 @@ use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::technique::Visibility;
 
+use super::decisions::{Item, Specialisation, bytes_text, is_lit};
 use super::lights::MAX_LIGHTS;
-use super::{Specialisation, bytes_text, is_lit};
 
 /// Why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";
@@ -143,7 +143,7 @@ impl Specialisation {
         for name in ["visibility_map", "light_tags", "paper_counting", "audit"] {
             if let Some(at) = self.kept.iter().position(|item| item.name == name) {
                 let item = self.kept.remove(at);
-                self.left_out.push(super::Item { reason: reason.to_owned(), ..item });
+                self.left_out.push(Item { reason: reason.to_owned(), ..item });
                 self.set(name, false);
             }
         }

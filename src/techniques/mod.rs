@@ -14,7 +14,7 @@ mod ward_adaptive;
 
 use std::str::FromStr;
 
-use crate::settings::Technique;
+use crate::settings::{Settings, Technique};
 
 use passes::Implementation;
 
@@ -44,6 +44,14 @@ impl Technique {
     /// All techniques, in the order of help and reports.
     pub fn all() -> impl ExactSizeIterator<Item = Technique> + Clone {
         TECHNIQUES.iter().map(|implementation| implementation.technique)
+    }
+}
+
+impl Settings {
+    /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as photons and
+    /// irradiance records allow; there are more of them the more samples there are.
+    pub fn is_unbiased(&self) -> bool {
+        (implementation(self.technique).is_unbiased)(self)
     }
 }
 

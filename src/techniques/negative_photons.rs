@@ -20,12 +20,11 @@ impl Technique {
             visibility: Visibility::ShadowRays,
             lights: ConsideredLights::All,
         },
-        is_unbiased: |_| false,
     });
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::NEGATIVE_PHOTONS, first_pass, second_pass };
+    Implementation { technique: Technique::NEGATIVE_PHOTONS, is_unbiased: |_| false, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // The global map. Its photons go on through what they hit, and carry negative flux from there.

@@ -20,12 +20,11 @@ impl Technique {
             visibility: Visibility::ShadowRays,
             lights: ConsideredLights::OneAtVertex,
         },
-        is_unbiased: |_| true,
     });
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::PATH, first_pass, second_pass };
+    Implementation { technique: Technique::PATH, is_unbiased: |_| true, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // There are no photons and no records: this binds pass `path`.

@@ -20,12 +20,11 @@ impl Technique {
             visibility: Visibility::ShadowRays,
             lights: ConsideredLights::AllOrSampled,
         },
-        is_unbiased: |_| true,
     });
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::TWO_PASS, first_pass, second_pass };
+    Implementation { technique: Technique::TWO_PASS, is_unbiased: |_| true, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     // Only where the settings ask for a few of many lights.

@@ -26,12 +26,11 @@ impl Technique {
             visibility: Visibility::Cells,
             lights: ConsideredLights::All,
         },
-        is_unbiased: |_| false,
     });
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::VISIBILITY_CELLS, first_pass, second_pass };
+    Implementation { technique: Technique::VISIBILITY_CELLS, is_unbiased: |_| false, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;

@@ -25,12 +25,11 @@ impl Technique {
             visibility: Visibility::Voxels,
             lights: ConsideredLights::All,
         },
-        is_unbiased: |_| false,
     });
 }
 
 pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::VOXEL_TAGS, first_pass, second_pass };
+    Implementation { technique: Technique::VOXEL_TAGS, is_unbiased: |_| false, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;

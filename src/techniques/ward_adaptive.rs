@@ -22,12 +22,15 @@ impl Technique {
             visibility: Visibility::Adaptive,
             lights: ConsideredLights::All,
         },
-        is_unbiased: |settings| settings.shadow_tolerance == 0.0,
     });
 }
 
-pub(super) const IMPLEMENTATION: Implementation =
-    Implementation { technique: Technique::WARD_ADAPTIVE, first_pass, second_pass };
+pub(super) const IMPLEMENTATION: Implementation = Implementation {
+    technique: Technique::WARD_ADAPTIVE,
+    is_unbiased: |settings| settings.shadow_tolerance == 0.0,
+    first_pass,
+    second_pass,
+};
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_direct_light()?;
