@@ -111,7 +111,7 @@ impl Renderer<'_> {
             return Ok(());
         }
         let misses = &self.gpu_scene.procedural_misses;
-        let counters = [Counter::ProceduralOverruns, Counter::ProceduralNonsense];
+        let counters = [Counter::ProceduralOverruns, Counter::ProceduralInvalid];
         for (counter, more) in counters.into_iter().zip(self.gpu.read::<u32>(misses, 2)?) {
             self.totals.count(counter, more.into());
         }

@@ -212,7 +212,7 @@ fn procedural_objects_that_fail_are_counted() {
         let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);
         let count = found.procedural_overruns;
         assert!(count > 0 && found.procedural_nonsense == 0 && statistics.not_finite == 0, "{technique}: {found:?}");
-        assert_told(&statistics, &said, "procedural_overruns", count, "turns in a procedural object");
+        assert_told(&statistics, &said, "procedural_overruns", count, "iterations in a procedural object");
     }
     let (found, statistics, said) =
         render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::SHADOW_PHOTONS));
