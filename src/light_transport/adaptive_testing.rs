@@ -1,9 +1,9 @@
-//! Adaptive shadow testing (Ward 1991): the lights of a point are tested in the order of what they could contribute, until the
-//! sum of what is left is below a tolerance times what was found. The rest is guessed by the share of each light that was seen
-//! so far, times how much more or less than that was seen of the lights tested here.
+//! Adaptive shadow testing (Ward 1991): the lights of a point are tested in the order of what they could contribute,
+//! until the sum of what is left is below a tolerance times what was found. The rest is guessed by the share of each
+//! light that was seen so far, times how much more or less than that was seen of the lights tested here.
 //!
-//! Ward tests the parts of a large source one by one. Here the light points of one light stay together: each of them could
-//! contribute about as much as the others, and a rest of one in four is never below the tolerance.
+//! Ward tests the parts of a large source one by one. Here the light points of one light stay together: each of them
+//! could contribute about as much as the others, and a rest of one in four is never below the tolerance.
 //!
 //! What was seen so far is that of the tiles before, so that results do not depend on the order of a tile's points.
 

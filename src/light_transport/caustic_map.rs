@@ -1,6 +1,6 @@
-//! The caustic map: photons that left focusing surfaces alone, shown directly where they arrive (Jensen 1996). Every few
-//! samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus and Zwicker
-//! 2011, with their alpha of 2/3).
+//! The caustic map: photons that left focusing surfaces alone, shown directly where they arrive (Jensen 1996). Every
+//! few samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus
+//! and Zwicker 2011, with their alpha of 2/3).
 
 use glam::Vec3;
 

@@ -1,8 +1,8 @@
 //! What the points of each cell of a grid see of each light, told by rays before the first sample: for the techniques
 //! `visibility-cells` and `voxel-tags`.
 //!
-//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a cell
-//! on a floor is below the floor, and tells nothing about its points.
+//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a
+//! cell on a floor is below the floor, and tells nothing about its points.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -183,8 +183,8 @@ mod tests {
 
     use super::*;
 
-    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the triangle, in
-    /// their cell, the given number in each, and spread over it by area.
+    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the
+    /// triangle, in their cell, the given number in each, and spread over it by area.
     #[test]
     fn triangles_are_cut_at_cells() {
         let mut random = Random(7);
@@ -232,8 +232,8 @@ mod tests {
             }
         }
 
-        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end, and
-        // the middle of its points is its own within five standard errors of independent ones.
+        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end,
+        // and the middle of its points is its own within five standard errors of independent ones.
         let rays = 4000;
         let surfaces = Surfaces::new(&scene, &grid_of(&scene, 1));
         let total: f64 = surfaces.0.iter().map(Piece::area).sum();

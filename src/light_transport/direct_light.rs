@@ -1,6 +1,6 @@
-//! Direct light as a pass of its own: for the lights of a chunk, the classes of a tile's points, the queues of those that need
-//! shadow rays, the rays, and the light itself. Techniques differ in which steps they take, and in what decides the classes:
-//! without a visibility map every point is unknown, and all shadow rays are traced.
+//! Direct light as a pass of its own: for the lights of a chunk, the classes of a tile's points, the queues of those
+//! that need shadow rays, the rays, and the light itself. Techniques differ in which steps they take, and in what
+//! decides the classes: without a visibility map every point is unknown, and all shadow rays are traced.
 
 use crate::Result;
 use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
@@ -22,16 +22,16 @@ const CHUNK_CANDIDATES: u32 = 1 << 21;
 /// Maximum number of words of visibilities in a chunk: half of the smallest storage binding that devices offer.
 const CHUNK_WORDS: u32 = 1 << 24;
 
-/// Maximum number of loop iterations of `shade` for the lights of a chunk: lavapipe ends all loops of an invocation, without an
-/// error, after 65,535 of them. Ten thousand lights in one chunk lost half of their light.
+/// Maximum number of loop iterations of `shade` for the lights of a chunk: lavapipe ends all loops of an invocation,
+/// without an error, after 65,535 of them. Ten thousand lights in one chunk lost half of their light.
 const SHADE_ITERATIONS: u32 = 32_768;
 
 /// A light wider than this share of the scene's radius has penumbrae so wide that faint ones would be missed without
 /// dilation; the boundaries of a narrower one are too wide already (the two scenes of the paper: 0.33 and 0.02).
 const WIDE_LIGHT: f32 = 0.05;
 
-/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once; and what is counted of a tile,
-/// light points of all lights at most, must fit a word.
+/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once; and what is counted
+/// of a tile, light points of all lights at most, must fit a word.
 pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
     let lights = lights.max(1) as u32;
     if features.has("ward") {
@@ -315,8 +315,8 @@ impl DirectLight {
         }
     }
 
-    /// The films of all lights' classes for a tile of `pixels` pixels: class of the first sample (x) and visibility, n_i and n_s of
-    /// all. None where they are not asked for.
+    /// The films of all lights' classes for a tile of `pixels` pixels: class of the first sample (x) and visibility,
+    /// n_i and n_s of all. None where they are not asked for.
     pub fn class_films(&self, gpu: &Gpu, film: &Film, pixels: u32, counters: &Buffer) -> Result<Vec<Plane>> {
         let Some(samples) = &self.buffers.shadow_samples else { return Ok(Vec::new()) };
         (0..self.sizes.lights).map(|_| film.plane(gpu, pixels, samples, counters)).collect()

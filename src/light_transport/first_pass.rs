@@ -32,8 +32,8 @@ pub(crate) struct FirstPass<'a> {
 }
 
 impl FirstPass<'_> {
-    /// Makes the sampler that gives each point a few of many lights. With zones it traces photons of every light, sorts them by
-    /// zone, and lists the lights that reach each zone (passes `photons`, `grid`, `zones`).
+    /// Makes the sampler that gives each point a few of many lights. With zones it traces photons of every light, sorts
+    /// them by zone, and lists the lights that reach each zone (passes `photons`, `grid`, `zones`).
     pub fn make_light_sampler(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.light_sampler.take() {
             let sampler = LightSampler::new(&self.shared, kernels, self.points, self.settings, self.totals)?;
@@ -42,8 +42,8 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Traces illumination and shadow photons of every light, sorts them into a grid, and classifies its cells (passes `photons`,
-    /// `grid`).
+    /// Traces illumination and shadow photons of every light, sorts them into a grid, and classifies its cells (passes
+    /// `photons`, `grid`).
     pub fn make_visibility_map(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.visibility_map.take() {
             self.lighting.visibility_map = Some(VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?);
@@ -75,9 +75,9 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Traces photons that carry flux into the global map, precomputes irradiance at some of them, and places irradiance records all
-    /// over the view, from coarse to fine, each with a final gather that ends in the map (passes `flux`, `grid`, `irradiance`,
-    /// `cache`, `gather`).
+    /// Traces photons that carry flux into the global map, precomputes irradiance at some of them, and places
+    /// irradiance records all over the view, from coarse to fine, each with a final gather that ends in the map (passes
+    /// `flux`, `grid`, `irradiance`, `cache`, `gather`).
     pub fn make_indirect_light(&mut self) -> Result<()> {
         let FirstPass { shared, indirect_kernels: kernels, primary, camera, settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };

@@ -1,5 +1,5 @@
-//! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that compute no
-//! direct light apart these are all light.
+//! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that
+//! compute no direct light apart these are all light.
 
 use crate::Result;
 use crate::gpu::{Bindings, Frame, Resources};
@@ -34,7 +34,8 @@ pub(crate) struct IndirectLight {
 }
 
 impl IndirectLight {
-    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache, as far as there are kernels.
+    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache, as far as there are
+    /// kernels.
     pub fn new(setup: &IndirectSetup<'_>, totals: &mut Totals) -> Result<IndirectLight> {
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;

@@ -1,5 +1,5 @@
-//! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first sample. All
-//! samples share them.
+//! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
+//! sample. All samples share them.
 
 use glam::Vec3;
 
@@ -14,8 +14,8 @@ use crate::settings::Settings;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Pixels between the points that may get a record, pass by pass. Points of one pass do not see each other's records, so
-/// the steps are small: a factor f gives up to f squared times the records that are needed.
+/// Pixels between the points that may get a record, pass by pass. Points of one pass do not see each other's records,
+/// so the steps are small: a factor f gives up to f squared times the records that are needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
 /// Largest radius of a record in pixels: farther away gradients miss what lies between.

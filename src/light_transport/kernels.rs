@@ -66,8 +66,8 @@ impl DirectKernels {
     }
 }
 
-/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when photons and
-/// records are made anew.
+/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when photons
+/// and records are made anew.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
     pub caustics: Option<CausticKernels>,

@@ -54,7 +54,8 @@ impl Lighting {
         self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
     }
 
-    /// Adds the photons that audits left to the visibility map and sorts it anew, if that is `due` or there is little room for more.
+    /// Adds the photons that audits left to the visibility map and sorts it anew, if that is `due` or there is little
+    /// room for more.
     pub fn repair_map(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.visibility_map else { return Ok(()) };
         if map.take_repairs(shared.gpu, due, totals)? {

@@ -1,5 +1,5 @@
-//! The steps of a technique's second pass: one frame, which adds one sample or some to every pixel of a tile. A step records its
-//! dispatches; it does nothing where the first pass did not make its part.
+//! The steps of a technique's second pass: one frame, which adds one sample or some to every pixel of a tile. A step
+//! records its dispatches; it does nothing where the first pass did not make its part.
 
 use crate::gpu::Frame;
 use crate::passes::Tile;
@@ -27,8 +27,8 @@ pub(crate) struct SecondPass<'a, 'g> {
 }
 
 impl SecondPass<'_, '_> {
-    /// Traces a camera ray for each sample, on over mirrors and through clear glass; the points that it leaves are to be lit (pass
-    /// `primary`).
+    /// Traces a camera ray for each sample, on over mirrors and through clear glass; the points that it leaves are to
+    /// be lit (pass `primary`).
     pub fn trace_camera_rays(&mut self) {
         self.primary.record(self.frame, self.tile);
     }
@@ -45,8 +45,8 @@ impl SecondPass<'_, '_> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its cell for each light, where photons have decided that; without a visibility map every
-    /// point that does not face away from the light is unknown (pass `classify`).
+    /// Gives each point the class of its cell for each light, where photons have decided that; without a visibility map
+    /// every point that does not face away from the light is unknown (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
@@ -61,7 +61,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
     }
 
-    /// Classifies the points that are left: by the requested cells, or by the k photons nearest to each (pass `classify`).
+    /// Classifies the points that are left: by the requested cells, or by the k photons nearest to each (pass
+    /// `classify`).
     pub fn query_photons(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.query(frame, tile, lights));
     }
@@ -71,8 +72,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.dilate(frame, tile, lights));
     }
 
-    /// Counts the classes, and queues boundary and unknown points for shadow rays and some of the others for audits (pass
-    /// `classify`).
+    /// Counts the classes, and queues boundary and unknown points for shadow rays and some of the others for audits
+    /// (pass `classify`).
     pub fn queue_shadow_rays(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.compact(frame, tile, lights));
     }
@@ -148,7 +149,8 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// Traces paths: where records are, from glossy points and those that no record covers; else from every point (pass `path`).
+    /// Traces paths: where records are, from glossy points and those that no record covers; else from every point (pass
+    /// `path`).
     pub fn trace_paths(&mut self) {
         let Settings { max_bounces, shadow_samples: light_samples, .. } = *self.settings;
         let parameters = PathParameters { tile: *self.tile, max_bounces, light_samples };

@@ -9,7 +9,8 @@ use crate::passes::photons::Traced;
 use crate::scene::{Light, Scene};
 use crate::statistics::LightPhotons;
 
-/// Maximum number of samples of a pixel in one tile, so that audits repair the visibility map early and a render can stop soon.
+/// Maximum number of samples of a pixel in one tile, so that audits repair the visibility map early and a render can
+/// stop soon.
 pub(crate) const TILE_SAMPLES: u32 = 8;
 
 /// The device, the scene on both sides, and the buffers of a tile.

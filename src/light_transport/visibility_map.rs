@@ -18,8 +18,8 @@ const REPAIR_BATCH: u32 = 1 << 16;
 /// Photons that audits can add to a map in all.
 const REPAIR_ROOM: u32 = 1 << 18;
 
-/// Maximum number of rays of all lights together: what a map of the smallest storage binding that devices offer (128 MiB, eight
-/// million photons) holds where rays hit two surfaces on average.
+/// Maximum number of rays of all lights together: what a map of the smallest storage binding that devices offer (128
+/// MiB, eight million photons) holds where rays hit two surfaces on average.
 const MAX_RAYS: u32 = 1 << 22;
 
 pub(crate) struct MapKernels {
@@ -117,8 +117,8 @@ impl VisibilityMap {
         })
     }
 
-    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more. Returns whether the map
-    /// must be sorted anew: its tables are then gone.
+    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more. Returns whether
+    /// the map must be sorted anew: its tables are then gone.
     pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
         let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
         if left == 0 || !(due || left > REPAIR_BATCH / 2) {
@@ -142,8 +142,8 @@ impl VisibilityMap {
         Ok(self.grid.is_none())
     }
 
-    /// Sorts the map, where [`VisibilityMap::take_repairs`] says so. Passes that still have the old tables bound must be unbound
-    /// before: the tables are among the largest buffers of a render.
+    /// Sorts the map, where [`VisibilityMap::take_repairs`] says so. Passes that still have the old tables bound must
+    /// be unbound before: the tables are among the largest buffers of a render.
     pub fn sort(&mut self, gpu: &Gpu) -> Result<()> {
         self.grid = Some(self.kernel.build(gpu, &self.photons, self.count, self.lights, self.shape)?);
         Ok(())
@@ -161,8 +161,8 @@ impl VisibilityMap {
         })
     }
 
-    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. The map is sorted anew,
-    /// so no pass may have its tables bound: see [`VisibilityMap::sort`].
+    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. The map is
+    /// sorted anew, so no pass may have its tables bound: see [`VisibilityMap::sort`].
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let of_this_map = |photon: &Photon| {
             photon.light() < self.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())

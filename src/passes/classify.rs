@@ -234,8 +234,8 @@ impl Classify {
 }
 
 impl BoundClassify {
-    /// All steps for a tile's points and a chunk of lights, in order. The queues get indirect arguments for workgroups of
-    /// `queue_group` invocations.
+    /// All steps for a tile's points and a chunk of lights, in order. The queues get indirect arguments for workgroups
+    /// of `queue_group` invocations.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -252,8 +252,8 @@ impl BoundClassify {
         self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// Gives points the classes of their cells, where those are known, and empties the queues. What is not known is queued for
-    /// [`BoundClassify::query`].
+    /// Gives points the classes of their cells, where those are known, and empties the queues. What is not known is
+    /// queued for [`BoundClassify::query`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let slots = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);
@@ -291,7 +291,8 @@ impl BoundClassify {
         }
     }
 
-    /// Counts the classes, whichever pass wrote them, and queues the points that need shadow rays. The queues must be empty.
+    /// Counts the classes, whichever pass wrote them, and queues the points that need shadow rays. The queues must be
+    /// empty.
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue_group: u32) {
         let compact = if chunk.dilate > 0 { &self.compact } else { &self.compact_undilated };
         let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);

@@ -99,8 +99,8 @@ pub struct BoundShadow {
 }
 
 impl BoundShadow {
-    /// Traces the queued candidates and audits: as many as `arguments` says, an indirect dispatch's three words for the boundary
-    /// queue at byte `boundary`, for the audits at byte `audit`.
+    /// Traces the queued candidates and audits: as many as `arguments` says, an indirect dispatch's three words for the
+    /// boundary queue at byte `boundary`, for the audits at byte `audit`.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

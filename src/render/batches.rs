@@ -22,7 +22,8 @@ pub struct Progress {
 }
 
 impl Renderer<'_> {
-    /// Renders some more samples of every pixel, at least one; not more than the settings' number where that is not reached yet.
+    /// Renders some more samples of every pixel, at least one; not more than the settings' number where that is not
+    /// reached yet.
     ///
     /// # Errors
     /// [`crate::Error::Computation`] where more than a thousandth of the rays met the loop budget, and those of
@@ -31,7 +32,8 @@ impl Renderer<'_> {
         self.render_at_most(u32::MAX)
     }
 
-    /// As [`Renderer::render_batch`], with no more than `limit` samples a pixel, at least one: for callers with little time.
+    /// As [`Renderer::render_batch`], with no more than `limit` samples a pixel, at least one: for callers with little
+    /// time.
     ///
     /// # Errors
     /// As [`Renderer::render_batch`].
@@ -71,9 +73,9 @@ impl Renderer<'_> {
         }
     }
 
-    /// Repairs the visibility map after the second batch, the fourth, the eighth, ...: what audits find is found early, and sorting
-    /// the map anew then costs little of a long render. After the pilot it would cost a short render more than the few photons are
-    /// worth that one sample a pixel finds.
+    /// Repairs the visibility map after the second batch, the fourth, the eighth, ...: what audits find is found early,
+    /// and sorting the map anew then costs little of a long render. After the pilot it would cost a short render more
+    /// than the few photons are worth that one sample a pixel finds.
     fn repair_map(&mut self) -> Result<()> {
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         let due = self.batches > 1 && self.batches.is_power_of_two();

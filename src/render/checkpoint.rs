@@ -1,7 +1,7 @@
 //! Checkpoints: what samples of a render have left, in memory or in a file.
 //!
-//! Photons and irradiance records are not in it: their seed makes them anew. It holds the sums of the film, the photons that audits
-//! added, the cells that points requested, what was seen of each light, and the counts.
+//! Photons and irradiance records are not in it: their seed makes them anew. It holds the sums of the film, the photons
+//! that audits added, the cells that points requested, what was seen of each light, and the counts.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -5,12 +5,12 @@ use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
-/// Share of unknown points above which there is a warning: below it more photons could save no more than a tenth of the shadow
-/// rays of `two-pass`. The image is right in both cases.
+/// Share of unknown points above which there is a warning: below it more photons could save no more than a tenth of the
+/// shadow rays of `two-pass`. The image is right in both cases.
 const MANY_UNKNOWN: f64 = 0.1;
 
-/// Where light bounces more often on average than this share of the maximum number of bounces, the maximum cuts more than a
-/// fiftieth of the paths: in a closed room numbers of bounces fall off as exp(-n / mean).
+/// Where light bounces more often on average than this share of the maximum number of bounces, the maximum cuts more
+/// than a fiftieth of the paths: in a closed room numbers of bounces fall off as exp(-n / mean).
 const LONG_SHARE: f64 = 0.25;
 
 /// There is no warning below this maximum number of bounces: whoever sets so few knows that they are few.
@@ -51,15 +51,26 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
 /// A warning for each count that says that something is wrong.
 pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     // No warning of records of the smallest radius: what they blur is three pixels wide, and corners need them in any scene.
-    let Conditioning { not_finite, near_overflow, unknown, heavy_paths, overruns, mean_bounces, devices_lost, .. } =
-        conditioning(totals);
-    let Conditioning { procedural_overruns, procedural_nonsense, .. } = conditioning(totals);
-    let mut warnings = Vec::new();
-    let mut warn = |name, count: u64, text: String| {
-        if count > 0 {
-            warnings.push(Warning { name, count, text });
-        }
-    };
+    let mut warnings = number_warnings(totals);
+    warnings.extend(unknown_warning(totals));
+    warnings.extend(path_warnings(totals, settings));
+    warnings.extend(procedural_warnings(totals));
+    let lost = totals.devices_lost;
+    warnings.push(Warning {
+        name: "devices_lost",
+        count: lost,
+        text: format!(
+            "the device was lost {lost} times, and the render resumed from the state in memory: if it happens again, look \
+             for a driver that resets or is short of memory"
+        ),
+    });
+    warnings.retain(|warning| warning.count > 0);
+    warnings
+}
+
+/// Values that are not finite, or nearly so.
+fn number_warnings(totals: &Totals) -> Vec<Warning> {
+    let Conditioning { not_finite, near_overflow, overruns, .. } = conditioning(totals);
     let by_pass = by_pass(&not_finite);
     let left_out = totals.get(Counter::NotFinite);
     // The samples of rays that exceeded the loop budget are invalid, and count as not finite.
@@ -67,77 +78,92 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         0 => "look for extreme lights, colours or sizes in the scene",
         _ => "those of rays that exceeded the loop budget are among them",
     };
-    warn(
-        "not_finite",
-        left_out.max(not_finite.total()),
-        format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
-    );
-    warn(
-        "near_overflow",
-        near_overflow,
-        format!(
-            "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with --light-scale"
-        ),
-    );
+    vec![
+        Warning {
+            name: "not_finite",
+            count: left_out.max(not_finite.total()),
+            text: format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
+        },
+        Warning {
+            name: "near_overflow",
+            count: near_overflow,
+            text: format!(
+                "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with \
+                 --light-scale"
+            ),
+        },
+    ]
+}
+
+/// A visibility map that leaves many points unknown.
+fn unknown_warning(totals: &Totals) -> Option<Warning> {
+    let count = totals.mapped_unknown;
     // Where the pilot left the map out, another note says so.
     let mapped = totals.mapped_points == totals.points().total;
-    if mapped && unknown as f64 > MANY_UNKNOWN * totals.mapped_points as f64 {
-        let percent = 100.0 * unknown as f64 / totals.mapped_points as f64;
+    let many = count as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
+    (mapped && many).then(|| {
+        let percent = 100.0 * count as f64 / totals.mapped_points as f64;
         let text = format!(
             "{percent:.0} % of the points have too few photons near to tell light from shadow: more --photons would save \
              shadow rays"
         );
-        warn("unknown", unknown, text);
-    }
-    warn(
-        "heavy_paths",
-        heavy_paths,
-        format!(
-            "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that fade slowly: take \
-             more samples, or look for materials that reflect more light than they receive"
-        ),
-    );
-    warn(
-        "overruns",
-        overruns,
-        format!(
-            "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and their samples are \
-             left out of the image: remove overlapping layers, or choose a hardware device with --device"
-        ),
-    );
+        Warning { name: "unknown", count, text }
+    })
+}
+
+/// Paths that are too heavy, too deep in geometry, or too short.
+fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
+    let Conditioning { heavy_paths, overruns, mean_bounces, .. } = conditioning(totals);
+    let mut warnings = vec![
+        Warning {
+            name: "heavy_paths",
+            count: heavy_paths,
+            text: format!(
+                "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that fade \
+                 slowly: take more samples, or look for materials that reflect more light than they receive"
+            ),
+        },
+        Warning {
+            name: "overruns",
+            count: overruns,
+            text: format!(
+                "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and their \
+                 samples are left out of the image: remove overlapping layers, or choose a hardware device with --device"
+            ),
+        },
+    ];
     let most = settings.max_bounces;
     if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
         let text = format!(
-            "light bounces {mean_bounces} times on average, and --max-bounces {most} leaves out longer paths: the image is too \
-             dark unless the maximum is raised"
+            "light bounces {mean_bounces} times on average, and --max-bounces {most} leaves out longer paths: the image is \
+             too dark unless the maximum is raised"
         );
-        warn("mean_bounces", mean_bounces, text);
+        warnings.push(Warning { name: "mean_bounces", count: mean_bounces, text });
     }
-    warn(
-        "procedural_overruns",
-        procedural_overruns,
-        format!(
-            "{procedural_overruns} rays took more than {TURNS} iterations in a procedural object and passed through it: look for \
-             loops that do not end, or distance functions that return far less than the distance"
-        ),
-    );
-    warn(
-        "procedural_nonsense",
-        procedural_nonsense,
-        format!(
-            "{procedural_nonsense} answers of procedural objects are not finite or have no normal, and their rays passed \
-             through: look for divisions by zero and roots of negative numbers in their functions"
-        ),
-    );
-    warn(
-        "devices_lost",
-        devices_lost,
-        format!(
-            "the device was lost {devices_lost} times, and the render resumed from the state in memory: if it happens again, \
-             look for a driver that resets or is short of memory"
-        ),
-    );
     warnings
+}
+
+/// Functions of procedural objects that do not end, or return invalid results.
+fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
+    let Conditioning { procedural_overruns: overruns, procedural_nonsense: invalid, .. } = conditioning(totals);
+    vec![
+        Warning {
+            name: "procedural_overruns",
+            count: overruns,
+            text: format!(
+                "{overruns} rays took more than {TURNS} iterations in a procedural object and passed through it: look for \
+                 loops that do not end, or distance functions that return far less than the distance"
+            ),
+        },
+        Warning {
+            name: "procedural_nonsense",
+            count: invalid,
+            text: format!(
+                "{invalid} answers of procedural objects are not finite or have no normal, and their rays passed through: \
+                 look for divisions by zero and roots of negative numbers in their functions"
+            ),
+        },
+    ]
 }
 
 /// The counts that are not zero, with the names of their passes.

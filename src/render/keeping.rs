@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use super::checkpoint::Checkpoint;
 
-/// What samples have left is kept once this many times as long has passed as keeping it took: at most a fiftieth of the time.
+/// What samples have left is kept once this many times as long has passed as keeping it took: at most a fiftieth of the
+/// time.
 const KEPT_PER_COST: u32 = 50;
 
 /// The last state that was kept.

@@ -1,5 +1,5 @@
-//! The renderer: prepares a scene, adds samples batch by batch, and gives the image and the statistics at any time. What runs for
-//! a sample is the technique's business; see `src/techniques/`.
+//! The renderer: prepares a scene, adds samples batch by batch, and gives the image and the statistics at any time.
+//! What runs for a sample is the technique's business; see `src/techniques/`.
 
 mod batches;
 mod checkpoint;

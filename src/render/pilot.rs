@@ -17,8 +17,8 @@ impl Renderer<'_> {
         }
     }
 
-    /// Boundary and unknown points over all, of the lights that have photons. The environment has none: every point is unknown to
-    /// it.
+    /// Boundary and unknown points over all, of the lights that have photons. The environment has none: every point is
+    /// unknown to it.
     fn mapped_boundary_share(&self) -> f64 {
         let points = self.totals.points();
         let lights = self.scene.lights.len() as u64;

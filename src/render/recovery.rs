@@ -10,8 +10,8 @@ use super::keeping::Keeping;
 use super::output;
 use super::renderer::Renderer;
 
-/// How often a device may be lost before more samples are kept: where it is lost again and again at the same sample, its work is
-/// the cause.
+/// How often a device may be lost before more samples are kept: where it is lost again and again at the same sample,
+/// its work is the cause.
 const MAX_LOSSES: u64 = 3;
 
 /// What a failed render left.
@@ -32,13 +32,13 @@ pub struct Salvage {
     pub checkpoint: Checkpoint,
 }
 
-/// Runs `work` with a renderer that `start` makes and that resumes `from`. Where the device is lost, `open` opens another one, and
-/// `work` begins again with a renderer that resumes the state kept last in memory: the image is the same, bit for bit. Keeping
-/// the state takes a fiftieth of the time at most, and as much memory as a checkpoint.
+/// Runs `work` with a renderer that `start` makes and that resumes `from`. Where the device is lost, `open` opens
+/// another one, and `work` begins again with a renderer that resumes the state kept last in memory: the image is the
+/// same, bit for bit. Keeping the state takes a fiftieth of the time at most, and as much memory as a checkpoint.
 ///
 /// # Errors
-/// Those of `start` and `work`, and of `open` where there is no other device or the device is lost again and again; with what
-/// can be saved of the render.
+/// Those of `start` and `work`, and of `open` where there is no other device or the device is lost again and again;
+/// with what can be saved of the render.
 pub fn render<T>(
     mut gpu: Gpu,
     open: impl Fn() -> Result<Gpu>,
@@ -71,8 +71,8 @@ pub fn render<T>(
     }
 }
 
-/// Runs `work` on `gpu`. Where the device is lost, `open` opens another one, and `work` begins anew: for timed work, which may not
-/// be pieced together.
+/// Runs `work` on `gpu`. Where the device is lost, `open` opens another one, and `work` begins anew: for timed work,
+/// which may not be pieced together.
 ///
 /// # Errors
 /// Those of `work`, and of `open` where there is no other device or the device is lost again and again.

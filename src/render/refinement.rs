@@ -1,4 +1,5 @@
-//! What is made anew as samples go on: the global map and the irradiance cache, in stages, and the caustic map of each few samples.
+//! What is made anew as samples go on: the global map and the irradiance cache, in stages, and the caustic map of each
+//! few samples.
 
 use std::time::Instant;
 
@@ -12,8 +13,8 @@ use crate::settings::Settings;
 
 use super::renderer::Renderer;
 
-/// Samples a pixel from which on there are more photons and gather rays than at first: four times, and four times again for each
-/// four times the samples. All points share these, so no number of samples would take their error away.
+/// Samples a pixel from which on there are more photons and gather rays than at first: four times, and four times again
+/// for each four times the samples. All points share these, so no number of samples would take their error away.
 const REFINED: u32 = 32;
 
 /// Maximum number of such steps: a million photon rays by default, and some thousand rays a record.
@@ -37,8 +38,8 @@ fn refined(settings: &Settings, stage: u32) -> Settings {
 }
 
 impl Renderer<'_> {
-    /// Makes photons and irradiance records anew, and more of them, once there are enough samples. The next batch does so too; call
-    /// it apart to measure the time that either takes.
+    /// Makes photons and irradiance records anew, and more of them, once there are enough samples. The next batch does
+    /// so too; call it apart to measure the time that either takes.
     ///
     /// # Errors
     /// As [`Renderer::new`].

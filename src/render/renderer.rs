@@ -51,11 +51,12 @@ pub struct Renderer<'g> {
 }
 
 impl<'g> Renderer<'g> {
-    /// Makes everything ready for the first sample: hierarchy, kernels, the scene on the device, and the technique's first pass.
+    /// Makes everything ready for the first sample: hierarchy, kernels, the scene on the device, and the technique's
+    /// first pass.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and those of
-    /// [`Gpu::check`].
+    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and
+    /// those of [`Gpu::check`].
     pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
         settings.check()?;
         let mut totals = Totals::default();

@@ -1,4 +1,5 @@
-//! Renders that go on from a checkpoint, in another process or on another device, bit for bit as if they had never stopped.
+//! Renders that go on from a checkpoint, in another process or on another device, bit for bit as if they had never
+//! stopped.
 
 use std::path::Path;
 
@@ -58,8 +59,8 @@ impl Renderer<'_> {
         self.resume_from(&Checkpoint::read(path)?)
     }
 
-    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. Call it before the
-    /// first sample.
+    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. Call it before
+    /// the first sample.
     ///
     /// # Errors
     /// [`Error::Input`] where the checkpoint is of another scene, camera, or other settings, the seed and the number of

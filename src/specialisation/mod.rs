@@ -1,6 +1,6 @@
-//! What a render needs: the one place that decides which modules and branches the kernels are composed of, which buffers
-//! exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], which is all that a plan
-//! knows), by hierarchy and device, by the light tables, and by the pilot samples.
+//! What a render needs: the one place that decides which modules and branches the kernels are composed of, which
+//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], which is
+//! all that a plan knows), by hierarchy and device, by the light tables, and by the pilot samples.
 
 mod decisions;
 mod indirect;
@@ -62,8 +62,8 @@ impl Specialisation {
     }
 }
 
-/// `features` with those of the device: software devices read tables through textures, and interleave workgroups between
-/// threads.
+/// `features` with those of the device: software devices read tables through textures, and interleave workgroups
+/// between threads.
 pub fn device_features(gpu: &Gpu, features: Features) -> Features {
     features.with("texture_loads", gpu.texture_loads).with("interleave", gpu.info.is_software())
 }

@@ -12,8 +12,8 @@ use super::lights::MAX_LIGHTS;
 /// Why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";
 
-/// The visibility map is left out if more points than this share are boundary or unknown after the first sample of each pixel:
-/// photons are then too sparse for what the scene hides, and queries cost more than the rays that they save.
+/// The visibility map is left out if more points than this share are boundary or unknown after the first sample of each
+/// pixel: photons are then too sparse for what the scene hides, and queries cost more than the rays that they save.
 /// Measured on the still life (0.57): 42 s with the map, 17 s without.
 const PILOT_SHARE: f64 = 0.5;
 
@@ -119,15 +119,15 @@ impl Specialisation {
         self.decide("audit", audited, why, unneeded, "a shadow ray for each audited point");
     }
 
-    /// Decides what depends on the light tables: where photons decide, every light has a closed form and no surface is glossy,
-    /// most points need no light point. (Light points tell all that glossy surfaces reflect.)
+    /// Decides what depends on the light tables: where photons decide, every light has a closed form and no surface is
+    /// glossy, most points need no light point. (Light points tell all that glossy surfaces reflect.)
     pub(crate) fn of_closed_forms(&mut self, all_lights_have_one: bool) {
         let decided = self.features.has("visibility_map") && !self.features.has("light_sampling");
         self.set("few_sampled", decided && !self.features.has("glossy") && all_lights_have_one);
     }
 
-    /// Why the pilot samples, with this share of boundary and unknown points, say that the visibility map does not pay; none
-    /// where it pays, or must stay because the settings ask for what it alone tells.
+    /// Why the pilot samples, with this share of boundary and unknown points, say that the visibility map does not pay;
+    /// none where it pays, or must stay because the settings ask for what it alone tells.
     pub(crate) fn of_pilot(&self, settings: &Settings, boundary_share: f64) -> Option<String> {
         let shown =
             settings.technique.requirements().visibility == Visibility::PhotonsAlone || self.features.has("aov_shadow");

@@ -29,8 +29,8 @@ pub struct Stratum {
 
 impl Audits {
     /// The estimate from points that were audited with different probabilities. The intervals of the strata, which are
-    /// independent, are combined by the method of Zou and Donner (2008): the distance of each end from the estimate is the root of the
-    /// sum of the squared distances of the strata's ends.
+    /// independent, are combined by the method of Zou and Donner (2008): the distance of each end from the estimate is
+    /// the root of the sum of the squared distances of the strata's ends.
     pub fn new(strata: &[Stratum]) -> Self {
         let mut audits = Audits::default();
         let (mut below, mut above) = (0.0, 0.0);
@@ -63,8 +63,8 @@ pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
 }
 
 /// The interval of Jeffreys at 95 % of a share, estimated by `part` of `whole` (Brown, Cai and DasGupta 2001): for the
-/// few wrong audits that a render has, Wilson's interval misses the true share in one of ten renders, and that of Clopper and
-/// Pearson in none.
+/// few wrong audits that a render has, Wilson's interval misses the true share in one of ten renders, and that of
+/// Clopper and Pearson in none.
 fn jeffreys(part: u64, whole: u64) -> [f64; 2] {
     // Valid parameters: both are at least a half.
     let beta = Beta::new(part as f64 + 0.5, (whole - part) as f64 + 0.5);

@@ -153,7 +153,8 @@ pub struct Conditioning {
     pub least_records: u64,
     /// Paths whose weight rose above 8 after Russian roulette.
     pub heavy_paths: u64,
-    /// Kernel invocations that exceeded the loop budget. Their samples are left out of the image, and their photons out of the maps.
+    /// Kernel invocations that exceeded the loop budget. Their samples are left out of the image, and their photons out
+    /// of the maps.
     pub overruns: u64,
     /// Rays that passed through a procedural object because its function took too many iterations.
     pub procedural_overruns: u64,

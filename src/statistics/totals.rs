@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
-/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others: a thousandth does not show,
-/// and a scene full of overlapping layers is far above it.
+/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others: a thousandth
+/// does not show, and a scene full of overlapping layers is far above it.
 const MAX_OVERRUNS: f64 = 1e-3;
 
 /// Sums over all samples so far.
@@ -43,7 +43,8 @@ impl Totals {
         self.counters[counter as usize] += more;
     }
 
-    /// Adds the points that queried the visibility map, and the unknown ones among them, from the counters that [`Totals::add`] takes.
+    /// Adds the points that queried the visibility map, and the unknown ones among them, from the counters that
+    /// [`Totals::add`] takes.
     pub fn add_mapped(&mut self, counters: &[u32]) {
         let [lit, shadowed, boundary, unknown] = [Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown]
             .map(|class| u64::from(counters[class as usize]));

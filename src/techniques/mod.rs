@@ -1,5 +1,5 @@
-//! The techniques, one file each: its name, its help, what it needs, whether it is unbiased, and the passes that it runs. A
-//! new technique is a new file and a line in the list.
+//! The techniques, one file each: its name, its help, what it needs, whether it is unbiased, and the passes that it
+//! runs. A new technique is a new file and a line in the list.
 
 mod negative_photons;
 pub(crate) mod passes;
@@ -48,8 +48,8 @@ impl Technique {
 }
 
 impl Settings {
-    /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as photons and
-    /// irradiance records allow; there are more of them the more samples there are.
+    /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as
+    /// photons and irradiance records allow; there are more of them the more samples there are.
     pub fn is_unbiased(&self) -> bool {
         (implementation(self.technique).is_unbiased)(self)
     }

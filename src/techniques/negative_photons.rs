@@ -1,5 +1,5 @@
-//! As `photon-map`, but direct light is that of a scene where everything is lit, less the energy of shadow photons (Jensen and
-//! Christensen 1995: "adding the negative energy").
+//! As `photon-map`, but direct light is that of a scene where everything is lit, less the energy of shadow photons
+//! (Jensen and Christensen 1995: "adding the negative energy").
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;

@@ -1,5 +1,5 @@
-//! Path tracing, the reference: unidirectional, with next-event estimation and multiple importance sampling (Kajiya 1986). It
-//! shares nothing with the photon code but the scene, the hierarchy and the BSDFs.
+//! Path tracing, the reference: unidirectional, with next-event estimation and multiple importance sampling (Kajiya
+//! 1986). It shares nothing with the photon code but the scene, the hierarchy and the BSDFs.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;

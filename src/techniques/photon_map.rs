@@ -1,5 +1,5 @@
-//! The global map shown directly, by density estimation (Jensen and Christensen 1995: "visualizing the results from the photon map
-//! directly"). Photons carry all light that Lambertian surfaces reflect; paths bring what glossy ones do.
+//! The global map shown directly, by density estimation (Jensen and Christensen 1995: "visualizing the results from the
+//! photon map directly"). Photons carry all light that Lambertian surfaces reflect; paths bring what glossy ones do.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;

@@ -1,7 +1,9 @@
-//! The paper's method: shadow rays only where photons do not decide (Jensen and Christensen 1995, figures 2 and 3, lower left).
+//! The paper's method: shadow rays only where photons do not decide (Jensen and Christensen 1995, figures 2 and 3,
+//! lower left).
 //!
-//! Photons that disagree about a point say that a shadow's boundary is near. Audits, which the paper has not, trace shadow rays at
-//! some of the other points as well, so that the image is unbiased, and repair the map where it was wrong.
+//! Photons that disagree about a point say that a shadow's boundary is near. Audits, which the paper has not, trace
+//! shadow rays at some of the other points as well, so that the image is unbiased, and repair the map where it was
+//! wrong.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -46,8 +48,8 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
     frame.trace_camera_rays();
     frame.sample_lights();
     for lights in frame.light_chunks() {
-        // Lit, shadowed or boundary, by n_i and n_s of the nearest photons ("Extending the photon map", cases 1 to 3): told once
-        // for a cell, and looked up.
+        // Lit, shadowed or boundary, by n_i and n_s of the nearest photons ("Extending the photon map", cases 1 to 3):
+        // told once for a cell, and looked up.
         frame.classify(&lights);
         frame.request_cells(&lights);
         frame.classify_requested_cells();

@@ -1,5 +1,5 @@
-//! The two-pass method with all shadow rays (Jensen and Christensen 1995, figures 2 and 3, upper right): the renderer that shadow
-//! photons are measured against.
+//! The two-pass method with all shadow rays (Jensen and Christensen 1995, figures 2 and 3, upper right): the renderer
+//! that shadow photons are measured against.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;

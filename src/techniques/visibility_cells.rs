@@ -1,9 +1,10 @@
-//! The source visibility preprocess (Zimmerman and Shirley 1995), which shadow photons are compared with: up to 100 rays from each
-//! cell of a grid to points of each light. Where all of them are blocked, nothing in the cell is thought to see the light, and no
-//! shadow ray is traced. That is wrong where a small part of a cell is lit, and shows as jagged edges.
+//! The source visibility preprocess (Zimmerman and Shirley 1995), which shadow photons are compared with: up to 100
+//! rays from each cell of a grid to points of each light. Where all of them are blocked, nothing in the cell is thought
+//! to see the light, and no shadow ray is traced. That is wrong where a small part of a cell is lit, and shows as
+//! jagged edges.
 //!
-//! In the original the share of rays that were seen weighs the lights' chances to be sampled. Here each light is sampled, and the
-//! share is the control variate of pass `shade`.
+//! In the original the share of rays that were seen weighs the lights' chances to be sampled. Here each light is
+//! sampled, and the share is the control variate of pass `shade`.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -15,8 +16,8 @@ use super::passes::{Implementation, indirect_light};
 use super::two_pass;
 
 impl Technique {
-    /// The two-pass method without shadow rays from cells of space from which no ray reached the light (Zimmerman and Shirley
-    /// 1995).
+    /// The two-pass method without shadow rays from cells of space from which no ray reached the light (Zimmerman and
+    /// Shirley 1995).
     pub const VISIBILITY_CELLS: Technique = Technique::new(&Description {
         name: "visibility-cells",
         help: "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)",

@@ -1,5 +1,6 @@
-//! No shadow rays: the visibility of a light is n_i / (n_s + n_i) of the nearest photons (Jensen and Christensen 1995, equation 1,
-//! and figures 2 and 3, lower right). Only lights that have no photons, such as an environment, have shadow rays.
+//! No shadow rays: the visibility of a light is n_i / (n_s + n_i) of the nearest photons (Jensen and Christensen 1995,
+//! equation 1, and figures 2 and 3, lower right). Only lights that have no photons, such as an environment, have shadow
+//! rays.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;

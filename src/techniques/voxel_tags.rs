@@ -1,8 +1,9 @@
-//! Voxel occlusion testing (Woo and Amanatides 1990), which shadow photons are compared with: each voxel is tagged lit, shadowed or
-//! neither for each light, and shadow rays are for the last kind alone.
+//! Voxel occlusion testing (Woo and Amanatides 1990), which shadow photons are compared with: each voxel is tagged lit,
+//! shadowed or neither for each light, and shadow rays are for the last kind alone.
 //!
-//! The original tags voxels by scanning the shadow volumes of polygons into the grid, which finds no shadow that several polygons cast
-//! together. Rays find them all, but what falls between the rays. So a tag stands only where the 26 voxels around have it too.
+//! The original tags voxels by scanning the shadow volumes of polygons into the grid, which finds no shadow that
+//! several polygons cast together. Rays find them all, but what falls between the rays. So a tag stands only where the
+//! 26 voxels around have it too.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -14,8 +15,8 @@ use super::passes::{Implementation, indirect_light};
 use super::two_pass;
 
 impl Technique {
-    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and Amanatides
-    /// 1990).
+    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and
+    /// Amanatides 1990).
     pub const VOXEL_TAGS: Technique = Technique::new(&Description {
         name: "voxel-tags",
         help: "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)",

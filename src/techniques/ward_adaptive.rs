@@ -1,6 +1,6 @@
-//! Adaptive shadow testing (Ward 1991), which shadow photons are compared with: the lights of a point are tested in the order of what
-//! they could contribute, until the rest is below a tolerance; the rest is guessed. One light alone is always tested, so in scenes
-//! with one light it is `two-pass`, as the paper says of it.
+//! Adaptive shadow testing (Ward 1991), which shadow photons are compared with: the lights of a point are tested in the
+//! order of what they could contribute, until the rest is below a tolerance; the rest is guessed. One light alone is
+//! always tested, so in scenes with one light it is `two-pass`, as the paper says of it.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -12,7 +12,8 @@ use super::passes::{Implementation, indirect_light};
 use super::two_pass;
 
 impl Technique {
-    /// The two-pass method with shadow rays to the lights that may contribute most; the other lights are guessed (Ward 1991).
+    /// The two-pass method with shadow rays to the lights that may contribute most; the other lights are guessed (Ward
+    /// 1991).
     pub const WARD_ADAPTIVE: Technique = Technique::new(&Description {
         name: "ward-adaptive",
         help: "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
