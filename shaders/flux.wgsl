@@ -10,7 +10,7 @@ import package::lib::bvh::{trace_closest, traversal_overrun, traversal_turns};
 import package::lib::dispatch::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
-import package::lib::photon::{FLUX_MOST, Photon, flux_word};
+import package::lib::photon::{MAX_FLUX, Photon, flux_word};
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
@@ -51,10 +51,10 @@ fn store(position: vec3f, normal: vec3f, flux: vec3f, lot: f32, shadow: bool) {
         atomicAdd(&flux_counts[4], 1u);
         return;
     }
-    if any(flux > vec3f(FLUX_MOST)) { atomicAdd(&flux_counts[3], 1u); }
+    if any(flux > vec3f(MAX_FLUX)) { atomicAdd(&flux_counts[3], 1u); }
     let at = flux_pass.stored + atomicAdd(&flux_counts[0], 1u);
     if at >= arrayLength(&flux_photons) { return; }
-    flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, vec3f(FLUX_MOST)), lot, shadow));
+    flux_photons[at] = Photon(position, flux_word(oct_encode7(normal), min(flux, vec3f(MAX_FLUX)), lot, shadow));
 }
 
 // Goes straight on through the scene and leaves shadow photons; the number of rays that it took.

@@ -5,7 +5,10 @@
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 import package::lib::dispatch::group_index;
 import package::lib::irradiance::encode_disc;
-import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, reach_guess, row_photons, rows_about};
+import package::lib::grid::{
+    COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
+    reach_guess, row_photons, rows_about
+};
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, spoilt};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
@@ -174,10 +177,11 @@ fn flux_about(position: vec3f, normal: vec3f) -> Disc {
     let limit = radius * radius;
     var sum = vec3i(0);
     var looks = 0u;
-    let rows = rows_about(grid, at, at, reach, normal, 0.0);
+    let ball = point_ball(at, reach, normal);
+    let rows = rows_about(grid, ball);
     for (var z = rows.y; z <= rows.w; z++) {
         for (var y = rows.x; y <= rows.z; y++) {
-            let row = row_photons(grid, 0u, vec2i(y, z), at, at, reach, normal, 0.0);
+            let row = row_photons(grid, 0u, vec2i(y, z), ball);
             looks += row.y - row.x + 1u;
             if looks > MOST_LOOKS {
                 traversal_overrun = true;

@@ -8,8 +8,8 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::light_count;
 import package::lib::math::{is_finite3, spoilt};
-import package::lib::seen::{points, seen_surface};
-@if(chains) import package::lib::seen::seen_chain;
+import package::lib::visible_point::{points, visible_surface};
+@if(chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
 import package::lib::walk::{PathRadiance, PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, walk};
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
@@ -91,13 +91,13 @@ fn path(
 fn radiance_along(i: u32) -> PathRadiance {
     var vertex: Vertex;
     vertex.position = points[i].position;
-    vertex.surface = seen_surface(i);
+    vertex.surface = visible_surface(i);
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     var found = walk(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
     @if(chains) {
-        let throughput = seen_chain(i).throughput;
+        let throughput = visible_chain(i).throughput;
         found.direct *= throughput;
         found.indirect *= throughput;
     }

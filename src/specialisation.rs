@@ -7,8 +7,7 @@ use serde::Serialize;
 use crate::bvh::Bvh;
 use crate::gpu::Features;
 use crate::gpu_scene::lights;
-use crate::passes::cells;
-use crate::passes::grid::MAX_LIGHTS;
+use crate::kernels::{GridShape, MAX_LIGHTS};
 use crate::scene::{AlphaMode, Light, LightKind, Material, NO_LIGHT, Scene};
 use crate::settings::{Aov, LightSampling, Settings, Technique};
 
@@ -408,9 +407,14 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     }
 }
 
+/// The features of passes whose photons are sorted by cell alone: the global map, the caustic map and zones.
+pub fn sorting_features(features: &Features) -> Features {
+    features.clone().with("visibility_map", false).with("light_tags", false)
+}
+
 /// Bytes of the grid that cells are judged by: a count and a class word for each cell and light.
 fn grid_bytes(scene: &Scene, settings: &Settings) -> u64 {
-    8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells).cells())
+    8 * scene.lights.len() as u64 * u64::from(GridShape::over_scene(scene, settings.cells).cells())
 }
 
 /// Why the environment has no visibility photons.

@@ -82,7 +82,7 @@ impl CausticMap {
         let corner = Vec3::splat(f32::INFINITY);
         let bounds = positions.fold((corner, -corner), |(low, high), p| (low.min(p), high.max(p)));
         let extent = bounds.1 - bounds.0;
-        let shape = GridShape::with_cells_of(1.0, bounds, extent.length_squared(), CELLS, 1);
+        let shape = GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), CELLS, 1);
         let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);

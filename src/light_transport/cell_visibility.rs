@@ -21,8 +21,8 @@ use rayon::prelude::*;
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
-use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells, grid_of};
-use crate::passes::grid::GridShape;
+use crate::kernels::GridShape;
+use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells};
 use crate::scene::Scene;
 use crate::settings::Settings;
 
@@ -37,7 +37,7 @@ pub(crate) fn table(
     settings: &Settings,
     totals: &mut Totals,
 ) -> Result<CellTable> {
-    let shape = grid_of(scene, settings.cells);
+    let shape = GridShape::over_scene(scene, settings.cells);
     let surfaces = Surfaces::new(scene, &shape);
     let (rays, seed) = (settings.cell_rays, settings.seed);
     let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
@@ -188,7 +188,7 @@ mod tests {
             scene.vertices.extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
             scene.triangles.push(Triangle { vertices: [3 * i, 3 * i + 1, 3 * i + 2], material: 0, light: NO_LIGHT });
         }
-        let shape = grid_of(&scene, 7);
+        let shape = GridShape::over_scene(&scene, 7);
         let cell_of = |p: DVec3| {
             let at = (p - Vec3::from(shape.origin).as_dvec3()) / f64::from(shape.cell);
             (at, [at.x, at.y, at.z].map(|x| x.floor() as u32))
@@ -228,7 +228,7 @@ mod tests {
         // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end, and
         // the middle of its points is its own within five standard errors of independent ones.
         let rays = 4000;
-        let surfaces = Surfaces::new(&scene, &grid_of(&scene, 1));
+        let surfaces = Surfaces::new(&scene, &GridShape::over_scene(&scene, 1));
         let total: f64 = surfaces.0.iter().map(Piece::area).sum();
         let points: Vec<_> = surfaces.points(rays, 1).flatten().collect();
         assert_eq!((surfaces.0.len(), points.len()), (scene.triangles.len(), rays as usize));

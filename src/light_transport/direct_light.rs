@@ -211,7 +211,7 @@ impl Direct {
                 first_light,
                 light_samples: self.settings.shadow_samples,
                 visibility_words: self.words,
-                heal_capacity: self.map.as_ref().map_or(0, VisibilityMap::heal_capacity),
+                repair_capacity: self.map.as_ref().map_or(0, VisibilityMap::repair_capacity),
             };
             let buffers = &self.buffers.classify;
             let trace = |frame: &mut Frame<'_>| {
@@ -261,7 +261,7 @@ impl Direct {
     /// Adds the photons that audits left to the map and sorts it anew, if that is `due` or there is little room for more.
     pub fn heal(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.map else { return Ok(()) };
-        if map.take_healed(shared.gpu, due, totals)? {
+        if map.take_repairs(shared.gpu, due, totals)? {
             self.bound = None;
             map.sort(shared.gpu)?;
         }
@@ -328,7 +328,7 @@ impl Passes {
             audit_queue: &buffers.classify.audit_queue,
             queue_lengths: &buffers.classify.queue_lengths,
             visibility: &buffers.visibility,
-            heal: map.map(VisibilityMap::heal_buffers),
+            repair: map.map(VisibilityMap::repair_buffers),
         };
         let shade = ShadeBuffers {
             classes,

@@ -9,6 +9,7 @@ use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
 };
 use crate::settings::Settings;
+use crate::specialisation::sorting_features;
 use crate::statistics::{Counter, Indirect};
 
 use super::direct_light::Shared;
@@ -23,9 +24,10 @@ pub(crate) struct GlobalMapKernels {
 
 impl GlobalMapKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<GlobalMapKernels> {
+        let sorting = sorting_features(features);
         let (flux, (grid, irradiance)) = rayon::join(
             || Flux::new(gpu, features, constants),
-            || rayon::join(|| Grid::sorting_only(gpu, features), || Irradiance::new(gpu, features, constants)),
+            || rayon::join(|| Grid::sorting_only(gpu, &sorting), || Irradiance::new(gpu, features, constants)),
         );
         Ok(GlobalMapKernels { flux: flux?, grid: grid?, irradiance: irradiance? })
     }
@@ -76,7 +78,7 @@ impl GlobalMap {
             caustics,
             ..Indirect::default()
         };
-        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
+        let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {

@@ -10,6 +10,7 @@ use crate::passes::sample_lights::{BoundSampleLights, SampleLights};
 use crate::passes::zones::{ZoneTable, Zones, zone_shape};
 use crate::scene::Scene;
 use crate::settings::Settings;
+use crate::specialisation::sorting_features;
 use crate::statistics::Counter;
 
 use super::visibility_map::{by_light, extent};
@@ -44,13 +45,14 @@ impl LightSamplerKernels {
         if !features.has("light_sampling") {
             return Ok(None);
         }
+        let sorting = sorting_features(features);
         let tagged = features.clone().with("light_tags", true);
         let per_ray = settings.shadow_photons_per_ray.min(SHADOW_PHOTONS);
         let zones = || {
             let kernels = || -> Result<ZoneKernels> {
                 let (photons, (grid, zones)) = rayon::join(
                     || Photons::new(gpu, &tagged, constants, per_ray),
-                    || rayon::join(|| Grid::sorting_only(gpu, features), || Zones::new(gpu, features)),
+                    || rayon::join(|| Grid::sorting_only(gpu, &sorting), || Zones::new(gpu, &sorting)),
                 );
                 Ok(ZoneKernels { photons: photons?, grid: grid?, zones: zones? })
             };
@@ -82,7 +84,7 @@ impl LightSampler {
         totals: &mut Totals,
     ) -> Result<LightSampler> {
         let LightSamplerKernels { choose, zones } = kernels;
-        let slots = points as usize * choose.slots() as usize;
+        let slots = points as usize * choose.lights_per_point() as usize;
         Ok(LightSampler {
             choose,
             zones: zones.map(|zones| zone_table(gpu, &zones, scene, gpu_scene, settings, totals)).transpose()?,
@@ -92,7 +94,7 @@ impl LightSampler {
 
     /// Lights that each point asks.
     pub fn slots(&self) -> u32 {
-        self.choose.slots()
+        self.choose.lights_per_point()
     }
 
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, gpu_scene: &GpuScene) -> Result<BoundSampleLights> {

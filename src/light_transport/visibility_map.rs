@@ -14,7 +14,7 @@ use crate::statistics::totals::Totals;
 /// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
 /// thousand of one in 64 points. Where there are more, which of them have a place depends on chance, so none is taken;
 /// they are counted as wrong all the same, and found again.
-const HEAL_BATCH: u32 = 1 << 16;
+const REPAIR_BATCH: u32 = 1 << 16;
 
 /// Photons that audits can add to a map in all.
 const HEAL_ROOM: u32 = 1 << 18;
@@ -39,7 +39,7 @@ impl MapKernels {
 }
 
 pub(crate) struct VisibilityMap {
-    /// None between [`VisibilityMap::take_healed`] and [`VisibilityMap::sort`].
+    /// None between [`VisibilityMap::take_repairs`] and [`VisibilityMap::sort`].
     grid: Option<PhotonGrid>,
     kernel: Grid,
     shape: GridShape,
@@ -47,8 +47,8 @@ pub(crate) struct VisibilityMap {
     photons: Buffer,
     count: u32,
     room: u32,
-    heal_photons: Buffer,
-    heal_count: Buffer,
+    repair_photons: Buffer,
+    repair_count: Buffer,
 }
 
 /// What samples have left in the map.
@@ -60,7 +60,7 @@ pub(crate) struct MapState {
     pub left: u32,
     /// Those of them that there was room for.
     pub kept: Vec<Photon>,
-    /// See [`PhotonGrid::asked_state`], nothing where no point has asked yet; or what stands in for the map has left.
+    /// See [`PhotonGrid::requested_cells_state`], nothing where no point has asked yet; or what stands in for the map has left.
     pub rest: Vec<u32>,
 }
 
@@ -77,7 +77,7 @@ impl MapState {
         }
         let size = size_of::<Photon>() / 4;
         let (first, rest) = words.split_at_checked(added * size)?;
-        let (then, rest) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
+        let (then, rest) = rest.split_at_checked(left.min(REPAIR_BATCH) as usize * size)?;
         let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
         Some(MapState { added: photons(first), left, kept: photons(then), rest: rest.to_vec() })
     }
@@ -111,37 +111,37 @@ impl VisibilityMap {
             photons: traced.photons,
             count: traced.count,
             room: HEAL_ROOM,
-            heal_photons: gpu.buffer::<Photon>("penumbra/shadow/heal_photons", HEAL_BATCH as usize)?,
-            heal_count: gpu.buffer::<u32>("penumbra/shadow/heal_count", 1)?,
+            repair_photons: gpu.buffer::<Photon>("penumbra/shadow/repair_photons", REPAIR_BATCH as usize)?,
+            repair_count: gpu.buffer::<u32>("penumbra/shadow/repair_count", 1)?,
         })
     }
 
     /// Adds the photons that audits left to the map, if that is `due` or there is little room for more; whether the map
     /// is to be sorted anew. Its tables are then gone.
-    pub fn take_healed(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
-        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
-        if left == 0 || !(due || left > HEAL_BATCH / 2) {
+    pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
+        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
+        if left == 0 || !(due || left > REPAIR_BATCH / 2) {
             return Ok(self.grid.is_none());
         }
-        let added = if left > HEAL_BATCH.min(self.room) { 0 } else { left };
+        let added = if left > REPAIR_BATCH.min(self.room) { 0 } else { left };
         let mut frame = gpu.frame("heal");
         if added > 0 {
-            let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
+            let words: Vec<Photon> = gpu.read(&self.repair_photons, added as usize)?;
             for photon in words {
                 totals.photons[photon.light() as usize].healed += 1;
             }
             let size = size_of::<Photon>() as u64;
-            frame.copy(&self.heal_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+            frame.copy(&self.repair_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
             self.grid = None;
         }
-        frame.clear(&self.heal_count);
+        frame.clear(&self.repair_count);
         frame.submit()?;
         self.count += added;
         self.room -= added;
         Ok(self.grid.is_none())
     }
 
-    /// Sorts the map after [`VisibilityMap::take_healed`] has asked for it. Who still has the old tables bound should let
+    /// Sorts the map after [`VisibilityMap::take_repairs`] has asked for it. Who still has the old tables bound should let
     /// go of them before: they are among the largest things of a render.
     pub fn sort(&mut self, gpu: &Gpu) -> Result<()> {
         self.grid = Some(self.kernel.build(gpu, &self.photons, self.count, self.lights, self.shape)?);
@@ -151,12 +151,12 @@ impl VisibilityMap {
     /// What samples have left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
         let added = (HEAL_ROOM - self.room) as usize;
-        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
         Ok(MapState {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
-            kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
-            rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.asked_state(gpu))?,
+            kept: gpu.read(&self.repair_photons, left.min(REPAIR_BATCH) as usize)?,
+            rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.requested_cells_state(gpu))?,
         })
     }
 
@@ -169,29 +169,30 @@ impl VisibilityMap {
         if !state.added.iter().chain(&state.kept).all(of_this_map) {
             return Ok(false);
         }
-        for batch in state.added.chunks(HEAL_BATCH as usize) {
-            gpu.write(&self.heal_photons, batch);
-            gpu.write(&self.heal_count, &[batch.len() as u32]);
-            self.take_healed(gpu, true, totals)?;
+        for batch in state.added.chunks(REPAIR_BATCH as usize) {
+            gpu.write(&self.repair_photons, batch);
+            gpu.write(&self.repair_count, &[batch.len() as u32]);
+            self.take_repairs(gpu, true, totals)?;
         }
         if self.grid.is_none() {
             self.sort(gpu)?;
         }
-        gpu.write(&self.heal_photons, &state.kept);
-        gpu.write(&self.heal_count, &[state.left]);
-        Ok(state.rest.is_empty() || self.grid.as_ref().is_some_and(|grid| grid.restore_asked(gpu, &state.rest)))
+        gpu.write(&self.repair_photons, &state.kept);
+        gpu.write(&self.repair_count, &[state.left]);
+        Ok(state.rest.is_empty()
+            || self.grid.as_ref().is_some_and(|grid| grid.restore_requested_cells(gpu, &state.rest)))
     }
 
     pub fn grid(&self) -> Option<&PhotonGrid> {
         self.grid.as_ref()
     }
 
-    pub fn heal_capacity(&self) -> u32 {
-        HEAL_BATCH
+    pub fn repair_capacity(&self) -> u32 {
+        REPAIR_BATCH
     }
 
-    pub fn heal_buffers(&self) -> [&Buffer; 2] {
-        [&self.heal_photons, &self.heal_count]
+    pub fn repair_buffers(&self) -> [&Buffer; 2] {
+        [&self.repair_photons, &self.repair_count]
     }
 }
 

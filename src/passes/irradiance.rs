@@ -187,5 +187,5 @@ impl BoundShow {
 
 /// The grid of `count` places on surfaces of those bounds and that area.
 pub fn place_grid((bounds, area): ((glam::Vec3, glam::Vec3), f32), count: u32) -> GridShape {
-    GridShape::with_cells_of(PLACES_PER_CELL, bounds, area, count, 1)
+    GridShape::with_photons_per_cell(PLACES_PER_CELL, bounds, area, count, 1)
 }

@@ -52,9 +52,7 @@ shared_struct! {
     }
 }
 
-/// [`Point::normal`] where nothing is to be lit: the ray left the scene, or met an unlit surface. No normal has this
-/// code, as -32768 is no signed 16-bit fraction.
-pub const INVALID_POINT: u32 = 0x8000_8000;
+pub use crate::kernels::INVALID_POINT;
 
 /// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for.
 pub(crate) fn kernel(

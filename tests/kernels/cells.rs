@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec3, UVec3, Vec3};
-use penumbra::passes::cells::{CellGrid, CellPoint, Cells, grid_of};
+use penumbra::passes::cells::{CellGrid, CellPoint, Cells};
 use penumbra::passes::classify::{Chunk, Class, Classified};
 use penumbra::passes::grid::GridShape;
 use penumbra::passes::{INVALID_POINT, Point, TileBuffers};
@@ -110,7 +110,7 @@ fn judged(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (
 #[test]
 fn rays_see_what_lines_see() {
     let stage = stage(Technique::VisibilityCells);
-    let shape = grid_of(&stage.scene, CELLS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let points = points(&stage.scene, &shape);
     let (words, rays) = judged(&stage, shape, &points, RAYS);
     let counts = expected(&stage.scene, &shape, &points);
@@ -147,7 +147,7 @@ fn rays_see_what_lines_see() {
 #[test]
 fn tags_stand_where_neighbours_agree() {
     let [cells_stage, tags_stage] = [Technique::VisibilityCells, Technique::VoxelTags].map(stage);
-    let shape = grid_of(&cells_stage.scene, CELLS);
+    let shape = GridShape::over_scene(&cells_stage.scene, CELLS);
     let points = points(&cells_stage.scene, &shape);
     let (plain, _) = judged(&cells_stage, shape, &points, RAYS);
     let (tagged, _) = judged(&tags_stage, shape, &points, RAYS);
@@ -186,7 +186,7 @@ fn tags_stand_where_neighbours_agree() {
 #[test]
 fn shares_are_visibilities() {
     let stage = stage(Technique::VisibilityCells);
-    let shape = grid_of(&stage.scene, CELLS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let rays = 480;
     let mut random = Random(9);
     // Under the edge of a panel.
@@ -228,7 +228,7 @@ fn shares_are_visibilities() {
 #[test]
 fn points_have_the_class_of_their_cell() {
     let stage = stage(Technique::VoxelTags);
-    let shape = grid_of(&stage.scene, CELLS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let own = points(&stage.scene, &shape);
     let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays: RAYS, seed: 5 };

@@ -12,6 +12,7 @@ use penumbra::passes::irradiance::place_grid;
 use penumbra::passes::{Point, TileBuffers};
 use penumbra::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
+use penumbra::specialisation::sorting_features;
 use penumbra::statistics::Counter;
 
 use crate::irradiance::carrying;
@@ -41,7 +42,7 @@ impl Known {
         let photons: Vec<Photon> = places.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
         let shape = place_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
         let buffer = gpu().upload("test/places", &photons).unwrap();
-        let grid = Grid::sorting_only(gpu(), &stage.features).unwrap();
+        let grid = Grid::sorting_only(gpu(), &sorting_features(&stage.features)).unwrap();
         // Nothing is in the way of look-ups anywhere in the disc.
         let disc = f32::from_bits(radius.to_bits() | 255);
         let values = vec![[irradiance, irradiance, irradiance, disc]; photons.len().max(1)];

@@ -69,8 +69,12 @@ fn sorts(photons: &[Photon], shape: &GridShape, sorted: &[Photon], starts: &[u32
         })
 }
 
+fn map_features(gpu: &Gpu) -> Features {
+    device_features(gpu).with("visibility_map", true)
+}
+
 fn build(gpu: &Gpu, photons: &[Photon], lights: u32, shape: GridShape) -> PhotonGrid {
-    let pass = Grid::new(gpu, &device_features(gpu), 50).unwrap();
+    let pass = Grid::new(gpu, &map_features(gpu), 50).unwrap();
     let buffer = gpu.upload("test/photons", photons).unwrap();
     pass.build(gpu, &buffer, photons.len() as u32, lights, shape).unwrap()
 }
@@ -178,7 +182,7 @@ fn shapes_are_bounded() {
 #[test]
 fn settings_out_of_range_are_refused() {
     let gpu = gpu();
-    let features = device_features(gpu);
+    let features = map_features(gpu);
     for nearest in [0, 512] {
         let problem = Grid::new(gpu, &features, nearest).err().unwrap().to_string();
         assert!(problem.contains(&nearest.to_string()), "{problem}");

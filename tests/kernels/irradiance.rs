@@ -9,6 +9,7 @@ use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
 use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
 use penumbra::passes::{INVALID_POINT, Point};
 use penumbra::settings::Technique;
+use penumbra::specialisation::sorting_features;
 use penumbra::statistics::Counter;
 
 use crate::flux::steps;
@@ -72,7 +73,7 @@ impl Bench {
         let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
         let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
-        Bench { grid: Grid::sorting_only(gpu(), &stage.features).unwrap(), kernel, stage }
+        Bench { grid: Grid::sorting_only(gpu(), &sorting_features(&stage.features)).unwrap(), kernel, stage }
     }
 
     fn sort(&self, photons: &[Photon], shape: GridShape) -> SortedPhotons {
@@ -286,7 +287,7 @@ pub fn rounding() -> Vec<f64> {
     };
     let photons: Vec<Photon> = (0..20_000).map(|_| lying(true)).collect();
     let places: Vec<Photon> = (0..1000).map(|_| lying(false)).collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
     let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 1.0), 1000)), 1e-4);
     let error = |(place, [r, g, b, _]): (&Photon, &[f32; 4])| {
         let expected = brute_force(&photons, &shape, place);
@@ -326,7 +327,7 @@ fn estimates_are_those_of_brute_force() {
                 photon(position, normal, 0, false)
             })
             .collect();
-        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
+        let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
         let step = 1e-4f32;
         let told = bench.tell(
             &bench.sort(&photons, shape),
@@ -440,7 +441,7 @@ fn even_light_is_even() {
             let tries = std::iter::repeat_with(|| on(floor, &mut random)).filter(|p| (case.place)(*p));
             let places: Vec<Photon> =
                 tries.take(PLACES as usize).map(|p| photon(p, floor.normal(), 0, false)).collect();
-            let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
+            let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
             let map = bench.sort(&photons, shape);
             let of = bench.tell(&map, &bench.sort(&places, place_grid((BOUNDS, area), PLACES)), STEP);
             let n = f64::from(PLACES);
@@ -478,7 +479,7 @@ fn thin_walls_let_nothing_through() {
             photon(on(side, &mut random), side.normal(), 0, false)
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
     let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 2.0), 200)), 1.0);
     for (place, told) in told.places.iter().zip(&told.irradiances) {
         assert_eq!(told[0] > 0.0, photon_normal(place.word).y > 0.0, "{place:?}: {told:?}");
@@ -498,7 +499,7 @@ fn irradiance_that_is_no_number_tells_nothing() {
         .iter()
         .flat_map(|rectangle| [(); 10].map(|()| photon(on(rectangle, &mut random), rectangle.normal(), 0, false)))
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
     let tell = |step: f32| {
         let sorted = bench.sort(&places, place_grid((BOUNDS, 3.0), places.len() as u32));
         bench.tell(&bench.sort(&photons, shape), &sorted, step)
@@ -525,7 +526,7 @@ fn points_are_shown_what_brute_force_tells() {
             Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     for (entry, feature, shrink) in [("show", "photon_map", 1.0), ("caustics", "caustics", 0.6f32)] {
         let bench = Bench::with(&rectangles, Some(feature));
         let map = bench.sort(&photons, shape);
@@ -581,7 +582,7 @@ fn points_beyond_an_axis_of_groups_are_shown() {
     let mut random = Random(12);
     let floor = &rectangles[0];
     let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
     let nowhere = Point { position: [0.0; 3], normal: INVALID_POINT };
     let mut points = vec![nowhere; 65_535 * 64 + 100];
     let told = points.len() - 50..points.len();
@@ -609,7 +610,7 @@ fn look_ups_find_the_nearest_place() {
             carrying(position, normal, [random.word() % 32, random.word() % 32, random.word() % 32])
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     let map = bench.sort(&photons, shape);
     let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
     for (place_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {

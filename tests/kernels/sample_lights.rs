@@ -4,12 +4,14 @@ use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
+use penumbra::kernels::NO_SAMPLED_LIGHT;
 use penumbra::passes::grid::{Grid, GridShape, Photon};
-use penumbra::passes::sample_lights::{NO_LIGHT, SampleLights};
+use penumbra::passes::sample_lights::SampleLights;
 use penumbra::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
 use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 use penumbra::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
+use penumbra::specialisation::sorting_features;
 
 use crate::kit::{device_features, gpu};
 use crate::light::{sphere, square};
@@ -105,7 +107,7 @@ impl Setup {
     }
 
     fn table(&self) -> (ZoneTable, Vec<u32>) {
-        let (gpu, features) = (gpu(), device_features(gpu()));
+        let (gpu, features) = (gpu(), sorting_features(&device_features(gpu())));
         let (shape, photons) = zones();
         let buffer = gpu.upload("test/photons", &photons).unwrap();
         let sorting = Grid::sorting_only(gpu, &features).unwrap();
@@ -159,7 +161,7 @@ impl Setup {
             let slots = self.slots(chosen, pixel, sample);
             slots
                 .iter()
-                .filter(|(light, _)| *light != NO_LIGHT)
+                .filter(|(light, _)| *light != NO_SAMPLED_LIGHT)
                 .map(|(light, w)| f64::from(*w) * of(*light as usize))
                 .sum()
         };
@@ -197,7 +199,8 @@ fn what_zones_choose_stands_for_all_lights() {
         for pixel in 0..PIXELS {
             if pixel == 33 {
                 assert!(
-                    (0..SAMPLES).all(|s| setup.slots(&chosen, pixel, s).iter().all(|(light, _)| *light == NO_LIGHT))
+                    (0..SAMPLES)
+                        .all(|s| setup.slots(&chosen, pixel, s).iter().all(|(light, _)| *light == NO_SAMPLED_LIGHT))
                 );
                 continue;
             }
@@ -206,8 +209,11 @@ fn what_zones_choose_stands_for_all_lights() {
             let reaching = listed.iter().filter(|light| setup.irradiance(pixel, **light) > 0.0).count();
             for sample in 0..SAMPLES {
                 let slots = setup.slots(&chosen, pixel, sample);
-                let lights: Vec<usize> =
-                    slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| *light as usize).collect();
+                let lights: Vec<usize> = slots
+                    .iter()
+                    .filter(|(light, _)| *light != NO_SAMPLED_LIGHT)
+                    .map(|(light, _)| *light as usize)
+                    .collect();
                 let what = format!("pixel {pixel}, sample {sample}: {slots:?}");
                 assert_eq!(lights.iter().collect::<BTreeSet<_>>().len(), lights.len(), "{what}");
                 let of_list = slots.iter().filter(|(light, _)| listed.contains(&(*light as usize)));
@@ -240,7 +246,7 @@ fn what_power_chooses_stands_for_all_lights() {
         for pixel in (0..PIXELS).filter(|pixel| *pixel != 33) {
             for sample in 0..SAMPLES {
                 let slots = setup.slots(&chosen, pixel, sample);
-                let lights = slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| light);
+                let lights = slots.iter().filter(|(light, _)| *light != NO_SAMPLED_LIGHT).map(|(light, _)| light);
                 assert_eq!(lights.clone().collect::<BTreeSet<_>>().len(), lights.count(), "{slots:?}");
             }
             setup.sums_up(&chosen, pixel, |_| true, |_| true).unwrap();

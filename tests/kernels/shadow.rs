@@ -63,14 +63,14 @@ fn points(count: usize) -> Vec<Point> {
 /// A run of one of the two entries, or both.
 struct Setup {
     slots: Slots,
-    heal_capacity: u32,
+    repair_capacity: u32,
 }
 
 struct Outcome {
     visibility: Vec<u32>,
     counters: Vec<u32>,
-    heal_photons: Vec<Photon>,
-    heal_count: u32,
+    repair_photons: Vec<Photon>,
+    repair_count: u32,
 }
 
 /// More photons than any test here heals.
@@ -83,7 +83,7 @@ impl Setup {
         // Two layers, and not the first samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);
-        Setup { slots: Slots { stage, tile, points, chunk, samples }, heal_capacity: 0 }
+        Setup { slots: Slots { stage, tile, points, chunk, samples }, repair_capacity: 0 }
     }
 
     /// Whether a ray is traced to the light point.
@@ -107,14 +107,14 @@ impl Setup {
         let words = self.slots.count() * self.slots.words();
         let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
         let heal = gpu.poisoned::<Photon>("test/heal", HEAL_ROOM).unwrap();
-        let heal_count = gpu.buffer::<u32>("test/heal_count", 1).unwrap();
+        let repair_count = gpu.buffer::<u32>("test/repair_count", 1).unwrap();
         let buffers = ShadowBuffers {
             classes: &classes,
             boundary_queue: &boundary_queue,
             audit_queue: &audit_queue,
             queue_lengths: &queue_lengths,
             visibility: &visibility,
-            heal: Some([&heal, &heal_count]),
+            repair: Some([&heal, &repair_count]),
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
@@ -124,7 +124,7 @@ impl Setup {
             first_light: self.slots.chunk[0],
             light_samples: self.slots.samples,
             visibility_words: self.slots.words() as u32,
-            heal_capacity: self.heal_capacity,
+            repair_capacity: self.repair_capacity,
         };
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &arguments, 0, 12, &parameters);
@@ -132,8 +132,8 @@ impl Setup {
         Outcome {
             visibility: gpu.read(&visibility, words).unwrap(),
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
-            heal_photons: gpu.read(&heal, HEAL_ROOM).unwrap(),
-            heal_count: gpu.read(&heal_count, 1).unwrap()[0],
+            repair_photons: gpu.read(&heal, HEAL_ROOM).unwrap(),
+            repair_count: gpu.read(&repair_count, 1).unwrap()[0],
         }
     }
 }
@@ -203,7 +203,7 @@ fn visibility_bits_are_those_of_the_light_points() {
             let rays = queue.iter().map(|slot| traced(*slot)).sum();
             let mixed = queue.iter().filter(|slot| seen(**slot) > 0 && seen(**slot) < traced(**slot)).count() as u32;
             assert_eq!(outcome.counters, counts(&[(Counter::ShadowRays, rays), (Counter::PenumbraSeen, mixed)]));
-            assert_eq!((outcome.heal_count, outcome.heal_photons[0].word), (0, POISON));
+            assert_eq!((outcome.repair_count, outcome.repair_photons[0].word), (0, POISON));
         }
     }
 }
@@ -226,7 +226,7 @@ fn audits_find_wrong_classes_and_heal_them() {
         .collect();
     let near = |word: u32| !matches!(word >> 21, 0 | 2047);
     for (length, capacity) in [(0, 10), (1, 10), (63, 0), (64, 10), (65, 10), (slots - 5, 10), (slots - 5, 2000)] {
-        setup.heal_capacity = capacity;
+        setup.repair_capacity = capacity;
         // From behind, so that the first slots are not asked for.
         let queue: Vec<u32> = (0..slots as u32).rev().take(length).collect();
         let outcome = setup.run(&classes, &[], &queue);
@@ -262,9 +262,9 @@ fn audits_find_wrong_classes_and_heal_them() {
         let expected =
             [(Counter::AuditRays, rays), (Counter::AuditsWrong, wrong), (Counter::AuditsWrongNear, wrong_near)];
         assert_eq!(outcome.counters, counts(&expected), "{length} audits");
-        assert_eq!(outcome.heal_count, wrong);
+        assert_eq!(outcome.repair_count, wrong);
         let kept = wrong.min(capacity) as usize;
-        let (photons, rest) = outcome.heal_photons.split_at(kept);
+        let (photons, rest) = outcome.repair_photons.split_at(kept);
         assert!(
             rest.iter().all(|p| p.word == POISON && p.position.iter().all(|x| x.to_bits() == POISON)),
             "past the capacity"

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use penumbra::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
 use penumbra::passes::zones::{ZONE_LIGHTS, Zones};
+use penumbra::specialisation::sorting_features;
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, photon};
@@ -85,7 +86,7 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
 fn zones_list_the_lights_that_reach_them() {
     let gpu = gpu();
     let mut random = Random(5);
-    let features = device_features(gpu);
+    let features = sorting_features(&device_features(gpu));
     let (sorting, zones) = (Grid::sorting_only(gpu, &features).unwrap(), Zones::new(gpu, &features).unwrap());
     let cases = [
         (0usize, 1u32, 1e2, false),
@@ -102,7 +103,7 @@ fn zones_list_the_lights_that_reach_them() {
     for (count, lights, most, environment) in cases {
         let photons = scattered(count, lights, &mut random);
         let bounds = (Vec3::splat(-0.5), Vec3::splat(0.5));
-        let shape = GridShape::with_most_cells(1.0, bounds, 1e-6, 1, most);
+        let shape = GridShape::with_max_cells(1.0, bounds, 1e-6, 1, most);
         let powers: Vec<f64> = (0..lights).map(|_| f64::from(random.unit()).powi(8)).collect();
         let buffer = gpu.upload("test/photons", &photons).unwrap();
         let sorted = sorting.sort(gpu, &buffer, count as u32, 1, shape).unwrap();

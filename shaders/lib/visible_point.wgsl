@@ -1,4 +1,5 @@
-// What the camera sees at the points of a tile, as `primary` left it.
+// The points of a tile that the camera sees, as pass `primary` left them. In: `points` and packed `surfaces` (lib/point). Out:
+// surfaces and specular chains.
 
 import package::lib::bsdf::Surface;
 @if(glossy && !chains) import package::lib::camera::view_direction;
@@ -13,12 +14,12 @@ import package::lib::point::{PackedSurface, Point, SURFACE_VECTORS, unpack_surfa
 @group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 
 @if(chains)
-fn seen_chain(i: u32) -> Chain {
+fn visible_chain(i: u32) -> Chain {
     return unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], points[i].position);
 }
 
-// The surface at point i, towards the viewer. Lambertian ones look alike from everywhere: they have no view.
-fn seen_surface(i: u32) -> Surface {
+// The surface at point i, with the direction towards the viewer; Lambertian surfaces need none.
+fn visible_surface(i: u32) -> Surface {
     var packed: PackedSurface;
     packed.a = surfaces[i * SURFACE_VECTORS];
     var view = vec3f(0.0);
@@ -29,7 +30,7 @@ fn seen_surface(i: u32) -> Surface {
         @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
         @if(sheen) { packed.sheen = surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR]; }
         @if(!chains) { view = view_direction(points[i].position); }
-        @if(chains) { view = seen_chain(i).view; }
+        @if(chains) { view = visible_chain(i).view; }
     }
     return unpack_surface(packed, oct_decode16(points[i].normal), view);
 }
