@@ -1,7 +1,7 @@
-// cells: shadow rays from the surfaces in each cell of a grid to each light, before the first sample; then the class of every
-// candidate (point and light) by its cell. For the earlier methods that classify space, not points; see
-// src/light_transport/cell_visibility.rs. In: points of surfaces by cell (normalised space), the hierarchy, points of a tile.
-// Out: counts of rays and a class word by light and cell; class words of the candidates.
+// cells: shadow rays from the surfaces in each cell of a grid to each light, before the first sample; then the class of
+// every candidate (point and light) by its cell. For the earlier methods that classify space, not points; see
+// src/light_transport/cell_visibility.rs. In: points of surfaces by cell (normalised space), the hierarchy, points of a
+// tile. Out: counts of rays and a class word by light and cell; class words of the candidates.
 
 import package::lib::bvh::{trace_occluded, traversal_overrun, triangle_corners};
 import package::lib::constants::{

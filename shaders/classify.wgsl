@@ -1,10 +1,11 @@
-// classify: the class of each candidate, a (light, point) pair of a tile and a chunk of lights, and the queues that shadow
-// rays and audits are traced from. In: points (normalised space), the visibility map and its cell classes. Out: class words
-// (lib/class_word), queues of candidates, indirect arguments, counters. Paper, section 4: the three cases.
+// classify: the class of each candidate, a (light, point) pair of a tile and a chunk of lights, and the queues that
+// shadow rays and audits are traced from. In: points (normalised space), the visibility map and its cell classes. Out:
+// class words (lib/class_word), queues of candidates, indirect arguments, counters. Paper,
+// "Extending the photon map": the three cases.
 //
-// `classify` looks up cell classes and requests those that are missing, `request_cells` notes the points that they are for,
-// `query` searches for the nearest photons where no cell class decides, `dilate` widens boundaries, `compact` fills the
-// queues.
+// `classify` looks up cell classes and requests those that are missing, `request_cells` notes the points that they are
+// for, `query` searches for the nearest photons where no cell class decides, `dilate` widens boundaries, `compact`
+// fills the queues.
 
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};

@@ -1,7 +1,7 @@
 // grid: sorts photons by light and cell (counting sort). For the visibility map it also classifies each cell that holds
-// photons, and each cell that points request: is every point of its surface lit, is every one shadowed, do all have both
-// kinds among their nearest k? In: photons (normalised space). Out: sorted photons, the first photon of each cell, two cell
-// classes a cell (lib/cell_class). Paper, section 4: the photon map, and the three cases of nearby photons.
+// photons, and each cell that points request: is every point of its surface lit, is every one shadowed, do all have
+// both kinds among their nearest k? In: photons (normalised space). Out: sorted photons, the first photon of each cell,
+// two cell classes a cell (lib/cell_class). Paper, "Extending the photon map": the three cases.
 
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::oct_decode7;
@@ -144,8 +144,8 @@ fn arrange() {
     classify_arguments = array(size.x, size.y, size.z);
 }
 
-// Maximum number of photons of a cell that is classified: with MAX_VISITS well below the 65,535 iterations that lavapipe
-// grants an invocation. Points of other cells are searched for one by one.
+// Maximum number of photons of a cell that is classified: with MAX_VISITS well below the 65,535 iterations that
+// lavapipe grants an invocation. Points of other cells are searched for one by one.
 const MAX_OWN_PHOTONS = 2048u;
 const NO_CODE = 0xffffffffu;
 
@@ -164,7 +164,8 @@ fn classify_cells(
     let end = load_cell_start(cell + 1u);
     if end - begin > MAX_OWN_PHOTONS { return; }
     let codes = surface_normals(begin, end);
-    // A loop whose length is data: called twice, all of it would be in the kernel twice, and run for cells of one surface.
+    // A loop whose length is data: called twice, all of it would be in the kernel twice, and run for cells of one
+    // surface.
     var words = vec4u(0u);
     let surfaces = select(2u, 1u, codes.y == NO_CODE);
     for (var i = 0u; i < surfaces; i++) {
@@ -175,8 +176,8 @@ fn classify_cells(
     cell_class_words[cell] = words;
 }
 
-// Two normals of the photons from `begin` to `end` that do not depend on their order: that of the smallest code and the one
-// farthest from it, or NO_CODE. Most cells have photons of one surface, those at edges of two.
+// Two normals of the photons from `begin` to `end` that do not depend on their order: that of the smallest code and the
+// one farthest from it, or NO_CODE. Most cells have photons of one surface, those at edges of two.
 fn surface_normals(begin: u32, end: u32) -> vec2u {
     var first = NO_CODE;
     for (var p = begin; p < end; p++) { first = min(first, load_photon(p).w & PHOTON_NORMAL_MASK); }
@@ -226,8 +227,8 @@ fn cluster_of_photons(index: u32, begin: u32, end: u32, code: u32) -> Cluster {
     return Cluster(light_of_index(index), cell_of_index(index), code, low, high, cos_spread);
 }
 
-// The requested cells to classify: none where there are more requests than entries, since which cells have an entry then
-// depends on the order of invocations.
+// The requested cells to classify: none where there are more requests than entries, since which cells have an entry
+// then depends on the order of invocations.
 @if(visibility_map)
 @compute @workgroup_size(1)
 fn arrange_requests() {

@@ -1,6 +1,6 @@
-// photons: rays from the lights, straight on through everything they hit. The first surface stores an illumination photon,
-// every later one a shadow photon. In: the lights and the hierarchy (normalised space). Out: photons in any order, appended to
-// `traced_photons`, and counts by light. Paper, section 4: shadow photons.
+// photons: rays from the lights, straight on through everything they hit. The first surface stores an illumination
+// photon, every later one a shadow photon. In: the lights and the hierarchy (normalised space). Out: photons in any
+// order, appended to `traced_photons`, and counts by light. Paper, "Extending the photon map": shadow photons.
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_encode7;
@@ -14,7 +14,8 @@ import package::lib::bvh::{
 };
 import package::lib::photon::{Photon, photon_word};
 @if(procedurals) import package::lib::procedural::{
-    crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_spent
+    crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided,
+    procedural_spent
 };
 @if(procedurals) import package::lib::procedural_functions::procedural_lost;
 @if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS};
@@ -45,8 +46,9 @@ const FAR = 1e30;
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
 
-// Whether two hits are of coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins whose
-// diagonals differ, and walls 1e-5 thick are still two surfaces, also for rays from four times the scene's radius.
+// Whether two hits are of coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins
+// whose diagonals differ, and walls 1e-5 thick are still two surfaces, also for rays from four times the scene's
+// radius.
 fn coincide(a: f32, b: f32) -> bool {
     return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
@@ -67,8 +69,8 @@ fn arrival(primitive: u32, direction: vec3f) -> Arrival {
     return Arrival(select(-normal, normal, faces), stores);
 }
 
-// Shadow photons of a ray. Of more than fit, those whose primitives have the smallest hashes: a random sample that does not
-// depend on the order of the hits.
+// Shadow photons of a ray. Of more than fit, those whose primitives have the smallest hashes: a random sample that does
+// not depend on the order of the hits.
 struct Kept {
     count: u32,
     // Hits that would store, kept or not.
@@ -141,8 +143,8 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, prim
 // Bits of the object's number in a crossing's primitive index.
 @if(procedurals) const CROSSING_SHIFT = 8u;
 
-// Adds the crossings of the ray with procedural objects: the first one of each, and those behind it as far as the loop budget
-// goes. Surfaces of an object behind so many others then have too few photons, and need shadow rays.
+// Adds the crossings of the ray with procedural objects: the first one of each, and those behind it as far as the loop
+// budget goes. Surfaces of an object behind so many others then have too few photons, and need shadow rays.
 @if(procedurals)
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
     procedural_spent = 0u;
@@ -218,8 +220,8 @@ fn photons(
         }
         @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
         stored = kept.count + u32(nearest.arrival.stores);
-        // Lavapipe silently ends all loops of an invocation after some 65,000 iterations together. The nearest surface until
-        // then may not be the ray's nearest.
+        // Lavapipe silently ends all loops of an invocation after some 65,000 iterations together. The nearest surface
+        // until then may not be the ray's nearest.
         if traversal_overrun || traversal_turns + kept.visits > MAX_TURNS {
             atomicAdd(&traced_counts[1], 1u);
             stored = 0u;

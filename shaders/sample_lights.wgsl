@@ -1,14 +1,14 @@
-// sample_lights: the few of many lights that each point of a tile is lit by. In: points (normalised space), and the lists of
-// lights of zones (paper, section 5). Out, of every candidate (sampled light index * point_count + point) in
-// `sampled_lights`: a light and its weight, the inverse of its probability.
+// sample_lights: the few of many lights that each point of a tile is lit by. In: points (normalised space), and the
+// lists of lights of zones (paper, "Results and discussion"). Out, of every candidate (sampled light index *
+// point_count + point) in `sampled_lights`: a light and its weight, the inverse of its probability.
 //
-// By zones: a light of the list of the point's zone is sampled with a probability of c v w, at most 1, that is in proportion
-// to its potential w at the point and the root v of the share of its photons in the zone that arrived. The mean is the sum
-// over the list, and the lights that matter most are always sampled. One equidistant comb over the cumulative probabilities
-// samples them all (systematic sampling), no light twice. The last candidate audits the zones: of a few lights that are not
-// in the list it takes one by resampled importance sampling (Talbot et al. 2005). Together the mean is the sum over all
-// lights, whatever the lists say.
-// By power, or uniformly: the comb over the cumulative probabilities of all lights.
+// By zones: a light of the list of the point's zone is sampled with a probability of c v w, at most 1, that is in
+// proportion to its potential w at the point and the root v of the share of its photons in the zone that arrived. The
+// mean is the sum over the list, and the lights that matter most are always sampled. One equidistant comb over the
+// cumulative probabilities samples them all (systematic sampling), no light twice. The last candidate audits the zones:
+// of a few lights that are not in the list it takes one by resampled importance sampling (Talbot et al. 2005). Together
+// the mean is the sum over all lights, whatever the lists say. By power, or uniformly: the comb over the cumulative
+// probabilities of all lights.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -143,8 +143,9 @@ fn weigh_list(lane: u32, list: u32, point: Point) -> f32 {
     return total;
 }
 
-// The factor that makes weights into probabilities whose sum is `expected`: lights that come to 1 leave more to the others.
-// They are found round by round; lights that the last round finds are sampled slightly less often than they could be.
+// The factor that makes weights into probabilities whose sum is `expected`: lights that come to 1 leave more to the
+// others. They are found round by round; lights that the last round finds are sampled slightly less often than they
+// could be.
 @if(zones)
 fn probability_factor(lane: u32, total: f32, expected: u32) -> f32 {
     var factor = f32(expected) / total;

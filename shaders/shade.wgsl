@@ -1,12 +1,13 @@
-// shade: direct light at the points of a tile, by the class of each candidate (a point and a light of the chunk). In: points
-// (normalised space), surfaces, class words, visibilities of the queued candidates. Out: radiance, relative to the scene's
-// unit, added to `radiance_direct`. Paper, section 4: direct illumination; equation 1.
-// The estimator, with U the unshadowed answer, f_j / p_j the contributions of the N light points, V_j their visibilities, a
-// the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
+// shade: direct light at the points of a tile, by the class of each candidate (a point and a light of the chunk). In:
+// points (normalised space), surfaces, class words, visibilities of the queued candidates. Out: radiance, relative to
+// the scene's unit, added to `radiance_direct`. Paper, "Extending the photon map": cases 1 to 3.
+//
+// The estimator, with U the unshadowed answer, f_j / p_j the contributions of the N light points, V_j their
+// visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
-// Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the points for
-// which `shade_sampled` adds the rest.
+// Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the
+// points for which `shade_sampled` adds the rest.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -116,9 +117,9 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     var visibility = class_visibility(word);
     if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
     let traced = traces_shadow_rays(word);
-    // Most boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing is left to
-    // noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise of the light
-    // behind it.
+    // Most boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing is left
+    // to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise of the
+    // light behind it.
     if traced { visibility = round(visibility); }
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
@@ -208,8 +209,8 @@ fn audited_contribution(shading: ShadingPoint, light: u32) -> vec3f {
     return all;
 }
 
-// Adds the light of the chunk's lights to a point: the closed form's part, that of light points, or both. Returns whether
-// light points have a part.
+// Adds the light of the chunk's lights to a point: the closed form's part, that of light points, or both. Returns
+// whether light points have a part.
 fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
     let point_count = parameters.tile.point_count;
     if points[i].normal == INVALID_POINT {
@@ -277,8 +278,8 @@ fn shade(
     }
 }
 
-// The light points' part, at the points that `shade` queued. Most points have none, and software devices would sample it all
-// the same.
+// The light points' part, at the points that `shade` queued. Most points have none, and software devices would sample
+// it all the same.
 @if(few_sampled)
 @compute @workgroup_size(64)
 fn shade_sampled(

@@ -1,7 +1,7 @@
-// shadow: shadow rays of the candidates (a point and a light of the chunk: light * point_count + point) that the photons do
-// not decide, and audits of those that they decide. In: queues of candidates, points (normalised space), the hierarchy. Out:
-// the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair the visibility map
-// where an audit contradicts a class. Paper, section 4: case 3, shadow rays at boundaries.
+// shadow: shadow rays of the candidates (a point and a light of the chunk: light * point_count + point) that the
+// photons do not decide, and audits of those that they decide. In: queues of candidates, points (normalised space), the
+// hierarchy. Out: the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair
+// the visibility map where an audit contradicts a class. Paper, "Extending the photon map": case 3.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -126,7 +126,8 @@ fn shadow(
     }
 }
 
-// Traces the audit's ray; whether it reached the light. Where it contradicts the class, adds a photon of the other kind.
+// Traces the audit's ray; whether it reached the light. Where it contradicts the class, adds a photon of the other
+// kind.
 @if(audit)
 fn audit_candidate(candidate: u32) -> bool {
     let c = load_candidate(candidate);

@@ -1,7 +1,8 @@
-// ward: adaptive shadow testing (Ward 1991), an earlier method. The lights of each point are tested in the order of what they
-// could contribute, until the rest could not matter; the visibility of the rest is estimated from how much of each light was
-// visible so far. In: points (normalised space), surfaces, visibilities from pass `shadow`. Out: class words of all candidates
-// (a point and a light), and the boundary queue that pass `shadow` traces, one light of each point a round.
+// ward: adaptive shadow testing (Ward 1991), an earlier method. The lights of each point are tested in the order of
+// what they could contribute, until the rest could not matter; the visibility of the rest is estimated from how much of
+// each light was visible so far. In: points (normalised space), surfaces, visibilities from pass `shadow`. Out: class
+// words of all candidates (a point and a light), and the boundary queue that pass `shadow` traces, one light of each
+// point a round.
 
 import package::lib::bsdf::{Surface, bsdf_evaluate};
 import package::lib::class_word::class_word;
@@ -52,12 +53,13 @@ var<immediate> ward_pass: WardParameters;
 // Of each point a heap of keys, the greatest first. Entries k of all points are adjacent.
 @group(0) @binding(6) var<storage, read_write> light_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> ward_states: array<WardState>;
-// By light: light points that were visible, and that were tested: before this tile; and of this tile, two words a light.
+// By light: light points that were visible, and that were tested: before this tile; and of this tile, two words a
+// light.
 @group(0) @binding(8) var<storage, read_write> light_rates: array<vec2u>;
 @group(0) @binding(9) var<storage, read_write> light_tests: array<atomic<u32>>;
 
-// A key has the potential's upper bits above those of the light: positive floats sort as their bits do, and a thousandth of a
-// potential does not matter.
+// A key has the potential's upper bits above those of the light: positive floats sort as their bits do, and a
+// thousandth of a potential does not matter.
 const LIGHT_MASK = MAX_LIGHTS - 1u;
 // Maximum number of light points that a potential is estimated from.
 const POTENTIAL_SAMPLES = 4u;

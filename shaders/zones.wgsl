@@ -1,8 +1,8 @@
-// zones: the lights that reach each zone, a cell of a coarse grid, as photons tell (paper, section 5: light zones). In:
-// photons sorted by zone, and the lights' powers over the largest. Out: of each zone ZONE_LIGHTS words in the order of the
-// lights, then zeros: bits 0-15 a light, 16-31 the square root of the share of its photons, in the zone and those around it,
-// that nothing had blocked. (A light that is visible from a share v of a zone's points is best sampled in proportion to the
-// root of v.) Where more lights reach a zone, the strongest are listed.
+// zones: the lights that reach each zone, a cell of a coarse grid, from the photons (paper, "Results and discussion").
+// In: photons sorted by zone, and the lights' powers over the largest. Out: of each zone ZONE_LIGHTS words in the order
+// of the lights, then zeros: bits 0-15 a light, 16-31 the square root of the share of its photons, in the zone and
+// those around it, that nothing had blocked. (A light that is visible from a share v of a zone's points is best sampled
+// in proportion to the root of v.) Where more lights reach a zone, the strongest are listed.
 
 import package::lib::dispatch::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cells_of_a_light, index_in_grid, load_cell_start, load_photon};
@@ -24,8 +24,8 @@ var<immediate> zones_pass: ZoneParameters;
 @group(0) @binding(1) var<storage, read_write> listed_lights: array<u32>;
 
 const GROUP = 64u;
-// Buckets of what lights send to a zone: by exponent and the first two bits behind it. The largest power is 1, and a tally
-// below 2^16, so no exponent is above 127 + 15.
+// Buckets of what lights send to a zone: by exponent and the first two bits behind it. The largest power is 1, and a
+// tally below 2^16, so no exponent is above 127 + 15.
 const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 

@@ -1,6 +1,7 @@
 //! What the host and the kernels share beside the layouts of structs: enumerations, bit layouts, limits and sizes.
 //!
-//! `package::lib::constants`, which the kernels import, is generated from these: no number is written in both languages.
+//! `package::lib::constants`, which the kernels import, is generated from these: no number is written in both
+//! languages.
 
 pub mod grid_shape;
 

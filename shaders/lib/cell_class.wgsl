@@ -1,5 +1,5 @@
-// Cell classes: what the photons say of all points of a surface in a cell, packed into two words, and requests for cells
-// whose own photons do not say it. Distances are in normalised space; packed ones are in cells.
+// Cell classes: what the photons say of all points of a surface in a cell, packed into two words, and requests for
+// cells whose own photons do not say it. Distances are in normalised space; packed ones are in cells.
 
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::math::oct_decode7;
@@ -84,8 +84,8 @@ struct RequestedCell {
     // Its index, as `cell_index` gives it.
     cell: u32,
     // The slab and the cone of the points whose normals are near that of `requested_normals`: offsets from the cell's
-    // centre along that normal and cosines to it, in units of REQUEST_UNIT. Each is a maximum, `low` of complements, and
-    // 0 is nothing.
+    // centre along that normal and cosines to it, in units of REQUEST_UNIT. Each is a maximum, `low` of complements,
+    // and 0 is nothing.
     low: atomic<u32>,
     high: atomic<u32>,
     spread: atomic<u32>,

@@ -1,6 +1,7 @@
-// The class of all points of a surface in a cell, from bounds of the distances between any of them and each photon (paper,
-// section 4: the three cases, here for whole cells). In: the surface's slab and cone in the cell, and the sorted photons, in
-// normalised space. Out: a cell class in two words (lib/cell_class), 0 where nothing is certain.
+// The class of all points of a surface in a cell, from bounds of the distances between any of them and each photon
+// (paper, "Extending the photon map": the three cases, here for whole cells). In: the surface's slab and cone in the
+// cell, and the sorted photons, in normalised space. Out: a cell class in two words (lib/cell_class), 0 where nothing
+// is certain.
 
 import package::lib::cell_class::{CellClass, decode_cell_class, encode_cell_class};
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
@@ -14,9 +15,9 @@ import package::lib::photon::photon_is_shadow;
 // Visit budget for the class of a cell's own photons: photons and rows of cells, as a multiple of k. On an even surface
 // five times k are enough; where many photons are of other surfaces (foliage), a class costs more than it saves.
 const VISITS_PER_NEAREST = 24u;
-// The maximum, and the budget of a requested cell, whose class many points share. Lavapipe's eight lanes share its 65,535
-// iterations: in nested loops that are long in turn, each lane waits for all others, and chance decides which cells share a
-// vector.
+// The maximum, and the budget of a requested cell, whose class many points share. Lavapipe's eight lanes share its
+// 65,535 iterations: in nested loops whose lengths differ, each lane waits for all others, and chance decides which
+// cells share a vector.
 const MAX_VISITS = 7168u;
 
 // Points of one surface in a cell: offsets from the cell's centre along the code's normal are between `low` and `high`,
@@ -199,8 +200,8 @@ fn bound_of(counts: Counts, marks: Marks) -> f32 {
     return marks.limit * 0.125 * f32(below.x + below.y + below.z + below.w + 1u);
 }
 
-// Whether both kinds are among the nearest k of every point: no more than k photons can be as near as the farther of the
-// nearest two.
+// Whether both kinds are among the nearest k of every point: no more than k photons can be as near as the farther of
+// the nearest two.
 fn both_are_near(counts: Counts, marks: Marks) -> bool {
     let both = max(counts.nearest_sure_lit, counts.nearest_sure_shadow);
     if both > marks.limit { return false; }

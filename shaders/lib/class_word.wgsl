@@ -1,6 +1,6 @@
 // Class words: what the photons say of a candidate (a point and a light), packed into 32 bits, and the decisions that
 // follow from it: whether shadow rays are traced, and whether the class is audited. The bits are in src/kernels.rs.
-// Paper, section 4: the three cases and equation 1.
+// Paper, "Extending the photon map": the three cases and equation 1.
 
 import package::lib::rng::{hash3, uniform_from_bits};
 import package::lib::constants::{

@@ -1,6 +1,6 @@
 // Photons: a position in normalised space and a word with normal, light or flux, and kind. The visibility map holds
 // illumination and shadow photons of each light; the global and the caustic map hold photons that carry flux (paper,
-// section 3: first pass).
+// "Extending the photon map").
 
 import package::lib::math::oct_decode7;
 import package::lib::constants::{

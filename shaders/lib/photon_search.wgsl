@@ -1,6 +1,6 @@
-// The class of a point and a light by the exact search for the nearest k photons (paper, section 4: shadow photons). In:
-// position and normal in normalised space, and the distance within which the nearest k are known to be, or 0. Out: class
-// words. Only which kinds occur among the k matters for the class, so no list of k photons is kept.
+// The class of a point and a light by the exact search for the nearest k photons (paper, "Extending the photon map").
+// In: position and normal in normalised space, and the distance within which the nearest k are known to be, or 0. Out:
+// class words. Only which kinds occur among the k matters for the class, so no list of k photons is kept.
 
 import package::lib::class_word::class_word;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
@@ -20,9 +20,8 @@ const VISITS_PER_NEAREST = 64u;
 @if(!paper_counting) const MIN_VISITS = 3200u;
 // Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed.
 @if(paper_counting) const MIN_VISITS = 24000u;
-// The eight lanes of a vector share the 65,535 iterations that lavapipe grants, where the rows of each are long in turn
-// and all others wait. Queries of the paper's counting are of neighbours, which visit the same rows: each keeps to what
-// one lane is granted.
+// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait.
+// Queries of the paper's counting are of neighbours, which visit the same rows: each has the budget of one lane.
 @if(texture_loads && !paper_counting) const MAX_VISITS = 8000u;
 @if(!texture_loads || paper_counting) const MAX_VISITS = 48000u;
 

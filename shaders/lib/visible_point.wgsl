@@ -1,5 +1,5 @@
-// The points of a tile that the camera sees, as pass `primary` left them. In: `points` and packed `surfaces` (lib/point). Out:
-// surfaces and specular chains.
+// The points of a tile that the camera sees, as pass `primary` left them. In: `points` and packed `surfaces`
+// (lib/point). Out: surfaces and specular chains.
 
 import package::lib::bsdf::Surface;
 @if(glossy && !chains) import package::lib::camera::view_direction;

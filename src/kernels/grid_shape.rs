@@ -7,12 +7,12 @@ use crate::shared_struct;
 
 use super::REACH_CELLS;
 
-/// Photons in a cell of an evenly covered surface, as a share of k. Measured on the box: half of it doubles the cells to
-/// be classified and the rows of a search, and decides no more points; twice decides 1 % fewer.
+/// Photons in a cell of an evenly covered surface, as a share of k. Measured on the box: half of it doubles the cells
+/// to be classified and the rows of a search, and decides no more points; twice decides 1 % fewer.
 pub const PHOTONS_PER_CELL: f32 = 0.16;
 
-/// Maximum number of cells of a map, all lights together: 20 bytes each, and again where tables are textures. The methods
-/// that classify cells by rays need 8 bytes each.
+/// Maximum number of cells of a map, all lights together: 20 bytes each, and again where tables are textures. The
+/// methods that classify cells by rays need 8 bytes each.
 const MAX_CELLS: f64 = (1u32 << 22) as f64;
 
 shared_struct! {
@@ -30,8 +30,8 @@ shared_struct! {
 }
 
 impl GridShape {
-    /// A grid over `bounds` (lower and upper corner) for `photons` photons of one of `lights` lights on surfaces of area
-    /// `area`, for queries of the nearest `nearest`.
+    /// A grid over `bounds` (lower and upper corner) for `photons` photons of one of `lights` lights on surfaces of
+    /// area `area`, for queries of the nearest `nearest`.
     pub fn new(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32, nearest: u32) -> GridShape {
         Self::with_photons_per_cell(PHOTONS_PER_CELL * nearest as f32, bounds, area, photons, lights)
     }

@@ -1,4 +1,5 @@
-//! Pass `cells`: shadow rays from the surfaces in each cell of a grid to each light, and the classes of points by their cells.
+//! Pass `cells`: shadow rays from the surfaces in each cell of a grid to each light, and the classes of points by their
+//! cells.
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel};
 use crate::statistics::Counter;
@@ -48,7 +49,8 @@ bindings! {
     struct PointClassBindings { points, cell_words, classes }
 }
 
-/// Maximum number of rays of a dispatch: some tenths of a second on a software device, and safe from a desktop's watchdog.
+/// Maximum number of rays of a dispatch: some tenths of a second on a software device, and safe from a desktop's
+/// watchdog.
 pub const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/cells.wgsl`.
@@ -88,8 +90,8 @@ impl Cells {
         Ok(Cells(kernel(gpu, "cells", features, constants, &names)?))
     }
 
-    /// Traces a ray from each of the points to each light, and classifies the cells. The points come in batches of at most
-    /// [`BATCH_RAYS`], cell by cell, [`CellGrid::rays`] of each cell.
+    /// Traces a ray from each of the points to each light, and classifies the cells. The points come in batches of at
+    /// most [`BATCH_RAYS`], cell by cell, [`CellGrid::rays`] of each cell.
     ///
     /// # Errors
     /// [`Error::Computation`] where a traversal met the loop budget, else as [`Kernel::bind`] and [`Gpu::check`].

@@ -1,5 +1,5 @@
-//! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and audits
-//! are traced for.
+//! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and
+//! audits are traced for.
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, compose};
 use crate::{Result, bindings, shared_struct};
@@ -109,8 +109,9 @@ struct Search {
 }
 
 impl Classify {
-    /// Compiles the kernels. With `exact_counts` n_i and n_s of boundary candidates are those of the nearest k. Without, they
-    /// may be those of photons about the point: enough for a control variate, and cheaper. Classes are exact in both.
+    /// Compiles the kernels. With `exact_counts` n_i and n_s of boundary candidates are those of the nearest k.
+    /// Without, they may be those of photons about the point: enough for a control variate, and cheaper. Classes are
+    /// exact in both.
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`crate::Error::Usage`] for a `nearest` out of range.
@@ -171,8 +172,8 @@ impl Classify {
 }
 
 impl BoundClassify {
-    /// Records the classes of a tile's points for a chunk of lights, dilation, and the queues with their indirect arguments
-    /// for workgroups of `queue_group` invocations.
+    /// Records the classes of a tile's points for a chunk of lights, dilation, and the queues with their indirect
+    /// arguments for workgroups of `queue_group` invocations.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

@@ -20,9 +20,9 @@ shared_struct! {
     pub struct Photon {
         /// Where it hit, in normalised space.
         pub position: [f32; 3],
-        /// Bits 0-13 normal on the side that it came to, 31 shadow photon. In the visibility map 14-24 light, 25-30 weight
-        /// exponent w (it represents 2^(w/4) hits); in the global map 14-28 flux in red, green and blue, 29-30 its exponent.
-        /// See [`photon_word`].
+        /// Bits 0-13 normal on the side that it came to, 31 shadow photon. In the visibility map 14-24 light, 25-30
+        /// weight exponent w (it represents 2^(w/4) hits); in the global map 14-28 flux in red, green and blue, 29-30
+        /// its exponent. See [`photon_word`].
         pub word: u32,
     }
 }
@@ -167,8 +167,8 @@ impl ClassifyRequestedCells {
 }
 
 impl PhotonGrid {
-    /// The requested cells and their classes, as words. Which class decides a point decides how its photons were counted, and
-    /// so the noise that shadow rays add.
+    /// The requested cells and their classes, as words. Which class decides a point decides how its photons were
+    /// counted, and so the noise that shadow rays add.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -180,7 +180,8 @@ impl PhotonGrid {
         Ok(words)
     }
 
-    /// Restores what [`PhotonGrid::requested_cells_state`] gave; false, with nothing done, where it is not of this grid's size.
+    /// Restores what [`PhotonGrid::requested_cells_state`] gave; false, with nothing done, where it is not of this
+    /// grid's size.
     pub fn restore_requested_cells(&self, gpu: &Gpu, mut words: &[u32]) -> bool {
         let buffers = self.requests.buffers();
         if words.len() as u64 * 4 != buffers.iter().map(|buffer| buffer.bytes).sum::<u64>() {
@@ -234,8 +235,8 @@ impl Grid {
         Ok(Grid { kernel: kernel(gpu, "grid", features, &[("nearest", f64::from(nearest))], &names)? })
     }
 
-    /// Compiles the kernels that sort, for maps whose cells are not classified; `features` must not have `visibility_map`,
-    /// and have `light_tags` where the photons are sorted by light.
+    /// Compiles the kernels that sort, for maps whose cells are not classified; `features` must not have
+    /// `visibility_map`, and have `light_tags` where the photons are sorted by light.
     ///
     /// # Errors
     /// As [`Kernel::new`].

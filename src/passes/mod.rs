@@ -21,7 +21,7 @@ use crate::gpu::{Buffer, Features, Gpu, Kernel, compose};
 use crate::{Result, shared_struct};
 
 shared_struct! {
-    /// Some whole rows of the image, several samples of each pixel at once; see `shaders/lib/tile.wgsl`.
+    /// A number of whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
     pub struct Tile {
         /// Width of the image in pixels.
         pub width: u32,
@@ -37,7 +37,7 @@ shared_struct! {
         pub first_sample: u32,
         /// Seed of the render.
         pub seed: u32,
-        /// 1 where rays go through the middles of the pixels.
+        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
         pub centred: u32,
     }
 }
@@ -45,7 +45,7 @@ shared_struct! {
 shared_struct! {
     /// A point to be lit; see `shaders/lib/point.wgsl`.
     pub struct Point {
-        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it stands for.
+        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it approximates.
         pub position: [f32; 3],
         /// Octahedral geometric normal on the viewer's side, or [`INVALID_POINT`].
         pub normal: u32,
@@ -54,7 +54,8 @@ shared_struct! {
 
 pub use crate::kernels::INVALID_POINT;
 
-/// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for.
+/// Composes a kernel and compiles its entry points, with those of `constants` that are `override`s of it. `own` are the
+/// names of the pass's own bindings.
 pub(crate) fn kernel(
     gpu: &Gpu,
     stem: &str,
@@ -66,7 +67,7 @@ pub(crate) fn kernel(
     Kernel::new(gpu, &composed, &composed.overrides(constants), own)
 }
 
-/// What the passes of a tile hand to each other: buffers for [`Tile::point_count`] points.
+/// The buffers that the passes of a tile share, for [`Tile::point_count`] points.
 pub struct TileBuffers {
     /// [`Point`]s.
     pub points: Buffer,
@@ -76,15 +77,15 @@ pub struct TileBuffers {
     pub radiance_direct: Buffer,
     /// Light after one bounce and more; none where the technique computes none.
     pub radiance_indirect: Option<Buffer>,
-    /// Base colour, where asked for.
+    /// Base colour, where the AOV is written.
     pub albedo_samples: Option<Buffer>,
-    /// Shading normal, where asked for.
+    /// Shading normal, where the AOV is written.
     pub normal_samples: Option<Buffer>,
-    /// Position and depth, where asked for.
+    /// Position and depth, where the AOV is written.
     pub position_samples: Option<Buffer>,
-    /// One zero vector, for the part of a sum that a technique does not have.
+    /// One zero vector, for a part of the radiance that a technique does not compute.
     pub zeros: Buffer,
-    /// What the kernels count: a word for each [`crate::statistics::Counter`].
+    /// Counts: a word for each [`crate::statistics::Counter`].
     pub counters: Buffer,
 }
 
@@ -116,7 +117,7 @@ impl TileBuffers {
         })
     }
 
-    /// Points that they have room for, at least.
+    /// Minimum number of points that they have room for.
     pub fn capacity(&self) -> u32 {
         (self.points.bytes / size_of::<Point>() as u64) as u32
     }

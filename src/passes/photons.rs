@@ -1,4 +1,5 @@
-//! Pass `photons`: rays from the lights, straight on through everything they hit, leave the photons of the visibility map.
+//! Pass `photons`: rays from the lights, straight on through everything they hit, leave the photons of the visibility
+//! map.
 
 use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
 use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
@@ -23,7 +24,8 @@ bindings! {
     struct PhotonBindings { traced_photons, traced_counts }
 }
 
-/// Maximum number of rays of a dispatch: some tens of milliseconds on a software device, and safe from a desktop's watchdog.
+/// Maximum number of rays of a dispatch: some tens of milliseconds on a software device, and safe from a desktop's
+/// watchdog.
 const BATCH_RAYS: u32 = 1 << 16;
 
 /// The pass; see `shaders/photons.wgsl`.
@@ -68,9 +70,9 @@ impl Photons {
         Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces `rays` rays of each of `lights` lights, batch by batch. The buffer grows with the photons, up to what the device
-    /// can bind; tracing ends where they no longer fit, and all lights then have the same number of rays, give or take one. The
-    /// buffer has room for `spare` photons more.
+    /// Traces `rays` rays of each of `lights` lights, batch by batch. The buffer grows with the photons, up to what the
+    /// device can bind; tracing ends where they no longer fit, and all lights then have the same number of rays, give
+    /// or take one. The buffer has room for `spare` photons more.
     ///
     /// # Errors
     /// [`Error::Usage`] for lights or rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].

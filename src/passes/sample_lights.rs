@@ -27,8 +27,8 @@ pub struct SampleLights {
 }
 
 impl SampleLights {
-    /// Compiles the kernel for `lights_per_point` candidates a point, at least 1. Where zones are `audited`, the last one is for
-    /// lights that are not in the zone's list, and there must be 2.
+    /// Compiles the kernel for `lights_per_point` candidates a point, at least 1. Where zones are `audited`, the last
+    /// one is for lights that are not in the zone's list, and there must be 2.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -50,8 +50,8 @@ impl SampleLights {
         self.lights_per_point
     }
 
-    /// Binds the pass. `sampled_lights` takes the light of each candidate and the bits of its weight, the inverse of the
-    /// probability.
+    /// Binds the pass. `sampled_lights` takes the light of each candidate and the bits of its weight, the inverse of
+    /// the probability.
     ///
     /// # Errors
     /// As [`Kernel::bind`].

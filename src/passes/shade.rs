@@ -107,8 +107,9 @@ pub struct BoundShade {
 }
 
 impl BoundShade {
-    /// Adds the light of the chunk's lights to every point of the tile. Where the kernels have a queue, `arrange` makes its
-    /// length into indirect arguments for workgroups of the given number of invocations, at byte `offset` of `arguments`.
+    /// Adds the light of the chunk's lights to every point of the tile. Where the kernels have a queue, `arrange` makes
+    /// its length into indirect arguments for workgroups of the given number of invocations, at byte `offset` of
+    /// `arguments`.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

@@ -109,8 +109,8 @@ pub struct BoundShadow {
 }
 
 impl BoundShadow {
-    /// Traces the queued candidates: `arguments` has the indirect arguments of [`crate::kernels::Queue::Boundary`] at byte `boundary`, those of
-    /// [`crate::kernels::Queue::Audit`] at byte `audit`.
+    /// Traces the queued candidates: `arguments` has the indirect arguments of [`crate::kernels::Queue::Boundary`] at
+    /// byte `boundary`, those of [`crate::kernels::Queue::Audit`] at byte `audit`.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

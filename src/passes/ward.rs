@@ -1,4 +1,5 @@
-//! Pass `ward`: tests the lights of each point in the order of what they could contribute, and estimates those not tested.
+//! Pass `ward`: tests the lights of each point in the order of what they could contribute, and estimates those not
+//! tested.
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel};
 use crate::{Result, bindings, shared_struct};
@@ -48,8 +49,8 @@ bindings! {
     }
 }
 
-/// Lights whose potentials one invocation computes: with the light points of each, and the search for an emitter triangle of
-/// each of those, well below the 65,535 iterations that lavapipe grants it.
+/// Lights whose potentials one invocation computes: with the light points of each, and the search for an emitter
+/// triangle of each of those, well below the 65,535 iterations that lavapipe grants it.
 const LIGHTS_AT_ONCE: u32 = 64;
 
 /// The pass; see `shaders/ward.wgsl`.
@@ -149,8 +150,9 @@ pub struct BoundWard {
 }
 
 impl BoundWard {
-    /// Writes the classes of a tile's points for all lights: unknown where a light is tested, else boundary with the estimated
-    /// visibility. `test` records the shadow rays of the candidates in the boundary queue, once for each light.
+    /// Writes the classes of a tile's points for all lights: unknown where a light is tested, else boundary with the
+    /// estimated visibility. `test` records the shadow rays of the candidates in the boundary queue, once for each
+    /// light.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

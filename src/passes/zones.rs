@@ -1,5 +1,5 @@
-//! Pass `zones`: light zones, which the paper proposes for scenes of many lights: the photons tell which lights reach each cell
-//! of a coarse grid.
+//! Pass `zones`: light zones, which the paper proposes for scenes of many lights. Of each cell of a coarse grid it
+//! lists the lights that reach it, from the photons.
 
 use glam::Vec3;
 
@@ -15,8 +15,8 @@ pub use crate::kernels::ZONE_LIGHTS;
 /// Maximum number of zones: 8 MiB of lists.
 const MAX_ZONES: f64 = (1u32 << 15) as f64;
 
-/// Photons of a light that a zone and those around it hold on an evenly covered surface, which crosses nine zones. Nearby lights
-/// leave many times more.
+/// Photons of a light that a zone and those around it hold on an evenly covered surface, which crosses nine zones.
+/// Nearby lights leave many times more.
 const PHOTONS_PER_LIGHT: f32 = 4.0;
 
 shared_struct! {
@@ -58,8 +58,8 @@ impl Bindings for ZoneTable {
     }
 }
 
-/// Zones over `bounds` (lower and upper corner) for `photons` photons of all `lights` lights together, on surfaces of area
-/// `area`.
+/// Zones over `bounds` (lower and upper corner) for `photons` photons of all `lights` lights together, on surfaces of
+/// area `area`.
 pub fn zone_shape(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
     let per_zone = PHOTONS_PER_LIGHT * lights as f32 / 9.0;
     GridShape::with_max_cells(per_zone, bounds, area, photons, MAX_ZONES)
@@ -76,8 +76,8 @@ impl Zones {
         Ok(Zones { kernel, group })
     }
 
-    /// Lists the lights of every zone. `powers` are those of the lights that have photons, in any unit. With `environment`, one
-    /// more light, which has no photons, is in every list.
+    /// Lists the lights of every zone. `powers` are those of the lights that have photons, in any unit. With
+    /// `environment`, one more light, which has no photons, is in every list.
     ///
     /// # Errors
     /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`].

@@ -16,7 +16,11 @@ struct DumpParameters { photons: u32, starts: u32 }
 @group(0) @binding(1) var<storage, read_write> dumped_starts: array<u32>;
 @group(0) @binding(2) var<storage, read> lengths: array<u32, 2>;
 @compute @workgroup_size(64)
-fn dump(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn dump(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = (group.x + group.y * groups.x) * 64u + lane;
     if i < lengths[0] { dumped_photons[i] = load_photon(i); }
     if i < lengths[1] { dumped_starts[i] = load_cell_start(i); }
@@ -46,7 +50,7 @@ fn key(photon: &Photon, shape: &GridShape) -> u32 {
         let at = ((photon.position[axis] - shape.origin[axis]) * shape.inverse_cell).floor();
         (at as i64).clamp(0, i64::from(shape.size[axis]) - 1) as u32
     };
-    let light = (photon.word >> 14) & 0x7ff;
+    let light = photon.light();
     ((light * shape.size[2] + cell(2)) * shape.size[1] + cell(1)) * shape.size[0] + cell(0)
 }
 
@@ -107,7 +111,7 @@ fn millions_of_photons_are_sorted() {
     let gpu = gpu();
     let count = 65_535 * 64 + 77;
     let photons = scattered(count, 2, &mut Random(2));
-    // Coarse cells, too full to be judged: this is about sorting.
+    // Coarse cells, too full to be classified: this is about sorting.
     let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 600, 2, 50);
     let (sorted, starts) = dump(gpu, &build(gpu, &photons, 2, shape));
     assert!(sorts(&photons, &shape, &sorted, &starts));

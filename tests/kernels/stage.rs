@@ -53,14 +53,14 @@ pub struct Crossing {
     /// Barycentric coordinates of corners 1 and 2.
     pub u: f64,
     pub v: f64,
-    /// The least barycentric coordinate: negative outside.
+    /// The smallest barycentric coordinate: negative outside.
     pub inside: f64,
     /// Unit normal of the front.
     pub normal: DVec3,
 }
 
-/// Nearer to an edge, in barycentric coordinates, the answer hangs on rounding: coordinates of unit size are off by 1e-7,
-/// the triangles of these tests are larger than a twentieth.
+/// Nearer to an edge, in barycentric coordinates, the answer depends on rounding: coordinates of unit size are off by
+/// 1e-7, the triangles of these tests are larger than a twentieth.
 pub const EDGE: f64 = 1e-5;
 
 impl Crossing {
@@ -108,7 +108,7 @@ pub fn oct_encode(n: DVec3) -> u32 {
     code(x) | code(y) << 16
 }
 
-/// A point of a light that a surface point asks for.
+/// A sampled point of a light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightPoint {
     /// Where its shadow ray starts.
@@ -120,7 +120,7 @@ pub struct LightPoint {
 }
 
 impl LightPoint {
-    /// Whether nothing stops the shadow ray; None where that hangs on rounding.
+    /// Whether nothing blocks the shadow ray; None where that depends on rounding.
     pub fn visible(&self, scene: &Scene) -> Option<bool> {
         // As the pass has it, short of the light's own surface.
         let end = self.distance * (1.0 - 1e-4);
@@ -134,8 +134,8 @@ impl LightPoint {
     }
 }
 
-/// The slots of a tile's points and a chunk of lights, with `samples` light points each.
-pub struct Slots {
+/// The candidates (point and light) of a tile's points and a chunk of lights, with `samples` light points each.
+pub struct Candidates {
     pub stage: Stage,
     pub tile: Tile,
     pub points: Vec<Point>,
@@ -144,37 +144,37 @@ pub struct Slots {
     pub samples: u32,
 }
 
-impl Slots {
+impl Candidates {
     pub fn count(&self) -> usize {
         (self.tile.point_count * self.chunk[1]) as usize
     }
 
-    /// Words of visibilities of a slot.
+    /// Words of visibilities of a candidate.
     pub fn words(&self) -> usize {
         self.samples.div_ceil(32) as usize
     }
 
-    /// Of each slot its light points, and last the one that an audit asks for.
+    /// The light points of each candidate, and last the one that an audit traces.
     pub fn light_points(&self) -> Vec<Vec<LightPoint>> {
         let points = gpu().upload("test/points", &self.points).unwrap();
         let composed =
             compose::compose_source("light_points", include_str!("shaders/light_points.wgsl"), &self.stage.features)
                 .unwrap();
-        let slots = self.count() as u32;
+        let candidates = self.count() as u32;
         let constants = [
             ("first_light", f64::from(self.chunk[0])),
-            ("slots", f64::from(slots)),
+            ("candidates", f64::from(candidates)),
             ("samples", f64::from(self.samples)),
         ];
-        let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "chosen"]).unwrap();
-        let count = (slots * (self.samples + 1)) as usize;
-        let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
-        let own = Resources::new().with("points", &points).with("chosen", &chosen);
-        let bound = kernel.bind(gpu(), "sample_lights", &[&own, &self.stage.gpu_scene]).unwrap();
+        let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "sampled"]).unwrap();
+        let count = (candidates * (self.samples + 1)) as usize;
+        let sampled = gpu().poisoned::<[[f32; 4]; 3]>("test/sampled", count).unwrap();
+        let own = Resources::new().with("points", &points).with("sampled", &sampled);
+        let bound = kernel.bind(gpu(), "sample_light_points", &[&own, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
-        frame.run(&bound, slots, &self.tile);
+        frame.run(&bound, candidates, &self.tile);
         frame.submit().unwrap();
-        let chosen: Vec<[[f32; 4]; 3]> = gpu().read(&chosen, count).unwrap();
+        let sampled: Vec<[[f32; 4]; 3]> = gpu().read(&sampled, count).unwrap();
         let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
             let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
             LightPoint {
@@ -185,7 +185,7 @@ impl Slots {
                 radiance: vector(c),
             }
         };
-        chosen.chunks(self.samples as usize + 1).map(|slot| slot.iter().map(light_point).collect()).collect()
+        sampled.chunks(self.samples as usize + 1).map(|candidate| candidate.iter().map(light_point).collect()).collect()
     }
 }
 

@@ -1,4 +1,4 @@
-//! The shadow terminator: a coarse sphere with smooth normals darkens as the sphere that it stands for, without black
+//! The shadow terminator: a coarse sphere with smooth normals darkens as the sphere that it approximates, without black
 //! triangles or the shadows of its edges (Hanika 2021).
 
 use std::f64::consts::PI;
@@ -79,17 +79,17 @@ fn reflected(area_light: bool, position: DVec3, normal: DVec3, visible: impl Fn(
     (0..N * N).map(piece).sum()
 }
 
-/// Of the pixels that show the sphere, off its rim, where normals are bent: those that differ from what the smooth sphere
-/// reflects, from what the triangles would with black ones behind their own horizons, and how many there are.
+/// Of the pixels that show the sphere, off its rim, where normals are bent: those that differ from what the smooth
+/// sphere reflects, from what the triangles would with black ones behind their own horizons, and how many there are.
 fn differences(image: &Image, area_light: bool) -> [usize; 3] {
     let channel = |name: &str| image.channel(name).unwrap();
     let vector = |names: [&str; 3], i: usize| DVec3::from(names.map(|name| f64::from(channel(name)[i])));
     let triangles = ball(false);
     // At the sphere's brightest point.
-    let most = reflected(area_light, LIGHT.normalize() * RADIUS, LIGHT.normalize(), |_| true);
-    // Rays leave from up to 0.02 over the triangles, a hundredth of the way to the light; the square's noise and its pieces
-    // are less.
-    let differs = |got: f64, expected: f64| (got - expected).abs() > 0.02 * most;
+    let brightest = reflected(area_light, LIGHT.normalize() * RADIUS, LIGHT.normalize(), |_| true);
+    // Rays leave from up to 0.02 over the triangles, a hundredth of the way to the light; the square's noise and its
+    // pieces are less.
+    let differs = |got: f64, expected: f64| (got - expected).abs() > 0.02 * brightest;
     let mut found = [0; 3];
     for i in 0..image.pixels() {
         let (position, normal) = (vector(["P.X", "P.Y", "P.Z"], i), vector(["N.X", "N.Y", "N.Z"], i));
@@ -118,7 +118,7 @@ fn a_coarse_sphere_darkens_as_the_smooth_one() {
             println!("{technique}, area {area_light}: {wrong} differ, {uncut} from cut triangles, of {pixels}");
             assert!(pixels > 10_000, "{pixels} pixels");
             assert_eq!(wrong, 0, "{technique}, area {area_light}: pixels that differ, of {pixels}");
-            assert!(uncut > 100, "{technique}, area {area_light}: black triangles are not seen");
+            assert!(uncut > 100, "{technique}, area {area_light}: black triangles are not detected");
         }
     }
 }
