@@ -10,7 +10,7 @@ import package::lib::math::{oct_decode16, oct_encode7, spoilt};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 import package::lib::point::Point;
-import package::lib::rng::{hash2, hash3};
+import package::lib::rng::hash3;
 @if(audit) import package::lib::photon::{Photon, photon_word};
 @if(audit) import package::lib::class_word::{class_of, is_near};
 import package::lib::constants::{
