@@ -175,7 +175,7 @@ impl Setup {
 }
 
 /// By zones: the mean over a point's samples is the sum over all lights, whatever each of them is hidden from; without
-/// audits, over those that the zone lists. No light is sampled twice, each has a probability of at largest one, and all
+/// audits, over those that the zone lists. No light is sampled twice, each has a probability of at most one, and all
 /// lights of a short list are sampled. A weight that is off by an eighth is detected.
 #[test]
 fn lights_sampled_by_zone_estimate_all() {

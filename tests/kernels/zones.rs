@@ -14,7 +14,7 @@ enum Fault {
     None,
     /// Zones around a zone do not count.
     Alone,
-    /// Lights that only shadow photons are of are listed.
+    /// Lights that have only shadow photons are listed.
     Shadowed,
     /// The lights that are listed are those with the most photons, whatever their power.
     Powerless,
@@ -80,7 +80,7 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Of each zone the lights that photons there and around tell of, the strongest where there are too many, with the
+/// Each zone lists the lights whose photons are there and around, the strongest where there are too many, with the
 /// share that arrived: no photon and one, lights around the length of a list and as many as there can be, and more
 /// zones than 65,535.
 #[test]
