@@ -7,11 +7,11 @@ import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
-import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
+import package::lib::bvh::{MAX_ITERATIONS, Traversal, begin_traversal, intersect_primitive, next_triangle, stops, traversal_overrun, traversal_iterations, triangle_corners, triangle_word};
 import package::lib::photon::{Photon, photon_word};
-@if(procedurals) import package::lib::procedural::{crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_spent};
+@if(procedurals) import package::lib::procedural::{crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_ray_iterations};
 @if(procedurals) import package::lib::procedural_functions::procedural_lost;
-@if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS};
+@if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_ITERATIONS};
 import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
 
 // Most shadow photons that are kept of one ray, 1 to MAX_SHADOW_PHOTONS.
@@ -136,7 +136,7 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, slot
 // of an object behind so many others then have too few photons, and ask shadow rays.
 @if(procedurals)
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
-    procedural_spent = 0u;
+    procedural_ray_iterations = 0u;
     for (var object = 0u; object < procedural_count; object++) {
         let inside = enter_object(object, ray, FAR);
         var so_far = 0.0;
@@ -152,13 +152,13 @@ fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, 
             let found = Arrival(select(-outward, outward, faces), stores);
             meet(kept, nearest, crossing_t(inside, met), PROCEDURAL | (number << CROSSING_SHIFT) | object, found);
             number++;
-            if procedural_spent >= PROCEDURAL_RAY_TURNS {
+            if procedural_ray_iterations >= PROCEDURAL_RAY_ITERATIONS {
                 _ = procedural_lost(false);
                 break;
             }
         }
     }
-    traversal_turns += procedural_spent;
+    traversal_iterations += procedural_ray_iterations;
 }
 
 @compute @workgroup_size(64)
@@ -173,7 +173,7 @@ fn photons(
     var kept: Kept;
     var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
     var direction = vec3f(0.0, 0.0, 1.0);
-    var walk: Walk;
+    var walk: Traversal;
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
@@ -186,11 +186,11 @@ fn photons(
         direction = emitted.direction;
         kept.seed = hash2(seed, index);
         let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, FAR);
-        walk = begin_walk(ray);
+        walk = begin_traversal(ray);
         while !walk.done {
             let slot = next_triangle(&walk, FAR);
             if slot == NO_HIT { continue; }
-            let hit = intersect_slot(&walk, slot);
+            let hit = intersect_primitive(&walk, slot);
             if !stops(hit, 0.0, FAR, kept.seed) { continue; }
             meet(&kept, &nearest, hit.t, slot, arrival(slot, direction));
         }
@@ -198,7 +198,7 @@ fn photons(
         stored = kept.count + u32(nearest.arrival.stores);
         // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together. What the ray
         // has met until then may not be its nearest surface.
-        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS {
+        if traversal_overrun || traversal_iterations + kept.looks > MAX_ITERATIONS {
             atomicAdd(&traced_counts[1], 1u);
             stored = 0u;
         }
@@ -230,7 +230,7 @@ fn photons(
 
 fn append(
     at: u32,
-    walk: ptr<function, Walk>,
+    walk: ptr<function, Traversal>,
     slot: u32,
     direction: vec3f,
     light: u32,
@@ -247,7 +247,7 @@ fn append(
         }
     }
     // The point of the triangle itself: the far end of a long ray would be off its plane.
-    let hit = intersect_slot(walk, slot);
+    let hit = intersect_primitive(walk, slot);
     let corners = triangle_corners(slot);
     let position = corners[0] + hit.u * (corners[1] - corners[0]) + hit.v * (corners[2] - corners[0]);
     let normal = oct_encode7(arrival(slot, direction).normal);

@@ -16,7 +16,7 @@ import package::lib::sampled_light::NO_LIGHT;
 import package::lib::point::Point;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
-@if(zones && texture_loads) import package::lib::table::table_place;
+@if(zones && texture_loads) import package::lib::table::table_texel;
 import package::lib::grid::GridShape;
 @if(zones) import package::lib::grid::cell_of;
 @if(zones) import package::lib::light::light_potential;
@@ -54,7 +54,7 @@ const SAMPLE_LIGHTS_GROUP = 64u;
 
 @if(zones)
 fn load_list(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(zone_lists, table_place(i)); }
+    @if(texture_loads) { return textureLoad(zone_lists, table_texel(i)); }
     @else { return zone_lists[i]; }
 }
 

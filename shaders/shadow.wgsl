@@ -5,7 +5,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
-import package::lib::math::{oct_decode16, oct_encode7, spoilt};
+import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
 import package::lib::point::Point;
@@ -72,7 +72,7 @@ fn asked_by(slot: u32) -> Asked {
 fn leave_out(slot: u32) {
     atomicAdd(&counters[COUNTER_OVERRUN], 1u);
     let i = slot % parameters.tile.point_count;
-    radiance_direct[i] = vec4f(spoilt(i));
+    radiance_direct[i] = vec4f(invalid_sample(i));
 }
 
 @compute @workgroup_size(64)

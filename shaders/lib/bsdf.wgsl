@@ -623,3 +623,15 @@ fn sample_visible_normal(view: vec3f, alpha: vec2f, u: vec2f) -> vec3f {
     let h = vec3f(radius * cos(phi), radius * sin(phi), z) + stretched;
     return normalize(vec3f(alpha * h.xy, h.z));
 }
+
+// Whether the surface has a lobe besides its diffuse base.
+fn has_lobes(s: Surface) -> bool {
+    @if(glossy) {
+        var lobes = any(vec4f(s.f0, s.f90) != vec4f(0.0));
+        @if(transmission) { lobes = lobes || any(s.tint != vec3f(0.0)); }
+        @if(clearcoat) { lobes = lobes || s.coat.x != 0.0; }
+        @if(sheen) { lobes = lobes || any(s.sheen.xyz != vec3f(0.0)); }
+        return lobes;
+    }
+    @else { return false; }
+}

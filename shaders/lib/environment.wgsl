@@ -4,7 +4,7 @@
 
 import package::lib::constants::ENVIRONMENT_HEADER;
 import package::lib::math::{PI, safe_sqrt};
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 
 // Size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells, strength.
 // By row of cells: cumulative probability; height below the nearer pole where it begins, and by how much that changes to its end;
@@ -14,7 +14,7 @@ import package::lib::math::{PI, safe_sqrt};
 @if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_records: array<vec4f>;
 
 fn load_environment_record(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(environment_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(environment_records, table_texel(i)); }
     @else { return environment_records[i]; }
 }
 

@@ -1,6 +1,6 @@
 // The visibility map: photons sorted by light and cell of a regular grid, and what is known of whole cells.
 
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 import package::lib::constants::REACH_CELLS;
 import package::lib::math::{PI, oct_decode7, oct_within7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN};
@@ -37,18 +37,18 @@ const FAR = 1e30;
 const REACH_MAX = f32(REACH_CELLS);
 
 fn load_photon(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(photon_table, table_place(i)); }
+    @if(texture_loads) { return textureLoad(photon_table, table_texel(i)); }
     @else { return photon_table[i]; }
 }
 
 fn load_cell_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(cell_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(cell_records, table_texel(i)); }
     @else { return cell_records[i]; }
 }
 
 fn load_cell_start(i: u32) -> u32 {
     let record = i >> 2u;
-    @if(texture_loads) { return textureLoad(cell_starts, table_place(record))[i & 3u]; }
+    @if(texture_loads) { return textureLoad(cell_starts, table_texel(record))[i & 3u]; }
     @else { return cell_starts[record][i & 3u]; }
 }
 

@@ -1,6 +1,6 @@
 // Lights: sampling, closed-form irradiance, darkness and emission. Tables are made by src/tables/lights.rs.
 
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 import package::lib::ray::{Ray, offset_origin};
 import package::lib::math::{PI, basis};
 @if(mesh_lights) import package::lib::math::{oct_decode16, safe_sqrt};
@@ -27,19 +27,19 @@ import package::lib::constants::{
 @if(mesh_lights && !texture_loads) @group(1) @binding(9) var<storage, read> light_vertices: array<vec4f>;
 
 fn load_light_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(light_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(light_records, table_texel(i)); }
     @else { return light_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_emitter_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(emitter_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(emitter_records, table_texel(i)); }
     @else { return emitter_records[i]; }
 }
 
 @if(mesh_lights)
 fn load_light_vertex(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(light_vertices, table_place(i)); }
+    @if(texture_loads) { return textureLoad(light_vertices, table_texel(i)); }
     @else { return light_vertices[i]; }
 }
 

@@ -2,7 +2,7 @@
 
 import package::lib::math::oct_decode7;
 import package::lib::rng::{hash3, uniform_from_bits};
-import package::lib::constants::DIMENSION_AUDIT;
+import package::lib::constants::{DIMENSION_AUDIT, FLUX_STEPS};
 
 struct Photon {
     position: vec3f,
@@ -51,16 +51,13 @@ fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
 
 // Flux of the global map's photons, in 31sts of a unit that all photons share times 8 to the exponent. Rounded up by
 // chance, so the mean is kept; a 31st is nothing against the noise of the few dozen photons that an estimate sums.
-const FLUX_STEPS = 31.0;
-const FLUX_MOST = 512.0;
-
-// The word of a photon that carries `flux` units, no channel above FLUX_MOST; `lot` is uniform.
+// The word of a photon that carries `flux` units, no channel above MAX_FLUX; `lot` is uniform.
 fn flux_word(normal: u32, flux: vec3f, lot: f32, shadow: bool) -> u32 {
     let largest = max(flux.x, max(flux.y, flux.z));
     let exponent = select(select(select(3u, 2u, largest <= 64.0), 1u, largest <= 8.0), 0u, largest <= 1.0);
-    let steps = flux * (FLUX_STEPS / f32(1u << (3u * exponent)));
+    let steps = flux * (f32(FLUX_STEPS) / f32(1u << (3u * exponent)));
     // One lot for all channels: white stays white.
-    let q = vec3u(min(steps + lot, vec3f(FLUX_STEPS)));
+    let q = vec3u(min(steps + lot, vec3f(f32(FLUX_STEPS))));
     return normal | (q.x << 14u) | (q.y << 19u) | (q.z << 24u) | (exponent << 29u) | select(0u, PHOTON_SHADOW, shadow);
 }
 

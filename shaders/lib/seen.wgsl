@@ -17,19 +17,23 @@ fn seen_chain(i: u32) -> Chain {
     return unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], points[i].position);
 }
 
-// The surface at point i, towards the viewer. Lambertian ones look alike from everywhere: they have no view.
-fn seen_surface(i: u32) -> Surface {
+fn seen_packed(i: u32) -> PackedSurface {
     var packed: PackedSurface;
     packed.a = surfaces[i * SURFACE_VECTORS];
-    var view = vec3f(0.0);
     @if(glossy) {
         packed.b = surfaces[i * SURFACE_VECTORS + 1u];
         packed.c = surfaces[i * SURFACE_VECTORS + 2u];
         @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
         @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
         @if(sheen) { packed.sheen = surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR]; }
-        @if(!chains) { view = view_direction(points[i].position); }
-        @if(chains) { view = seen_chain(i).view; }
     }
-    return unpack_surface(packed, oct_decode16(points[i].normal), view);
+    return packed;
+}
+
+// The surface at point i, towards the viewer. Lambertian ones look alike from everywhere: they have no view.
+fn seen_surface(i: u32) -> Surface {
+    var view = vec3f(0.0);
+    @if(glossy && !chains) { view = view_direction(points[i].position); }
+    @if(glossy && chains) { view = seen_chain(i).view; }
+    return unpack_surface(seen_packed(i), oct_decode16(points[i].normal), view);
 }

@@ -1,11 +1,11 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_specular, _ior,
 // _transmission, _volume, _clearcoat, _anisotropy, _sheen, _unlit, _emissive_strength, KHR_texture_transform).
 
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 @if(!procedurals) import package::lib::bvh::triangle_corners;
-@if(procedurals) import package::lib::bvh::{traversal_turns, triangle_corners};
+@if(procedurals) import package::lib::bvh::{traversal_iterations, triangle_corners};
 @if(procedurals) import package::lib::procedural::{is_procedural, procedural_clearance, procedural_colour, procedural_material, procedural_normal};
-@if(procedurals) import package::lib::procedural_functions::procedural_turns;
+@if(procedurals) import package::lib::procedural_functions::procedural_iterations;
 import package::lib::ray::{Hit, Ray};
 @if(negative_photons) import package::lib::ray::offset_origin;
 import package::lib::math::oct_decode16;
@@ -31,18 +31,18 @@ override surface_stride: u32;
 @if(textures) @group(1) @binding(6) var data_texels: texture_2d_array<f32>;
 
 fn load_surface_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(surface_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(surface_records, table_texel(i)); }
     @if(!texture_loads) { return surface_records[i]; }
 }
 
 fn load_material_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(material_records, table_place(i)); }
+    @if(texture_loads) { return textureLoad(material_records, table_texel(i)); }
     @if(!texture_loads) { return material_records[i]; }
 }
 
 @if(textures)
 fn load_slot_record(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(texture_slots, table_place(i)); }
+    @if(texture_loads) { return textureLoad(texture_slots, table_texel(i)); }
     @if(!texture_loads) { return texture_slots[i]; }
 }
 
@@ -332,7 +332,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     @if(procedurals) {
         if procedural {
             base = procedural_colour(hit.triangle, base, position);
-            traversal_turns += procedural_turns;
+            traversal_iterations += procedural_iterations;
             leaving += procedural_clearance(hit.triangle) * triangle_normal;
         }
     }

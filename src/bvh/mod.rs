@@ -25,8 +25,21 @@ const LARGEST: f32 = (1u64 << 40) as f32;
 /// Depth of the binary tree that is allowed at first: twice that of a balanced tree over the most triangles.
 const FIRST_DEPTH: u32 = 56;
 
-/// Entries of a kernel's traversal stack.
-const STACK_SIZE: u32 = constant_in(include_str!("../../shaders/lib/bvh.wgsl"), "const STACK_SIZE = ");
+/// Entries of a kernel's traversal stack: one for each level that a balanced tree over the maximum number of triangles can
+/// have.
+pub(crate) const STACK_SIZE: u32 = 28;
+
+/// Texels of a node in [`Bvh::nodes`].
+pub(crate) const NODE_TEXELS: u32 = node::WORDS as u32 / 4;
+
+/// Texels of a triangle in [`Bvh::triangles`].
+pub(crate) const TRIANGLE_TEXELS: u32 = 3;
+
+/// Bits of a node's word that hold the index of a node or a triangle.
+pub(crate) const INDEX_MASK: u32 = node::MAX_INDEX as u32 - 1;
+
+/// Bits of a word on a kernel's stack that hold the index of a node.
+pub(crate) const NODE_INDEX_MASK: u32 = node::MAX_NODES as u32 - 1;
 
 /// Most levels of a hierarchy whose traversals keep their stack in four registers (the feature `shallow_bvh`).
 const SHALLOW: u32 = 5;
@@ -122,8 +135,8 @@ impl Bvh {
             // This ends: once nothing but a balanced tree is allowed, there are at most 28 levels of nodes, as many
             // as binary ones, and each but the last leaves at most one entry on the stack.
             const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
-            if bvh.nodes.len() / 3 > node::MAX_NODES {
-                return Err(too_large("bvh_nodes", bvh.nodes.len() / 3, node::MAX_NODES));
+            if bvh.nodes.len() / NODE_TEXELS as usize > node::MAX_NODES {
+                return Err(too_large("bvh_nodes", bvh.nodes.len() / NODE_TEXELS as usize, node::MAX_NODES));
             }
             if bvh.depth <= STACK_SIZE + 1 {
                 return Ok(bvh);
@@ -196,29 +209,6 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
         depth,
         bounds: tree.first().map_or(Aabb::EMPTY, |root| root.bounds),
     }
-}
-
-/// The number that follows `name` in `source`: what a kernel and the host must agree on stands in the kernel alone.
-const fn constant_in(source: &str, name: &str) -> u32 {
-    let (source, name) = (source.as_bytes(), name.as_bytes());
-    let mut at = 0;
-    loop {
-        let mut same = 0;
-        while same < name.len() && source[at + same] == name[same] {
-            same += 1;
-        }
-        if same == name.len() {
-            break;
-        }
-        at += 1;
-    }
-    at += name.len();
-    let mut value = 0;
-    while source[at].is_ascii_digit() {
-        value = 10 * value + (source[at] - b'0') as u32;
-        at += 1;
-    }
-    value
 }
 
 #[cfg(test)]

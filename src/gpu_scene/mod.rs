@@ -66,7 +66,7 @@ impl GpuScene {
         let (textures, slots) = GpuTextures::new(gpu, scene)?;
         let surfaces = GpuSurfaces::new(gpu, scene, &slots, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
-        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
+        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
         let records =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
         // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.
@@ -82,7 +82,7 @@ impl GpuScene {
             bytes: records as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
-            procedurals: gpu.table("penumbra/scene/procedural_records", &procedurals, TableFormat::Float)?,
+            procedurals: gpu.table("penumbra/scene/procedural_texels", &procedurals, TableFormat::Float)?,
             procedural_count: scene.procedurals.len(),
             procedural_misses: gpu.buffer::<u32>("penumbra/scene/procedural_misses", 2)?,
         })
@@ -106,7 +106,7 @@ impl Bindings for GpuScene {
             "texture_slots" => (&self.textures.slots).into(),
             "colour_texels" => (&self.textures.colour).into(),
             "data_texels" => (&self.textures.data).into(),
-            "procedural_records" => (&self.procedurals).into(),
+            "procedural_texels" => (&self.procedurals).into(),
             "procedural_misses" => (&self.procedural_misses).into(),
             "camera" => (&self.camera).into(),
             "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),

@@ -7,9 +7,9 @@ use glam::Vec3;
 use crate::Result;
 use crate::gpu::{Features, Frame, Gpu};
 use crate::passes::Tile;
-use crate::passes::flux::Flux;
+use crate::passes::flux::{Flux, FluxSettings};
 use crate::passes::grid::{GridShape, Photon};
-use crate::passes::irradiance::BoundShow;
+use crate::passes::irradiance::{BoundShow, ShownMap};
 use crate::settings::Settings;
 use crate::statistics::Counter;
 
@@ -65,7 +65,8 @@ impl CausticMap {
         let rays = settings.flux_photons.saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
-        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.max_bounces, seed)?;
+        let flux = FluxSettings { rays, max_bounces: settings.max_bounces, seed };
+        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
         // A render that is taken up again traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;
@@ -86,7 +87,8 @@ impl CausticMap {
         let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &sorted, traced.step, shrink)?;
+        let shown = ShownMap { map: &sorted, step: traced.step, shrink };
+        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
         Ok(CausticMap { number, show: Some(show) })
     }
 

@@ -3,10 +3,11 @@
 use crate::Result;
 use crate::gpu::{Binding, Bindings, Features, Frame, Gpu};
 use crate::passes::Tile;
-use crate::passes::flux::{Flux, FluxPhotons};
+use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
 use crate::passes::grid::{Grid, GridShape};
 use crate::passes::irradiance::{
-    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
+    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, ShownMap,
+    irradiance_point_grid,
 };
 use crate::settings::Settings;
 use crate::statistics::{Counter, Indirect};
@@ -61,7 +62,8 @@ impl GlobalMap {
         let Settings { flux_photons, seed, .. } = *settings;
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
-            let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, max_bounces, seed)?;
+            let traced =
+                kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, FluxSettings { rays, max_bounces, seed })?;
             totals.photon_rays += traced.rays;
             totals.count(Counter::Overrun, traced.overruns);
             totals.count(Counter::NotFiniteFlux, traced.not_finite);
@@ -80,11 +82,11 @@ impl GlobalMap {
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {
-            let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
-            let shape = place_grid(extent, places.count);
+            let places = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
+            let shape = irradiance_point_grid(extent, places.count);
             let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
             let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, places, photons.step)?;
-            counts.places = u64::from(precomputed.places.count);
+            counts.places = u64::from(precomputed.points.count);
             totals.indirect_bytes += precomputed.bytes;
             totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
             irradiance = Some(precomputed);
@@ -92,7 +94,8 @@ impl GlobalMap {
         let mut show = None;
         if shown {
             totals.indirect_bytes += map.bytes;
-            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &map, photons.step)?);
+            let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0 };
+            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)?);
         }
         totals.indirect = counts;
         Ok(GlobalMap { irradiance, show })

@@ -7,7 +7,7 @@ use crate::Result;
 use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
 use crate::gpu_scene::CameraUniform;
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, LEAST_RADIUS_PIXELS, RecordHead};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, MIN_RADIUS_PIXELS, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;
@@ -125,7 +125,7 @@ impl Records {
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);
             primary.record(&mut frame, &part);
-            cache.record_place(&mut frame, buffers, &part);
+            cache.record_requests(&mut frame, buffers, &part);
             frame.submit()?;
             let wanted = wanted(gpu, buffers)?;
             if !wanted.is_empty() {
@@ -150,7 +150,7 @@ impl Records {
 
     /// Records of the least radius: those whose surroundings ask for less.
     fn least(&self, accuracy: f32) -> u64 {
-        let least = |head: &&RecordHead| accuracy * head.distance <= LEAST_RADIUS_PIXELS as f32 * head.size;
+        let least = |head: &&RecordHead| accuracy * head.distance <= MIN_RADIUS_PIXELS as f32 * head.size;
         self.heads.iter().filter(least).count() as u64
     }
 
@@ -185,7 +185,7 @@ impl Records {
 
 /// The radius of a record, from its distance and the size of a pixel.
 fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
-    (accuracy * distance).clamp(LEAST_RADIUS_PIXELS as f32 * pixel, LARGEST_RADIUS_PIXELS * pixel)
+    (accuracy * distance).clamp(MIN_RADIUS_PIXELS as f32 * pixel, LARGEST_RADIUS_PIXELS * pixel)
 }
 
 /// Distances of the records such that none is farther from its surroundings than a neighbour's distance and the way to it allow

@@ -118,6 +118,15 @@ impl TileBuffers {
         })
     }
 
+    /// The buffer for indirect light, which `kernel` requires.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`](crate::Error::Kernel) where the technique computes no indirect light.
+    pub(crate) fn required_indirect(&self, kernel: &str) -> Result<&Buffer> {
+        let missing = || crate::Error::kernel(kernel, "nothing is bound to the variable 'radiance_indirect'");
+        self.radiance_indirect.as_ref().ok_or_else(missing)
+    }
+
     /// Points that they have room for, at least.
     pub fn capacity(&self) -> u32 {
         (self.points.bytes / size_of::<Point>() as u64) as u32

@@ -29,7 +29,7 @@ const STACK_BYTES: usize = 1 << 28;
 const RENAMED: &str = "procedural_";
 
 /// The variable in which all loops count their turns; see `functions.wgsl`.
-const COUNTER: &str = "procedural_turns";
+const COUNTER: &str = "procedural_iterations";
 
 const NUMBER: TypeInner = TypeInner::Scalar(Scalar::F32);
 const VECTOR_3: TypeInner = TypeInner::Vector { size: VectorSize::Tri, scalar: Scalar::F32 };
@@ -301,7 +301,7 @@ fn bound_block(block: &mut Block, function: &mut Function, counter: Handle<Globa
     }
 }
 
-/// `procedural_turns += 1; if procedural_turns_before >= TURNS { break; }`
+/// `procedural_iterations += 1; if procedural_turns_before >= TURNS { break; }`
 fn count_a_turn(function: &mut Function, counter: Handle<GlobalVariable>) -> Vec<Statement> {
     let mut add = |expression| function.expressions.append(expression, Span::UNDEFINED);
     let pointer = add(Expression::GlobalVariable(counter));

@@ -12,13 +12,13 @@ fn procedural_next_SUFFIX(origin: vec3f, direction: vec3f, so_far: f32, end: f32
     var step = max(abs(first), epsilon);
     var least = epsilon;
     var crossed = false;
-    while finite && t < end && procedural_turns < PROCEDURAL_TURNS {
-        procedural_turns++;
+    while finite && t < end && procedural_iterations < PROCEDURAL_ITERATIONS {
+        procedural_iterations++;
         let next = t + step;
         let there = procedural_function_SUFFIX(origin + next * direction, parameters);
         finite = is_finite4(vec4f(there));
         // Past its turns a function's answer is none.
-        if !finite || procedural_turns >= PROCEDURAL_TURNS { break; }
+        if !finite || procedural_iterations >= PROCEDURAL_ITERATIONS { break; }
         least *= 1.01;
         let crosses = there * side < 0.0;
         if crosses && step <= epsilon { return vec4f(0.0, 0.0, 0.0, select(-1.0, next, next <= end)); }
@@ -27,7 +27,7 @@ fn procedural_next_SUFFIX(origin: vec3f, direction: vec3f, so_far: f32, end: f32
         step = select(max(abs(there), least), max(0.5 * step, epsilon), crossed);
     }
     if !finite { return procedural_lost(true); }
-    if procedural_turns >= PROCEDURAL_TURNS { return procedural_lost(false); }
+    if procedural_iterations >= PROCEDURAL_ITERATIONS { return procedural_lost(false); }
     return NO_CROSSING;
 }
 

@@ -20,8 +20,24 @@ pub const MAX_OBJECTS: usize = 64;
 /// Bit of a hit's primitive that tells an object from a triangle.
 pub(crate) const PROCEDURAL: u32 = 1 << 31;
 
-/// Records an object; [`Procedural::records`] has their table.
-pub(crate) const RECORDS: u32 = 8;
+/// Bits of a hit's primitive that hold the object's number.
+pub(crate) const INDEX_MASK: u32 = 0xff;
+const _: () = assert!(MAX_OBJECTS <= INDEX_MASK as usize);
+
+/// Texels of an object; [`Procedural::texels`] gives them.
+pub(crate) const TEXELS: u32 = 8;
+/// First of the three texels with the rows of the matrix from the scene to the object's space.
+pub(crate) const TO_OBJECT: u32 = 0;
+/// Texel of the box's low corner; w is the number of the function.
+pub(crate) const LOW: u32 = 3;
+/// Texel of the box's high corner; w is the material.
+pub(crate) const HIGH: u32 = 4;
+/// Texel of the function's parameters.
+pub(crate) const PARAMETERS: u32 = 5;
+/// Texel of the colour function's parameters.
+pub(crate) const COLOUR_PARAMETERS: u32 = 6;
+/// Texel of epsilon, clearance, the number of the colour function, and 1 for double-sided.
+pub(crate) const TRAITS: u32 = 7;
 
 /// Turns of all loops of a function and of the search along a ray, until the next crossing: 16 times what a fractal at a
 /// grazing angle takes, and a sixteenth of what software devices grant all rays of an invocation together.
@@ -201,7 +217,7 @@ impl Procedural {
 
     /// As the kernels read it: three rows of the way to own space; lower corner and function; upper corner and material;
     /// the function's parameters; the colour's; epsilon, clearance, colour function, whether it is double-sided.
-    pub(crate) fn records(&self, double_sided: bool) -> [[f32; 4]; RECORDS as usize] {
+    pub(crate) fn texels(&self, double_sided: bool) -> [[f32; 4]; TEXELS as usize] {
         let rows = self.to_own.matrix3.transpose();
         let row = |row: DVec3, offset: f64| [row.x as f32, row.y as f32, row.z as f32, offset as f32];
         let offset = self.to_own.translation;

@@ -1,4 +1,4 @@
-//! Pass `primary` against f64 rays through the pixels' middles, and glTF's rules for what they meet.
+//! Pass `primary` against f64 rays through the pixels' centres, and glTF's rules for the surfaces that they hit.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::buffer::POISON;
@@ -24,11 +24,11 @@ enum Fault {
     Backs,
     /// Normals are those of the fronts.
     Facing,
-    /// Nothing is cut off before the near plane or behind the far one.
+    /// The near and the far plane are ignored.
     Planes,
     /// Masks and blending are ignored.
     Alpha,
-    /// sRGB codes are taken for light.
+    /// sRGB codes are taken as linear.
     Linear,
     /// All textures tile.
     Wrap,
@@ -38,11 +38,11 @@ enum Fault {
     Colours,
     /// Shading normals are the geometric ones.
     Flat,
-    /// Rays leave from the triangle, not from the smooth surface that it stands for.
+    /// Rays leave from the triangle, not from the smooth surface that it approximates.
     Facets,
-    /// The surface's own normal is the triangle's.
+    /// The geometric normal is the triangle's.
     FacetNormals,
-    /// The distance for the depth.
+    /// The depth is the distance.
     Depth,
 }
 
@@ -72,14 +72,14 @@ fn panels() -> Scene {
         |x: f64, y: f64, z: f64| -> Vec<Corners> { panel(x, y, z).into_iter().map(|[a, b, c]| [a, c, b]).collect() };
     let wall = square(DVec3::new(0.0, 0.0, -0.6), DVec3::new(0.7, 0.0, 0.2), DVec3::Y * 0.6);
     let near = square(DVec3::new(-0.07, 0.0, 1.7), DVec3::new(0.07, 0.0, 0.0), DVec3::new(0.0, 0.05, 0.12));
-    let slot = |texture| {
+    let info = |texture| {
         let matrix = Mat2::from_cols(Vec2::new(1.7, 0.3), Vec2::new(-0.4, 1.6));
         Some(TextureSlot { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
     };
     let plain = surface(0.5, 0.0);
     let base_colour = Vec4::new(0.9, 0.7, 0.8, 0.9);
     let textured =
-        |texture| Material { base_colour, base_colour_texture: slot(texture), double_sided: true, ..surface(0.5, 0.0) };
+        |texture| Material { base_colour, base_colour_texture: info(texture), double_sided: true, ..surface(0.5, 0.0) };
     let emits = Material { emissive: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() };
     let meshes = [
         (sphere(DVec3::new(0.0, 0.0, 0.1), 0.15, 10), plain.clone()),
@@ -87,7 +87,7 @@ fn panels() -> Scene {
         (near, plain.clone()),
         (panel(-0.4, 0.4, 0.2), emits.clone()),
         (back(-0.1, 0.4, 0.1), emits.clone()),
-        (back(0.2, 0.4, 0.2), Material { double_sided: true, emissive_texture: slot(3), ..emits }),
+        (back(0.2, 0.4, 0.2), Material { double_sided: true, emissive_texture: info(3), ..emits }),
         (panel(0.45, 0.1, 0.2), textured(0)),
         (back(-0.4, 0.1, 0.2), textured(1)),
         (panel(-0.4, -0.2, 0.2), textured(2)),
@@ -136,10 +136,10 @@ fn cameras() -> [Camera; 2] {
     [perspective.clone(), Camera { projection, ..perspective }]
 }
 
-/// What a pixel shows.
-struct Seen {
+/// The visible surface of a pixel.
+struct Visible {
     position: DVec3,
-    /// Where its rays leave from, and how far roundings of normals may move that.
+    /// Origin of rays that leave it, and how far roundings of normals may move that.
     leaving: DVec3,
     moved: f64,
     distance: f64,
@@ -183,13 +183,13 @@ impl Oracle<'_> {
         }
     }
 
-    /// What a pixel shows; an error where that hangs on rounding.
-    fn see(&self, pixel: usize) -> Result<Option<Seen>, ()> {
+    /// The visible surface of a pixel; an error where that depends on rounding.
+    fn see(&self, pixel: usize) -> Result<Option<Visible>, ()> {
         let (origin, direction, cosine) = self.ray(pixel);
         let (near, far) = (f64::from(self.camera.near) / cosine, f64::from(self.camera.far) / cosine);
         let mut found: Option<Crossing> = None;
         for crossing in crossings(self.scene, origin, direction) {
-            // Behind the surface that was found nothing matters, but what is as near.
+            // Only surfaces at the same distance matter behind the one found.
             if found.is_some_and(|f| crossing.t > f.t + 1e-5) {
                 break;
             }
@@ -229,7 +229,7 @@ impl Oracle<'_> {
         if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok(alpha > threshold) }
     }
 
-    fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Seen, ()> {
+    fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Visible, ()> {
         let triangle = &self.scene.triangles[crossing.triangle];
         let material = &self.scene.materials[triangle.material as usize];
         let corners = triangle.vertices.map(|v| self.scene.vertices[v as usize]);
@@ -275,7 +275,7 @@ impl Oracle<'_> {
         } else if shines {
             emission = material.emissive.as_dvec3() * self.texel(&material.emissive_texture, crossing)?.truncate();
         }
-        Ok(Seen {
+        Ok(Visible {
             position,
             leaving,
             moved,
@@ -293,16 +293,16 @@ impl Oracle<'_> {
     }
 
     /// A texture at a point of a triangle; ones where there is none.
-    fn texel(&self, slot: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
-        let Some(slot) = slot else { return Ok(DVec4::ONE) };
-        let texture = &self.scene.textures[slot.texture as usize];
+    fn texel(&self, info: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
+        let Some(info) = info else { return Ok(DVec4::ONE) };
+        let texture = &self.scene.textures[info.texture as usize];
         let image = &self.scene.images[texture.image as usize];
         let corners = self.scene.triangles[crossing.triangle].vertices;
         let [a, b, c] = corners.map(|v| self.scene.vertices[v as usize].uv[0].as_dvec2());
         let uv = a + crossing.u * (b - a) + crossing.v * (c - a);
-        let matrix = DMat2::from_cols(slot.matrix.x_axis.as_dvec2(), slot.matrix.y_axis.as_dvec2());
-        let place =
-            (matrix * uv + slot.offset.as_dvec2()) * DVec2::new(f64::from(image.width), f64::from(image.height));
+        let matrix = DMat2::from_cols(info.matrix.x_axis.as_dvec2(), info.matrix.y_axis.as_dvec2());
+        let position =
+            (matrix * uv + info.offset.as_dvec2()) * DVec2::new(f64::from(image.width), f64::from(image.height));
         let wrapped = |i: f64, size: u32, wrap: Wrap| {
             let (i, n) = (i as i64, i64::from(size));
             match wrap {
@@ -321,11 +321,11 @@ impl Oracle<'_> {
         };
         if texture.filter == Filter::Nearest && self.fault != Fault::Filter {
             // Texels begin at whole numbers.
-            let to_border = (place - place.round()).abs().min_element();
-            return if to_border < 1e-4 { Err(()) } else { Ok(at(place.x.floor(), place.y.floor())) };
+            let to_border = (position - position.round()).abs().min_element();
+            return if to_border < 1e-4 { Err(()) } else { Ok(at(position.x.floor(), position.y.floor())) };
         }
-        let corner = (place - 0.5).floor();
-        let f = place - 0.5 - corner;
+        let corner = (position - 0.5).floor();
+        let f = position - 0.5 - corner;
         let row = |y: f64| at(corner.x, y).lerp(at(corner.x + 1.0, y), f.x);
         Ok(row(corner.y).lerp(row(corner.y + 1.0), f.y))
     }
@@ -398,35 +398,35 @@ const COLOUR: f64 = 2e-5;
 const NORMAL: f64 = 2e-4;
 
 /// Whether the pass wrote for a pixel what the oracle sees.
-fn same(outcome: &Outcome, i: usize, seen: &Option<Seen>) -> bool {
+fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
     let [point, packed, radiance, albedo, normal, position] = outcome.lists();
-    let Some(seen) = seen else {
+    let Some(visible) = visible else {
         return point[i] == [0, 0, 0, INVALID_POINT]
             && packed[i] == [POISON; 4]
             && [radiance, albedo, normal, position].iter().all(|list| list[i] == [0; 4]);
     };
     let near = |got: DVec3, expected: DVec3, tolerance: f64| (got - expected).abs().max_element() <= tolerance;
     let colour = |list: &Vec<[u32; 4]>, expected: DVec3| {
-        near(vector(list).truncate(), expected, seen.colour) && vector(list).w == 1.0
+        near(vector(list).truncate(), expected, visible.colour) && vector(list).w == 1.0
     };
     // The direction's roundings over the way, along the surface.
-    let tolerance = 1e-6 * seen.distance / seen.cosine;
-    let lit = if seen.unlit {
+    let tolerance = 1e-6 * visible.distance / visible.cosine;
+    let lit = if visible.unlit {
         point[i] == [0, 0, 0, INVALID_POINT]
     } else {
-        near(vector(point).truncate(), seen.leaving, tolerance + seen.moved)
-            && near(oct_decode(point[i][3], 16), seen.geometric, NORMAL)
+        near(vector(point).truncate(), visible.leaving, tolerance + visible.moved)
+            && near(oct_decode(point[i][3], 16), visible.geometric, NORMAL)
     };
-    let reflected = if seen.unlit { DVec3::ZERO } else { seen.base };
-    lit && near(vector(packed).truncate(), reflected, seen.colour)
-        && near(oct_decode(packed[i][3], 16), seen.shading, NORMAL)
-        && colour(radiance, seen.emission)
-        && colour(albedo, seen.base)
-        && near(vector(normal).truncate(), seen.shading, NORMAL)
+    let reflected = if visible.unlit { DVec3::ZERO } else { visible.base };
+    lit && near(vector(packed).truncate(), reflected, visible.colour)
+        && near(oct_decode(packed[i][3], 16), visible.shading, NORMAL)
+        && colour(radiance, visible.emission)
+        && colour(albedo, visible.base)
+        && near(vector(normal).truncate(), visible.shading, NORMAL)
         && vector(normal).w == 1.0
-        && near(vector(position).truncate(), seen.position, tolerance)
-        && (vector(position).w - seen.depth).abs() <= tolerance
+        && near(vector(position).truncate(), visible.position, tolerance)
+        && (vector(position).w - visible.depth).abs() <= tolerance
 }
 
 #[test]
@@ -445,9 +445,9 @@ fn pixels_show_what_rays_in_f64_meet() {
                         doubtful += usize::from(fault == Fault::None);
                         false
                     }
-                    Ok(seen) => {
-                        missed += usize::from(fault == Fault::None && seen.is_none());
-                        !same(&outcome, *i, &seen)
+                    Ok(visible) => {
+                        missed += usize::from(fault == Fault::None && visible.is_none());
+                        !same(&outcome, *i, &visible)
                     }
                 };
                 (0..count).filter(differs).collect::<Vec<usize>>()
@@ -469,7 +469,7 @@ fn pixels_show_what_rays_in_f64_meet() {
             assert!(missed > 20, "no pixel shows nothing");
             let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault: Fault::None };
             let mut met = vec![0; stage.scene.materials.len()];
-            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|seen| met[seen.material] += 1);
+            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|visible| met[visible.material] += 1);
             assert!(met.iter().all(|n| *n > 20), "pixels of each material: {met:?}");
         }
     }
@@ -491,11 +491,11 @@ fn tiles_and_layers_are_the_whole() {
     };
     let differences = |tile: &Tile, layer_0: u32| -> usize {
         let got = run(&stage, tile);
-        let place = |i: usize| {
+        let index = |i: usize| {
             let (layer, pixel) = (i / tile.pixel_count as usize, i % tile.pixel_count as usize);
             (layer + layer_0 as usize) * all.pixel_count as usize + (tile.first_row * size[0]) as usize + pixel
         };
-        let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[place(*i)]);
+        let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[index(*i)]);
         (0..tile.point_count as usize).filter(differs).count()
     };
     for (first_row, rows) in [(0, 5), (5, 1), (6, 7)] {
@@ -527,14 +527,17 @@ fn tiles_and_layers_are_the_whole() {
     let valid: Vec<usize> = (0..all.point_count as usize).filter(|i| outcome.points[*i][3] != INVALID_POINT).collect();
     let outside: Vec<usize> = valid.iter().copied().filter(|i| !within(*i, 0.0)).collect();
     assert!(valid.len() > 300 && outside.is_empty(), "{outside:?} of {}", valid.len());
-    assert!(valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4, "half a pixel aside is not seen");
+    assert!(
+        valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4,
+        "an offset of half a pixel is not found"
+    );
 }
 
 /// A normal map in its tangent frame, metallic and roughness of a texture, and a base colour that the second set of
 /// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
 #[test]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
-    let slot = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+    let info = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
     let material = Material {
         base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
         metallic: 0.8,
@@ -542,9 +545,9 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         specular: 0.6,
         specular_colour: Vec3::new(1.0, 0.9, 0.8),
         normal_scale: 0.7,
-        base_colour_texture: slot(0, 1),
-        metallic_roughness_texture: slot(1, 0),
-        normal_texture: slot(2, 0),
+        base_colour_texture: info(0, 1),
+        metallic_roughness_texture: info(1, 0),
+        normal_texture: info(2, 0),
         ..surface(0.5, 0.0)
     };
     // Its diagonals are off the middle of the image.

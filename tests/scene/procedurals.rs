@@ -176,7 +176,7 @@ fn bad_functions_are_refused() {
             with("@group(0) @binding(0) var<storage, read_write> counters: array<u32>;", "return vec4f(0.0);"),
             "`counters`",
         ),
-        (with("var<private> traversal_turns: u32;", "return vec4f(0.0);"), "`traversal_turns`"),
+        (with("var<private> traversal_iterations: u32;", "return vec4f(0.0);"), "`traversal_iterations`"),
         (with("var<workgroup> shared_by_all: u32;", "return vec4f(0.0);"), "`shared_by_all`"),
         (with("override radius = 1.0;", "return vec4f(radius);"), "`radius`"),
         (with("@compute @workgroup_size(1) fn main() {}", "return vec4f(0.0);"), "`main`"),
@@ -207,10 +207,10 @@ fn names_of_the_kernels_may_be_used() {
         fn trace_closest(tile: f32) -> Hit { return Hit(tile, vec3f(PI)); }
         fn max(a: f32, b: f32) -> f32 { return a + b; }
         fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {
-            var procedural_turns = 1.0;
+            var procedural_iterations = 1.0;
             let procedural_function_aa = 2.0;
-            for (var i1 = 0; i1 < 3; i1++) { procedural_turns = max(procedural_turns, trace_closest(1.0).t); }
-            return vec4f(trace_closest(procedural_function_aa).normal, procedural_turns);
+            for (var i1 = 0; i1 < 3; i1++) { procedural_iterations = max(procedural_iterations, trace_closest(1.0).t); }
+            return vec4f(trace_closest(procedural_function_aa).normal, procedural_iterations);
         }";
     let scene = file(sphere(json!({ "source": data(source) })), json!({})).load();
     let features = penumbra::gpu::Features::default().with("procedurals", true).with_functions(scene.functions);
