@@ -56,7 +56,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(9) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Marks a ray whose diffuse part a look-up has radiance: the path takes only the rest, a metal's reflection.
+// Marks a ray whose diffuse part is a look-up's: its path brings only the rest, a metal's reflection.
 const FOLLOW_RESIDUAL = 0x80000000u;
 // Distance of a ray without a hit.
 const NO_DISTANCE = 1e30;
@@ -192,7 +192,7 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
     let rings = gather_pass.rings;
     let sectors = gather_pass.sectors;
     let here = base + k * rings;
-    let beside = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
+    let previous = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
     let angle = 2.0 * PI * (f32(k) + 0.5) / f32(sectors);
     let edge_angle = 2.0 * PI * f32(k) / f32(sectors);
     // Towards the sector's middle, and across its first edge.
@@ -207,7 +207,7 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
     var sine = 0.0;
     for (var j = 0u; j < rings; j++) {
         let ray = gathered[here + j];
-        let neighbour = gathered[beside + j];
+        let neighbour = gathered[previous + j];
         let distance = max(ray.w, min_distance);
         let next_sine = sqrt(f32(j + 1u) / f32(rings));
         if j > 0u {

@@ -118,7 +118,7 @@ struct PhotonQuery {
     normal: vec3f,
 }
 
-// Where photons that reached point i are stored: on the triangle, not on the smooth surface that it stands for.
+// Where photons that reached point i are stored: on the triangle, not on the smooth surface that the triangle approximates.
 @if(photon_map || caustics)
 fn photon_query(i: u32) -> PhotonQuery {
     @if(smooth_normals) {

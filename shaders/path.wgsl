@@ -35,8 +35,8 @@ struct PathParameters {
 
 var<immediate> parameters: PathParameters;
 
-// Each of these holds two counts of a workgroup, so that there are two atomics in place of four; more would cost
-// software devices more than the counts are worth. The lower SECOND_COUNT bits count rays, of which an invocation
+// Each of these holds two counts of a workgroup: on software devices four atomics would cost more than the counts are
+// worth. The lower SECOND_COUNT bits count rays, of which an invocation
 // traces at most MAX_ITERATIONS. The upper ones count invocations whose radiance is not finite, or whose path is heavy.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;

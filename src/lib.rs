@@ -8,6 +8,7 @@ pub mod fingerprint;
 pub mod gpu;
 pub mod gpu_scene;
 mod input;
+pub mod kernels;
 pub mod light_transport;
 pub mod passes;
 pub mod procedural;

@@ -78,7 +78,7 @@ struct PathRadiance {
 struct PathStart {
     // Bounces before the first vertex.
     bounce: u32,
-    // Radius of the path's cone there.
+    // Radius there of the cone of directions that the path samples.
     spread: f32,
 }
 
@@ -90,11 +90,11 @@ struct Path {
     throughput: vec3f,
     // What the path has brought back so far.
     radiance: PathRadiance,
-    // Whether it goes on from the vertex.
+    // Whether the path continues from the vertex.
     goes_on: bool,
     // Light points that `shade` took of each light, where it did.
     light_samples: u32,
-    // Radius of the cone that the path stands for.
+    // Radius at the vertex of the cone of directions that the path samples.
     @if(global_map) spread: f32,
     // Where photons that reached the vertex are stored, and the normal there.
     @if(global_map) photon_position: vec3f,

@@ -22,7 +22,7 @@ struct Hit {
 const NO_HIT: u32 = 0xffffffffu;
 
 // The direction with each component of 0 replaced by 2^-80 of the same sign, so that no quotient is infinite or NaN.
-// MIN_EXPONENT in src/bvh/node.rs says why no box of the hierarchy is missed.
+// No box of the hierarchy is missed by that: see MIN_EXPONENT in src/bvh/node.rs.
 fn nonzero_direction(d: vec3f) -> vec3f {
     let smallest = 8.2718061e-25;
     return select(d, select(vec3f(smallest), vec3f(-smallest), d < vec3f(0.0)), abs(d) < vec3f(smallest));
@@ -100,9 +100,9 @@ fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_
 // so the error that remains is the square of the first one.
 @if(needles)
 fn on_plane(a: vec3f, b: vec3f, c: vec3f, weights: vec3f, t: f32) -> f32 {
-    let beside = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
+    let offset = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
     let normal = cross(b - a, c - a);
-    let moved = t + dot(normal.xy, beside) / normal.z;
+    let moved = t + dot(normal.xy, offset) / normal.z;
     // A needle that is parallel to the ray has no certain inclination, but its points lie between its corners. (`moved`
     // is NaN where the ray lies in the plane, and comparisons with NaN are false.)
     let nearest_corner = min(a.z, min(b.z, c.z));

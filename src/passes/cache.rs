@@ -3,9 +3,10 @@
 
 use crate::gpu::buffer::{TableFormat, whole_rows};
 use crate::gpu::{Binding, Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Table};
+use crate::kernels::{RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
 use crate::{Result, bindings, shared_struct};
 
-use super::gather::{RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT, RecordHead};
+use super::gather::RecordHead;
 use super::{Tile, TileBuffers, kernel};
 
 shared_struct! {

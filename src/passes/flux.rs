@@ -4,6 +4,7 @@
 
 use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
 use crate::gpu_scene::GpuLights;
+use crate::kernels::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STEPS, FLUX_STORED, FLUX_TRACED};
 use crate::{Result, bindings, shared_struct};
 
 use super::grid::Photon;
@@ -34,25 +35,6 @@ const BATCH_RAYS: u32 = 1 << 15;
 /// Photons per ray that the first buffer has room for: a room of albedo 0.7 stores 3.
 const PHOTONS_PER_RAY: usize = 4;
 
-/// Steps of a photon's encoded flux to a unit.
-pub(crate) const FLUX_STEPS: u32 = 31;
-
-/// Maximum flux of a photon in units; what a photon carries beyond it is lost, and counted.
-pub(crate) const MAX_FLUX: u32 = 512;
-
-/// Indices of the kernel's counts: photons stored,
-pub(crate) const STORED: u32 = 0;
-/// rays whose traversal gave up,
-pub(crate) const OVERRUNS: u32 = 1;
-/// rays traced,
-pub(crate) const TRACED: u32 = 2;
-/// photons of more than [`MAX_FLUX`],
-pub(crate) const CLIPPED: u32 = 3;
-/// photons not stored because their flux is not finite.
-pub(crate) const NOT_FINITE: u32 = 4;
-/// Number of counts.
-pub(crate) const COUNTS: u32 = 5;
-
 /// The pass; see `shaders/flux.wgsl`.
 pub struct Flux(Kernel);
 
@@ -79,7 +61,7 @@ pub struct FluxPhotons {
     pub rays: u64,
     /// Power of one step of a photon's encoded flux, in the scene's units over normalised lengths squared.
     pub step: f64,
-    /// Photons whose flux exceeded what their word holds, and was clipped to it.
+    /// Photons whose flux exceeded [`MAX_FLUX`](crate::kernels::MAX_FLUX) units and was clipped to it.
     pub cut: u64,
     /// Photons not stored because their flux is not finite.
     pub not_finite: u64,
@@ -92,7 +74,7 @@ struct Batches<'a> {
     gpu: &'a Gpu,
     settings: FluxSettings,
     light_count: u32,
-    /// Flux of the largest photon that leaves a light, the unit of the photons' words.
+    /// Largest flux of a ray that leaves a light: the unit of flux in the photons' words.
     unit: f64,
     ray_table: Buffer,
     counts: Buffer,
@@ -172,7 +154,7 @@ impl<'a> Batches<'a> {
             light_count: powers.len() as u32,
             unit,
             ray_table: gpu.upload("penumbra/flux/rays", &first_rays)?,
-            counts: gpu.buffer::<u32>("penumbra/flux/counts", COUNTS as usize)?,
+            counts: gpu.buffer::<u32>("penumbra/flux/counts", FLUX_COUNTS as usize)?,
             room,
             limit,
             traced,
@@ -185,7 +167,7 @@ impl<'a> Batches<'a> {
         while first_ray < self.traced.emitted && self.unit > 0.0 {
             let ray_count = BATCH_RAYS.min(self.traced.emitted - first_ray);
             let counts = self.run(kernel, scene, first_ray, ray_count)?;
-            let needed = self.traced.count as usize + counts[STORED as usize] as usize;
+            let needed = self.traced.count as usize + counts[FLUX_STORED as usize] as usize;
             if needed > self.limit {
                 return Ok(None);
             }
@@ -194,11 +176,11 @@ impl<'a> Batches<'a> {
                 self.grow(needed)?;
                 continue;
             }
-            self.traced.count += counts[STORED as usize];
-            self.traced.rays += u64::from(counts[TRACED as usize]);
-            self.traced.cut += u64::from(counts[CLIPPED as usize]);
-            self.traced.not_finite += u64::from(counts[NOT_FINITE as usize]);
-            self.traced.overruns += u64::from(counts[OVERRUNS as usize]);
+            self.traced.count += counts[FLUX_STORED as usize];
+            self.traced.rays += u64::from(counts[FLUX_TRACED as usize]);
+            self.traced.cut += u64::from(counts[FLUX_CLIPPED as usize]);
+            self.traced.not_finite += u64::from(counts[FLUX_NOT_FINITE as usize]);
+            self.traced.overruns += u64::from(counts[FLUX_OVERRUNS as usize]);
             first_ray += ray_count;
         }
         Ok(Some(self.traced))
@@ -211,7 +193,7 @@ impl<'a> Batches<'a> {
         scene: &dyn Bindings,
         first_ray: u32,
         ray_count: u32,
-    ) -> Result<[u32; COUNTS as usize]> {
+    ) -> Result<[u32; FLUX_COUNTS as usize]> {
         let own =
             FluxBindings { flux_photons: &self.traced.photons, flux_counts: &self.counts, flux_rays: &self.ray_table };
         let bound = kernel.bind(self.gpu, "flux", &[&own, scene])?;
@@ -229,7 +211,7 @@ impl<'a> Batches<'a> {
         frame.clear(&self.counts);
         frame.run(&bound, ray_count, &parameters);
         frame.submit()?;
-        Ok(self.gpu.read::<[u32; COUNTS as usize]>(&self.counts, 1)?[0])
+        Ok(self.gpu.read::<[u32; FLUX_COUNTS as usize]>(&self.counts, 1)?[0])
     }
 
     /// Moves the photons to a buffer that has room for `needed` of them.

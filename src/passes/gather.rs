@@ -1,6 +1,7 @@
 //! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel};
+use crate::kernels::RECORD_HEAD_TEXELS;
 use crate::{Result, bindings, shared_struct};
 
 use super::{TileBuffers, kernel};
@@ -42,21 +43,7 @@ shared_struct! {
     }
 }
 
-/// Texels of a [`RecordHead`].
-pub(crate) const RECORD_HEAD_TEXELS: u32 = (size_of::<RecordHead>() / size_of::<[f32; 4]>()) as u32;
-
-/// Texels of a record's values without rotational gradients: the translational gradient and the irradiance of each
-/// channel.
-pub(crate) const RECORD_VALUE_TEXELS_FLAT: u32 = 3;
-
-/// Texels of a record's values with rotational gradients.
-pub(crate) const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
-
-/// Minimum radius of a record in pixels: denser records cost more than they improve.
-pub const MIN_RADIUS_PIXELS: u32 = 3;
-
-/// Invocations of a workgroup, by which the rays to be followed are dispatched.
-pub(crate) const GROUP: u32 = 64;
+const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
 /// Rays of a dispatch: 4 MiB of results, and short enough for a desktop's watchdog.
 const BATCH_RAYS: u32 = 1 << 18;

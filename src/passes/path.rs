@@ -24,9 +24,6 @@ bindings! {
     struct PathBindings { points, surfaces, radiance_direct, radiance_indirect, counters }
 }
 
-/// Invocations of a workgroup, by which a queue of points is dispatched.
-pub const GROUP: u32 = 64;
-
 /// The pass; see `shaders/path.wgsl`.
 pub struct Path(Kernel);
 

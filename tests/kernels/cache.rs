@@ -5,9 +5,9 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3, Vec4};
 use penumbra::gpu::Features;
 use penumbra::gpu::buffer::{POISON, whole_rows};
+use penumbra::kernels::PATH_GROUP;
 use penumbra::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
 use penumbra::passes::gather::RecordHead;
-use penumbra::passes::path::GROUP;
 use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 
 use crate::kit::{device_features, gpu};
@@ -58,8 +58,8 @@ fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, ra
     let count = tile.point_count as usize;
     let points = (0..count)
         .map(|_| {
-            let place = point(slab(random), Vec3::Z);
-            if random.uniform() < 0.05 { Point { normal: INVALID_POINT, ..place } } else { place }
+            let valid = point(slab(random), Vec3::Z);
+            if random.uniform() < 0.05 { Point { normal: INVALID_POINT, ..valid } } else { valid }
         })
         .collect();
     let albedos =
@@ -144,7 +144,7 @@ impl Setup {
         assert!(beyond.iter().all(|word| *word == POISON), "queued behind {queued}");
         path_points.sort_unstable();
         let [x, y, z, beyond]: [u32; 4] = gpu().read::<[u32; 4]>(&buffers.path_arguments, 1).unwrap()[0];
-        let groups = queued.div_ceil(GROUP);
+        let groups = queued.div_ceil(PATH_GROUP);
         assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
         Outcome { wanted: wanted(gpu(), &buffers).unwrap(), path_points, radiance }
     }

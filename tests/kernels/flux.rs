@@ -256,11 +256,11 @@ fn photons_lie_as_light_does() {
         // Means over a cell by midpoints; flux of all is pi times the area 0.06.
         let at = |k: usize, n: usize| (k as f64 + 0.5) / n as f64 - 0.5;
         let mean = |cell: usize| {
-            let place = |k: usize| {
+            let position = |k: usize| {
                 let x = at(cell % CELLS * 4 + k % 4, 4 * CELLS);
                 DVec3::new(x, -0.5, at(cell / CELLS * 4 + k / 4, 4 * CELLS))
             };
-            (0..16).map(|k| form_factor(&light, false, place(k), DVec3::Y, true)).sum::<f64>() / 16.0
+            (0..16).map(|k| form_factor(&light, false, position(k), DVec3::Y, true)).sum::<f64>() / 16.0
         };
         let all = f64::from(traced.emitted) / (PI * 0.06 * (CELLS * CELLS) as f64);
         (0..CELLS * CELLS).map(|cell| mean(cell) * all).collect()

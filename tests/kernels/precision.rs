@@ -247,21 +247,21 @@ fn closed_form() -> Vec<Row> {
     let families = families();
     let scene: Scene = light::scene(&families.iter().map(|f| (f.light.clone(), false)).collect::<Vec<_>>(), &[]);
     let mut random = Random(17);
-    let mut places = Vec::new();
+    let mut points = Vec::new();
     for (i, family) in families.iter().enumerate() {
         for _ in 0..4000 {
             let (position, normal) = (family.receiver)(&mut random, &family.light);
-            places.push(Place::new(position, normal, i));
+            points.push(Place::new(position, normal, i));
         }
     }
-    let got = light::run(&scene, "closed", &places, places.len(), 1, 0);
+    let got = light::run(&scene, "closed", &points, points.len(), 1, 0);
     families
         .iter()
         .enumerate()
         .map(|(i, family)| {
             let (triangles, _) = light::triangles_of(&scene, i);
-            let errors = places.iter().zip(&got).filter(|(place, _)| place.light == i).map(|(place, got)| {
-                let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
+            let errors = points.iter().zip(&got).filter(|(point, _)| point.light == i).map(|(point, got)| {
+                let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
                 let exact = lambert(&triangles, position, normal);
                 let scale = match family.scale {
                     "irradiance" => exact,

@@ -111,11 +111,11 @@ fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
     let relative = corners.map(|corner| corner - ray.origin.as_dvec3());
     let flat = relative.map(|q| DVec2::new(q.dot(x), q.dot(y)));
     let normal = (relative[1] - relative[0]).cross(relative[2] - relative[0]);
-    let turn = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]).signum();
+    let orientation = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]).signum();
     let inside = (0..3)
         .map(|i| {
             let (a, b) = (flat[i], flat[(i + 1) % 3]);
-            turn * (b - a).perp_dot(-a) / (b - a).length()
+            orientation * (b - a).perp_dot(-a) / (b - a).length()
         })
         .fold(f64::INFINITY, f64::min);
     let reach = relative.iter().map(|q| q.length()).fold(0.0, f64::max);
@@ -434,7 +434,7 @@ fn slivers_leave_no_gaps() {
             assert!(answer.u >= 0.0 && answer.v >= 0.0 && answer.u + answer.v <= 1.000001, "{answer:?}");
             // Coordinates relative to the ray are below 1, so the three edge functions are off by 2^-21 in all, and
             // the barycentric coordinates by that over the determinant, 2 area = width: t moves so much of a
-            // sliver's length, which is 1. For the thinnest that only says that t lies between the corners.
+            // sliver's length, which is 1. For the thinnest slivers this only bounds t between the corners.
             let slack = 2f64.powi(-21) / f64::from(width);
             assert!((f64::from(answer.t) - t).abs() < slack, "{ray:?}: {answer:?} instead of {t}");
             // Moved along the plane, whose inclination is off by as much: the square of that, and a few roundings.
