@@ -1,6 +1,7 @@
 //! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
 
 use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel};
+pub use crate::kernels::MIN_RADIUS_PIXELS;
 use crate::kernels::RECORD_HEAD_TEXELS;
 use crate::{Result, bindings, shared_struct};
 

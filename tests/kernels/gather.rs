@@ -278,8 +278,8 @@ fn distances_are_harmonic_means() {
         }
         let measured = by_seed.iter().map(|records| 1.0 / f64::from(records[0].head.distance));
         let (mean, error) = mean_and_error(measured);
-        // Facets of the sphere are up to 0.3 % nearer than its radius. Between the planes, rays below 1.2 degrees, 0.04
-        // % of the cosine's weight, hit nothing.
+        // Facets of the sphere are up to 0.3 % nearer than its radius. Between the planes, rays below 1.2 degrees hit
+        // nothing: 0.04 % of the cosine's weight.
         let error = error + 1e-3 / expected;
         z_test(mean, error, 1.0 / expected, 2).unwrap_or_else(|e| panic!("{name}: {e}"));
         z_test(1.05 * mean, error, 1.0 / expected, 2).expect_err("five percent too near");

@@ -96,8 +96,8 @@ impl Bench {
         frame.submit().unwrap();
         let mut irradiances: Vec<[f32; 4]> = gpu().read(&irradiances, count + BEYOND).unwrap();
         let beyond = irradiances.split_off(count);
-        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} irradiance_points");
-        assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} irradiance_points");
+        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} irradiance points");
+        assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} irradiance points");
         let not_finite = gpu().read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
         Estimates { points: gpu().read(&irradiance_points.sorted, count).unwrap(), irradiances, not_finite }
     }
@@ -369,7 +369,7 @@ fn estimates_are_those_of_brute_force() {
             }
         }
     }
-    println!("{checked} irradiance_points, {doubts} undecided, {partly} partly covered");
+    println!("{checked} irradiance points, {doubts} undecided, {partly} partly covered");
     assert!(doubts * 5 < checked && partly > 50);
 }
 
@@ -726,7 +726,7 @@ fn look_ups_find_the_nearest_irradiance_point() {
         let wrong = |found: &[[f32; 4]]| {
             points.iter().zip(found).filter(|(p, estimates)| !allowed(p).contains(estimates)).count()
         };
-        assert_eq!(wrong(&found), 0, "{irradiance_point_count} irradiance_points");
+        assert_eq!(wrong(&found), 0, "{irradiance_point_count} irradiance points");
         let certain = points.iter().filter(|p| allowed(p).len() == 1).count();
         if irradiance_point_count == 1000 {
             assert!(certain > points.len() / 3, "{certain} of {} points have a certain value", points.len());

@@ -16,13 +16,13 @@ use crate::path::{camera, scene, surface};
 use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, whole};
 use crate::statistics::Random;
 
-/// Defects that the comparison must find.
+/// Faults planted in the oracle, which the comparison must find.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
-    /// Backs of single-sided surfaces emit.
+    /// Back faces of single-sided surfaces emit.
     Backs,
-    /// Normals are those of the fronts.
+    /// Normals are on the front side.
     Facing,
     /// The near and the far plane are ignored.
     Planes,
@@ -30,7 +30,7 @@ enum Fault {
     Alpha,
     /// sRGB codes are taken as linear.
     Linear,
-    /// All textures tile.
+    /// All textures repeat.
     Wrap,
     /// All textures are filtered.
     Filter,
@@ -128,7 +128,7 @@ fn panels() -> Scene {
     scene
 }
 
-/// From the front, slightly aside, with planes that cut off some of the nearest panel and of the wall.
+/// Views from the front, slightly aside; the near and far planes cut off parts of the nearest panel and of the wall.
 fn cameras() -> [Camera; 2] {
     let view = camera(DVec3::new(0.05, 0.1, 2.0), DVec3::new(-0.02, -0.04, -1.0), 0.65);
     let perspective = Camera { near: 0.3, far: 2.65, ..view };
@@ -165,7 +165,7 @@ struct Oracle<'s> {
 }
 
 impl Oracle<'_> {
-    /// The ray through the middle of a pixel, and the cosine between it and the viewing direction.
+    /// The ray through the centre of a pixel, and the cosine between it and the viewing direction.
     fn ray(&self, pixel: usize) -> (DVec3, DVec3, f64) {
         let [right, up, backward] = self.camera.axes.map(|a| a.as_dvec3());
         let [width, height] = [self.tile.width, self.tile.height].map(f64::from);
@@ -241,12 +241,12 @@ impl Oracle<'_> {
         let mut shading = crossing.normal;
         if corners[0].normal != Vec3::ZERO && self.fault != Fault::Flat {
             shading = (0..3).map(|i| weights[i] * corners[i].normal.as_dvec3()).sum::<DVec3>().normalize();
-            // At the rim the normal is bent towards the viewer, by how much is left to the pass.
+            // At the rim the pass bends the normal towards the viewer; the oracle does not repeat by how much.
             if faced(shading).dot(-direction) < 2e-3 {
                 return Err(());
             }
-            // The sum of the projections to the tangent planes that are over the point (Hanika 2021). From inside, the
-            // ball is hollow: they are under it.
+            // The sum of the projections onto the tangent planes that are above the point (Hanika 2021). Seen from inside,
+            // the ball is hollow, and they are below it.
             let projections = (0..3).map(|i| {
                 let (corner, normal) = (corners[i].position.as_dvec3(), faced(corners[i].normal.as_dvec3()));
                 let from_corner = position - corner;
@@ -331,7 +331,7 @@ impl Oracle<'_> {
     }
 }
 
-/// All that the pass writes.
+/// Everything that the pass writes.
 #[derive(Clone, PartialEq)]
 struct Outcome {
     points: Vec<[u32; 4]>,
@@ -358,7 +358,7 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     let gpu = gpu();
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
-    // One more, to see that it stays.
+    // One more, which must stay poisoned.
     let poisoned = |name: &str| gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap();
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
     buffers.points = poisoned("test/points");
@@ -387,17 +387,17 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     }
 }
 
-/// Colours of textures: a device may decode sRGB to within half of one part in 255, and at a texel's slope the
-/// coordinates' roundings are far less.
+/// Error of textures' colours: a device may decode sRGB to within half of one part in 255. The effect of rounded texture
+/// coordinates is far less.
 const TEXEL: f64 = 2e-3;
 
-/// Other colours: those of vertices have 16 bits, the weights of a corner a few roundings.
+/// Error of other colours: those of vertices have 16 bits, and the weights of corners a few roundings.
 const COLOUR: f64 = 2e-5;
 
 /// An octahedral code is within 7e-5 of its vector; shading normals pass through two.
 const NORMAL: f64 = 2e-4;
 
-/// Whether the pass wrote for a pixel what the oracle sees.
+/// Whether the output for a pixel is that of the oracle.
 fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
     let [point, packed, radiance, albedo, normal, position] = outcome.lists();
@@ -410,7 +410,7 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let colour = |list: &Vec<[u32; 4]>, expected: DVec3| {
         near(vector(list).truncate(), expected, visible.colour) && vector(list).w == 1.0
     };
-    // The direction's roundings over the way, along the surface.
+    // Roundings of the direction, over the distance, along the surface.
     let tolerance = 1e-6 * visible.distance / visible.cosine;
     let lit = if visible.unlit {
         point[i] == [0, 0, 0, INVALID_POINT]
@@ -458,7 +458,7 @@ fn pixels_show_what_rays_in_f64_meet() {
                 continue;
             }
             for fault in FAULTS {
-                // An orthographic view has no distance but the depth.
+                // In an orthographic view the distance is the depth.
                 let orthographic = matches!(camera.projection, Projection::Orthographic { .. });
                 if !(orthographic && fault == Fault::Depth) {
                     let found = differences(fault).len();
@@ -475,7 +475,7 @@ fn pixels_show_what_rays_in_f64_meet() {
     }
 }
 
-/// An image cut into tiles of rows, and samples rendered one by one, are the whole bit for bit.
+/// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
 #[test]
 fn tiles_and_layers_are_the_whole() {
     const LAYERS: u32 = 4;
@@ -507,7 +507,7 @@ fn tiles_and_layers_are_the_whole() {
     let others = differences(&piece(0, 13, 1, 1), 2);
     assert!(others > 100, "layers that are alike: {others} differences");
 
-    // Samples lie in their pixels.
+    // Samples lie within their pixels.
     let half = match camera.projection {
         Projection::Perspective { yfov, .. } => f64::from(yfov / 2.0).tan(),
         Projection::Orthographic { .. } => unreachable!("the first camera is a perspective one"),
@@ -521,7 +521,7 @@ fn tiles_and_layers_are_the_whole() {
         let film = DVec2::new(0.5 * width + p.dot(right) * scale, 0.5 * height - p.dot(up) * scale);
         let pixel = i % all.pixel_count as usize;
         let offset = film - DVec2::new((pixel % size[0] as usize) as f64 + shift, (pixel / size[0] as usize) as f64);
-        // f32 positions, over pixels of a fiftieth of the view.
+        // Error of f32 positions, relative to pixels of a fiftieth of the view.
         offset.min_element() > -1e-4 && offset.max_element() < 1.0 + 1e-4
     };
     let valid: Vec<usize> = (0..all.point_count as usize).filter(|i| outcome.points[*i][3] != INVALID_POINT).collect();
@@ -533,8 +533,8 @@ fn tiles_and_layers_are_the_whole() {
     );
 }
 
-/// A normal map in its tangent frame, metallic and roughness of a texture, and a base colour that the second set of
-/// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
+/// A normal map in its tangent frame, metallic and roughness from a texture, and a base colour from the second set of
+/// texture coordinates: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
 #[test]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
     let info = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
@@ -550,7 +550,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         normal_texture: info(2, 0),
         ..surface(0.5, 0.0)
     };
-    // Its diagonals are off the middle of the image.
+    // The diagonals of its triangles do not pass through the centre of the image.
     let quad = square(DVec3::new(0.1, 0.0, 0.0), 0.5 * DVec3::X, 0.4 * DVec3::Y);
     let mut scene = scene(&[(quad, material.clone())], Vec::new());
     let image =

@@ -8,7 +8,7 @@ use crate::kit::{device_features, gpu};
 
 const NO_HIT: u32 = u32::MAX;
 
-/// Length of the rays that have no end.
+/// `t_max` of rays without an end.
 const FAR: f32 = 1e30;
 
 type Triangle = [Vec3; 3];
@@ -100,7 +100,7 @@ struct Meeting {
     inside: f64,
     /// How far t may be off, given how far points may be.
     t_slack: f64,
-    /// What the kernel may be off across the ray: each coordinate relative to the origin is rounded once, sheared
+    /// Maximum error of the kernel across the ray: each coordinate relative to the origin is rounded once and sheared
     /// with two roundings, and an edge's distance has as many again; eight half-units in the last place cover them.
     slack: f64,
 }
@@ -289,7 +289,7 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
     let traced = Traced::new(&soup(1000, 0.3));
     let mut rays = random_rays(4000);
     for (i, ray) in rays.iter_mut().enumerate() {
-        // Unit directions with an end, and whole ways to a point with the end at 1.
+        // Unit directions with an end, and directions that reach to a point, with the end at 1.
         if i % 2 == 0 {
             ray.t_max = 1.0;
         } else {
