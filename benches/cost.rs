@@ -7,7 +7,7 @@
 use glam::{Mat3, Vec2, Vec3, Vec4, vec3};
 use penumbra::gpu::Gpu;
 use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Specular, Triangle, Vertex,
 };
 use penumbra::{Renderer, Result, Settings};
 
@@ -88,7 +88,7 @@ fn add_square(scene: &mut Scene, [centre, u, v]: [Vec3; 3], n: u32, material: u3
 /// A cube in a room, every square cut into `cells` x `cells`, under a square light or under that many point lights.
 fn room(cells: u32, lights: u32) -> Scene {
     let base_colour = Vec3::splat(0.7).extend(1.0);
-    let material = Material { base_colour, metallic: 0.0, specular: 0.0, ..Material::default() };
+    let material = Material { base_colour, metallic: 0.0, specular: Specular::with_factor(0.0), ..Material::default() };
     let emissive = Vec3::splat(if lights == 0 { 10.0 } else { 0.0 });
     let mut scene = Scene { materials: vec![material.clone(), Material { emissive, ..material }], ..Scene::default() };
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];

@@ -5,9 +5,7 @@
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 import package::lib::point::{Point, SURFACE_VECTORS};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(sheen) import package::lib::point::SHEEN_VECTOR;
+@if(glossy) import package::lib::bsdf::surface::{PACKED_VECTORS, PackedSurface, reflects_beyond_diffuse};
 @if(chains) import package::lib::point::CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
 import package::lib::tile::{Tile, tile_pixel};
@@ -69,11 +67,9 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
 fn reflects_beyond(i: u32) -> bool {
     @if(glossy) {
         if points[i].normal == INVALID_POINT { return false; }
-        var beyond = any(surfaces[i * SURFACE_VECTORS + 1u] != vec4f(0.0));
-        @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + TINT_VECTOR].xyz != vec3f(0.0)); }
-        @if(clearcoat) { beyond = beyond || surfaces[i * SURFACE_VECTORS + LOBE_VECTOR].x != 0.0; }
-        @if(sheen) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR].xyz != vec3f(0.0)); }
-        return beyond;
+        var packed: PackedSurface;
+        for (var v = 0u; v < PACKED_VECTORS; v++) { packed.vectors[v] = surfaces[i * SURFACE_VECTORS + v]; }
+        return reflects_beyond_diffuse(packed);
     }
     @else { return false; }
 }

@@ -10,7 +10,7 @@ import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, spoilt};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains && (photon_map || caustics)) import package::lib::point::CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) import package::lib::point::PLACE_VECTOR;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
@@ -104,7 +104,7 @@ struct Place {
 @if(photon_map || caustics)
 fn place_of(i: u32) -> Place {
     @if(smooth_normals) {
-        let place = surfaces[i * SURFACE_VECTORS + PLACE_VECTOR];
+        let place = surfaces[i * SURFACE_VECTORS + TRIANGLE_VECTOR];
         return Place(place.xyz, oct_decode16(bitcast<u32>(place.w)));
     }
     @else { return Place(points[i].position, oct_decode16(points[i].normal)); }

@@ -12,15 +12,13 @@ import package::lib::surface::surface_at;
 import package::lib::math::{is_finite4, oct_encode16, spoilt};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
-import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(sheen) import package::lib::point::SHEEN_VECTOR;
+import package::lib::bsdf::surface::{PACKED_VECTORS, pack_surface};
+import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(chains) import package::lib::light::BEYOND_SCENE;
 @if(chains) import package::lib::point::CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) import package::lib::point::PLACE_VECTOR;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(chains) import package::lib::ray::{Ray, offset_origin};
 @if(chains) import package::lib::rng::{hash3, uniform_from_bits};
 @if(chains) import package::lib::surface::SurfaceHit;
@@ -68,19 +66,12 @@ fn primary(
         @if(chains) let ends = found.unlit || is_clear(found.surface);
         @if(!chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
-        let packed = pack_surface(found.surface);
-        surfaces[i * SURFACE_VECTORS] = packed.a;
-        @if(glossy) {
-            surfaces[i * SURFACE_VECTORS + 1u] = packed.b;
-            surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
-            @if(transmission) { surfaces[i * SURFACE_VECTORS + TINT_VECTOR] = packed.tint; }
-            @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
-            @if(sheen) { surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR] = packed.sheen; }
-            @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
-        }
+        var packed = pack_surface(found.surface);
+        for (var v = 0u; v < PACKED_VECTORS; v++) { surfaces[i * SURFACE_VECTORS + v] = packed.vectors[v]; }
+        @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
         @if(smooth_normals && (photon_map || caustics)) {
             let normal = bitcast<f32>(oct_encode16(found.triangle_normal));
-            surfaces[i * SURFACE_VECTORS + PLACE_VECTOR] = vec4f(found.triangle_position, normal);
+            surfaces[i * SURFACE_VECTORS + TRIANGLE_VECTOR] = vec4f(found.triangle_position, normal);
         }
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }

@@ -2,7 +2,8 @@
 // is left could not matter; the rest is guessed by how much of each light was seen so far (Ward, "Adaptive shadow testing
 // for ray tracing", 1991). Pass `shadow` traces what `next` queues, one light of each point a round.
 
-import package::lib::bsdf::{Surface, bsdf_evaluate};
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::bsdf_evaluate;
 import package::lib::constants::INVALID_POINT;
 import package::lib::dispatch::group_index;
 @if(dark_points) import package::lib::light::light_dark;

@@ -9,7 +9,9 @@ use crate::gpu::Features;
 use crate::gpu_scene::lights;
 use crate::passes::cells;
 use crate::passes::grid::MAX_LIGHTS;
-use crate::scene::{AlphaMode, Light, LightKind, Material, NO_LIGHT, Scene};
+use crate::scene::{
+    AlphaMode, Anisotropy, Clearcoat, Light, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
+};
 use crate::settings::{Aov, LightSampling, Settings, Technique};
 
 /// What was decided for a scene and its settings.
@@ -60,28 +62,14 @@ impl Specialisation {
         self.decide("uv1", on, why, "no texture uses the second set of coordinates", &per_triangle(16));
         let (on, why) = materials(m.normal_maps, "with normal maps");
         self.decide("normal_maps", on, why, "no material has a normal map", &per_triangle(16));
-        let (on, why) = materials(m.glossy, "not Lambertian");
-        self.decide(
-            "glossy",
-            on,
-            why,
-            "every material is Lambertian",
-            "specular terms at every light point; 32 B a point",
-        );
-        let (on, why) = materials(m.transmission, "that light passes through");
-        let cost = "a lobe more at every glossy surface; 16 B a point";
-        self.decide("transmission", on, why, "no light passes through any material", cost);
-        let (on, why) = materials(m.clearcoat, "with a clear coat");
-        self.decide("clearcoat", on, why, "no material has a clear coat", cost);
-        let (on, why) = materials(m.coat_normals, "whose clear coat has a normal of its own");
-        let unneeded = "every clear coat has the normal of its base";
-        self.decide("coat_normals", on, why, unneeded, &format!("a normal at every coat; {}", per_triangle(16)));
-        let (on, why) = materials(m.anisotropy, "with anisotropic reflections");
-        let cost = "a tangent at every surface; 16 B a point and a triangle";
-        self.decide("anisotropy", on, why, "every material reflects alike along and across", cost);
-        let (on, why) = materials(m.sheen, "with a sheen of fibres");
-        let cost = "a lobe more at every glossy surface; a table of 31 kB; 16 B a point";
-        self.decide("sheen", on, why, "no material has a sheen", cost);
+        for (lobe, number) in LOBES.iter().zip(m.lobes) {
+            let (on, why) = materials(number, lobe.materials);
+            let cost = match lobe.triangle_bytes {
+                0 => lobe.cost.to_owned(),
+                bytes => format!("{}; {}", lobe.cost, per_triangle(bytes)),
+            };
+            self.decide(lobe.feature, on, why, lobe.unneeded, &cost);
+        }
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
         self.decide(
             "alpha_test",
@@ -262,7 +250,7 @@ impl Specialisation {
         let lit = is_lit(scene);
         let shaded = settings.technique.is_two_pass() && lit;
         // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
-        let highlights = m.glossy > 0 && (m.mesh_lights > 0 || scene.environment().is_some());
+        let highlights = self.features.has("glossy") && (m.mesh_lights > 0 || scene.environment().is_some());
         let why = match settings.max_bounces {
             0 => "highlights of lights that rays can meet".to_owned(),
             bounces => format!("up to {bounces} bounces"),
@@ -357,6 +345,98 @@ impl Specialisation {
     }
 }
 
+/// A lobe of surfaces that not every scene needs.
+struct LobeFeature {
+    /// What the kernels have it by.
+    feature: &'static str,
+    /// Whether a material needs it.
+    has: fn(&Material) -> bool,
+    /// Vectors that it takes in a packed surface.
+    vectors: u32,
+    /// What the materials are that need it, after their number.
+    materials: &'static str,
+    /// Why it is left out.
+    unneeded: &'static str,
+    /// What it costs.
+    cost: &'static str,
+    /// What it costs beside, in bytes a triangle.
+    triangle_bytes: u64,
+}
+
+/// All of them. A packed surface has a vector more, its albedo and normal.
+const LOBES: &[LobeFeature] = &[
+    LobeFeature {
+        feature: "glossy",
+        has: |m| !m.is_lambertian(),
+        vectors: Specular::VECTORS,
+        materials: "not Lambertian",
+        unneeded: "every material is Lambertian",
+        cost: "specular terms at every light point; 32 B a point",
+        triangle_bytes: 0,
+    },
+    LobeFeature {
+        feature: "transmission",
+        has: |m| !m.unlit && m.transmission.is_present(),
+        vectors: Transmission::VECTORS,
+        materials: "that light passes through",
+        unneeded: "no light passes through any material",
+        cost: LOBE_COST,
+        triangle_bytes: 0,
+    },
+    LobeFeature {
+        feature: "clearcoat",
+        has: |m| !m.unlit && m.clearcoat.is_present(),
+        vectors: Clearcoat::VECTORS,
+        materials: "with a clear coat",
+        unneeded: "no material has a clear coat",
+        cost: LOBE_COST,
+        triangle_bytes: 0,
+    },
+    LobeFeature {
+        feature: "coat_normals",
+        has: |m| !m.unlit && m.clearcoat.has_own_normal(m.normal_texture.map(|map| (map, m.normal_scale))),
+        vectors: 0,
+        materials: "whose clear coat has a normal of its own",
+        unneeded: "every clear coat has the normal of its base",
+        cost: "a normal at every coat",
+        triangle_bytes: 16,
+    },
+    LobeFeature {
+        feature: "anisotropy",
+        has: |m| !m.is_lambertian() && m.anisotropy.is_present(),
+        vectors: Anisotropy::VECTORS,
+        materials: "with anisotropic reflections",
+        unneeded: "every material reflects alike along and across",
+        cost: "a tangent at every surface; 16 B a point and a triangle",
+        triangle_bytes: 0,
+    },
+    LobeFeature {
+        feature: "sheen",
+        has: |m| !m.unlit && m.sheen.is_present(),
+        vectors: Sheen::VECTORS,
+        materials: "with a sheen of fibres",
+        unneeded: "no material has a sheen",
+        cost: "a lobe more at every glossy surface; a table of 31 kB; 16 B a point",
+        triangle_bytes: 0,
+    },
+];
+
+/// What most lobes cost.
+const LOBE_COST: &str = "a lobe more at every glossy surface; 16 B a point";
+
+/// Vectors that a point takes for its specular chain, and for its position on the triangle; see `shaders/lib/point.wgsl`.
+pub(crate) const CHAIN_VECTORS: u32 = 1;
+pub(crate) const TRIANGLE_VECTORS: u32 = 1;
+
+/// Vectors that a point's surface takes with those features: `SURFACE_VECTORS` of `shaders/lib/point.wgsl`.
+pub fn surface_vectors(features: &Features) -> u32 {
+    let lobes: u32 = LOBES.iter().filter(|lobe| features.has(lobe.feature)).map(|lobe| lobe.vectors).sum();
+    let chain = if features.has("chains") { CHAIN_VECTORS } else { 0 };
+    let photons_shown = features.has("photon_map") || features.has("caustics");
+    let triangle = if features.has("smooth_normals") && photons_shown { TRIANGLE_VECTORS } else { 0 };
+    1 + lobes + chain + triangle
+}
+
 /// So many of something.
 fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
@@ -425,18 +505,6 @@ pub fn bytes_text(bytes: u64) -> String {
     }
 }
 
-/// A material with a sheen: one of a colour other than black.
-fn has_sheen(m: &Material) -> bool {
-    !m.unlit && m.sheen_colour != Vec3::ZERO
-}
-
-/// A material with a clear coat that has another normal than the base: each has its own map, or only one of them has one.
-fn has_coat_normal(m: &Material) -> bool {
-    let base = m.normal_texture.map(|map| (map, m.normal_scale));
-    let coat = m.clearcoat_normal_texture.map(|map| (map, m.clearcoat_normal_scale));
-    !m.unlit && m.clearcoat > 0.0 && base != coat
-}
-
 /// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it than rays
 /// are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times its length
 /// (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in `shaders/lib/ray.wgsl`). Of
@@ -448,17 +516,12 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// A material that reflects only as a Lambertian: no metal, and no dielectric layer.
-fn is_lambertian(m: &Material) -> bool {
-    m.unlit || (m.metallic == 0.0 && m.specular == 0.0 && m.transmission == 0.0 && m.clearcoat == 0.0 && !has_sheen(m))
-}
-
 /// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
 /// room for it, as textures multiply them.
 fn focuses(m: &Material) -> bool {
     let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6;
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
-    !m.unlit && (m.transmission > 0.0 || (metal && smooth))
+    !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
 
 /// Roughness factor of surfaces that are mirrors or clear glass to the eye: its square is the least alpha of the kernels.
@@ -473,14 +536,10 @@ struct Facts {
     textured: usize,
     uv1: usize,
     normal_maps: usize,
-    glossy: usize,
-    transmission: usize,
-    clearcoat: usize,
-    coat_normals: usize,
+    /// By lobe.
+    lobes: [usize; LOBES.len()],
     focusing: usize,
     clear: usize,
-    anisotropy: usize,
-    sheen: usize,
     /// All but black ones.
     reflecting: usize,
     alpha: usize,
@@ -506,19 +565,15 @@ impl Facts {
             used[object.material as usize] = true;
         }
         for (m, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
-            facts.textured += usize::from(m.shown_slots().next().is_some());
-            facts.uv1 += usize::from(m.shown_slots().any(|s| s.uv_set == 1));
+            facts.textured += usize::from(m.visible_textures().next().is_some());
+            facts.uv1 += usize::from(m.visible_textures().any(|info| info.uv_set == 1));
             facts.normal_maps += usize::from(m.normal_texture.is_some());
-            facts.glossy += usize::from(!is_lambertian(m));
-            facts.transmission += usize::from(!m.unlit && m.transmission > 0.0);
+            for (number, lobe) in facts.lobes.iter_mut().zip(LOBES) {
+                *number += usize::from((lobe.has)(m));
+            }
             facts.focusing += usize::from(focuses(m));
             facts.clear += usize::from(focuses(m) && m.roughness <= CLEAR_ROUGHNESS);
-            facts.clearcoat += usize::from(!m.unlit && m.clearcoat > 0.0);
-            facts.coat_normals += usize::from(has_coat_normal(m));
-            facts.anisotropy += usize::from(!is_lambertian(m) && m.anisotropy > 0.0);
-            facts.sheen += usize::from(has_sheen(m));
-            let black = m.unlit || (is_lambertian(m) && m.base_colour.truncate() == Vec3::ZERO);
-            facts.reflecting += usize::from(!black);
+            facts.reflecting += usize::from(!m.is_black());
             facts.alpha += usize::from(m.alpha != AlphaMode::Opaque);
             facts.unlit += usize::from(m.unlit);
         }

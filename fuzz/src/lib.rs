@@ -111,7 +111,7 @@ fn check_scene(scene: &Scene) {
     }
     for material in &scene.materials {
         assert!(material.emissive.is_finite());
-        assert!(material.slots().all(|slot| (slot.texture as usize) < scene.textures.len()));
+        assert!(material.texture_infos().all(|info| (info.texture as usize) < scene.textures.len()));
     }
     assert!(scene.textures.iter().all(|texture| (texture.image as usize) < scene.images.len()));
     for image in &scene.images {

@@ -1,12 +1,9 @@
 // What the camera sees at the points of a tile, as `primary` left it.
 
-import package::lib::bsdf::Surface;
+import package::lib::bsdf::surface::{PACKED_VECTORS, PackedSurface, Surface, unpack_surface};
 @if(glossy && !chains) import package::lib::camera::view_direction;
 import package::lib::math::oct_decode16;
-import package::lib::point::{PackedSurface, Point, SURFACE_VECTORS, unpack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(sheen) import package::lib::point::SHEEN_VECTOR;
+import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
@@ -20,14 +17,9 @@ fn seen_chain(i: u32) -> Chain {
 // The surface at point i, towards the viewer. Lambertian ones look alike from everywhere: they have no view.
 fn seen_surface(i: u32) -> Surface {
     var packed: PackedSurface;
-    packed.a = surfaces[i * SURFACE_VECTORS];
+    for (var v = 0u; v < PACKED_VECTORS; v++) { packed.vectors[v] = surfaces[i * SURFACE_VECTORS + v]; }
     var view = vec3f(0.0);
     @if(glossy) {
-        packed.b = surfaces[i * SURFACE_VECTORS + 1u];
-        packed.c = surfaces[i * SURFACE_VECTORS + 2u];
-        @if(transmission) { packed.tint = surfaces[i * SURFACE_VECTORS + TINT_VECTOR]; }
-        @if(clearcoat || anisotropy) { packed.lobe = surfaces[i * SURFACE_VECTORS + LOBE_VECTOR]; }
-        @if(sheen) { packed.sheen = surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR]; }
         @if(!chains) { view = view_direction(points[i].position); }
         @if(chains) { view = seen_chain(i).view; }
     }

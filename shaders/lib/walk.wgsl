@@ -6,7 +6,8 @@
 // once it stands for a cone as wide as their disc. With `caustics` another pass brings what the diffuse part of the surface
 // that is seen gets from lights by way of focusing surfaces alone.
 
-import package::lib::bsdf::{BsdfSample, Surface, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
 @if(transmission) import package::lib::bsdf::bsdf_passes;
 @if(glossy && (global_map || (indirect && (mesh_lights || environment)))) import package::lib::bsdf::bsdf_residual;
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
@@ -124,7 +125,7 @@ fn walk(first: Vertex, start: PathStart, seed: u32, max_bounces: u32, light_samp
         reseed(&vertex, hash2(seed, bounce));
         var asks = true;
         @if(indirect && !transmission) { asks = bounce > 0u; }
-        @if(indirect && transmission) { asks = bounce > 0u || any(vertex.surface.tint > vec3f(0.0)); }
+        @if(indirect && transmission) { asks = bounce > 0u || any(vertex.surface.transmission.tint > vec3f(0.0)); }
         if asks {
             var counted = throughput;
             @if(caustics) { counted = select(throughput, residual_throughput, chain); }

@@ -32,7 +32,16 @@ shaders!(
     "ward",
     "zones",
     "lib/alpha",
+    "lib/attributes",
     "lib/bsdf",
+    "lib/bsdf/anisotropy",
+    "lib/bsdf/clearcoat",
+    "lib/bsdf/diffuse",
+    "lib/bsdf/microfacet",
+    "lib/bsdf/sheen",
+    "lib/bsdf/specular",
+    "lib/bsdf/surface",
+    "lib/bsdf/transmission",
     "lib/bvh",
     "lib/camera",
     "lib/dispatch",
@@ -41,6 +50,7 @@ shaders!(
     "lib/irradiance",
     "lib/light",
     "lib/sampled_light",
+    "lib/material",
     "lib/math",
     "lib/photon",
     "lib/point",
@@ -49,9 +59,11 @@ shaders!(
     "lib/record",
     "lib/rng",
     "lib/sampling",
+    "lib/shading_normal",
     "lib/seen",
     "lib/surface",
     "lib/table",
+    "lib/texture",
     "lib/tile",
     "lib/walk",
 );
@@ -158,19 +170,14 @@ pub const FEATURES: &[&str] = &[
 /// of this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
     ("REACH_CELLS", crate::passes::grid::REACH_CELLS),
+    ("CHAIN_VECTORS", crate::specialisation::CHAIN_VECTORS),
+    ("TRIANGLE_VECTORS", crate::specialisation::TRIANGLE_VECTORS),
     ("INVALID_POINT", crate::passes::INVALID_POINT),
     ("SURFACE_FLAT", crate::gpu_scene::surfaces::FLAT),
-    ("MATERIAL_RECORDS", crate::gpu_scene::surfaces::MATERIAL_RECORDS),
-    ("MATERIAL_DOUBLE_SIDED", crate::gpu_scene::surfaces::DOUBLE_SIDED),
-    ("MATERIAL_UNLIT", crate::gpu_scene::surfaces::UNLIT),
-    ("MATERIAL_MASK", crate::gpu_scene::surfaces::MASK),
-    ("MATERIAL_BLEND", crate::gpu_scene::surfaces::BLEND),
-    ("SHEEN_COLUMNS", crate::gpu_scene::sheen::COLUMNS),
-    ("SHEEN_ROWS", crate::gpu_scene::sheen::ROWS),
-    ("SLOT_RECORDS", crate::gpu_scene::textures::SLOT_RECORDS),
-    ("SLOT_NEAREST", crate::gpu_scene::textures::NEAREST),
-    ("SLOT_SRGB", crate::gpu_scene::textures::SRGB),
-    ("SLOT_UV1", crate::gpu_scene::textures::UV1),
+    ("TEXTURE_INFO_TEXELS", crate::gpu_scene::textures::INFO_TEXELS),
+    ("TEXTURE_NEAREST", crate::gpu_scene::textures::NEAREST),
+    ("TEXTURE_SRGB", crate::gpu_scene::textures::SRGB),
+    ("TEXTURE_UV1", crate::gpu_scene::textures::UV1),
     ("LAYER_TEXELS_LOG2", 2 * super::buffer::TABLE_WIDTH.trailing_zeros()),
     ("TABLE_WIDTH_LOG2", super::buffer::TABLE_WIDTH.trailing_zeros()),
     // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
@@ -339,7 +346,8 @@ pub fn compose_source(kernel: &str, source: &str, features: &Features) -> Result
     for (name, text) in SHADERS.iter().filter(|(name, _)| name.starts_with("lib/")) {
         resolver.add_module(path(name).map_err(|e| broken(&e))?, Cow::Borrowed(text));
     }
-    let constants: String = CONSTANTS.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect();
+    let constants = CONSTANTS.iter().copied().chain(crate::scene::material_constants());
+    let constants: String = constants.map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect();
     resolver.add_module(path("lib/constants").map_err(|e| broken(&e))?, Cow::Owned(constants));
     let functions = Cow::Borrowed(&*features.functions.wesl);
     resolver.add_module(path("lib/procedural_functions").map_err(|e| broken(&e))?, functions);

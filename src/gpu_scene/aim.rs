@@ -87,7 +87,7 @@ impl Cap {
 }
 
 fn is_black_lamp(material: &Material) -> bool {
-    let reflects = material.base_colour.truncate() != Vec3::ZERO || material.specular > 0.0;
-    let coated = material.clearcoat > 0.0 || material.sheen_colour != Vec3::ZERO;
+    let reflects = material.base_colour.truncate() != Vec3::ZERO || material.specular.factor > 0.0;
+    let coated = material.clearcoat.is_present() || material.sheen.is_present();
     material.emissive != Vec3::ZERO && !reflects && !coated
 }

@@ -57,14 +57,14 @@ impl GpuScene {
         size: [u32; 2],
         features: &Features,
     ) -> Result<GpuScene> {
-        for (slot, triangle) in scene.triangles.iter().enumerate() {
+        for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
             let alpha = if material.alpha == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
             let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
-            bvh.set_triangle_word(slot as u32, alpha | sides);
+            bvh.set_triangle_word(index as u32, alpha | sides);
         }
-        let (textures, slots) = GpuTextures::new(gpu, scene)?;
-        let surfaces = GpuSurfaces::new(gpu, scene, &slots, features)?;
+        let (textures, material_textures) = GpuTextures::new(gpu, scene)?;
+        let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
         let records =
@@ -101,9 +101,9 @@ impl Bindings for GpuScene {
         Some(match name {
             "bvh_nodes" => (&self.nodes).into(),
             "bvh_triangles" => (&self.triangles).into(),
-            "surface_records" => (&self.surfaces.surfaces).into(),
-            "material_records" => (&self.surfaces.materials).into(),
-            "texture_slots" => (&self.textures.slots).into(),
+            "surface_texels" => (&self.surfaces.surfaces).into(),
+            "material_texels" => (&self.surfaces.materials).into(),
+            "texture_infos" => (&self.textures.infos).into(),
             "colour_texels" => (&self.textures.colour).into(),
             "data_texels" => (&self.textures.data).into(),
             "procedural_records" => (&self.procedurals).into(),

@@ -18,6 +18,7 @@ pub mod ward;
 pub mod zones;
 
 use crate::gpu::{Buffer, Features, Gpu, Kernel, compose};
+use crate::specialisation::surface_vectors;
 use crate::{Result, shared_struct};
 
 shared_struct! {
@@ -97,13 +98,7 @@ impl TileBuffers {
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, features: &Features, points: u32, indirect: bool) -> Result<TileBuffers> {
         let points = points as usize;
-        let parts = [("glossy", 2), ("transmission", 1), ("clearcoat", 1), ("anisotropy", 1), ("sheen", 1)];
-        let mut vectors: usize = 1 + parts.iter().filter(|(name, _)| features.has(name)).map(|(_, n)| n).sum::<usize>();
-        // Coat and anisotropy share one.
-        vectors -= usize::from(features.has("clearcoat") && features.has("anisotropy"));
-        vectors += usize::from(features.has("chains"));
-        let photons_shown = features.has("photon_map") || features.has("caustics");
-        vectors += usize::from(features.has("smooth_normals") && photons_shown);
+        let vectors = surface_vectors(features) as usize;
         let samples = |on: bool, name: &str| on.then(|| gpu.buffer::<[f32; 4]>(name, points)).transpose();
         Ok(TileBuffers {
             points: gpu.buffer::<Point>("penumbra/primary/points", points)?,

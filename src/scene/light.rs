@@ -141,12 +141,12 @@ impl<'a> Emission<'a> {
     /// Mean radiance that a triangle with those texture coordinates at its corners emits.
     pub fn mean(&self, material: usize, uvs: [[Vec2; 2]; 3]) -> Vec3 {
         let material = &self.materials[material];
-        let Some(slot) = material.emissive_texture.filter(|_| material.emissive != Vec3::ZERO) else {
+        let Some(info) = material.emissive_texture.filter(|_| material.emissive != Vec3::ZERO) else {
             return material.emissive;
         };
-        let texture = &self.textures[slot.texture as usize];
+        let texture = &self.textures[info.texture as usize];
         let image = &self.images[texture.image as usize];
-        let uvs = uvs.map(|sets| slot.matrix * sets[slot.uv_set as usize] + slot.offset);
+        let uvs = uvs.map(|sets| info.matrix * sets[info.uv_set as usize] + info.offset);
         let mut sum = Vec3::ZERO;
         for i in 0..STRATA * STRATA {
             let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
@@ -222,7 +222,7 @@ pub(super) fn default_light(centre: DVec3, radius: f64) -> ([DVec3; 4], Material
         name: "default light".into(),
         base_colour: glam::Vec4::new(0.0, 0.0, 0.0, 1.0),
         metallic: 0.0,
-        specular: 0.0,
+        specular: super::Specular::with_factor(0.0),
         emissive: Vec3::splat((1.0 / form_factor) as f32),
         ..Default::default()
     };

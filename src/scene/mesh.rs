@@ -102,10 +102,10 @@ impl<'r, 'a> Reader<'r, 'a> {
             self.skipped.not_finite += 1;
             return Ok(None);
         }
-        let mut slots = material.into_iter().flat_map(|m| self.materials[m].slots());
-        if let Some(slot) = slots.find(|slot| uvs[slot.uv_set as usize].is_empty()) {
+        let mut infos = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
+        if let Some(info) = infos.find(|info| uvs[info.uv_set as usize].is_empty()) {
             let place = json.require("material")?;
-            return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", slot.uv_set)));
+            return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", info.uv_set)));
         }
         let triangles = assemble(mode, &corners);
         if triangles.is_empty() {

@@ -21,10 +21,12 @@ mod texture;
 
 pub use environment::Panorama;
 pub use gltf::ImportOptions;
+pub use material::{AlphaMode, Anisotropy, Clearcoat, Material, Sheen, Specular, TextureInfo, Transmission, Volume};
+pub(crate) use material::{TEXTURE_USES, constants as material_constants, sheen};
 
 use std::sync::Arc;
 
-use glam::{DVec3, Mat2, Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use crate::procedural::{Functions, Procedural};
 
@@ -126,120 +128,6 @@ pub struct Triangle {
 
 /// [`Triangle::light`] of a triangle that emits nothing.
 pub const NO_LIGHT: u32 = u32::MAX;
-
-/// How the alpha of the base colour is used (glTF 3.9.4).
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub enum AlphaMode {
-    /// Alpha is ignored.
-    #[default]
-    Opaque,
-    /// A texel with alpha below the cutoff is a hole.
-    Mask {
-        /// The cutoff.
-        cutoff: f32,
-    },
-    /// Alpha is the probability that a ray is stopped (stochastic transparency).
-    Blend,
-}
-
-/// glTF metallic-roughness material with the extensions that Penumbra renders.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Name in the file, or `material N`.
-    pub name: String,
-    /// Linear RGBA factor.
-    pub base_colour: Vec4,
-    /// Metallic factor, 0 to 1.
-    pub metallic: f32,
-    /// Roughness factor, 0 to 1; GGX alpha is its square.
-    pub roughness: f32,
-    /// Emitted radiance: emissive factor times KHR_materials_emissive_strength (for an unlit
-    /// material zero: it is [`Material::unlit`]).
-    pub emissive: Vec3,
-    /// KHR_materials_ior; 1.5 where absent.
-    pub ior: f32,
-    /// KHR_materials_specular factor; 1 where absent.
-    pub specular: f32,
-    /// KHR_materials_specular colour factor; one where absent.
-    pub specular_colour: Vec3,
-    /// KHR_materials_transmission factor, 0 to 1: the part of the base that lets light pass.
-    pub transmission: f32,
-    /// KHR_materials_volume, where its thickness is not 0: the surface bounds a volume and bends light. None: a thin wall.
-    pub volume: Option<Volume>,
-    /// KHR_materials_clearcoat factor, 0 to 1.
-    pub clearcoat: f32,
-    /// KHR_materials_clearcoat roughness, 0 to 1.
-    pub clearcoat_roughness: f32,
-    /// Scale of the clear coat's normal texture's x and y.
-    pub clearcoat_normal_scale: f32,
-    /// KHR_materials_anisotropy strength, 0 to 1.
-    pub anisotropy: f32,
-    /// KHR_materials_anisotropy rotation from the tangent, counter-clockwise, in radians.
-    pub anisotropy_rotation: f32,
-    /// KHR_materials_sheen colour, each 0 to 1.
-    pub sheen_colour: Vec3,
-    /// KHR_materials_sheen roughness, 0 to 1.
-    pub sheen_roughness: f32,
-    /// Scale of the normal texture's x and y.
-    pub normal_scale: f32,
-    /// Alpha mode.
-    pub alpha: AlphaMode,
-    /// Both faces are shaded, emit and store photons.
-    pub double_sided: bool,
-    /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
-    pub unlit: bool,
-    /// Base colour (sRGB) and alpha.
-    pub base_colour_texture: Option<TextureSlot>,
-    /// Roughness in G, metallic in B.
-    pub metallic_roughness_texture: Option<TextureSlot>,
-    /// Tangent-space normal.
-    pub normal_texture: Option<TextureSlot>,
-    /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
-    /// itself, so, as in Cycles, it does not darken the image.
-    pub occlusion_texture: Option<TextureSlot>,
-    /// Emission (sRGB).
-    pub emissive_texture: Option<TextureSlot>,
-    /// Specular factor in A.
-    pub specular_texture: Option<TextureSlot>,
-    /// Specular colour (sRGB).
-    pub specular_colour_texture: Option<TextureSlot>,
-    /// Transmission in R.
-    pub transmission_texture: Option<TextureSlot>,
-    /// Clear coat in R.
-    pub clearcoat_texture: Option<TextureSlot>,
-    /// Roughness of the clear coat in G.
-    pub clearcoat_roughness_texture: Option<TextureSlot>,
-    /// Tangent-space normal of the clear coat, which is smooth where there is none, whatever its base is.
-    pub clearcoat_normal_texture: Option<TextureSlot>,
-    /// Direction of anisotropy in R and G, its strength in B.
-    pub anisotropy_texture: Option<TextureSlot>,
-    /// Sheen colour (sRGB).
-    pub sheen_colour_texture: Option<TextureSlot>,
-    /// Sheen roughness in A.
-    pub sheen_roughness_texture: Option<TextureSlot>,
-}
-
-/// What light passes through inside a closed surface (KHR_materials_volume).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Volume {
-    /// World length after which white light has the attenuation colour; infinite where nothing is absorbed.
-    pub attenuation_distance: f32,
-    /// See [`Volume::attenuation_distance`]; each 0 to 1.
-    pub attenuation_colour: Vec3,
-}
-
-/// A use of a texture by a material.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TextureSlot {
-    /// Index into [`Scene::textures`].
-    pub texture: u32,
-    /// Which of [`Vertex::uv`], 0 or 1 (KHR_texture_transform may override the slot's own).
-    pub uv_set: u32,
-    /// KHR_texture_transform: uv' = matrix * uv + offset.
-    pub matrix: Mat2,
-    /// See [`TextureSlot::matrix`].
-    pub offset: Vec2,
-}
 
 /// Wrap mode of a sampler, per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]

@@ -134,9 +134,14 @@ fn plain(material: Material, notes: &mut Notes) -> Material {
             notes.push(format!("procedural objects have no {what}: that of material `{name}` is not shown on them"));
         }
     };
-    note(material.slots().next().is_some(), "texture coordinates");
+    note(material.texture_infos().next().is_some(), "texture coordinates");
     note(material.alpha != AlphaMode::Opaque, "alpha");
-    note(material.anisotropy > 0.0, "anisotropy");
+    note(material.anisotropy.is_present(), "anisotropy");
     note(material.emissive != Vec3::ZERO, "emission");
-    Material { alpha: AlphaMode::Opaque, anisotropy: 0.0, emissive: Vec3::ZERO, ..material.without_textures() }
+    Material {
+        alpha: AlphaMode::Opaque,
+        anisotropy: Default::default(),
+        emissive: Vec3::ZERO,
+        ..material.without_textures()
+    }
 }

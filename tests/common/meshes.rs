@@ -4,7 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Triangle, Vertex,
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Specular, Triangle,
+    Vertex,
 };
 
 pub use penumbra::stress::stage::{Corners, cube, inside_out, square};
@@ -16,7 +17,7 @@ pub fn surface(albedo: f32, emission: f32) -> Material {
         emissive: Vec3::splat(emission),
         metallic: 0.0,
         // Lambertian: no specular part at all.
-        specular: 0.0,
+        specular: Specular::with_factor(0.0),
         ..Material::default()
     }
 }

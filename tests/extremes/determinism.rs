@@ -23,7 +23,8 @@ fn everything() -> (Scene, Camera) {
     stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), places: places.collect() });
     let (mut scene, camera) = stage.import().unwrap();
     let glass = &mut scene.materials[1];
-    (glass.transmission, glass.roughness, glass.specular) = (1.0, 0.0, 1.0);
+    glass.roughness = 0.0;
+    (glass.transmission.factor, glass.specular.factor) = (1.0, 1.0);
     glass.volume = Some(Volume { attenuation_distance: f32::INFINITY, attenuation_colour: Vec3::ONE });
     let wall = scene.materials[0].clone();
     let place = DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), Default::default(), DVec3::X * 0.25);

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Material, Panorama};
+use penumbra::scene::{LightKind, Material, Panorama, Specular};
 use penumbra::{Aov, Scene, Settings, Technique};
 
 use crate::meshes::{Corners, camera, cube, panorama, scene, square, surface};
@@ -143,7 +143,7 @@ fn every_technique_brings_the_path_tracers_light() {
         DVec3::new(0.5, 0.6, 0.8) * (1.0 + d.y) + sun
     });
     let mut meshes = blocks(0.7);
-    meshes[1].1 = Material { metallic: 1.0, roughness: 0.4, specular: 1.0, ..surface(0.9, 0.0) };
+    meshes[1].1 = Material { metallic: 1.0, roughness: 0.4, specular: Specular::with_factor(1.0), ..surface(0.9, 0.0) };
     meshes.push((square(DVec3::new(0.3, 0.4, 0.3), DVec3::X * 0.05, DVec3::Z * 0.05), surface(0.0, 20.0)));
     let view = camera(DVec3::new(0.1, 0.5, 0.8), DVec3::new(-0.1, -0.5, -0.8), 0.9);
     for max_bounces in [0, 64] {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::scene::{LightKind, Material};
+use penumbra::scene::{LightKind, Material, Specular, Transmission};
 use penumbra::{Aov, Image, Settings, Technique};
 
 use crate::meshes::{camera, cube, inside_out, panorama, scene, square, surface};
@@ -63,9 +63,9 @@ const TINT: f32 = 0.9;
 fn glass() -> Material {
     Material {
         base_colour: Vec4::new(TINT, TINT, TINT, 1.0),
-        transmission: 1.0,
+        transmission: Transmission::with_factor(1.0),
         roughness: 0.0,
-        specular: 1.0,
+        specular: Specular::with_factor(1.0),
         double_sided: true,
         ..surface(0.0, 0.0)
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use penumbra::procedural::Role;
-use penumbra::scene::{LightKind, Material, Volume};
+use penumbra::scene::{LightKind, Material, Specular, Transmission, Volume};
 use penumbra::{Aov, Image, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, square, surface};
@@ -112,9 +112,9 @@ fn glass_is_that_of_the_mesh() {
     let centre = DVec3::new(0.0, 0.25, 0.0);
     let glass = |ior: f32| Material {
         roughness: 0.0,
-        transmission: 1.0,
+        transmission: Transmission::with_factor(1.0),
         ior,
-        specular: 1.0,
+        specular: Specular::with_factor(1.0),
         volume: Some(Volume { attenuation_distance: 0.4, attenuation_colour: Vec3::new(0.9, 0.5, 0.4) }),
         ..surface(1.0, 0.0)
     };

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use penumbra::gpu_scene::{GpuLights, Receivers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::scene::{LightKind, Material, Scene, Specular};
 
 use crate::kit::gpu;
 use crate::light::{Emitted, cube, emit, scene, sphere, square};
@@ -113,7 +113,7 @@ fn black_lamps_receive_nothing() {
     let black = Material {
         base_colour: Vec3::ZERO.extend(1.0),
         metallic: 0.0,
-        specular: 0.0,
+        specular: Specular::with_factor(0.0),
         emissive: Vec3::ONE,
         ..Material::default()
     };
@@ -125,7 +125,7 @@ fn black_lamps_receive_nothing() {
     assert_eq!(receivers.centre, Vec3::X * 0.5);
     let radius = 0.03f32.sqrt();
     assert!(receivers.radius > radius && receivers.radius < radius + 2e-4, "{receivers:?}");
-    scene.materials[1].specular = 0.5;
+    scene.materials[1].specular.factor = 0.5;
     assert!(Receivers::of(&scene).unwrap().radius > 0.7, "what shines and reflects receives as well");
     scene.materials = vec![black.clone(), black];
     assert_eq!(Receivers::of(&scene), None);

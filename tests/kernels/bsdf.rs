@@ -263,7 +263,7 @@ fn kernel(features: Features, count: usize, stratified: bool) -> Arc<Kernel> {
             ("count", count as f64),
             ("seed", 4242.0),
             ("stratified", f64::from(u8::from(stratified))),
-            ("least_sheen_roughness", Fibres::LEAST),
+            ("min_sheen_roughness", Fibres::LEAST),
         ];
         Arc::new(Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap())
     });

@@ -7,7 +7,8 @@ use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
 use penumbra::procedural::Role;
 use penumbra::scene::{
-    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Sheen, Specular,
+    Texture, TextureImage, TextureInfo, Transmission, Wrap,
 };
 use penumbra::settings::LightSampling;
 use penumbra::specialisation::Specialisation;
@@ -35,7 +36,7 @@ impl LightSampler {
     }
 
     fn scene(self) -> Scene {
-        let slot = |uv_set| Some(TextureSlot { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let slot = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
         let plain = surface(0.5, 0.0);
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);
@@ -55,11 +56,17 @@ impl LightSampler {
         for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
+        let normal_texture = slot(0).filter(|_| self.has(48));
+        let clearcoat = Clearcoat { normal_texture, ..Clearcoat::with_factor(1.0) };
         let lobed = [
-            Material { transmission: 1.0, ..plain.clone() },
-            Material { clearcoat: 1.0, clearcoat_normal_texture: slot(0).filter(|_| self.has(48)), ..plain.clone() },
-            Material { specular: 1.0, anisotropy: 0.5, ..plain.clone() },
-            Material { sheen_colour: Vec3::ONE, ..plain },
+            Material { transmission: Transmission::with_factor(1.0), ..plain.clone() },
+            Material { clearcoat, ..plain.clone() },
+            Material {
+                specular: Specular::with_factor(1.0),
+                anisotropy: Anisotropy::with_strength(0.5),
+                ..plain.clone()
+            },
+            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));

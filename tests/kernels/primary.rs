@@ -5,7 +5,8 @@ use penumbra::gpu::buffer::POISON;
 use penumbra::passes::primary::Primary;
 use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
 use penumbra::scene::{
-    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
+    Wrap,
 };
 use penumbra::settings::Technique;
 use penumbra::statistics::Counter;
@@ -74,7 +75,7 @@ fn panels() -> Scene {
     let near = square(DVec3::new(-0.07, 0.0, 1.7), DVec3::new(0.07, 0.0, 0.0), DVec3::new(0.0, 0.05, 0.12));
     let slot = |texture| {
         let matrix = Mat2::from_cols(Vec2::new(1.7, 0.3), Vec2::new(-0.4, 1.6));
-        Some(TextureSlot { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
+        Some(TextureInfo { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
     };
     let plain = surface(0.5, 0.0);
     let base_colour = Vec4::new(0.9, 0.7, 0.8, 0.9);
@@ -293,7 +294,7 @@ impl Oracle<'_> {
     }
 
     /// A texture at a point of a triangle; ones where there is none.
-    fn texel(&self, slot: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
+    fn texel(&self, slot: &Option<TextureInfo>, crossing: &Crossing) -> Result<DVec4, ()> {
         let Some(slot) = slot else { return Ok(DVec4::ONE) };
         let texture = &self.scene.textures[slot.texture as usize];
         let image = &self.scene.images[texture.image as usize];
@@ -534,13 +535,12 @@ fn tiles_and_layers_are_the_whole() {
 /// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
 #[test]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
-    let slot = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+    let slot = |texture, uv_set| Some(TextureInfo { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
     let material = Material {
         base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
         metallic: 0.8,
         roughness: 0.9,
-        specular: 0.6,
-        specular_colour: Vec3::new(1.0, 0.9, 0.8),
+        specular: Specular { colour: Vec3::new(1.0, 0.9, 0.8), ..Specular::with_factor(0.6) },
         normal_scale: 0.7,
         base_colour_texture: slot(0, 1),
         metallic_roughness_texture: slot(1, 0),
@@ -581,13 +581,13 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
     let m = |x: f32| f64::from(x);
     let base = material.base_colour.truncate().as_dvec3();
     let (roughness, metallic) = (m(material.roughness) * 100.0 / 255.0, m(material.metallic) * 150.0 / 255.0);
-    let dielectric = (0.5f64 / 2.5).powi(2) * material.specular_colour.as_dvec3() * m(material.specular);
+    let dielectric = (0.5f64 / 2.5).powi(2) * material.specular.colour.as_dvec3() * m(material.specular.factor);
     let f0 = dielectric.lerp(base, metallic);
-    let f90 = m(material.specular) * (1.0 - metallic) + metallic;
+    let f90 = m(material.specular.factor) * (1.0 - metallic) + metallic;
     let near = |got: f64, expected: f64| (got - expected).abs() < COLOUR;
     assert!((a.truncate() - base * (1.0 - metallic)).abs().max_element() < COLOUR, "albedo {a}");
     assert!((b.truncate() - f0).abs().max_element() < COLOUR && near(b.w, f90), "f0 {b}, expected {f0} and {f90}");
-    assert!(near(c.x, dielectric.max_element()) && near(c.y, m(material.specular)), "dielectric {c}");
+    assert!(near(c.x, dielectric.max_element()) && near(c.y, m(material.specular.factor)), "dielectric {c}");
     assert!(near(c.z, roughness * roughness), "alpha {c}");
 
     let texel = DVec3::new(170.0, 70.0, 210.0) / 255.0 * 2.0 - 1.0;

@@ -34,7 +34,7 @@ fn defaults_of_the_specification() {
     let m = material(json!({}));
     assert_eq!(m.base_colour, Vec4::ONE);
     assert_eq!((m.metallic, m.roughness), (1.0, 1.0));
-    assert_eq!((m.ior, m.specular, m.specular_colour), (1.5, 1.0, Vec3::ONE));
+    assert_eq!((m.ior, m.specular.factor, m.specular.colour), (1.5, 1.0, Vec3::ONE));
     assert_eq!(m.emissive, Vec3::ZERO);
     assert_eq!((m.alpha, m.double_sided, m.unlit), (AlphaMode::Opaque, false, false));
     assert_eq!(m.name, "material 0");
@@ -59,7 +59,7 @@ fn factors_and_extensions() {
     assert_eq!(m.base_colour, Vec4::new(0.5, 0.25, 0.125, 0.75));
     assert_eq!((m.metallic, m.roughness), (0.5, 0.25));
     assert_eq!(m.emissive, Vec3::new(8.0, 4.0, 0.0));
-    assert_eq!((m.ior, m.specular, m.specular_colour), (1.25, 0.5, Vec3::new(2.0, 1.0, 0.5)));
+    assert_eq!((m.ior, m.specular.factor, m.specular.colour), (1.25, 0.5, Vec3::new(2.0, 1.0, 0.5)));
     assert_eq!((m.alpha, m.double_sided), (AlphaMode::Mask { cutoff: 0.25 }, true));
     assert_eq!(material(json!({ "alphaMode": "BLEND" })).alpha, AlphaMode::Blend);
     assert_eq!(material(json!({ "alphaMode": "MASK" })).alpha, AlphaMode::Mask { cutoff: 0.5 });
@@ -75,14 +75,14 @@ fn sheen() {
     let scene = with_material(json!({ "extensions": { "KHR_materials_sheen": sheen } }), 2).load();
     let m = &scene.materials[0];
     assert!(!scene.notes.iter().any(|note| note.contains("sheen")), "{:?}", scene.notes);
-    assert_eq!((m.sheen_colour, m.sheen_roughness), (Vec3::new(0.5, 0.25, 1.0), 0.75));
-    let [colour, roughness] = [m.sheen_colour_texture, m.sheen_roughness_texture].map(Option::unwrap);
+    assert_eq!((m.sheen.colour, m.sheen.roughness), (Vec3::new(0.5, 0.25, 1.0), 0.75));
+    let [colour, roughness] = [m.sheen.colour_texture, m.sheen.roughness_texture].map(Option::unwrap);
     let spaces = [colour, roughness].map(|slot| scene.textures[slot.texture as usize].space);
     assert_eq!(spaces, [ColourSpace::Srgb, ColourSpace::Linear]);
     assert_eq!((colour.uv_set, roughness.uv_set), (1, 0));
     // Without a colour there are no fibres.
     let none = material(json!({ "extensions": { "KHR_materials_sheen": {} } }));
-    assert_eq!((none.sheen_colour, none.sheen_roughness), (Vec3::ZERO, 0.0));
+    assert_eq!((none.sheen.colour, none.sheen.roughness), (Vec3::ZERO, 0.0));
 }
 
 /// Every texture of a coat is read; only a coat whose normal is not its base's has one of its own on the device.
@@ -102,8 +102,9 @@ fn clear_coats() {
     );
     let m = &scene.materials[0];
     assert!(!scene.notes.iter().any(|note| note.contains("coat")), "{:?}", scene.notes);
-    assert_eq!((m.clearcoat, m.clearcoat_roughness, m.clearcoat_normal_scale), (0.5, 0.25, 0.75));
-    let slots = [m.clearcoat_texture, m.clearcoat_roughness_texture, m.clearcoat_normal_texture].map(Option::unwrap);
+    assert_eq!((m.clearcoat.factor, m.clearcoat.roughness, m.clearcoat.normal_scale), (0.5, 0.25, 0.75));
+    let coat = &m.clearcoat;
+    let slots = [coat.texture, coat.roughness_texture, coat.normal_texture].map(Option::unwrap);
     assert_eq!(slots.map(|slot| slot.uv_set), [1, 0, 0]);
     assert!(slots.iter().all(|slot| scene.textures[slot.texture as usize].space == ColourSpace::Linear));
 
@@ -141,7 +142,7 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     .load();
     let m = &scene.materials[0];
     // Image (its red texel is its number), set and colour space of a slot.
-    let read = |slot: Option<penumbra::scene::TextureSlot>| {
+    let read = |slot: Option<penumbra::scene::TextureInfo>| {
         let slot = slot.unwrap();
         let texture = scene.textures[slot.texture as usize];
         (scene.images[texture.image as usize].texels[0][0], slot.uv_set, texture.space)
@@ -152,8 +153,8 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     assert_eq!(read(m.normal_texture), (2, 0, Linear));
     assert_eq!(read(m.occlusion_texture), (1, 1, Linear));
     assert_eq!(read(m.emissive_texture), (3, 0, Srgb));
-    assert_eq!(read(m.specular_texture), (0, 0, Linear));
-    assert_eq!(read(m.specular_colour_texture), (4, 1, Srgb));
+    assert_eq!(read(m.specular.texture), (0, 0, Linear));
+    assert_eq!(read(m.specular.colour_texture), (4, 1, Srgb));
     assert_eq!(m.normal_scale, 0.5);
     // Image 0 is seen as colour and as numbers; image 1 twice alike. Images are decoded once.
     assert_eq!((scene.textures.len(), scene.images.len()), (6, 5));

@@ -1,7 +1,8 @@
 // What the BSDF module answers, for a test to compare.
 
 import package::lib::dispatch::group_index;
-import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::{bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -23,24 +24,24 @@ fn tested_surface() -> Surface {
     var s: Surface;
     s.albedo = surface[0].xyz;
     @if(glossy) {
-        s.alpha = surface[0].w;
-        s.f0 = surface[1].xyz;
-        s.f90 = surface[1].w;
-        s.dielectric = surface[2].xy;
+        s.specular.alpha = surface[0].w;
+        s.specular.f0 = surface[1].xyz;
+        s.specular.f90 = surface[1].w;
+        s.specular.dielectric = surface[2].xy;
     }
     s.geometric_normal = vec3f(surface[2].z, 0.0, surface[2].w);
     s.shading_normal = surface[3].xyz;
     s.view = surface[4].xyz;
     @if(transmission) {
-        s.tint = surface[5].xyz;
-        s.eta = surface[5].w;
+        s.transmission.tint = surface[5].xyz;
+        s.transmission.eta = surface[5].w;
     }
-    @if(clearcoat) { s.coat = surface[6].xy; }
-    @if(coat_normals) { s.coat_normal = vec3f(surface[3].w, 0.0, surface[4].w); }
-    @if(sheen) { s.sheen = surface[7]; }
+    @if(clearcoat) { s.clearcoat.factor = surface[6].x; s.clearcoat.alpha = surface[6].y; }
+    @if(coat_normals) { s.clearcoat.normal = vec3f(surface[3].w, 0.0, surface[4].w); }
+    @if(sheen) { s.sheen.colour = surface[7].xyz; s.sheen.roughness = surface[7].w; }
     @if(anisotropy) {
-        s.tangent = vec3f(1.0, 0.0, 0.0);
-        s.alpha_along = surface[6].z;
+        s.anisotropy.tangent = vec3f(1.0, 0.0, 0.0);
+        s.anisotropy.alpha_along = surface[6].z;
     }
     return s;
 }
