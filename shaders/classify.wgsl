@@ -5,7 +5,7 @@ import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, PHOTON_WEIGHT, class_of, class_word, photon_is_shadow, photon_weight_sixteenths, audit_chance, is_audited, is_near, near_word};
 import package::lib::grid::{ASKED_UNIT, ASKED_ZERO, AskedCell, COS_CLUSTER, FAR, GridShape, REACH_MAX, Verdict, asked_complement, cell_centre, cell_index, cell_of, counted_distance, decode_verdict, load_cell_record, load_photon, nearest, no_verdict, reach_guess, row_photons, rows_about, verdict_holds};
 @if(dark_points) import package::lib::light::light_dark;
-@if(visibility_map && environment) import package::lib::light::is_environment;
+@if(visibility_map && environment) import package::lib::light::environment::is_environment;
 @if(visibility_estimate) import package::lib::photon::asks_shadow_rays;
 import package::lib::sampled_light::slot_light;
 @if(light_sampling) import package::lib::sampled_light::NO_LIGHT;

@@ -13,7 +13,8 @@ import package::lib::grid::{COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH
 @if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
-@if(negative_photons) import package::lib::light::{light_count, light_has_closed_form, light_sample, light_unshadowed_irradiance};
+@if(negative_photons) import package::lib::light::table::{light_count, light_has_closed_form};
+@if(negative_photons) import package::lib::light::{light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
 import package::lib::ray::{NO_HIT, Ray, offset_origin};

@@ -6,7 +6,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
-import package::lib::light::light_count;
+import package::lib::light::table::light_count;
 import package::lib::math::{is_finite3, spoilt};
 import package::lib::seen::{points, seen_surface};
 @if(chains) import package::lib::seen::seen_chain;

@@ -10,7 +10,8 @@
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
-import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
+import package::lib::light::table::{LightSample, light_has_closed_form};
+import package::lib::light::{light_dark, light_unshadowed_irradiance};
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
 @if(light_sampling) import package::lib::sampled_light::slot_weight;
 import package::lib::bsdf::surface::Surface;

@@ -1,5 +1,5 @@
-// What the corners of a triangle have beside their positions: material, normals, texture coordinates, colours and tangents.
-// The table is made by src/gpu_scene/attributes.rs.
+// What the corners of a triangle have beside their positions: material, normals, texture coordinates, colours and
+// tangents. The table is made by src/gpu_scene/attributes.rs.
 
 @if(texture_loads) import package::lib::table::table_place;
 import package::lib::math::oct_decode16;
@@ -20,7 +20,7 @@ fn load_surface_texel(i: u32) -> vec4u {
 }
 
 // The three corners' shading normals (oct_encode16), and the triangle's material with SURFACE_FLAT.
-fn triangle_texel(triangle: u32) -> vec4u {
+fn surface_texel_of(triangle: u32) -> vec4u {
     return load_surface_texel(triangle * surface_stride);
 }
 

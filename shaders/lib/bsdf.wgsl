@@ -1,6 +1,6 @@
-// How surfaces reflect and let light pass: glTF's metallic-roughness model. This file combines the lobes of lib/bsdf/: GGX
-// microfacets over a Lambertian base, of which a part may let light pass, under the sheen of fibres, and under a second GGX
-// lobe, the coat.
+// How surfaces reflect and let light pass: glTF's metallic-roughness model. This file combines the lobes of lib/bsdf/:
+// GGX microfacets over a Lambertian base, of which a part may let light pass, under the sheen of fibres, and under a
+// second GGX lobe, the coat.
 
 import package::lib::bsdf::diffuse::{diffuse_density, diffuse_value};
 import package::lib::bsdf::surface::Surface;
@@ -45,7 +45,9 @@ fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
 
 // The geometric normal on the side that the direction leaves to.
 fn leaving_normal(s: Surface, direction: vec3f) -> vec3f {
-    @if(transmission) { return select(s.geometric_normal, -s.geometric_normal, dot(direction, s.geometric_normal) < 0.0); }
+    @if(transmission) {
+        return select(s.geometric_normal, -s.geometric_normal, dot(direction, s.geometric_normal) < 0.0);
+    }
     @else { return s.geometric_normal; }
 }
 
@@ -96,8 +98,8 @@ fn reflectance(s: Surface, cosine: f32) -> vec3f {
     @else { return specular_reflectance(s.specular, cosine); }
 }
 
-// The part of light that coat and fibres let through to the microfacets, and to what lies behind them. `pair` is `direction`
-// and the view about the shading normal.
+// The part of light that coat and fibres let through to the microfacets, and to what lies behind them. `pair` is
+// `direction` and the view about the shading normal.
 @if(glossy)
 fn through_upper(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
     var through = 1.0;
@@ -126,9 +128,9 @@ fn specular_value(s: Surface, direction: vec3f, pair: LocalPair) -> vec3f {
     @if(!sheen) { return value; }
 }
 
-// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers keep more
-// from the base than they reflect this way. The cosine is to the normal of each lobe, as KHR_materials_clearcoat has it: so a
-// coat whose normal is not the base's reflects no more than one that has it.
+// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers keep
+// more from the base than they reflect this way. The cosine is to the normal of each lobe, as KHR_materials_clearcoat
+// has it: so a coat whose normal is not the base's reflects no more than one that has it.
 fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @if(glossy) {
         let pair = local_pair(s, direction);
@@ -162,7 +164,8 @@ fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
 
 // ---- Where paths end and go on
 
-// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal, and what passes.
+// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal, and what
+// passes.
 fn reflects_more(s: Surface) -> bool {
     @if(glossy) {
         var more = is_metallic(s.specular);
@@ -185,8 +188,8 @@ fn is_clear(s: Surface) -> bool {
 // Widest lobes of metals that count as focusing.
 @if(caustics) override focusing_alpha: f32;
 
-// Whether light that the surface sends on is the caustic map's: that from lights by way of such surfaces alone, on surfaces
-// that are visible.
+// Whether light that the surface sends on is the caustic map's: that from lights by way of such surfaces alone, on
+// surfaces that are visible.
 @if(caustics)
 fn focuses(s: Surface) -> bool {
     var focusing = reflects_more(s) && s.specular.alpha <= focusing_alpha;
@@ -194,9 +197,10 @@ fn focuses(s: Surface) -> bool {
     return focusing;
 }
 
-// The part of the irradiance of the geometric surface that is reflected towards one direction, where a path ends. A dielectric
-// layer reflects its mean over all directions as if spread like the base's light. Traced, its highlights of small lights would
-// be found by few rays, each as bright as the light. A bent shading normal turns away from part of the light.
+// The part of the irradiance of the geometric surface that is reflected towards one direction, where a path ends. A
+// dielectric layer reflects its mean over all directions as if spread like the base's light. Traced, its highlights of
+// small lights would be found by few rays, each as bright as the light. A bent shading normal turns away from part of
+// the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
     let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
     @if(glossy) {

@@ -1,8 +1,8 @@
-// The table of materials: what every material has. A lobe's part of the table is read in the lobe's own file under lib/bsdf/.
-// The table is made by src/scene/material.rs.
+// The table of materials: what every material has. A lobe's part of the table is read in the lobe's own file under
+// lib/bsdf/. The table is made by src/scene/material.rs.
 
 @if(texture_loads) import package::lib::table::table_place;
-import package::lib::attributes::{material_index, triangle_texel};
+import package::lib::attributes::{material_index, surface_texel_of};
 @if(textures) import package::lib::attributes::uv_at;
 @if(vertex_colours) import package::lib::attributes::vertex_colour_at;
 @if(textures) import package::lib::texture::texture_at;
@@ -45,7 +45,7 @@ struct Alpha {
 
 @if(alpha_test)
 fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
-    let material = material_at(material_index(triangle_texel(triangle).w));
+    let material = material_at(material_index(surface_texel_of(triangle).w));
     var alpha = bitcast<f32>(load_material_texel(material + BASE_COLOUR_TEXEL).w);
     @if(textures) {
         let info = texture_info(material, BASE_COLOUR_TEXTURE);
@@ -58,7 +58,7 @@ fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
 
 // Radiance that a point of a triangle emits on its front (and on its back where the material is double-sided).
 fn emission_at(triangle: u32, u: f32, v: f32) -> vec3f {
-    let material = material_at(material_index(triangle_texel(triangle).w));
+    let material = material_at(material_index(surface_texel_of(triangle).w));
     var emission = bitcast<vec3f>(load_material_texel(material + EMISSION_TEXEL).xyz);
     @if(textures) {
         let info = texture_info(material, EMISSION_TEXTURE);

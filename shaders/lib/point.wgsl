@@ -18,8 +18,8 @@ struct Point {
 // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where the
 // camera sees the point itself.
 const CHAIN_VECTOR = PACKED_VECTORS;
-// The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the smooth
-// surface that it stands for, which may be farther from the triangle than a disc of photons is high.
+// The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the
+// smooth surface that it stands for, which may be farther from the triangle than a disc of photons is high.
 @if(chains) const TRIANGLE_VECTOR = CHAIN_VECTOR + CHAIN_VECTORS;
 @if(!chains) const TRIANGLE_VECTOR = CHAIN_VECTOR;
 @if(smooth_normals && (photon_map || caustics)) const SURFACE_VECTORS = TRIANGLE_VECTOR + TRIANGLE_VECTORS;

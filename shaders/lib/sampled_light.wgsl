@@ -1,11 +1,13 @@
 // Which light a slot is about, the points of a light that a surface point asks for, and what they would contribute.
 
-import package::lib::light::{LightSample, light_sample};
+import package::lib::light::table::LightSample;
+import package::lib::light::light_sample;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::constants::{DIMENSION_LIGHT, DIMENSION_AUDIT};
 
-// Of each slot of all chunks, where few of many lights are chosen: the light, and by how much what it sends counts more.
+// Of each slot of all chunks, where few of many lights are chosen: the light, and by how much what it sends counts
+// more.
 @if(light_sampling) @group(0) @binding(15) var<storage, read> sampled_lights: array<vec2u>;
 
 // The light of a slot for which fewer lights were chosen than there is room for.

@@ -1,16 +1,17 @@
 // What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_unlit,
 // _emissive_strength). The lobes of a material are read in lib/bsdf/.
 
-import package::lib::attributes::{material_index, triangle_texel};
+import package::lib::attributes::{material_index, surface_texel_of};
 @if(vertex_colours) import package::lib::attributes::vertex_colour_at;
-import package::lib::bsdf::surface::{Meeting, Surface, add_lobes};
+import package::lib::bsdf::surface::{HitContext, Surface, add_lobes};
 @if(textures) import package::lib::bsdf::surface::{TextureFactors, texture_factors};
 @if(unlit) import package::lib::bsdf::surface::without_light;
 @if(transmission) import package::lib::bsdf::transmission::{is_transmissive, volume_transmittance};
 @if(!procedurals) import package::lib::bvh::triangle_corners;
 @if(procedurals) import package::lib::bvh::{traversal_turns, triangle_corners};
 import package::lib::constants::{
-    BASE_COLOUR_TEXEL, EMISSION_TEXEL, MATERIAL_DOUBLE_SIDED, MATERIAL_UNLIT, NORMAL_TEXTURE, SURFACE_FLAT, SURFACE_TEXEL,
+    BASE_COLOUR_TEXEL, EMISSION_TEXEL, MATERIAL_DOUBLE_SIDED, MATERIAL_UNLIT, NORMAL_TEXTURE, SURFACE_FLAT,
+    SURFACE_TEXEL,
 };
 import package::lib::material::{load_material_texel, material_at, material_flags};
 @if(normal_maps && textures) import package::lib::material::texture_info;
@@ -47,9 +48,9 @@ struct SurfaceHit {
 @if(smooth_normals) const SMOOTH_COSINE = 0.70710678;
 
 // The offset from a point of a triangle, of those weights, to the smooth surface that the triangle stands for: towards
-// the planes through the corners across their normals, where those are over it. From the triangle itself rays to a light
-// near the horizon would meet its neighbours, and shadows have its edges (Hanika 2021, Ray Tracing Gems II, chapter 4,
-// whose offsets from the planes come, summed with weights whose moments about the point are 0, to this).
+// the planes through the corners across their normals, where those are over it. From the triangle itself rays to a
+// light near the horizon would meet its neighbours, and shadows have its edges (Hanika 2021, Ray Tracing Gems II,
+// chapter 4, whose offsets from the planes come, summed with weights whose moments about the point are 0, to this).
 @if(smooth_normals)
 fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, normals: array<vec3f, 3>) -> vec3f {
     return weights.x * min(dot(position - corners[0], normals[0]), 0.0) * -normals[0]
@@ -91,7 +92,7 @@ fn met_at(hit: Hit, ray: Ray) -> Met {
     let e2 = met.corners[2] - met.corners[0];
     met.position = met.corners[0] + hit.u * e1 + hit.v * e2;
     met.outward = normalize(cross(e1, e2));
-    met.texel = triangle_texel(met.triangle);
+    met.texel = surface_texel_of(met.triangle);
     @if(procedurals) {
         if met.procedural {
             met.position = ray.origin + hit.t * ray.direction;
@@ -102,15 +103,16 @@ fn met_at(hit: Hit, ray: Ray) -> Met {
     return met;
 }
 
-// The smooth surface that a triangle stands for: where rays leave from it, and its normals on the side of the ray's origin.
+// The smooth surface that a triangle stands for: where rays leave from it, and its normals on the side of the ray's
+// origin.
 struct SmoothSurface {
     position: vec3f,
     geometric_normal: vec3f,
     shading_normal: vec3f,
 }
 
-// The surface's own normal is the corners', interpolated: by the triangle's, whole triangles along the terminator would be
-// black.
+// The surface's own normal is the corners', interpolated: by the triangle's, whole triangles along the terminator would
+// be black.
 fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> SmoothSurface {
     var surface = SmoothSurface(met.position, triangle_normal, triangle_normal);
     @if(smooth_normals) {
@@ -170,11 +172,11 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let material = material_at(material_index(met.texel.w));
     let flags = material_flags(material);
 
-    var meeting: Meeting;
-    meeting.hit = hit;
-    meeting.front = front;
-    @if(coat_normals) { meeting.unmapped = smooth_one.shading_normal; }
-    @if(textures) { meeting.factors = texture_factors(material, hit); }
+    var context: HitContext;
+    context.hit = hit;
+    context.front = front;
+    @if(coat_normals) { context.unmapped = smooth_one.shading_normal; }
+    @if(textures) { context.factors = texture_factors(material, hit); }
 
     var found: SurfaceHit;
     found.position = smooth_one.position;
@@ -186,8 +188,8 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     found.base_colour = base_colour(material, met, hit);
     found.emission = bitcast<vec3f>(load_material_texel(material + EMISSION_TEXEL).xyz);
     @if(textures) {
-        found.base_colour *= meeting.factors.base;
-        found.emission *= meeting.factors.emission;
+        found.base_colour *= context.factors.base;
+        found.emission *= context.factors.emission;
     }
 
     var bare: Surface;
@@ -195,10 +197,10 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     bare.shading_normal = smooth_one.shading_normal;
     bare.view = -ray.direction;
     @if(normal_maps && textures) {
-        bare.shading_normal = with_normal_map(material, meeting.factors.normal, hit, bare.shading_normal, front);
+        bare.shading_normal = with_normal_map(material, context.factors.normal, hit, bare.shading_normal, front);
     }
     @if(smooth_normals || normal_maps) { bare.shading_normal = bent_to(bare.shading_normal, bare.view); }
-    found.surface = add_lobes(bare, material, found.base_colour, meeting);
+    found.surface = add_lobes(bare, material, found.base_colour, context);
     @if(transmission) {
         found.transmittance = vec3f(1.0);
         if !front { found.transmittance = volume_transmittance(material, hit.t); }

@@ -14,10 +14,11 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun, traversal_turns};
 @if(global_map) import package::lib::irradiance::irradiance_near;
-import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, load_light_record, shadow_ray};
+import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
+import package::lib::light::table::load_light_texel;
 @if(environment) import package::lib::environment::environment_met;
-@if(environment) import package::lib::light::light_count;
-@if(mesh_lights) import package::lib::light::emitter_of;
+@if(environment) import package::lib::light::table::light_count;
+@if(mesh_lights) import package::lib::light::mesh::emitter_of;
 @if(mesh_lights || environment) import package::lib::light::light_probability;
 @if(global_map) import package::lib::math::PI;
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
@@ -47,7 +48,7 @@ const PATH_TURNS = 16384u;
 // Loop turns that a vertex may take beside its traversals: binary searches for a light and, twice, for one of the emitter
 // triangles, or for a direction of the environment.
 fn vertex_turns() -> u32 {
-    let header = load_light_record(0u);
+    let header = load_light_texel(0u);
     var turns = 6u + firstLeadingBit(header.x | 1u) + 2u * firstLeadingBit(header.y | 1u);
     @if(environment) { turns += ENVIRONMENT_TURNS; }
     return turns;

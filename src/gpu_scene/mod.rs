@@ -1,17 +1,18 @@
 //! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
 
-pub mod aim;
+mod bounds;
 pub mod camera;
 pub mod environment;
 pub mod lights;
+pub mod receivers;
 pub mod sheen;
 pub mod sobol;
 pub mod surfaces;
 pub mod textures;
 
-pub use aim::Receivers;
 pub use camera::CameraUniform;
 pub use lights::GpuLights;
+pub use receivers::ReceiverBounds;
 pub use surfaces::GpuSurfaces;
 pub use textures::GpuTextures;
 
@@ -33,7 +34,8 @@ pub struct GpuScene {
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
-    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was none.
+    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was
+    /// none.
     pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
@@ -67,10 +69,11 @@ impl GpuScene {
         let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
-        let records =
+        let texels =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.
-        let receivers = if features.has("visibility_estimate") { None } else { Receivers::of(scene) };
+        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to
+        // another.
+        let receivers = if features.has("visibility_estimate") { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(GpuScene {
@@ -79,7 +82,7 @@ impl GpuScene {
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
             sheen_albedos: features.has("sheen").then(|| sheen::upload(gpu)).transpose()?,
-            bytes: records as u64 * 16 + textures.bytes + panorama,
+            bytes: texels as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
             procedurals: gpu.table("penumbra/scene/procedural_records", &procedurals, TableFormat::Float)?,

@@ -114,7 +114,7 @@ impl Flux {
         max_bounces: u32,
         seed: u32,
     ) -> Result<Option<FluxPhotons>> {
-        let powers: Vec<f64> = lights.lights.iter().map(|light| light.aimed * light.power).collect();
+        let powers: Vec<f64> = lights.lights.iter().map(|light| light.received_share * light.power).collect();
         let first_rays = first_rays(&powers, rays);
         let emitted = first_rays[powers.len()];
         let by_light = powers.iter().zip(first_rays.windows(2)).filter(|(_, ends)| ends[1] > ends[0]);

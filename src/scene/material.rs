@@ -200,9 +200,9 @@ impl Material {
         self.unlit || (self.is_lambertian() && self.base_colour.truncate() == Vec3::ZERO)
     }
 
-    /// Its texels in the table of materials, [`MATERIAL_TEXELS`] of them. `infos` are the numbers of its texture infos, counted
-    /// from 1, in the order of [`Material::texture_uses`]; 0 for none. `scale` is the factor from world lengths to normalised
-    /// ones.
+    /// Its texels in the table of materials, [`MATERIAL_TEXELS`] of them. `infos` are the numbers of its texture infos,
+    /// counted from 1, in the order of [`Material::texture_uses`]; 0 for none. `scale` is the factor from world lengths
+    /// to normalised ones.
     pub(crate) fn texels(&self, scale: f64, infos: &[u32]) -> Vec<[u32; 4]> {
         let (alpha, cutoff) = match self.alpha {
             AlphaMode::Opaque => (0, 0.0),

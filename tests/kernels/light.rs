@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, Kernel, Resources, compose};
 use penumbra::gpu_scene::lights::{has_many_emitters, is_closed};
-use penumbra::gpu_scene::{GpuLights, Receivers};
+use penumbra::gpu_scene::{GpuLights, ReceiverBounds};
 use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 
 use crate::kit::{device_features, gpu};
@@ -89,7 +89,7 @@ pub struct Emitted {
 }
 
 /// Rays of a light, which are sent towards the receivers where they are given.
-pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usize) -> Vec<Emitted> {
+pub fn emit(scene: &Scene, receivers: Option<ReceiverBounds>, light: usize, rays: usize) -> Vec<Emitted> {
     let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
     let got = run_with(&features(scene), &gpu_scene(scene, receivers), "emitted", &place, rays, 3, 0);
     let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
@@ -97,7 +97,7 @@ pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usi
     rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
 }
 
-fn gpu_scene(scene: &Scene, receivers: Option<Receivers>) -> GpuLights {
+fn gpu_scene(scene: &Scene, receivers: Option<ReceiverBounds>) -> GpuLights {
     GpuLights::new(gpu(), scene, receivers).unwrap()
 }
 
@@ -768,7 +768,7 @@ fn every_set_of_kinds_composes() {
         let has = |name: &str| composed.module.functions.iter().any(|(_, f)| f.name.as_deref() == Some(name));
         assert_eq!(has("mesh_form_factor"), features.has("mesh_lights"));
         assert_eq!(has("punctual_at"), set & 0b1110 != 0);
-        let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_records"));
+        let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_texels"));
         assert_eq!(table, features.has("mesh_lights"));
     }
     for set in 0..8u32 {

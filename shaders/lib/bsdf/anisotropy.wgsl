@@ -25,7 +25,14 @@ fn anisotropy_texture(factors: vec3f, texel: vec4f, texture: u32) -> vec3f {
 }
 
 @if(anisotropy)
-fn anisotropy_lobe(material: u32, factors: vec3f, alpha: f32, hit: Hit, shading_normal: vec3f, front: bool) -> Anisotropy {
+fn anisotropy_lobe(
+    material: u32,
+    factors: vec3f,
+    alpha: f32,
+    hit: Hit,
+    shading_normal: vec3f,
+    front: bool,
+) -> Anisotropy {
     var lobe: Anisotropy;
     lobe.alpha_along = alpha;
     let own = bitcast<vec4f>(load_material_texel(material + ANISOTROPY_TEXEL));

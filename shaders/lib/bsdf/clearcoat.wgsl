@@ -1,5 +1,5 @@
-// The clear coat: a second GGX lobe, of a dielectric layer over everything else (KHR_materials_clearcoat). Its parameters are
-// read in src/scene/material/clearcoat.rs.
+// The clear coat: a second GGX lobe, of a dielectric layer over everything else (KHR_materials_clearcoat). Its
+// parameters are read in src/scene/material/clearcoat.rs.
 
 @if(clearcoat) import package::lib::bsdf::microfacet::{
     LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, visible_density,
@@ -57,8 +57,8 @@ fn clearcoat_lobe(material: u32, factors: vec2f) -> Clearcoat {
     return lobe;
 }
 
-// The coat's normal over a surface whose normal without any map is `unmapped`. Without a map of its own the coat is smooth,
-// whatever its base is.
+// The coat's normal over a surface whose normal without any map is `unmapped`. Without a map of its own the coat is
+// smooth, whatever its base is.
 @if(coat_normals)
 fn coat_normal_at(material: u32, texel: vec3f, hit: Hit, unmapped: vec3f, front: bool, view: vec3f) -> vec3f {
     var normal = unmapped;
@@ -88,11 +88,14 @@ fn unpack_clearcoat(packed: vec4f) -> Clearcoat {
     @else { return Clearcoat(packed.x, packed.y); }
 }
 
-// Heights of light and view over the coat, for light that comes to the base from outside of it or leaves it inside. `pair` is
-// about the base's normal; `direction` and `view` are the same in the scene's axes.
+// Heights of light and view over the coat, for light that comes to the base from outside of it or leaves it inside.
+// `pair` is about the base's normal; `direction` and `view` are the same in the scene's axes.
 @if(clearcoat)
 fn coat_heights(lobe: Clearcoat, pair: LocalPair, direction: vec3f, view: vec3f) -> vec2f {
-    @if(coat_normals) { return vec2f(dot(direction, lobe.normal) * sign(pair.light.z), coat_view_height(lobe, pair, view)); }
+    @if(coat_normals) {
+        let light = dot(direction, lobe.normal) * sign(pair.light.z);
+        return vec2f(light, coat_view_height(lobe, pair, view));
+    }
     @else { return vec2f(abs(pair.light.z), pair.view.z); }
 }
 
@@ -122,8 +125,8 @@ fn clearcoat_density(pair: LocalPair) -> f32 {
     return visible_density(pair, normalize(pair.view + pair.light));
 }
 
-// How often the coat is sampled where what lies below would reflect `below` straight back; `through` is what the coat lets
-// through there.
+// How often the coat is sampled where what lies below would reflect `below` straight back; `through` is what the coat
+// lets through there.
 @if(clearcoat)
 fn clearcoat_chance(lobe: Clearcoat, through: f32, below: f32) -> f32 {
     let coat = 3.0 * (1.0 - through);

@@ -1,5 +1,5 @@
-// Microfacets of the GGX distribution, and dielectric layers of them over a base: what the specular lobe, transmission and
-// the clear coat have in common.
+// Microfacets of the GGX distribution, and dielectric layers of them over a base: what the specular lobe, transmission
+// and the clear coat have in common.
 
 @if(glossy) import package::lib::math::{PI, safe_sqrt};
 
@@ -33,30 +33,31 @@ fn schlick(cosine: f32) -> f32 {
     return x2 * x2 * x;
 }
 
-// Reflectance of a layer at grazing incidence: a rough one reflects less there than Fresnel's term says, a tenth of it at
-// alpha 1, which is a little above what its lobe sums to.
+// Reflectance of a layer at grazing incidence: a rough one reflects less there than Fresnel's term says, a tenth of it
+// at alpha 1, which is a little above what its lobe sums to.
 @if(glossy)
 fn layer_grazing(reflectances: vec2f, alpha: f32) -> f32 {
     return max(reflectances.y * (1.0 - 0.9 * alpha), reflectances.x);
 }
 
-// The part of light that a dielectric layer lets through to its base and out again: what it does not reflect at the lower of
-// the two angles. `reflectances` are those at normal and at grazing incidence. Appendix B of glTF takes the term at the half
-// vector instead, but then a white base under a smooth layer, seen at one degree, returns 1.8 times what it gets; this stays
-// within 1 and is reciprocal.
+// The part of light that a dielectric layer lets through to its base and out again: what it does not reflect at the
+// lower of the two angles. `reflectances` are those at normal and at grazing incidence. Appendix B of glTF takes the
+// term at the half vector instead, but then a white base under a smooth layer, seen at one degree, returns 1.8 times
+// what it gets; this stays within 1 and is reciprocal.
 @if(glossy)
 fn through_layer(reflectances: vec2f, alpha: f32, light_z: f32, view_z: f32) -> f32 {
     return 1.0 - mix(reflectances.x, layer_grazing(reflectances, alpha), schlick(min(light_z, view_z)));
 }
 
-// The mean of what `through_layer` keeps: Schlick's term at the lower of two angles is 11/126, both weighted by their cosines.
+// The mean of what `through_layer` keeps: Schlick's term at the lower of two angles is 11/126, both weighted by their
+// cosines.
 @if(glossy)
 fn mean_kept(reflectances: vec2f, alpha: f32) -> f32 {
     return mix(reflectances.x, layer_grazing(reflectances, alpha), 11.0 / 126.0);
 }
 
-// Means over both directions, weighted by their cosines, for a lobe of the width alpha: of what its masking leaves, and of
-// that times Schlick's term. Fits to integrals by 10^6 samples at 39 widths, off by 0.004 and 0.0005 at most.
+// Means over both directions, weighted by their cosines, for a lobe of the width alpha: of what its masking leaves, and
+// of that times Schlick's term. Fits to integrals by 10^6 samples at 39 widths, off by 0.004 and 0.0005 at most.
 @if(glossy)
 fn lobe_means(alpha: f32) -> vec2f {
     return vec2f(1.0, 1.0 / 21.0) / (1.0 + vec2f(1.42, 13.6) * pow(vec2f(alpha), vec2f(1.72, 1.54)));
@@ -90,7 +91,8 @@ fn microfacets(pair: LocalPair, h: vec3f) -> f32 {
     return smith_visibility(pair) * ggx_density(h, pair.alpha);
 }
 
-// Density of the visible normals over four times their cosine to the view: the density of reflected directions (Heitz 2018).
+// Density of the visible normals over four times their cosine to the view: the density of reflected directions (Heitz
+// 2018).
 @if(glossy)
 fn visible_density(pair: LocalPair, h: vec3f) -> f32 {
     return ggx_density(h, pair.alpha) / (2.0 * (pair.view.z + smith_root(pair.view, pair.alpha)));

@@ -1,5 +1,5 @@
-// Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017). Its parameters
-// and the table of its albedo are made in src/scene/material/sheen.rs.
+// Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017). Its
+// parameters and the table of its albedo are made in src/scene/material/sheen.rs.
 
 @if(sheen) import package::lib::bsdf::microfacet::LocalPair;
 @if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS, SHEEN_TEXEL};
@@ -51,9 +51,9 @@ fn sheen_roughness(lobe: Sheen) -> f32 {
     return clamp(lobe.roughness, min_sheen_roughness, 1.0);
 }
 
-// How fibres reflect light from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3, as
-// KHR_materials_sheen has it), and how much light from there they would reflect if white: their directional albedo, which
-// by the extension's formula is more than 1 at grazing angles where they are less rough than 0.3.
+// How fibres reflect light from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3,
+// as KHR_materials_sheen has it), and how much light from there they would reflect if white: their directional albedo,
+// which by the extension's formula is more than 1 at grazing angles where they are less rough than 0.3.
 @if(sheen)
 struct FibreSide {
     lambda: f32,
@@ -99,8 +99,8 @@ fn through_sheen(lobe: Sheen, pair: LocalPair) -> f32 {
     return through_fibres(lobe, max(light, fibre_side(roughness, pair.view.z).albedo));
 }
 
-// What the fibres reflect: the extension's formula, divided by what keeps their albedo from either side within 1. So it is
-// reciprocal, makes no light, and is the formula as it is wherever that does so.
+// What the fibres reflect: the extension's formula, divided by what keeps their albedo from either side within 1. So it
+// is reciprocal, makes no light, and is the formula as it is wherever that does so.
 @if(sheen)
 fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
     let roughness = sheen_roughness(lobe);
@@ -143,8 +143,8 @@ fn sheen_density(chance: f32) -> f32 {
     return chance / (2.0 * PI);
 }
 
-// Albedo of fibres over a base of albedo `base`: means over the cosine-weighted hemisphere of the fibres' albedo, and of the
-// larger of two; fits, 0.001 and 0.003 off at most.
+// Albedo of fibres over a base of albedo `base`: means over the cosine-weighted hemisphere of the fibres' albedo, and
+// of the larger of two; fits, 0.001 and 0.003 off at most.
 @if(sheen)
 fn mean_with_sheen(lobe: Sheen, base: vec3f) -> vec3f {
     let r = sheen_roughness(lobe);

@@ -45,7 +45,8 @@ fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance:
     return lobe;
 }
 
-// Reflectance of the microfacets for light at that cosine to their normal, on the side of the lower index of refraction.
+// Reflectance of the microfacets for light at that cosine to their normal, on the side of the lower index of
+// refraction.
 @if(glossy)
 fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
     return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));

@@ -1,4 +1,5 @@
-// What a surface is composed of: its lobes, how they are read from a material and its textures, and how they are packed.
+// What a surface is composed of: its lobes, how they are read from a material and its textures, and how they are
+// packed.
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::ray::Hit;
@@ -17,7 +18,9 @@ import package::lib::ray::Hit;
 };
 @if(transmission && textures) import package::lib::bsdf::transmission::transmission_texture;
 @if(transmission) import package::lib::constants::{TRANSMISSION_TEXTURES, TRANSMISSION_VECTORS};
-@if(clearcoat) import package::lib::bsdf::clearcoat::{Clearcoat, clearcoat_lobe, is_coated, pack_clearcoat, unpack_clearcoat};
+@if(clearcoat) import package::lib::bsdf::clearcoat::{
+    Clearcoat, clearcoat_lobe, is_coated, pack_clearcoat, unpack_clearcoat,
+};
 @if(clearcoat && textures) import package::lib::bsdf::clearcoat::{clearcoat_texture, clearcoat_textures};
 @if(coat_normals) import package::lib::bsdf::clearcoat::coat_normal_at;
 @if(coat_normals && textures) import package::lib::bsdf::clearcoat::coat_normal_texture;
@@ -40,7 +43,8 @@ struct Surface {
     @if(transmission) transmission: Transmission,
     @if(clearcoat) clearcoat: Clearcoat,
     @if(sheen) sheen: Sheen,
-    // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth surface.
+    // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth
+    // surface.
     geometric_normal: vec3f,
     shading_normal: vec3f,
     // Unit, towards the viewer.
@@ -93,8 +97,9 @@ fn read_textures() -> u32 {
     return read;
 }
 
-// The material's textures at a hit, one iteration for each that there is: software devices run the body of an if for every
-// lane, whatever its condition, and six texture look-ups one after the other would be done for materials that have one.
+// The material's textures at a hit, one iteration for each that there is: software devices run the body of an if for
+// every lane, whatever its condition, and six texture look-ups one after the other would be done for materials that
+// have one.
 @if(textures)
 fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
     let uv = uv_at(hit.triangle, hit.u, hit.v);
@@ -124,7 +129,7 @@ fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
 // ---- Lobes of a material
 
 // Where a ray met a surface, and what is known of the surface there.
-struct Meeting {
+struct HitContext {
     hit: Hit,
     // The ray came from outside.
     front: bool,
@@ -134,7 +139,7 @@ struct Meeting {
 }
 
 // Adds the lobes of a material of that base colour to a surface whose normals and view are known.
-fn add_lobes(bare: Surface, material: u32, base: vec3f, meeting: Meeting) -> Surface {
+fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> Surface {
     var s = bare;
     s.albedo = base;
     @if(glossy) {
@@ -143,32 +148,33 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, meeting: Meeting) -> Sur
         var metallic = bitcast<f32>(load_material_texel(material + EMISSION_TEXEL).w);
         var specular = specular_factors(material);
         @if(textures) {
-            roughness *= meeting.factors.roughness_metallic.x;
-            metallic *= meeting.factors.roughness_metallic.y;
-            specular *= meeting.factors.specular;
+            roughness *= context.factors.roughness_metallic.x;
+            metallic *= context.factors.roughness_metallic.y;
+            specular *= context.factors.specular;
         }
         s.albedo = base * (1.0 - metallic);
         s.specular = specular_lobe(base, metallic, roughness, own.y, specular);
     }
     @if(transmission) {
         var passing = transmission_factor(material);
-        @if(textures) { passing *= meeting.factors.transmission; }
-        s.transmission = transmission_lobe(material, s.albedo * passing, meeting.front);
+        @if(textures) { passing *= context.factors.transmission; }
+        s.transmission = transmission_lobe(material, s.albedo * passing, context.front);
         s.albedo *= 1.0 - passing;
     }
-    @if(clearcoat && textures) { s.clearcoat = clearcoat_lobe(material, meeting.factors.clearcoat); }
+    @if(clearcoat && textures) { s.clearcoat = clearcoat_lobe(material, context.factors.clearcoat); }
     @if(clearcoat && !textures) { s.clearcoat = clearcoat_lobe(material, vec2f(1.0)); }
     @if(coat_normals) {
         var texel = vec3f(0.0);
-        @if(textures) { texel = meeting.factors.coat_normal; }
-        s.clearcoat.normal = coat_normal_at(material, texel, meeting.hit, meeting.unmapped, meeting.front, s.view);
+        @if(textures) { texel = context.factors.coat_normal; }
+        s.clearcoat.normal = coat_normal_at(material, texel, context.hit, context.unmapped, context.front, s.view);
     }
     @if(anisotropy) {
         var factors = ANISOTROPY_UNTEXTURED;
-        @if(textures) { factors = meeting.factors.anisotropy; }
-        s.anisotropy = anisotropy_lobe(material, factors, s.specular.alpha, meeting.hit, s.shading_normal, meeting.front);
+        @if(textures) { factors = context.factors.anisotropy; }
+        let alpha = s.specular.alpha;
+        s.anisotropy = anisotropy_lobe(material, factors, alpha, context.hit, s.shading_normal, context.front);
     }
-    @if(sheen && textures) { s.sheen = sheen_lobe(material, meeting.factors.sheen); }
+    @if(sheen && textures) { s.sheen = sheen_lobe(material, context.factors.sheen); }
     @if(sheen && !textures) { s.sheen = sheen_lobe(material, vec4f(1.0)); }
     return s;
 }
@@ -183,8 +189,8 @@ fn without_light(lit: Surface) -> Surface {
 
 // ---- Packing
 
-// The vectors of a packed surface: albedo and shading normal; those of the specular lobe; those of each lobe that there is.
-// Their numbers are those of src/specialisation.rs.
+// The vectors of a packed surface: albedo and shading normal; those of the specular lobe; those of each lobe that there
+// is. Their numbers are those of src/specialisation.rs.
 const SPECULAR_VECTOR = 1u;
 @if(glossy) const TRANSMISSION_VECTOR = SPECULAR_VECTOR + SPECULAR_VECTORS;
 @if(!glossy) const TRANSMISSION_VECTOR = SPECULAR_VECTOR;

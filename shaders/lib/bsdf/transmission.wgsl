@@ -10,7 +10,8 @@
 
 @if(transmission)
 struct Transmission {
-    // The part of the light not reflected by the dielectric layer that passes: base colour times (1 - metallic) times factor.
+    // The part of the light not reflected by the dielectric layer that passes: base colour times (1 - metallic) times
+    // factor.
     tint: vec3f,
     // Index of refraction on the viewer's side over that on the other; 1 where light passes straight on (a thin wall).
     eta: f32,
@@ -71,8 +72,8 @@ fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
 }
 
 // The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely
-// directions lie about it: the normal's density times this is the direction's (Walter et al. 2007, equations 16 and 17). 0
-// where there is none. A thin wall bends no light: it spreads it as its mirror image is spread.
+// directions lie about it: the normal's density times this is the direction's (Walter et al. 2007, equations 16 and
+// 17). 0 where there is none. A thin wall bends no light: it spreads it as its mirror image is spread.
 @if(transmission)
 struct Passing {
     normal: vec3f,

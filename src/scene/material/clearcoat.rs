@@ -40,8 +40,8 @@ impl Clearcoat {
         self.factor > 0.0
     }
 
-    /// Whether the coat has another normal than a base of that normal texture and scale: each has its own map, or only one of
-    /// them has one.
+    /// Whether the coat has another normal than a base of that normal texture and scale: each has its own map, or only
+    /// one of them has one.
     pub fn has_own_normal(&self, base: Option<(TextureInfo, f32)>) -> bool {
         self.is_present() && base != self.normal_texture.map(|map| (map, self.normal_scale))
     }

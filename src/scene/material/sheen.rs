@@ -87,8 +87,8 @@ const RAISED: f64 = 1.0015;
 /// Points of the quadrature each way. Twice as many change no entry by 1e-4.
 const POINTS: usize = 48;
 
-/// The albedos from which kernels interpolate: for each cell the entries at its corners, by rows. An entry is the binary
-/// logarithm of the directional albedo times 4 cosine (1 + lambda), which is smoother than the albedo.
+/// The albedos from which kernels interpolate: for each cell the entries at its corners, by rows. An entry is the
+/// binary logarithm of the directional albedo times 4 cosine (1 + lambda), which is smoother than the albedo.
 pub(crate) fn albedos() -> Vec<[f32; 4]> {
     let columns = COLUMNS as usize + 1;
     let entry = |i: usize| {
@@ -104,8 +104,9 @@ pub(crate) fn albedos() -> Vec<[f32; 4]> {
     (0..(COLUMNS * ROWS) as usize).map(corners).collect()
 }
 
-/// The directional albedo, over its factors of the view alone: the integral of D (1 + lambda_v) / (1 + lambda_v + lambda_l) over
-/// the directions l of light. By midpoints: of the cubic root of l's height, as most happens low down, and of the azimuth.
+/// The directional albedo, over its factors of the view alone: the integral of D (1 + lambda_v) / (1 + lambda_v +
+/// lambda_l) over the directions l of light. By midpoints: of the cubic root of l's height, as most happens low down,
+/// and of the azimuth.
 fn scaled_albedo(cosine: f64, alpha: f64) -> f64 {
     let middle = |i: usize| (i as f64 + 0.5) / POINTS as f64;
     let sine = (1.0 - cosine * cosine).sqrt();

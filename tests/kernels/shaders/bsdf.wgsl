@@ -2,7 +2,9 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::bsdf::surface::Surface;
-import package::lib::bsdf::{bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
+import package::lib::bsdf::{
+    bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,
+};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -10,8 +12,8 @@ override seed: u32;
 // 1: the samples of one sequence; 0: a sequence each, so that they are independent.
 override stratified: u32;
 
-// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x; view, coat
-// normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
+// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x;
+// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -48,7 +50,11 @@ fn tested_surface() -> Surface {
 
 // The BSDF times the cosine and its density, for each direction; then its two parts' sum, where the base reflects.
 @compute @workgroup_size(64)
-fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn evaluated(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = tested_surface();
@@ -60,7 +66,11 @@ fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
 
 // Samples: direction and density, weight of radiance, that of flux.
 @compute @workgroup_size(64)
-fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn sampled(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = bsdf_sample(tested_surface(), sobol4(i, select(seed + i, seed, stratified == 1u)).xyz);
@@ -72,7 +82,11 @@ fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 
 // What the surface reflects where a path ends, as albedo.
 @compute @workgroup_size(64)
-fn seen_afar(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn seen_afar(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     results[2u * i] = vec4f(bsdf_seen_afar(tested_surface()) * 3.14159265, 0.0);

@@ -2,7 +2,7 @@
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::light::LightSample;
+import package::lib::light::table::LightSample;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample};
 import package::lib::math::oct_decode16;
 import package::lib::point::Point;
