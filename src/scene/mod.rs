@@ -21,7 +21,7 @@ mod texture;
 
 pub use environment::Panorama;
 pub use gltf::ImportOptions;
-pub use material::{AlphaMode, Anisotropy, Clearcoat, Material, Sheen, Specular, TextureInfo, Transmission, Volume};
+pub use material::*;
 pub(crate) use material::{TEXTURE_USES, constants as material_constants, sheen};
 
 use std::sync::Arc;
