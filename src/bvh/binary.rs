@@ -1,6 +1,6 @@
 //! A binary BVH by binned surface-area heuristic, its depth bounded by construction.
 
-use super::Aabb;
+use super::aabb::Aabb;
 use glam::Vec3;
 
 /// Bins along each axis. More gain less than 1 % of the SAH cost on the scenes that were tried.

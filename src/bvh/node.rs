@@ -11,10 +11,13 @@
 //! | 11 | 0 to 27 | the first triangle of the first leaf; those of the other leaves follow it |
 //! | 9, 10, 11 | 28 to 31 | triangles of each child, 3 bits a child, child 0 lowest; 0 for nodes and for places not used |
 
-use super::{Aabb, WIDTH};
+use super::aabb::Aabb;
 #[cfg(test)]
 use glam::DVec3;
 use glam::Vec3;
+
+/// Children of a node.
+pub(super) const WIDTH: usize = 4;
 
 /// Most triangles: what 28 bits can name.
 pub(super) const MAX_INDEX: usize = 1 << 28;

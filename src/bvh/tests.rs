@@ -1,7 +1,11 @@
 //! What every hierarchy must be, checked by decoding the nodes as the kernels do.
 
-use super::*;
-use glam::{DVec3, vec3};
+use glam::{DVec3, Vec3, vec3};
+
+use super::aabb::Aabb;
+use super::binary;
+use super::hierarchy::{Bvh, STACK_SIZE};
+use super::node::{Node, WIDTH};
 
 type Triangle = [Vec3; 3];
 

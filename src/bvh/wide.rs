@@ -1,6 +1,11 @@
 //! The binary tree collapsed to four children a node at the least expected cost.
 
-use super::{Aabb, MAX_LEAF, WIDTH, binary};
+use super::aabb::Aabb;
+use super::binary;
+use super::node::WIDTH;
+
+/// Most triangles of a leaf.
+const MAX_LEAF: u32 = 4;
 
 /// Cost of testing a triangle over that of visiting a node: both fetch three texels, and a node is followed by a sort. On
 /// lavapipe 0.35 to 1 make no difference that shows.
@@ -20,13 +25,13 @@ pub(super) struct Child {
 /// and how that is done (Ylitie, Karras and Laine 2017, section 3.1, for four children).
 pub(super) struct Collapse<'a> {
     nodes: &'a [binary::Node],
-    choices: Vec<[LightSampler; WIDTH - 1]>,
+    choices: Vec<[Choice; WIDTH - 1]>,
     /// How many of the four children the left binary child gets, where the node is made a wide one.
     left_shares: Vec<u8>,
 }
 
 #[derive(Clone, Copy)]
-struct LightSampler {
+struct Choice {
     cost: f32,
     kind: Kind,
 }
@@ -43,7 +48,7 @@ enum Kind {
 
 impl<'a> Collapse<'a> {
     pub fn new(nodes: &'a [binary::Node]) -> Self {
-        let none = LightSampler { cost: f32::INFINITY, kind: Kind::Leaf };
+        let none = Choice { cost: f32::INFINITY, kind: Kind::Leaf };
         let mut choices = vec![[none; WIDTH - 1]; nodes.len()];
         let mut left_shares = vec![0; nodes.len()];
         // Children lie behind their parents, so this meets them first.
@@ -65,7 +70,7 @@ impl<'a> Collapse<'a> {
                     .filter(|&share| share < places)
                     .map(|share| {
                         let cost = cost_below(&choices, left, share) + cost_below(&choices, right, places - share);
-                        LightSampler { cost, kind: Kind::Split(share as u8) }
+                        Choice { cost, kind: Kind::Split(share as u8) }
                     })
                     .min_by(|a, b| a.cost.total_cmp(&b.cost))
                     .expect("two places or more")
@@ -73,10 +78,10 @@ impl<'a> Collapse<'a> {
             let wide = split(WIDTH);
             let Kind::Split(share) = wide.kind else { unreachable!("split only splits") };
             left_shares[at] = share;
-            let wide = LightSampler { cost: wide.cost + area, kind: Kind::Wide };
+            let wide = Choice { cost: wide.cost + area, kind: Kind::Wide };
             let mut best = [if node.count <= MAX_LEAF && leaf.cost <= wide.cost { leaf } else { wide }; WIDTH - 1];
             for places in 2..WIDTH {
-                let fewer = LightSampler { cost: best[places - 2].cost, kind: Kind::Fewer };
+                let fewer = Choice { cost: best[places - 2].cost, kind: Kind::Fewer };
                 let split = split(places);
                 best[places - 1] = if split.cost < fewer.cost { split } else { fewer };
             }
@@ -116,6 +121,6 @@ impl<'a> Collapse<'a> {
     }
 }
 
-fn cost_below(choices: &[[LightSampler; WIDTH - 1]], at: usize, places: usize) -> f32 {
+fn cost_below(choices: &[[Choice; WIDTH - 1]], at: usize, places: usize) -> f32 {
     choices[at][places - 1].cost
 }

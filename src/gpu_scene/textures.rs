@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
 use crate::gpu::{Gpu, Table};
-use crate::scene::{ColourSpace, Filter, Material, Scene, TextureSlot, Wrap};
+use crate::scene::{ColourSpace, Filter, Material, Scene, TextureInfo, Wrap};
 
 /// The tables behind `texture_slots`, `colour_texels` and `data_texels`.
 pub struct GpuTextures {
@@ -53,7 +53,7 @@ impl GpuTextures {
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<(GpuTextures, Vec<MaterialSlots>)> {
         let mut atlas = Atlas::default();
         let mut records: Vec<[u32; 4]> = Vec::new();
-        let mut slot = |slot: &Option<TextureSlot>| -> u32 {
+        let mut slot = |slot: &Option<TextureInfo>| -> u32 {
             let Some(slot) = slot else { return 0 };
             let texture = &scene.textures[slot.texture as usize];
             let image = &scene.images[texture.image as usize];
@@ -74,7 +74,7 @@ impl GpuTextures {
             records.push([base, image.width, image.height, 0]);
             records.len() as u32 / SLOT_RECORDS
         };
-        let slots = |m: &Material, slot: &mut dyn FnMut(&Option<TextureSlot>) -> u32| MaterialSlots {
+        let slots = |m: &Material, slot: &mut dyn FnMut(&Option<TextureInfo>) -> u32| MaterialSlots {
             base_colour: slot(&m.base_colour_texture),
             metallic_roughness: slot(&m.metallic_roughness_texture),
             normal: slot(&m.normal_texture),

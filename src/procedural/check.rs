@@ -7,7 +7,8 @@ use naga::{
     SourceLocation, Span, Statement, Type, TypeInner, VectorSize,
 };
 
-use super::{Role, TURNS};
+use super::limits::TURNS;
+use super::role::Role;
 
 /// Most bytes of a file: those of a long day's work.
 const MAX_BYTES: usize = 1 << 16;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::fingerprint::{digest, fingerprint};
+use crate::fingerprint::digest;
 use crate::render::film::{read_file, write_atomically};
 use crate::{Error, Result};
 
@@ -212,6 +212,6 @@ impl Renderer<'_> {
     }
 
     fn fingerprint(&self) -> String {
-        fingerprint(&self.scene, &(&self.camera, &self.settings))
+        self.scene.fingerprint(&(&self.camera, &self.settings))
     }
 }

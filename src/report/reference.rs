@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::fingerprint::fingerprint;
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
@@ -205,7 +204,7 @@ impl Reference {
 /// The folder below `cache` for what belongs to a scene as it is seen with these settings.
 pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
     let Settings { width, height, max_bounces, light_scale, .. } = subject.settings;
-    cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
+    cache.join(subject.scene.fingerprint(&(subject.camera, width, height, max_bounces, light_scale)))
 }
 
 /// Waits until no other process makes the reference in `folder`; none where `stop` says so. The system lets go of the lock when

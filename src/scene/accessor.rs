@@ -3,8 +3,8 @@
 use std::cell::Cell;
 
 use super::container::{Bytes, Resources};
-use super::geometry::MAX_CORNERS;
 use super::json::Json;
+use super::limits::MAX_CORNERS;
 use crate::Result;
 
 /// Elements that an accessor without a buffer view may always have; beyond, no more than a buffer has bytes, as some other

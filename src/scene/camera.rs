@@ -3,9 +3,45 @@
 use glam::{DAffine3, Vec3};
 
 use super::json::Json;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{Camera, NO_LIGHT, Normalisation, Projection, Scene};
 use crate::Result;
+
+/// A camera: looks along -z of its own axes, +y up (glTF 3.10).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// The node's or camera's name, or `camera N`.
+    pub name: String,
+    /// Position.
+    pub position: Vec3,
+    /// Unit axes: right (+x), up (+y), backward (+z).
+    pub axes: [Vec3; 3],
+    /// Projection.
+    pub projection: Projection,
+    /// Near plane distance, normalised.
+    pub near: f32,
+    /// Far plane distance, normalised; infinite where the file has none.
+    pub far: f32,
+}
+
+/// Projection of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// Perspective.
+    Perspective {
+        /// Vertical field of view in radians.
+        yfov: f32,
+        /// Width over height, where the file states one.
+        aspect: Option<f32>,
+    },
+    /// Orthographic.
+    Orthographic {
+        /// Half the width of the view, normalised.
+        xmag: f32,
+        /// Half the height of the view, normalised.
+        ymag: f32,
+    },
+}
 
 /// A camera, as the file states it.
 pub(super) struct CameraKind {
@@ -101,37 +137,5 @@ impl CameraKind {
         };
         let (near, far) = ((self.near * scale) as f32, (self.far * scale) as f32);
         Ok(Some(Camera { name, position, axes, projection, near, far }))
-    }
-}
-
-/// Vertical field of view of [`Scene::frame_camera`] in degrees: that of a 50 mm lens on a camera
-/// for 36 mm film.
-const FRAME_YFOV_DEGREES: f32 = 40.0;
-
-impl Scene {
-    /// A perspective camera before the scene and a little above it, whose view holds all of what
-    /// emits no light (all of the scene where everything does), for images that are no taller
-    /// than wide.
-    pub fn frame_camera(&self) -> Camera {
-        let lit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
-        let [lower, upper] = self
-            .bounds_of(lit)
-            .or_else(|| self.bounds())
-            // An empty scene is as good as any: unit size.
-            .unwrap_or([Vec3::splat(-1.0), Vec3::ONE]);
-        let centre = 0.5 * (lower + upper);
-        let radius = 0.5 * (upper - lower).length();
-        let yfov = FRAME_YFOV_DEGREES.to_radians();
-        let distance = radius / (0.5 * yfov).sin();
-        let backward = Vec3::new(0.0, 0.35, 1.0).normalize();
-        let up = (Vec3::Y - backward * backward.y).normalize();
-        Camera {
-            name: "framed".into(),
-            position: centre + distance * backward,
-            axes: [up.cross(backward), up, backward],
-            projection: Projection::Perspective { yfov, aspect: None },
-            near: 0.01 * radius,
-            far: f32::INFINITY,
-        }
     }
 }

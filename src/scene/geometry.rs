@@ -7,19 +7,16 @@ use std::ops::Range;
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::light::{self, Emission};
+use super::description::Scene;
+use super::light::{self, Emission, EmitterTriangle, Light, LightKind};
+use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::material::Material;
 use super::mesh::Primitive;
 use super::node::Node;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Normalisation, Scene, Triangle, Vertex};
+use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
-
-/// Most corners of triangles that a scene may have, instances counted each: indices to them, times
-/// three, stay within u32.
-pub(super) const MAX_CORNERS: usize = 3 << 25;
-
-/// Most vertices that a scene may have, instances counted each: while they are placed each takes up to 270 bytes.
-pub(super) const MAX_VERTICES: usize = 1 << 25;
 
 /// Objects that are no wider than this, over the scene's radius, are told of: three times the gap that rays skip where they
 /// leave a surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).

@@ -6,21 +6,14 @@
 use std::path::Path;
 
 use super::container::Resources;
+use super::description::Scene;
 use super::geometry::Geometry;
+use super::import_options::ImportOptions;
 use super::json::{self, Json};
 use super::notes::Notes;
-use super::{Scene, accessor, camera, container, geometry, light, material, mesh, node, procedural, texture};
+use super::{accessor, camera, container, geometry, images, light, material, mesh, node, procedural};
 use crate::input::read_file;
 use crate::{Error, Result};
-
-/// What import does where a file leaves it a choice.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ImportOptions {
-    /// Add a soft light above the scene if the file has no light.
-    pub default_light: bool,
-    /// Drop a primitive with NaN or infinite numbers instead of refusing the file.
-    pub lenient: bool,
-}
 
 /// Extensions that are rendered.
 const SUPPORTED: [&str; 13] = [
@@ -67,8 +60,8 @@ impl Scene {
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
         let views = accessor::Views::read(&root, &buffers)?;
         let accessors = views.accessors(&root)?;
-        let images = texture::read_images(&root, &views, &mut resources)?;
-        let materials = material::read(&root, &images, &mut notes)?;
+        let encoded = images::read_images(&root, &views, &mut resources)?;
+        let materials = material::read(&root, &encoded, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
         let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
@@ -76,7 +69,7 @@ impl Scene {
         let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
 
         let mut scene = Scene {
-            images: texture::decode(&images, &materials.images)?,
+            images: images::decode(&encoded, &materials.images)?,
             textures: materials.textures,
             materials: materials.materials,
             ..Default::default()

@@ -1,14 +1,87 @@
 //! Lights: punctual ones, what emissive triangles emit, and the default light.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use super::json::Json;
+use super::material::Material;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{Light, LightKind, Material, Normalisation, Texture, TextureImage};
+use super::panorama::Panorama;
+use super::texture::{Texture, TextureImage};
 use crate::Result;
+
+/// A light: what the photon map tags its photons with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// The node's or light's name, or `light N`.
+    pub name: String,
+    /// Where and how it emits.
+    pub kind: LightKind,
+}
+
+/// Where and how a light emits.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LightKind {
+    /// The triangles of one node and one emissive material.
+    Mesh {
+        /// Index into [`Scene::materials`]: its emission, and whether both faces emit.
+        material: u32,
+        /// The triangles that emit.
+        emitters: Vec<EmitterTriangle>,
+    },
+    /// KHR_lights_punctual point light.
+    Point {
+        /// Position.
+        position: Vec3,
+        /// Radiant intensity per steradian, scaled to normalised space (times scale squared).
+        intensity: Vec3,
+        /// Range, normalised; infinite where the file has none.
+        range: f32,
+    },
+    /// KHR_lights_punctual spot light.
+    Spot {
+        /// Position.
+        position: Vec3,
+        /// Unit vector the light looks along.
+        direction: Vec3,
+        /// As for [`LightKind::Point`].
+        intensity: Vec3,
+        /// Cosine of the inner cone angle; greater than [`cos_outer`](LightKind::Spot::cos_outer).
+        cos_inner: f32,
+        /// Cosine of the outer cone angle.
+        cos_outer: f32,
+        /// As for [`LightKind::Point`].
+        range: f32,
+    },
+    /// KHR_lights_punctual directional light.
+    Directional {
+        /// Unit vector the light travels along.
+        direction: Vec3,
+        /// Irradiance on a plane across the direction.
+        irradiance: Vec3,
+    },
+    /// What is all around the scene, infinitely far away; see [`Scene::set_environment`].
+    Environment {
+        /// The radiance from each direction, shared: it may be large.
+        panorama: Arc<Panorama>,
+        /// Rotation about +Y in turns, 0 to 1, counter-clockwise seen from above.
+        turn: f32,
+        /// Factor on the radiance, at least 0.
+        strength: f32,
+    },
+}
+
+/// An emitter triangle: a triangle of a mesh light and what it emits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmitterTriangle {
+    /// Index into [`Scene::triangles`].
+    pub triangle: u32,
+    /// Mean emitted radiance over the triangle (the emissive texture averaged over it).
+    pub radiance: Vec3,
+}
 
 /// A light of KHR_lights_punctual, as the file states it.
 pub(super) struct Punctual {

@@ -4,11 +4,112 @@ use std::collections::HashMap;
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
+use super::images::{self, Encoded};
 use super::json::Json;
 use super::notes::Notes;
-use super::texture::{self, Encoded};
-use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot, Volume};
+use super::texture::{ColourSpace, Texture, TextureInfo};
 use crate::Result;
+
+/// How the alpha of the base colour is used (glTF 3.9.4).
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// A texel with alpha below the cutoff is a hole.
+    Mask {
+        /// The cutoff.
+        cutoff: f32,
+    },
+    /// Alpha is the probability that a ray is stopped (stochastic transparency).
+    Blend,
+}
+
+/// glTF metallic-roughness material with the extensions that Penumbra renders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name in the file, or `material N`.
+    pub name: String,
+    /// Linear RGBA factor.
+    pub base_colour: Vec4,
+    /// Metallic factor, 0 to 1.
+    pub metallic: f32,
+    /// Roughness factor, 0 to 1; GGX alpha is its square.
+    pub roughness: f32,
+    /// Emitted radiance: emissive factor times KHR_materials_emissive_strength (for an unlit
+    /// material zero: it is [`Material::unlit`]).
+    pub emissive: Vec3,
+    /// KHR_materials_ior; 1.5 where absent.
+    pub ior: f32,
+    /// KHR_materials_specular factor; 1 where absent.
+    pub specular: f32,
+    /// KHR_materials_specular colour factor; one where absent.
+    pub specular_colour: Vec3,
+    /// KHR_materials_transmission factor, 0 to 1: the part of the base that lets light pass.
+    pub transmission: f32,
+    /// KHR_materials_volume, where its thickness is not 0: the surface bounds a volume and bends light. None: a thin wall.
+    pub volume: Option<Volume>,
+    /// KHR_materials_clearcoat factor, 0 to 1.
+    pub clearcoat: f32,
+    /// KHR_materials_clearcoat roughness, 0 to 1.
+    pub clearcoat_roughness: f32,
+    /// Scale of the clear coat's normal texture's x and y.
+    pub clearcoat_normal_scale: f32,
+    /// KHR_materials_anisotropy strength, 0 to 1.
+    pub anisotropy: f32,
+    /// KHR_materials_anisotropy rotation from the tangent, counter-clockwise, in radians.
+    pub anisotropy_rotation: f32,
+    /// KHR_materials_sheen colour, each 0 to 1.
+    pub sheen_colour: Vec3,
+    /// KHR_materials_sheen roughness, 0 to 1.
+    pub sheen_roughness: f32,
+    /// Scale of the normal texture's x and y.
+    pub normal_scale: f32,
+    /// Alpha mode.
+    pub alpha: AlphaMode,
+    /// Both faces are shaded, emit and store photons.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
+    pub unlit: bool,
+    /// Base colour (sRGB) and alpha.
+    pub base_colour_texture: Option<TextureInfo>,
+    /// Roughness in G, metallic in B.
+    pub metallic_roughness_texture: Option<TextureInfo>,
+    /// Tangent-space normal.
+    pub normal_texture: Option<TextureInfo>,
+    /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
+    /// itself, so, as in Cycles, it does not darken the image.
+    pub occlusion_texture: Option<TextureInfo>,
+    /// Emission (sRGB).
+    pub emissive_texture: Option<TextureInfo>,
+    /// Specular factor in A.
+    pub specular_texture: Option<TextureInfo>,
+    /// Specular colour (sRGB).
+    pub specular_colour_texture: Option<TextureInfo>,
+    /// Transmission in R.
+    pub transmission_texture: Option<TextureInfo>,
+    /// Clear coat in R.
+    pub clearcoat_texture: Option<TextureInfo>,
+    /// Roughness of the clear coat in G.
+    pub clearcoat_roughness_texture: Option<TextureInfo>,
+    /// Tangent-space normal of the clear coat, which is smooth where there is none, whatever its base is.
+    pub clearcoat_normal_texture: Option<TextureInfo>,
+    /// Direction of anisotropy in R and G, its strength in B.
+    pub anisotropy_texture: Option<TextureInfo>,
+    /// Sheen colour (sRGB).
+    pub sheen_colour_texture: Option<TextureInfo>,
+    /// Sheen roughness in A.
+    pub sheen_roughness_texture: Option<TextureInfo>,
+}
+
+/// What light passes through inside a closed surface (KHR_materials_volume).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// World length after which white light has the attenuation colour; infinite where nothing is absorbed.
+    pub attenuation_distance: f32,
+    /// See [`Volume::attenuation_distance`]; each 0 to 1.
+    pub attenuation_colour: Vec3,
+}
 
 impl Default for Material {
     /// The material of a primitive that names none (glTF 3.7.2.1).
@@ -76,12 +177,12 @@ macro_rules! shown_slots {
 
 impl Material {
     /// The textures it uses.
-    pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
+    pub fn slots(&self) -> impl Iterator<Item = &TextureInfo> {
         self.shown_slots().chain(&self.occlusion_texture)
     }
 
     /// The textures that are seen in an image: all but occlusion.
-    pub fn shown_slots(&self) -> impl Iterator<Item = &TextureSlot> {
+    pub fn shown_slots(&self) -> impl Iterator<Item = &TextureInfo> {
         shown_slots!(&self).into_iter().flatten()
     }
 
@@ -119,7 +220,7 @@ struct Reader<'r, 'a> {
 pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Notes) -> Result<Materials> {
     let (textures, samplers) = (root.list("textures")?, root.list("samplers")?);
     for sampler in &samplers {
-        texture::sampler(Some(sampler))?;
+        images::sampler(Some(sampler))?;
     }
     for texture in &textures {
         texture.get("sampler")?.map_or(Ok(0), |sampler| sampler.index(samplers.len(), "sampler"))?;
@@ -234,7 +335,7 @@ impl Reader<'_, '_> {
         Ok(m)
     }
 
-    fn slot(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureSlot>> {
+    fn slot(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>> {
         let Some(json) = owner.get(key)? else { return Ok(None) };
         let index = json.require("index")?.index(self.textures.len(), "texture")?;
         let texture = &self.textures[index];
@@ -263,7 +364,7 @@ impl Reader<'_, '_> {
         };
         let image = self.images[source.index(self.images.len(), "image")?].first;
         let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;
-        let (wrap, filter) = texture::sampler(sampler.map(|i| &self.samplers[i]))?;
+        let (wrap, filter) = images::sampler(sampler.map(|i| &self.samplers[i]))?;
         let image = *self.placed.entry(image).or_insert_with(|| {
             self.out.images.push(image);
             self.out.images.len() as u32 - 1
@@ -276,6 +377,6 @@ impl Reader<'_, '_> {
         // The extension turns coordinates counter-clockwise as seen with v down, after scaling.
         let (s, c) = rotation.sin_cos();
         let matrix = Mat2::from_cols(Vec2::new(c, -s) * scale.x, Vec2::new(s, c) * scale.y);
-        Ok(Some(TextureSlot { texture, uv_set: uv_set as u32, matrix, offset }))
+        Ok(Some(TextureInfo { texture, uv_set: uv_set as u32, matrix, offset }))
     }
 }

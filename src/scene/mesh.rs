@@ -3,9 +3,10 @@
 use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::{Accessor, Component};
-use super::geometry::{MAX_CORNERS, MAX_VERTICES};
+use super::import_options::ImportOptions;
 use super::json::Json;
-use super::{ImportOptions, Material};
+use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::material::Material;
 use crate::Result;
 
 /// A primitive made of triangles.

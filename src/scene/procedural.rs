@@ -3,10 +3,11 @@
 use glam::{DVec3, Vec3};
 
 use super::container::Resources;
+use super::description::Scene;
 use super::json::Json;
+use super::material::{AlphaMode, Material};
 use super::node::Node;
 use super::notes::Notes;
-use super::{AlphaMode, Material, Scene};
 use crate::Result;
 use crate::procedural::{Builder, MAX_OBJECTS, Procedural, Role, box_corners, to_own};
 

@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::gpu::{Features, compose};
 use penumbra::procedural::Role;
 use penumbra::scene::{
-    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureInfo, Wrap,
 };
 use penumbra::settings::LightSampling;
 use penumbra::specialisation::Specialisation;
@@ -35,7 +35,7 @@ impl LightSampler {
     }
 
     fn scene(self) -> Scene {
-        let slot = |uv_set| Some(TextureSlot { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let slot = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
         let plain = surface(0.5, 0.0);
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);

@@ -9,7 +9,7 @@ use penumbra::passes::grid::Photon;
 use penumbra::passes::photons::Photons;
 use penumbra::scene::{
     AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
-    Texture, TextureImage, TextureSlot, Triangle, Vertex, Wrap,
+    Texture, TextureImage, TextureInfo, Triangle, Vertex, Wrap,
 };
 use penumbra::specialisation::Specialisation;
 
@@ -45,7 +45,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
         ..Scene::default()
     };
     if materials.contains(&MASKED) {
-        let texture = TextureSlot { texture: 0, uv_set: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
+        let texture = TextureInfo { texture: 0, uv_set: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
         scene.materials.push(Material {
             alpha: AlphaMode::Mask { cutoff: 0.5 },
             base_colour_texture: Some(texture),

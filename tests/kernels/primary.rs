@@ -5,7 +5,7 @@ use penumbra::gpu::buffer::POISON;
 use penumbra::passes::primary::Primary;
 use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
 use penumbra::scene::{
-    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureSlot, Wrap,
+    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureInfo, Wrap,
 };
 use penumbra::settings::Technique;
 use penumbra::statistics::Counter;
@@ -74,7 +74,7 @@ fn panels() -> Scene {
     let near = square(DVec3::new(-0.07, 0.0, 1.7), DVec3::new(0.07, 0.0, 0.0), DVec3::new(0.0, 0.05, 0.12));
     let slot = |texture| {
         let matrix = Mat2::from_cols(Vec2::new(1.7, 0.3), Vec2::new(-0.4, 1.6));
-        Some(TextureSlot { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
+        Some(TextureInfo { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
     };
     let plain = surface(0.5, 0.0);
     let base_colour = Vec4::new(0.9, 0.7, 0.8, 0.9);
@@ -293,7 +293,7 @@ impl Oracle<'_> {
     }
 
     /// A texture at a point of a triangle; ones where there is none.
-    fn texel(&self, slot: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
+    fn texel(&self, slot: &Option<TextureInfo>, crossing: &Crossing) -> Result<DVec4, ()> {
         let Some(slot) = slot else { return Ok(DVec4::ONE) };
         let texture = &self.scene.textures[slot.texture as usize];
         let image = &self.scene.images[texture.image as usize];
@@ -534,7 +534,7 @@ fn tiles_and_layers_are_the_whole() {
 /// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
 #[test]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
-    let slot = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+    let slot = |texture, uv_set| Some(TextureInfo { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
     let material = Material {
         base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
         metallic: 0.8,

@@ -141,7 +141,7 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     .load();
     let m = &scene.materials[0];
     // Image (its red texel is its number), set and colour space of a slot.
-    let read = |slot: Option<penumbra::scene::TextureSlot>| {
+    let read = |slot: Option<penumbra::scene::TextureInfo>| {
         let slot = slot.unwrap();
         let texture = scene.textures[slot.texture as usize];
         (scene.images[texture.image as usize].texels[0][0], slot.uv_set, texture.space)

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use penumbra::scene::{ImportOptions, Scene};
-use penumbra::{Error, fingerprint};
+use penumbra::Error;
 use serde_json::{Value, json};
 
 use crate::builder::{File, temporary};
@@ -64,9 +64,7 @@ fn objects_stand_where_their_nodes_are() {
 /// The text of a function is part of what a scene is, so that no checkpoint or reference of another one is taken up.
 #[test]
 fn sources_are_in_the_fingerprint() {
-    let of = |source: &str| {
-        fingerprint::fingerprint(&file(sphere(json!({ "source": data(source) })), json!({})).load(), &())
-    };
+    let of = |source: &str| file(sphere(json!({ "source": data(source) })), json!({})).load().fingerprint(&());
     let other = SPHERE.replace("along - half, along", "along - 0.5 * half, along");
     assert_ne!(SPHERE, other);
     assert_eq!(of(SPHERE), of(SPHERE));

@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec3, DVec4};
 
-use super::{Image, Metadata};
+use super::image::{Image, Metadata};
 use crate::scene::{Camera, Normalisation, Projection};
 
 impl Image {

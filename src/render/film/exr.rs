@@ -14,7 +14,8 @@ use ::exr::meta::MetaData;
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use ::exr::meta::header::{ImageAttributes, LayerAttributes};
 
-use super::{Channel, Image, Metadata, read_file, write_atomically};
+use super::atomic::write_atomically;
+use super::image::{Channel, Image, Metadata};
 use crate::{Error, Result};
 
 /// Rec.709 primaries and D65.
@@ -83,17 +84,6 @@ impl Image {
         let mut shared = ImageAttributes::with_size(size);
         shared.chromaticities = Some(REC709);
         Ok(ExrImage::new(shared, layer))
-    }
-
-    /// Reads all channels of a flat single-part EXR, scan-line or tiled (the largest level), as f32, and its text,
-    /// int, float and 4 x 4 attributes. The image is the data window.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts, subsampled or compressed by DWA, or
-    /// where its header claims more than a file of its length can hold.
-    pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        decode(&read_file(path)?, path)
     }
 }
 

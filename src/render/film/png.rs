@@ -4,9 +4,9 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::atomic::Problem;
-use super::tone_map::linear_from_srgb;
-use super::{Image, View, write_atomically};
+use super::atomic::{Problem, write_atomically};
+use super::image::Image;
+use super::tone_map::{View, linear_from_srgb};
 use crate::input::Picture;
 use crate::{Error, Result};
 

@@ -1,0 +1,72 @@
+//! An image: named channels of scene-linear f32.
+
+/// An image: channels of one size, rows top to bottom.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Image {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Channels by their EXR names: `R`, `G`, `B`, `A`, `direct.R`, `N.X`, `Z`, `shadow.lamp.class`.
+    pub channels: Vec<Channel>,
+    /// EXR attributes (camera, counts, seed, technique, device, version), in order of name.
+    pub metadata: std::collections::BTreeMap<String, Metadata>,
+}
+
+/// A channel of an [`Image`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// EXR name.
+    pub name: String,
+    /// `width * height` samples.
+    pub samples: Vec<f32>,
+}
+
+/// A value of an EXR attribute.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Metadata {
+    /// Text.
+    Text(String),
+    /// A whole number.
+    Int(i32),
+    /// A number.
+    Float(f32),
+    /// A 4 x 4 matrix, row-major, applied to row vectors as OpenEXR does.
+    Matrix([f32; 16]),
+}
+
+impl Image {
+    /// An image of that size without channels.
+    pub fn new(width: u32, height: u32) -> Self {
+        Image { width, height, ..Default::default() }
+    }
+
+    /// Pixels: `width * height`.
+    pub fn pixels(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// The samples of the channel of that name, row by row from the top.
+    pub fn channel(&self, name: &str) -> Option<&[f32]> {
+        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.samples.as_slice())
+    }
+
+    /// The root channels `R`, `G` and `B`; the name of the first that is missing as the error.
+    pub fn rgb(&self) -> std::result::Result<[&[f32]; 3], &'static str> {
+        let find = |name| self.channel(name).ok_or(name);
+        Ok([find("R")?, find("G")?, find("B")?])
+    }
+
+    /// Adds a channel of `width * height` samples, or replaces the one of that name.
+    ///
+    /// # Panics
+    /// If the number of samples is not that of the pixels: a defect of the caller, never of a file.
+    pub fn add_channel(&mut self, name: impl Into<String>, samples: Vec<f32>) {
+        let name = name.into();
+        assert_eq!(samples.len(), self.pixels(), "channel {name} does not fit the image");
+        match self.channels.iter_mut().find(|channel| channel.name == name) {
+            Some(channel) => channel.samples = samples,
+            None => self.channels.push(Channel { name, samples }),
+        }
+    }
+}
