@@ -5,14 +5,14 @@ use glam::Vec3;
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
-    /// The least coordinates.
+    /// Minimum coordinates.
     pub min: Vec3,
-    /// The greatest coordinates.
+    /// Maximum coordinates.
     pub max: Vec3,
 }
 
 impl Aabb {
-    /// The box that contains nothing: the neutral element of [`union`](Self::union).
+    /// The empty box, which is the neutral element of [`union`](Self::union).
     pub const EMPTY: Aabb = Aabb { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     pub(super) fn of(triangle: &[Vec3; 3]) -> Aabb {
@@ -23,7 +23,7 @@ impl Aabb {
         Aabb { min: self.min.min(point), max: self.max.max(point) }
     }
 
-    /// The smallest box around both.
+    /// The smallest box that contains both.
     pub fn union(&self, other: &Aabb) -> Aabb {
         Aabb { min: self.min.min(other.min), max: self.max.max(other.max) }
     }

@@ -9,70 +9,73 @@ use super::node::{self, Node};
 use super::wide::Collapse;
 use crate::{Error, Result};
 
-/// Largest coordinate: kernels divide it by directions' components of 2^-80, and the quotient must be finite.
-const LARGEST: f32 = (1u64 << 40) as f32;
+/// Maximum coordinate. Kernels divide it by components of directions as small as 2^-80, and the quotient must be finite.
+const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
 
-/// Depth of the binary tree that is allowed at first: twice that of a balanced tree over the most triangles.
-const FIRST_DEPTH: u32 = 56;
+/// Maximum depth of the binary tree in the first attempt: twice that of a balanced tree over the maximum number of triangles.
+const INITIAL_MAX_DEPTH: u32 = 56;
 
 /// Entries of a kernel's traversal stack.
 pub(super) const STACK_SIZE: u32 = constant_in(include_str!("../../shaders/lib/bvh.wgsl"), "const STACK_SIZE = ");
 
-/// Most levels of a hierarchy whose traversals keep their stack in four registers (the feature `shallow_bvh`).
-const SHALLOW: u32 = 5;
+/// Maximum depth of a hierarchy whose traversal stack fits in four registers (the feature `shallow_bvh`).
+const MAX_SHALLOW_DEPTH: u32 = 5;
 
 /// A hierarchy over triangles, in the form that kernels read.
 ///
-/// Triangles are known to kernels by their *slot*, their place in the order of the leaves.
+/// Kernels identify a triangle by its *primitive index*, its position in the order of the leaves.
 #[derive(Clone, Debug)]
 pub struct Bvh {
-    /// Three texels a node, the root first; the layout is that of `shaders/lib/bvh.wgsl`.
+    /// Three texels per node, the root first, in the layout of `shaders/lib/bvh.wgsl`.
     pub nodes: Vec<[u32; 4]>,
-    /// Three texels a slot: the three corners, in scene units. The fourth component of the first is the slot's word
-    /// ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. Without triangles there is one
-    /// slot, of zeros, that no leaf names, so that no buffer is empty.
+    /// Three texels per triangle: its corners in scene units. The fourth component of the first texel is the triangle's word
+    /// ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. An empty hierarchy has one triangle of zeros
+    /// that no leaf refers to, so that no buffer is empty.
     pub triangles: Vec<[f32; 4]>,
-    /// The triangle, as an index into what was built from, of each slot.
+    /// For each primitive index, the index of its triangle in the input of [`build`](Self::build).
     pub order: Vec<u32>,
-    /// Levels of nodes; 1 where the root has no child nodes. A traversal's stack needs an entry for each but the last.
+    /// Number of levels of nodes, 1 if the root has no child nodes. A traversal stack needs an entry for each level but the last.
     pub depth: u32,
-    /// The box around all triangles; [`Aabb::EMPTY`] without any.
+    /// The bounding box of all triangles, [`Aabb::EMPTY`] if there are none.
     pub bounds: Aabb,
 }
 
 impl Bvh {
-    /// Whether kernels can be composed with the feature `shallow_bvh`, which traverses it faster.
+    /// Whether kernels can be composed with the feature `shallow_bvh`, which makes traversal faster.
     pub fn is_shallow(&self) -> bool {
-        self.depth <= SHALLOW
+        self.depth <= MAX_SHALLOW_DEPTH
     }
 
-    /// Builds the hierarchy over triangles given by their corners, of any number (0 included) and shape.
+    /// Builds the hierarchy over triangles given by their corners. Any number of triangles of any shape is allowed.
     ///
-    /// The same triangles give the same hierarchy, however many threads there are.
+    /// The result does not depend on the number of threads.
     ///
     /// # Errors
     ///
-    /// [`Error::Usage`] where a coordinate is not finite or its size is above 2^40: a scene is normalised first. [`Error::Buffer`] for 2^28 triangles or more, and for
-    /// more than 2^24 nodes (about twice as many triangles).
+    /// [`Error::Usage`] if a coordinate is not finite or its magnitude exceeds 2^40; scenes are normalised first.
+    /// [`Error::Buffer`] for 2^28 triangles or more, and for more than 2^24 nodes (about twice as many triangles).
     pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
         if positions.len() >= node::MAX_INDEX {
             return Err(too_large("bvh_triangles", positions.len(), node::MAX_INDEX));
         }
-        let usable = |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(LARGEST)).all());
+        let usable =
+            |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all());
         if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
-            return Err(Error::Usage(format!("triangle {at} has a corner that is not finite or beyond {LARGEST:e}")));
+            return Err(Error::Usage(format!(
+                "triangle {at} has a corner that is not finite or beyond {MAX_COORDINATE:e}"
+            )));
         }
         let mut items: Vec<_> = positions
             .par_iter()
             .enumerate()
             .map(|(at, corners)| binary::Item { bounds: Aabb::of(corners), triangle: at as u32 })
             .collect();
-        let mut max_depth = FIRST_DEPTH;
+        let mut max_depth = INITIAL_MAX_DEPTH;
         loop {
             let tree = binary::build(&mut items, max_depth);
             let bvh = flatten(&tree, &items, positions);
-            // This ends: once nothing but a balanced tree is allowed, there are at most 28 levels of nodes, as many
-            // as binary ones, and each but the last leaves at most one entry on the stack.
+            // The loop ends: a balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level but the
+            // last needs at most one entry on the stack.
             const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
             if bvh.nodes.len() / 3 > node::MAX_NODES {
                 return Err(too_large("bvh_nodes", bvh.nodes.len() / 3, node::MAX_NODES));
@@ -84,22 +87,22 @@ impl Bvh {
         }
     }
 
-    /// Sets the word of a slot, 0 at first, which kernels read as the bits of `bvh_triangles`' first texel's w.
+    /// Sets the word of a triangle, initially 0. Kernels read it from the bits of w of the triangle's first texel.
     ///
-    /// The word is free for the renderer's flags. Kernels composed with `alpha_test` take bit 0 to mean that
-    /// `alpha_blocks` decides whether a ray is stopped.
-    pub fn set_triangle_word(&mut self, slot: u32, word: u32) {
-        self.triangles[3 * slot as usize][3] = f32::from_bits(word);
+    /// The renderer may store any flags there. In kernels composed with `alpha_test`, bit 0 means that `alpha_blocks` decides
+    /// whether the triangle stops a ray.
+    pub fn set_triangle_word(&mut self, primitive: u32, word: u32) {
+        self.triangles[3 * primitive as usize][3] = f32::from_bits(word);
     }
 }
 
-/// Nodes and triangles are 48 bytes each.
-fn too_large(buffer: &str, count: usize, most: usize) -> Error {
-    let [needed, limit] = [count, most].map(|count| count as u64 * 48);
+/// The error for too many nodes or triangles, which have 48 bytes each.
+fn too_large(buffer: &str, count: usize, max: usize) -> Error {
+    let [needed, limit] = [count, max].map(|count| count as u64 * 48);
     Error::Buffer { buffer: buffer.into(), needed, limit, remedy: "use fewer triangles".into() }
 }
 
-/// Lays the wide nodes out, the children of each together.
+/// Lays out the wide nodes such that the children of each node are contiguous.
 fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]]) -> Bvh {
     let mut first_items = vec![0u32; tree.len()];
     for (at, node) in tree.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
@@ -111,7 +114,7 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
     let mut nodes = vec![Node::around(&[])];
     let mut order = Vec::with_capacity(items.len());
     let mut depth = 1;
-    // A wide node to be filled: its index, its binary node and its level.
+    // Wide nodes to be filled: index, index of the binary node, level.
     let mut open = Vec::new();
     if !tree.is_empty() {
         open.push((0usize, 0usize, 1u32));
@@ -124,8 +127,8 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
         node.first_node = nodes.len() as u32;
         node.first_triangle = order.len() as u32;
         depth = depth.max(level);
-        for (place, child) in children.iter().enumerate() {
-            node.leaf_counts[place] = child.leaf_count;
+        for (i, child) in children.iter().enumerate() {
+            node.leaf_counts[i] = child.leaf_count;
             if child.leaf_count == 0 {
                 node.node_count += 1;
                 open.push((nodes.len(), child.at, level + 1));
@@ -150,7 +153,7 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
     }
 }
 
-/// The number that follows `name` in `source`: what a kernel and the host must agree on stands in the kernel alone.
+/// The number that follows `name` in `source`. A constant that kernel and host share is defined in the kernel alone.
 const fn constant_in(source: &str, name: &str) -> u32 {
     let (source, name) = (source.as_bytes(), name.as_bytes());
     let mut at = 0;

@@ -66,7 +66,7 @@ impl GpuScene {
         let (textures, slots) = GpuTextures::new(gpu, scene)?;
         let surfaces = GpuSurfaces::new(gpu, scene, &slots, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
-        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
+        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
         let records =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
         // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.

@@ -1,4 +1,4 @@
-//! The functions of a scene, collected from files into one WGSL module.
+//! Composition of the functions of a scene into one WGSL module.
 
 use std::fmt::Write;
 use std::sync::{Arc, LazyLock};
@@ -6,36 +6,45 @@ use std::sync::{Arc, LazyLock};
 use super::check::File;
 use super::role::Role;
 
-/// The functions of a scene's procedural objects, as the kernels are composed with them.
+/// The functions of a scene's procedural objects, in the form in which kernels are composed with them.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Functions {
-    /// WESL: the module `package::lib::procedural_functions`.
+    /// WESL source of the module `package::lib::procedural_functions`.
     pub(crate) wesl: Arc<str>,
 }
 
 impl Default for Functions {
-    /// None at all.
+    /// A module without functions.
     fn default() -> Self {
-        static NONE: LazyLock<Functions> = LazyLock::new(|| Builder::default().finish().expect("there is no file"));
+        static NONE: LazyLock<Functions> =
+            LazyLock::new(|| Builder::default().finish().expect("an empty module can be written"));
         NONE.clone()
     }
 }
 
-/// Collects functions from files.
+/// Collects the functions of a scene from WGSL files.
 #[derive(Default)]
 pub struct Builder {
     files: Vec<File>,
     surfaces: Vec<Role>,
     colours: u32,
-    /// File, name, role and number of each function that is used.
-    used: Vec<(usize, String, Role, u32)>,
+    used: Vec<UsedFunction>,
+}
+
+/// A function that an object uses.
+struct UsedFunction {
+    file: usize,
+    name: String,
+    role: Role,
+    number: u32,
 }
 
 impl Builder {
-    /// The number of a function of a WGSL file of that text, among the colours or among the other functions.
+    /// Adds the function `name` of a WGSL file with the text `source`. Returns its number among the colour functions or among the
+    /// other functions.
     ///
     /// # Errors
-    /// What is wrong with the file or the function, in one line.
+    /// One line that describes the problem of the file or the function.
     pub fn function(&mut self, source: &str, name: &str, role: Role) -> std::result::Result<u32, String> {
         let file = match self.files.iter().position(|file| file.source == source) {
             Some(file) => file,
@@ -45,8 +54,9 @@ impl Builder {
             }
         };
         self.files[file].check(name, role)?;
-        if let Some(used) = self.used.iter().find(|used| (used.0, used.1.as_str(), used.2) == (file, name, role)) {
-            return Ok(used.3);
+        let mut used = self.used.iter();
+        if let Some(used) = used.find(|used| (used.file, used.name.as_str(), used.role) == (file, name, role)) {
+            return Ok(used.number);
         }
         let number = if role == Role::Colour {
             self.colours += 1;
@@ -55,19 +65,19 @@ impl Builder {
             self.surfaces.push(role);
             self.surfaces.len() as u32 - 1
         };
-        self.used.push((file, name.to_owned(), role, number));
+        self.used.push(UsedFunction { file, name: name.to_owned(), role, number });
         Ok(number)
     }
 
-    /// The module of all of them.
+    /// Composes the module.
     ///
     /// # Errors
-    /// What naga cannot write of a file, though it can read it.
+    /// One line, if naga can read a file but not write it.
     pub fn finish(self) -> std::result::Result<Functions, String> {
         let mut wesl = include_str!("functions.wgsl").to_owned();
         for (i, file) in self.files.into_iter().enumerate() {
-            let used = self.used.iter().filter(|used| used.0 == i);
-            let named: Vec<_> = used.map(|(_, name, role, number)| (name.as_str(), alias(*role, *number))).collect();
+            let used = self.used.iter().filter(|used| used.file == i);
+            let named: Vec<_> = used.map(|used| (used.name.as_str(), alias(used.role, used.number))).collect();
             wesl += &file.write(&format!("procedural_{}", letters(i as u32)), &named)?;
         }
         for (number, role) in (0..).zip(&self.surfaces) {
@@ -78,7 +88,7 @@ impl Builder {
             wesl += &template.replace("SUFFIX", &letters(number));
         }
         let mut switch = |head: &str, otherwise: &str, cases: &mut dyn Iterator<Item = (u32, String)>| {
-            // A string takes whatever is written.
+            // Writing to a string never fails.
             let _ = write!(wesl, "\n{head} {{\n    switch function {{\n");
             for (number, call) in cases {
                 let _ = writeln!(wesl, "        case {number}u: {{ return {call}; }}");
@@ -95,20 +105,20 @@ impl Builder {
         );
         let distances = numbers.filter(|i| self.surfaces[*i as usize] == Role::Distance);
         switch(
-            "fn procedural_gradient(function: u32, place: vec3f, given: vec3f, epsilon: f32, parameters: vec4f) -> vec3f",
+            "fn procedural_gradient(function: u32, position: vec3f, given: vec3f, epsilon: f32, parameters: vec4f) -> vec3f",
             "given",
-            &mut distances.map(|i| (i, format!("procedural_gradient_{}(place, epsilon, parameters)", letters(i)))),
+            &mut distances.map(|i| (i, format!("procedural_gradient_{}(position, epsilon, parameters)", letters(i)))),
         );
         switch(
-            "fn procedural_base(function: u32, base: vec3f, place: vec3f, parameters: vec4f) -> vec3f",
+            "fn procedural_base(function: u32, base: vec3f, position: vec3f, parameters: vec4f) -> vec3f",
             "base",
-            &mut (0..self.colours).map(|i| (i, format!("{}(base, place, parameters)", alias(Role::Colour, i)))),
+            &mut (0..self.colours).map(|i| (i, format!("{}(base, position, parameters)", alias(Role::Colour, i)))),
         );
         Ok(Functions { wesl: wesl.into() })
     }
 }
 
-/// What the module calls a function of a scene.
+/// The name of a function in the module.
 fn alias(role: Role, number: u32) -> String {
     match role {
         Role::Colour => format!("procedural_colour_{}", letters(number)),
@@ -116,7 +126,7 @@ fn alias(role: Role, number: u32) -> String {
     }
 }
 
-/// A number in letters: naga changes names that end in digits.
+/// A number in letters, because naga changes names that end in digits.
 fn letters(number: u32) -> String {
     format!("{number:02}").bytes().map(|digit| char::from(digit - b'0' + b'a')).collect()
 }

@@ -1,15 +1,16 @@
-//! Limits of procedural objects.
+//! Constants of procedural objects.
 
-/// Most objects of a scene: each ray looks at the box of each of them.
+/// Maximum number of objects in a scene. Each ray tests the box of every object.
 pub const MAX_OBJECTS: usize = 64;
 
-/// Bit of a hit's primitive that tells an object from a triangle.
+/// The bit of a hit's primitive index that is set for procedural objects.
 pub(crate) const PROCEDURAL: u32 = 1 << 31;
 
-/// Turns of all loops of a function and of the search along a ray, until the next crossing: 16 times what a fractal at a
-/// grazing angle takes, and a sixteenth of what software devices grant all rays of an invocation together.
-pub(crate) const TURNS: u32 = 4096;
+/// Maximum number of iterations until the next crossing, in all loops of a function and in the search along the ray together. This
+/// is 16 times what a fractal at a grazing angle needs, and a sixteenth of the limit of software devices for all rays of an
+/// invocation.
+pub(crate) const ITERATIONS: u32 = 4096;
 
-/// Turns of a ray in all objects together, after which it looks for no more. Lanes of a software device wait for each other, so
-/// that its loops may take several times as many.
-pub(crate) const RAY_TURNS: u32 = 2 * TURNS;
+/// Maximum number of iterations of a ray in all objects together. It then ignores further objects. The lanes of a software device
+/// wait for each other, so that its loops may run several times as many iterations.
+pub(crate) const RAY_ITERATIONS: u32 = 2 * ITERATIONS;

@@ -1,8 +1,7 @@
-//! Procedural objects: surfaces that WGSL functions beside the scene describe, composed into the kernels that trace.
+//! Procedural objects: surfaces described by WGSL functions that come with the scene.
 //!
-//! `docs/procedurals.md` says how a file asks for them and what its functions are to give. [`Builder`] takes the files, and
-//! makes of the functions that a scene names the module `package::lib::procedural_functions`, which `shaders/lib/procedural.wgsl`
-//! calls.
+//! `docs/procedurals.md` describes the file format and the functions. [`Builder`] composes the functions of a scene into the
+//! module `package::lib::procedural_functions`, which `shaders/lib/procedural.wgsl` calls.
 
 mod check;
 mod functions;
@@ -12,7 +11,7 @@ mod role;
 
 pub use functions::{Builder, Functions};
 pub use limits::MAX_OBJECTS;
-pub(crate) use limits::{PROCEDURAL, RAY_TURNS, TURNS};
+pub(crate) use limits::{ITERATIONS, PROCEDURAL, RAY_ITERATIONS};
 pub use object::Procedural;
-pub(crate) use object::{RECORDS, box_corners, to_own};
+pub(crate) use object::{TEXELS, box_corners, to_own};
 pub use role::Role;

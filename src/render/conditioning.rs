@@ -1,6 +1,6 @@
 //! What a render notices of its own arithmetic and limits, and what it says about it.
 
-use crate::procedural::TURNS;
+use crate::procedural::ITERATIONS;
 use crate::settings::Settings;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
@@ -118,7 +118,7 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         "procedural_overruns",
         procedural_overruns,
         format!(
-            "{procedural_overruns} rays took more than {TURNS} turns in a procedural object and passed through it: look for \
+            "{procedural_overruns} rays took more than {ITERATIONS} turns in a procedural object and passed through it: look for \
              loops that do not end, or distances far smaller than the surface is away"
         ),
     );

@@ -1,4 +1,4 @@
-//! Cameras: those of the file, and one that frames a scene without any.
+//! Cameras, and their import.
 
 use glam::{DAffine3, Vec3};
 
@@ -7,7 +7,7 @@ use super::normalisation::Normalisation;
 use super::notes::Notes;
 use crate::Result;
 
-/// A camera: looks along -z of its own axes, +y up (glTF 3.10).
+/// A camera. It looks along the -z axis of its own frame, with +y up (glTF 3.10).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// The node's or camera's name, or `camera N`.
@@ -18,9 +18,9 @@ pub struct Camera {
     pub axes: [Vec3; 3],
     /// Projection.
     pub projection: Projection,
-    /// Near plane distance, normalised.
+    /// Distance of the near plane.
     pub near: f32,
-    /// Far plane distance, normalised; infinite where the file has none.
+    /// Distance of the far plane. Infinite if the file has none.
     pub far: f32,
 }
 
@@ -31,19 +31,19 @@ pub enum Projection {
     Perspective {
         /// Vertical field of view in radians.
         yfov: f32,
-        /// Width over height, where the file states one.
+        /// Width over height, if the file states it.
         aspect: Option<f32>,
     },
     /// Orthographic.
     Orthographic {
-        /// Half the width of the view, normalised.
+        /// Half the width of the view.
         xmag: f32,
-        /// Half the height of the view, normalised.
+        /// Half the height of the view.
         ymag: f32,
     },
 }
 
-/// A camera, as the file states it.
+/// A camera of the file, before a node places it.
 pub(super) struct CameraKind {
     name: Option<String>,
     projection: Projection,
@@ -80,7 +80,7 @@ fn camera(json: &Json) -> Result<CameraKind> {
         ("orthographic", None, Some(o)) => {
             let size = |key: &str| -> Result<f32> {
                 let number = o.require(key)?;
-                // A negative one mirrors the view, which glTF advises against; its size is what counts.
+                // glTF advises against negative values, which mirror the view. The sign is ignored.
                 match number.number()?.abs() as f32 {
                     x if x.is_normal() => Ok(x),
                     x => Err(number.error(format!("{x} is out of range"))),
@@ -96,15 +96,15 @@ fn camera(json: &Json) -> Result<CameraKind> {
         _ => return Err(json.error(format!("unknown type `{kind}`"))),
     };
     if far <= near {
-        let place = perspective.or(orthographic).unwrap_or_else(|| json.clone());
-        return Err(place.error(format!("zfar {far} must be greater than znear {near}")));
+        let properties = perspective.or(orthographic).unwrap_or_else(|| json.clone());
+        return Err(properties.error(format!("zfar {far} must be greater than znear {near}")));
     }
     Ok(CameraKind { name: json.name()?, projection, near, far })
 }
 
 impl CameraKind {
-    /// The camera as `node` places it; the node's scale is ignored. None, and a note, where that
-    /// leaves it no orientation.
+    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns None and adds a note if
+    /// the node's scale of zero leaves the camera without an orientation.
     pub fn place(
         &self,
         node: &Json,
@@ -132,7 +132,7 @@ impl CameraKind {
             Some([up.cross(backward), up, backward].map(|axis| axis.as_vec3()))
         });
         let Some(axes) = axes else {
-            notes.push(format!("camera `{name}` has no orientation, its node is scaled to nothing: it is left out"));
+            notes.push(format!("camera `{name}` is left out: its node has a scale of zero, so it has no orientation"));
             return Ok(None);
         };
         let (near, far) = ((self.near * scale) as f32, (self.far * scale) as f32);

@@ -1,4 +1,4 @@
-//! The environment of a scene: a panorama infinitely far away.
+//! The environment of a scene.
 
 use std::sync::Arc;
 
@@ -7,21 +7,21 @@ use super::light::{Light, LightKind};
 use super::panorama::Panorama;
 use crate::{Error, Result};
 
-/// Most radiance of a texel, strength included: its quotient by the least density that the sampling table has is a float.
-const MOST_RADIANCE: f32 = 1e30;
+/// Maximum radiance of a texel, strength included. Divided by the minimum density of the sampling table it must not overflow.
+const MAX_RADIANCE: f32 = 1e30;
 
 impl Scene {
-    /// Puts the scene into a panorama, in place of one that it may have: turned by `rotation` degrees about +Y,
-    /// counter-clockwise seen from above as a node would be, its radiance multiplied by `strength`.
+    /// Sets the environment of the scene and replaces an existing one. The panorama is rotated by `rotation` degrees about +Y,
+    /// counter-clockwise as seen from above like a node, and its radiance is multiplied by `strength`.
     ///
     /// # Errors
-    /// [`Error::Usage`] where the rotation is not finite, or the strength negative or so large that radiance overflows.
+    /// [`Error::Usage`] if the rotation is not finite, or if the strength is negative or makes the radiance overflow.
     pub fn set_environment(&mut self, panorama: Arc<Panorama>, rotation: f64, strength: f32) -> Result<()> {
         if !rotation.is_finite() {
             return Err(Error::Usage(format!("--environment-rotation is {rotation}; it must be finite")));
         }
-        if !(strength >= 0.0 && panorama.brightest() * strength <= MOST_RADIANCE) {
-            let problem = format!("it must be 0 or more, and bring no texel above {MOST_RADIANCE:e}");
+        if !(strength >= 0.0 && panorama.brightest() * strength <= MAX_RADIANCE) {
+            let problem = format!("it must be at least 0, and no texel may exceed {MAX_RADIANCE:e}");
             return Err(Error::Usage(format!("--environment-strength is {strength}; {problem}")));
         }
         let turn = (rotation / 360.0).rem_euclid(1.0) as f32;
@@ -31,7 +31,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The lights of which photons can tell lit points from shadowed ones: all but the environment, which is the last.
+    /// All lights except the environment, which is the last one. Only these have visibility photons.
     pub fn placed_lights(&self) -> &[Light] {
         match self.lights.split_last() {
             Some((Light { kind: LightKind::Environment { .. }, .. }, others)) => others,
@@ -39,7 +39,7 @@ impl Scene {
         }
     }
 
-    /// The panorama around the scene, where there is one.
+    /// The panorama of the environment, if there is one.
     pub fn environment(&self) -> Option<&Panorama> {
         self.lights.last().and_then(|light| match &light.kind {
             LightKind::Environment { panorama, .. } => Some(panorama.as_ref()),

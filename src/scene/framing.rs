@@ -1,4 +1,4 @@
-//! The camera of a scene whose file has none.
+//! A camera for scenes without one.
 
 use glam::Vec3;
 
@@ -6,20 +6,18 @@ use super::camera::{Camera, Projection};
 use super::description::Scene;
 use super::triangle::NO_LIGHT;
 
-/// Vertical field of view of [`Scene::frame_camera`] in degrees: that of a 50 mm lens on a camera
-/// for 36 mm film.
+/// Vertical field of view of [`Scene::frame_camera`] in degrees, as of a 50 mm lens on 36 mm film.
 const FRAME_YFOV_DEGREES: f32 = 40.0;
 
 impl Scene {
-    /// A perspective camera before the scene and a little above it, whose view holds all of what
-    /// emits no light (all of the scene where everything does), for images that are no taller
-    /// than wide.
+    /// A perspective camera in front of the scene and slightly above it. Its view contains every surface that emits no light
+    /// (every surface, if all of them emit) in images that are not taller than wide.
     pub fn frame_camera(&self) -> Camera {
         let lit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
         let [lower, upper] = self
             .bounds_of(lit)
             .or_else(|| self.bounds())
-            // An empty scene is as good as any: unit size.
+            // An empty scene gets a box of about unit size.
             .unwrap_or([Vec3::splat(-1.0), Vec3::ONE]);
         let centre = 0.5 * (lower + upper);
         let radius = 0.5 * (upper - lower).length();

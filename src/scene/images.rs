@@ -1,4 +1,4 @@
-//! Images: found, checked, decoded in parallel; and looked up on the CPU where import needs a texel.
+//! Images of the file: checked, then decoded in parallel.
 
 use std::collections::HashMap;
 
@@ -12,24 +12,24 @@ use super::texture::{Filter, TextureImage, Wrap};
 use crate::Result;
 use crate::input::{MAX_FILE_BYTES, Picture, printable};
 
-/// Largest side of an image: what graphics devices sample.
+/// Maximum side of an image in texels, the common texture limit of graphics devices.
 const MAX_SIDE: u32 = 16384;
-/// Most texels of all images together: 1 GiB of RGBA8.
+/// Maximum number of texels of all images together: 1 GiB of RGBA8.
 const MAX_TEXELS: u64 = 1 << 28;
 
-/// An image of the file: checked, not yet decoded.
+/// An image of the file, checked but not yet decoded.
 pub(super) struct Encoded<'a> {
     json: Json<'a>,
     name: String,
     bytes: Bytes<'a>,
-    /// None where it is neither PNG nor JPEG: legal where only an extension uses it.
+    /// None if it is neither PNG nor JPEG, which is legal if only an extension uses it.
     format: Option<(ImageFormat, [u32; 2])>,
-    /// The first image of the same bytes: itself, where there is no other.
+    /// Index of the first image with the same bytes, possibly its own.
     pub first: usize,
 }
 
 impl Encoded<'_> {
-    /// It can be decoded.
+    /// Whether the format can be decoded.
     pub fn is_known(&self) -> bool {
         self.format.is_some()
     }
@@ -42,7 +42,7 @@ impl Encoded<'_> {
     }
 }
 
-/// Finds every image and reads its header.
+/// Resolves every image and reads its header.
 pub(super) fn read_images<'a>(
     root: &Json<'a>,
     views: &Views<'a>,
@@ -66,7 +66,9 @@ pub(super) fn read_images<'a>(
         } else {
             total += bytes.len() as u64;
             if total > MAX_FILE_BYTES {
-                return Err(json.error(format!("the images have more than {MAX_FILE_BYTES} bytes, or overlap")));
+                return Err(
+                    json.error(format!("the images have more than {MAX_FILE_BYTES} bytes in total, or overlap"))
+                );
             }
             match image::guess_format(&bytes) {
                 Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
@@ -80,7 +82,7 @@ pub(super) fn read_images<'a>(
     Ok(images)
 }
 
-/// Decodes the images that `used` names, in parallel.
+/// Decodes the images with the indices `used` in parallel.
 pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureImage>> {
     let mut total = 0;
     for image in used.iter().map(|&i| &images[i]) {
@@ -88,14 +90,14 @@ pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureIm
         total += u64::from(width) * u64::from(height);
         if width.max(height) > MAX_SIDE || total > MAX_TEXELS {
             return Err(image.json.error(format!(
-                "{width} x {height} texels: at most {MAX_SIDE} a side and {MAX_TEXELS} in all images are supported"
+                "{width} x {height} texels: the maximum is {MAX_SIDE} per side and {MAX_TEXELS} in all images"
             )));
         }
     }
     used.par_iter().map(|&i| images[i].decode()).collect()
 }
 
-/// Wrap modes and filter of a sampler; repeating and linear where there is none.
+/// Wrap modes and filter of a sampler. The default is to repeat with a linear filter.
 pub(super) fn sampler(json: Option<&Json>) -> Result<([Wrap; 2], Filter)> {
     let Some(json) = json else { return Ok(Default::default()) };
     let wrap = |key: &str| match json.get(key)? {

@@ -1,10 +1,10 @@
-//! The choices that import leaves to its caller.
+//! Options of import.
 
-/// What import does where a file leaves it a choice.
+/// Options of [`Scene::load`](super::Scene::load).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImportOptions {
-    /// Add a soft light above the scene if the file has no light.
+    /// Add a soft area light above the scene if the file has no light.
     pub default_light: bool,
-    /// Drop a primitive with NaN or infinite numbers instead of refusing the file.
+    /// Skip primitives with NaN or infinite numbers instead of refusing the file.
     pub lenient: bool,
 }

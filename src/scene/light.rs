@@ -13,39 +13,39 @@ use super::panorama::Panorama;
 use super::texture::{Texture, TextureImage};
 use crate::Result;
 
-/// A light: what the photon map tags its photons with.
+/// A light. The photons of the visibility map refer to it by its index.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
     /// The node's or light's name, or `light N`.
     pub name: String,
-    /// Where and how it emits.
+    /// Its kind, position and emission.
     pub kind: LightKind,
 }
 
-/// Where and how a light emits.
+/// The kind of a light, with its position and emission.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LightKind {
-    /// The triangles of one node and one emissive material.
+    /// A mesh light: the triangles of one node with the same emissive material.
     Mesh {
-        /// Index into [`Scene::materials`]: its emission, and whether both faces emit.
+        /// Index into [`Scene::materials`](super::Scene::materials). The material determines whether both faces emit.
         material: u32,
-        /// The triangles that emit.
+        /// The triangles that emit light.
         emitters: Vec<EmitterTriangle>,
     },
     /// KHR_lights_punctual point light.
     Point {
         /// Position.
         position: Vec3,
-        /// Radiant intensity per steradian, scaled to normalised space (times scale squared).
+        /// Radiant intensity in normalised space: that of the file times the scale squared.
         intensity: Vec3,
-        /// Range, normalised; infinite where the file has none.
+        /// Range. Infinite if the file has none.
         range: f32,
     },
     /// KHR_lights_punctual spot light.
     Spot {
         /// Position.
         position: Vec3,
-        /// Unit vector the light looks along.
+        /// Unit vector along the axis of the cone, away from the light.
         direction: Vec3,
         /// As for [`LightKind::Point`].
         intensity: Vec3,
@@ -58,28 +58,28 @@ pub enum LightKind {
     },
     /// KHR_lights_punctual directional light.
     Directional {
-        /// Unit vector the light travels along.
+        /// Unit vector in which the light travels.
         direction: Vec3,
-        /// Irradiance on a plane across the direction.
+        /// Irradiance on a plane perpendicular to the direction.
         irradiance: Vec3,
     },
-    /// What is all around the scene, infinitely far away; see [`Scene::set_environment`].
+    /// The environment, infinitely far away; see [`Scene::set_environment`](super::Scene::set_environment).
     Environment {
-        /// The radiance from each direction, shared: it may be large.
+        /// The radiance from each direction. It is shared because it may be large.
         panorama: Arc<Panorama>,
-        /// Rotation about +Y in turns, 0 to 1, counter-clockwise seen from above.
+        /// Rotation about +Y as a fraction of a full turn, 0 to 1, counter-clockwise as seen from above.
         turn: f32,
         /// Factor on the radiance, at least 0.
         strength: f32,
     },
 }
 
-/// An emitter triangle: a triangle of a mesh light and what it emits.
+/// A triangle of a mesh light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EmitterTriangle {
-    /// Index into [`Scene::triangles`].
+    /// Index into [`Scene::triangles`](super::Scene::triangles).
     pub triangle: u32,
-    /// Mean emitted radiance over the triangle (the emissive texture averaged over it).
+    /// Mean emitted radiance over the triangle, with the emissive texture.
     pub radiance: Vec3,
 }
 

@@ -1,11 +1,11 @@
-//! A panorama of radiance infinitely far away.
+//! Panoramas: radiance from infinitely far away.
 
 use std::fmt;
 
 /// An equirectangular panorama of linear Rec.709 radiance, rows from the zenith (+Y) to the nadir.
 ///
-/// It is turned as in Blender and in the Khronos viewers: its middle column is seen along +X, the column a quarter of the
-/// width to the left of it along -Z, the one a quarter to the right along +Z, and its edges meet along -X.
+/// The orientation is that of Blender and the Khronos viewers: the middle column is seen along +X, the column a quarter of the
+/// width to the left of it along -Z, the column a quarter to the right along +Z. The edges meet along -X.
 #[derive(Clone, PartialEq)]
 pub struct Panorama {
     /// Width in texels, 1 to [`Panorama::MAX_SIDE`].
@@ -17,14 +17,14 @@ pub struct Panorama {
 }
 
 impl fmt::Debug for Panorama {
-    /// Its size: the texels are millions.
+    /// Prints only the size, as there are millions of texels.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Panorama({} x {})", self.width, self.height)
     }
 }
 
 impl Panorama {
-    /// Largest side in texels: what graphics devices take of a texture.
+    /// Maximum width and height in texels, the common texture limit of graphics devices.
     pub const MAX_SIDE: u32 = 16_384;
 
     /// The largest channel of any texel.

@@ -1,15 +1,15 @@
-//! Textures: an image seen through a sampler. Import reads single texels on the CPU.
+//! Textures and their images, and texture look-ups on the CPU for import.
 
 use std::sync::LazyLock;
 
 use glam::{Mat2, Vec2, Vec4};
 
-/// A use of a texture by a material.
+/// The use of a texture by a material (glTF's textureInfo).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureInfo {
-    /// Index into [`Scene::textures`].
+    /// Index into [`Scene::textures`](super::Scene::textures).
     pub texture: u32,
-    /// Which of [`Vertex::uv`], 0 or 1 (KHR_texture_transform may override the slot's own).
+    /// Texture coordinate set, an index into [`Vertex::uv`](super::Vertex::uv). KHR_texture_transform may override it.
     pub uv_set: u32,
     /// KHR_texture_transform: uv' = matrix * uv + offset.
     pub matrix: Mat2,
@@ -29,8 +29,7 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Magnification filter of a sampler. Minification is left to the samples of the pixel: there are
-/// no mip levels, as in Cycles.
+/// Magnification filter of a sampler. There are no mip levels, as in Cycles: the samples of the pixel filter minified textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Filter {
     /// Bilinear.
@@ -40,25 +39,25 @@ pub enum Filter {
     Nearest,
 }
 
-/// What the numbers of a texture mean.
+/// Colour space of a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ColourSpace {
-    /// sRGB-coded colour; alpha is linear.
+    /// sRGB-coded colour with linear alpha.
     Srgb,
-    /// Plain numbers.
+    /// Linear values.
     Linear,
 }
 
-/// An image seen through a sampler.
+/// An image with a sampler and a colour space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Texture {
-    /// Index into [`Scene::images`].
+    /// Index into [`Scene::images`](super::Scene::images).
     pub image: u32,
     /// Wrap mode along u and v.
     pub wrap: [Wrap; 2],
     /// Filter.
     pub filter: Filter,
-    /// Colour space, by the material slots that use it.
+    /// Colour space, which follows from the material property that uses the texture.
     pub space: ColourSpace,
 }
 
@@ -71,11 +70,11 @@ pub struct TextureImage {
     pub width: u32,
     /// Height in texels, at least 1.
     pub height: u32,
-    /// RGBA, as coded in the file (16-bit images are reduced to 8).
+    /// RGBA values as coded in the file; 16-bit images are reduced to 8 bits.
     pub texels: Vec<[u8; 4]>,
 }
 
-/// The sRGB decoding function (IEC 61966-2-1) of every byte.
+/// The sRGB decoding function (IEC 61966-2-1) for every byte value.
 static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     std::array::from_fn(|byte| {
         let coded = byte as f32 / 255.0;
@@ -84,7 +83,7 @@ static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
 });
 
 impl Wrap {
-    /// The texel that position `i` of an axis of `size` texels shows.
+    /// The texel for coordinate `i`, in texels, on an axis of `size` texels.
     pub(super) fn texel(self, i: i64, size: u32) -> u32 {
         let size = i64::from(size);
         let texel = match self {
@@ -100,7 +99,7 @@ impl Wrap {
 }
 
 impl TextureImage {
-    /// The texel at `texel`, decoded to linear RGBA.
+    /// The texel at column `texel[0]` and row `texel[1]`, decoded to linear RGBA.
     fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
         let index = texel[1] as usize * self.width as usize + texel[0] as usize;
         let [r, g, b, a] = self.texels[index];
@@ -112,7 +111,7 @@ impl TextureImage {
         Vec4::new(colour(r), colour(g), colour(b), plain(a))
     }
 
-    /// Linear RGBA at `uv` (v down, texel centres at half-integers), as `texture` filters and wraps.
+    /// Linear RGBA at `uv` (v down, texel centres at half-integers) with the filter and wrap modes of `texture`.
     pub(super) fn sample(&self, texture: &Texture, uv: Vec2) -> Vec4 {
         let at = |x: i64, y: i64| {
             self.linear([texture.wrap[0].texel(x, self.width), texture.wrap[1].texel(y, self.height)], texture.space)

@@ -2,32 +2,32 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-/// A corner of a triangle.
+/// A vertex: a corner of one or more triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vertex {
     /// Position.
     pub position: Vec3,
-    /// Unit shading normal; zero where the file has none (the triangle is flat).
+    /// Unit shading normal. Zero if the file has none; the triangle is then flat.
     pub normal: Vec3,
-    /// Unit tangent and its handedness (w = 1 or -1); zero where the file has none.
+    /// Unit tangent and its handedness (w = 1 or -1). Zero if the file has none.
     pub tangent: Vec4,
-    /// Texture coordinates 0 and 1, as in the file (v down); zero where absent.
+    /// Texture coordinate sets 0 and 1 as in the file (v down). Zero if absent.
     pub uv: [Vec2; 2],
-    /// Linear RGBA that multiplies the base colour; one where absent.
+    /// Linear RGBA factor on the base colour. One if absent.
     pub colour: Vec4,
 }
 
-/// Three corners and what they are made of. Counter-clockwise seen from the front, also where the
-/// node's matrix mirrors (import flips the winding once, by the determinant's sign).
+/// A triangle. Its corners are counter-clockwise as seen from the front, even if the node's matrix mirrors it: import flips
+/// the winding if the determinant is negative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Triangle {
-    /// Indices into [`Scene::vertices`].
+    /// Indices into [`Scene::vertices`](super::Scene::vertices).
     pub vertices: [u32; 3],
-    /// Index into [`Scene::materials`].
+    /// Index into [`Scene::materials`](super::Scene::materials).
     pub material: u32,
-    /// Index into [`Scene::lights`] of the light this triangle is a part of, or [`NO_LIGHT`].
+    /// Index into [`Scene::lights`](super::Scene::lights) of the light that this triangle belongs to, or [`NO_LIGHT`].
     pub light: u32,
 }
 
-/// [`Triangle::light`] of a triangle that emits nothing.
+/// The value of [`Triangle::light`] for a triangle that emits no light.
 pub const NO_LIGHT: u32 = u32::MAX;

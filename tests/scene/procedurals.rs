@@ -1,8 +1,8 @@
 //! The extension PENUMBRA_procedural: what it places, and what is refused.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{ImportOptions, Scene};
 use penumbra::Error;
+use penumbra::scene::{ImportOptions, Scene};
 use serde_json::{Value, json};
 
 use crate::builder::{File, temporary};

@@ -1,4 +1,4 @@
-//! Reading and writing images by the extension of their path.
+//! Reading and writing images. The extension of the path selects the format.
 
 use std::path::Path;
 
@@ -9,40 +9,41 @@ use super::{exr, png};
 use crate::{Error, Result};
 
 impl Image {
-    /// Reads an image by its extension: `.exr`, or `.png` and `.hdr` (decoded to scene-linear Rec.709).
+    /// Reads an `.exr`, `.png` or `.hdr` file. PNG and Radiance HDR are decoded to scene-linear Rec.709.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is missing, damaged, or none of these.
+    /// [`Error::Input`] if the file is missing, damaged or in another format.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let decode = decoder(path)?;
         decode(&read_file(path)?, path)
     }
 
-    /// Reads all channels of a flat single-part EXR, scan-line or tiled (the largest level), as f32, and its text,
-    /// int, float and 4 x 4 attributes. The image is the data window.
+    /// Reads a flat single-part EXR, scan-line or tiled (the largest level): all channels as f32, and its attributes of the types
+    /// text, int, float and 4 x 4 matrix. The image is the data window.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts, subsampled or compressed by DWA, or
-    /// where its header claims more than a file of its length can hold.
+    /// [`Error::Input`] if the file is missing, damaged, deep, multi-part, subsampled or compressed with DWA, or if its header
+    /// claims more pixels than a file of its length can hold.
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         exr::decode(&read_file(path)?, path)
     }
 
-    /// As [`read`](Self::read), of a file that is in memory: `path` has the extension, and names it in errors.
+    /// [`read`](Self::read) for a file in memory. `path` supplies the extension, and names the file in errors.
     ///
     /// # Errors
-    /// As [`read`](Self::read).
+    /// The same as [`read`](Self::read).
     pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         decoder(path)?(bytes, path)
     }
 
-    /// Writes the image by the extension of `path`: all of it to `.exr`, a view of its colour to `.png`.
+    /// Writes the image: all channels to an `.exr`, or a view of its colour to a `.png`. `exposure_ev` scales the colour of the
+    /// view by 2^`exposure_ev`.
     ///
     /// # Errors
-    /// As [`write_exr`](Self::write_exr), [`write_png`](Self::write_png) and [`check_writable`].
+    /// Those of [`write_exr`](Self::write_exr), [`write_png`](Self::write_png) and [`check_writable`].
     pub fn write(&self, path: impl AsRef<Path>, view: View, exposure_ev: f32) -> Result<()> {
         let path = path.as_ref();
         match Format::of(path)? {
@@ -52,16 +53,16 @@ impl Image {
     }
 }
 
-/// Says early, before anything is rendered, whether an image can be written to `path`. An existing file is not touched.
+/// Checks that an image can be written to `path`, so that a render does not fail at its end. An existing file is not touched.
 ///
 /// # Errors
-/// [`Error::Usage`] where the extension is neither `.exr` nor `.png`, [`Error::Output`] as [`check_target`].
+/// [`Error::Usage`] if the extension is neither `.exr` nor `.png`, and those of [`check_target`].
 pub fn check_writable(path: impl AsRef<Path>) -> Result<()> {
     Format::of(path.as_ref())?;
     check_target(path)
 }
 
-/// The formats that are written.
+/// Output formats.
 enum Format {
     Exr,
     Png,
@@ -81,16 +82,16 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// Reads the bytes of an image; the path names it in errors.
+/// A function that decodes the bytes of an image. The path names the file in errors.
 type Decoder = fn(&[u8], &Path) -> Result<Image>;
 
-/// What reads images of that extension.
+/// The decoder for the extension of `path`.
 fn decoder(path: &Path) -> Result<Decoder> {
     match extension(path).as_str() {
         "exr" => Ok(exr::decode),
         "png" => Ok(|bytes, path| png::decode(bytes, path, image::ImageFormat::Png)),
         "hdr" => Ok(|bytes, path| png::decode(bytes, path, image::ImageFormat::Hdr)),
-        _ => Err(Error::input(path, "file", "not an image that can be read: .exr, .png or .hdr is needed")),
+        _ => Err(Error::input(path, "file", "not a readable image format: must be .exr, .png or .hdr")),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Panoramas for the environment, read from OpenEXR or Radiance HDR.
+//! Reading panoramas from OpenEXR or Radiance HDR.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use crate::scene::Panorama;
 use crate::{Error, Result};
 
 impl Panorama {
-    /// Reads a panorama from `.exr` (channels `R`, `G`, `B`) or `.hdr`; and what there is to say of it, a line each. With
-    /// `lenient` a channel that is NaN, infinite or negative becomes 0.
+    /// Reads a panorama from an `.exr` (channels `R`, `G`, `B`) or `.hdr` file. Returns it with notes of one line each. With
+    /// `lenient`, radiance that is NaN, infinite or negative becomes 0.
     ///
     /// # Errors
-    /// [`Error::Input`] as [`Image::read`], where a channel is missing or a side too large, and, naming the first such texel,
-    /// where radiance is NaN, infinite or negative.
+    /// Those of [`Image::read`], and [`Error::Input`] if a channel is missing, if a side is too large, or, with the first such
+    /// texel, if radiance is NaN, infinite or negative.
     pub fn load(path: &Path, lenient: bool) -> Result<(Panorama, Vec<String>)> {
-        let refuse = |place: &str, problem: String| Error::input(path, place, problem);
+        let refuse = |location: &str, problem: String| Error::input(path, location, problem);
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         if !["exr", "hdr"].contains(&extension.as_str()) {
             return Err(refuse("file", "a panorama must be .exr or .hdr".into()));
@@ -23,35 +23,35 @@ impl Panorama {
         let Image { width, height, .. } = image;
         let channels = image.rgb().map_err(|name| refuse(name, "there is no such channel".into()))?;
         if width.max(height) > Self::MAX_SIDE || image.pixels() == 0 {
-            let most = Self::MAX_SIDE;
-            return Err(refuse("file", format!("{width} x {height} texels: each side must be from 1 to {most}")));
+            let max = Self::MAX_SIDE;
+            return Err(refuse("file", format!("{width} x {height} texels: each side must be from 1 to {max}")));
         }
         let mut texels: Vec<[f32; 3]> = (0..image.pixels()).map(|i| channels.map(|channel| channel[i])).collect();
-        let is_wrong = |radiance: &f32| !(radiance.is_finite() && *radiance >= 0.0);
+        let is_invalid = |radiance: &f32| !(radiance.is_finite() && *radiance >= 0.0);
         let mut notes = Vec::new();
-        let mut wrong = texels.iter().enumerate().filter(|(_, texel)| texel.iter().any(is_wrong));
-        if let Some((first, texel)) = wrong.next() {
+        let mut invalid = texels.iter().enumerate().filter(|(_, texel)| texel.iter().any(is_invalid));
+        if let Some((first, texel)) = invalid.next() {
             let (x, y) = (first % width as usize, first / width as usize);
             if !lenient {
-                let channel = texel.iter().position(is_wrong).unwrap_or(0);
+                let channel = texel.iter().position(is_invalid).unwrap_or(0);
                 let problem = format!(
-                    "{} is {}: radiance must be finite and not negative; --lenient takes such as 0",
+                    "{} is {}: radiance must be finite and not negative; --lenient replaces such values with 0",
                     ["R", "G", "B"][channel],
                     texel[channel]
                 );
                 return Err(refuse(&format!("texel {x}, {y}"), problem));
             }
-            let count = 1 + wrong.count();
+            let count = 1 + invalid.count();
             notes.push(format!(
-                "{count} texels of the panorama, the first at {x}, {y}, are negative or not finite: taken as 0"
+                "{count} texels of the panorama, the first at {x}, {y}, are negative or not finite: replaced with 0"
             ));
-            for radiance in texels.as_flattened_mut().iter_mut().filter(|radiance| is_wrong(radiance)) {
+            for radiance in texels.as_flattened_mut().iter_mut().filter(|radiance| is_invalid(radiance)) {
                 *radiance = 0.0;
             }
         }
         if width != 2 * height {
             notes.push(format!(
-                "the panorama is {width} x {height} texels: one of all directions is twice as wide as high"
+                "the panorama has {width} x {height} texels, but a full panorama is twice as wide as high"
             ));
         }
         Ok((Panorama { width, height, texels }, notes))
