@@ -1,4 +1,4 @@
-//! The extension PENUMBRA_procedural: what it places, and what is refused.
+//! The extension PENUMBRA_procedural: placement of objects, and errors.
 
 use glam::{DVec3, Vec3};
 use penumbra::Error;
@@ -14,7 +14,7 @@ fn data(source: &str) -> String {
     format!("data:text/plain,{escaped}")
 }
 
-/// The extension of a sphere whose members are changed.
+/// The extension of a sphere with some members changed.
 fn sphere(changes: Value) -> Value {
     let mut extension = json!({
         "source": data(SPHERE), "function": "sphere", "kind": "intersection", "parameters": [1],
@@ -43,7 +43,7 @@ fn refused(extension: Value) -> String {
     text
 }
 
-/// An object stands where its node is, in normalised space and back; the scene's bounds are those of its box.
+/// The node's matrix places an object. The bounds of the scene are those of its box.
 #[test]
 fn objects_stand_where_their_nodes_are() {
     let extension = sphere(json!({ "min": [-1, -2, -3], "max": [1, 2, 3], "colour": {
@@ -61,7 +61,7 @@ fn objects_stand_where_their_nodes_are() {
     assert_eq!((object.parameters, object.colour), ([1.0, 0.0, 0.0, 0.0], Some((0, [0.25, 7.0, 0.0, 0.0]))));
 }
 
-/// The text of a function is part of what a scene is, so that no checkpoint or reference of another one is taken up.
+/// The text of a function is a part of the fingerprint, so that checkpoints and references of another function are not used.
 #[test]
 fn sources_are_in_the_fingerprint() {
     let of = |source: &str| file(sphere(json!({ "source": data(source) })), json!({})).load().fingerprint(&());
@@ -71,7 +71,7 @@ fn sources_are_in_the_fingerprint() {
     assert_ne!(of(SPHERE), of(&other));
 }
 
-/// What a material has that an object cannot show is left out, and said.
+/// Properties of a material that objects do not have are ignored, with a note.
 #[test]
 fn materials_are_plain() {
     let mut lamp = file(sphere(json!({ "material": 0 })), json!({}));
@@ -142,12 +142,12 @@ fn bad_extensions_are_refused_where_they_are_bad() {
     assert!(problem.contains("more than 64 procedural objects") && problem.contains("/nodes/64"), "{problem}");
 }
 
-/// Files of functions that do not validate, reach beyond themselves, or are too much: refused in one line, soon.
+/// Files that are invalid, not pure functions, or too large are refused quickly with one line.
 #[test]
 fn bad_functions_are_refused() {
     let head = "fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f";
     let with = |before: &str, body: &str| format!("{before}\n{head} {{ {body} }}");
-    // Each calls the one before twice: a million and more, written out.
+    // Each function calls the previous one twice: more than a million calls when inlined.
     let mut doubling = "fn f0(x: f32) -> f32 { return x + 1.0; }".to_owned();
     for i in 1..30 {
         doubling += &format!("fn f{i}(x: f32) -> f32 {{ return f{}(x) + f{}(x + 1.0); }}", i - 1, i - 1);
@@ -196,7 +196,7 @@ fn bad_functions_are_refused() {
     }
 }
 
-/// Names that are the kernels' own, or WGSL's, are the file's own business.
+/// A file may use names of the kernels and of WGSL's functions.
 #[test]
 fn names_of_the_kernels_may_be_used() {
     let source = "
@@ -215,7 +215,7 @@ fn names_of_the_kernels_may_be_used() {
     penumbra::gpu::compose::compose("primary", &features).unwrap();
 }
 
-/// Files beside the scene are read; one file may hold several functions, and several nodes may name one.
+/// Files beside the scene are read, and several nodes may use the same function.
 #[test]
 fn files_beside_the_scene_are_read() {
     let path = temporary("gltf");
