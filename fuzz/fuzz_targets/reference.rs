@@ -1,4 +1,4 @@
-//! The report's reference cache: two halves, of which the first four bytes say where the second begins.
+//! The reference cache of reports. The first four bytes are the length of the first half.
 #![no_main]
 
 use penumbra::Image;

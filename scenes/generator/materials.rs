@@ -1,4 +1,4 @@
-//! What light does in glass, at metal and in a coat of lacquer: the box of the paper with other things in it.
+//! Glass, metal and lacquer in the room of the paper's second scene.
 
 use std::f64::consts::TAU;
 
@@ -44,7 +44,7 @@ pub fn glb() -> Vec<u8> {
 
     let brushed = json!({ "KHR_materials_anisotropy": { "anisotropyStrength": 0.8 } });
     let mut drum = Mesh::lathe(96, 24, |v| {
-        // The lid, a rounded edge, and the side down to the floor.
+        // The top, a rounded edge, and the side down to the floor.
         let (radius, height, edge) = (0.3, 0.7, 0.03);
         match v * 3.0 {
             v if v < 1.0 => DVec2::new(v * (radius - edge), height),
@@ -55,7 +55,7 @@ pub fn glb() -> Vec<u8> {
             v => DVec2::new(radius, (height - edge) * (3.0 - v)),
         }
     });
-    // Brushed round the axis.
+    // Brushed around the axis.
     let around = |n: &DVec3| n.cross(DVec3::Y).try_normalize().unwrap_or(DVec3::X);
     drum.tangents = drum.normals.iter().map(|n| DVec4::from((around(n), 1.0))).collect();
     place(&mut glb, "brushed drum", &drum, [0.8, 0.8, 0.82], [1.0, 0.35], brushed, [-0.35, FLOOR, -0.45]);
@@ -69,7 +69,7 @@ pub fn glb() -> Vec<u8> {
     });
     place(&mut glb, "gold ring", &ring, [1.0, 0.77, 0.34], [1.0, 0.1], json!({}), [-0.12, FLOOR + 0.07, 0.6]);
 
-    // Small and strong, for sharp caustics.
+    // A small and bright lamp makes sharp caustics.
     let emitter = glb.push("materials", super::emitter("light", 75.0));
     let lamp = glb.mesh("light", &Mesh::quad(0.99 * y, 0.16 * x, 0.16 * z), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp }));
@@ -78,7 +78,7 @@ pub fn glb() -> Vec<u8> {
     glb.finish("Materials")
 }
 
-/// A thing of a material of its own: colour, metallic and roughness factor, extensions.
+/// Adds an object with its own material: colour, metallic and roughness factor, extensions.
 fn place(
     glb: &mut Glb,
     name: &str,

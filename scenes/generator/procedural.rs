@@ -1,4 +1,4 @@
-//! Objects that functions describe: the paper's marble sphere, exact and cut from a solid, and a fractal.
+//! Procedural objects: the marble sphere of the paper as an exact sphere of solid marble, and a fractal.
 
 use glam::DVec3;
 use serde_json::{Value, json};

@@ -1,5 +1,5 @@
-//! A table with many of the features that a glTF file can have: every kind of texture, alpha modes, vertex colours,
-//! a mirrored node, a hierarchy, and four lights of four kinds. Lengths in metres.
+//! A still life that covers many features of glTF: all kinds of textures, alpha modes, vertex colours, a mirrored node, a hierarchy,
+//! and four kinds of lights. Lengths are in metres.
 
 use std::f64::consts::PI;
 
@@ -11,7 +11,7 @@ use super::glb::{Glb, Wrap, turn};
 use super::mesh::Mesh;
 use super::noise;
 
-/// Height of the cloth, on which most things stand.
+/// Height of the cloth, on which most objects stand.
 const CLOTH: f64 = 0.003;
 
 pub fn glb() -> Vec<u8> {
@@ -38,7 +38,7 @@ pub fn glb() -> Vec<u8> {
     glb.finish("Still life")
 }
 
-/// Wood, its grain turned and repeated by KHR_texture_transform.
+/// Wood, whose grain KHR_texture_transform rotates and repeats.
 fn table(glb: &mut Glb) {
     let wood = RgbImage::from_fn(256, 256, |x, y| {
         let (u, v) = (f64::from(x) / 256.0, f64::from(y) / 256.0);
@@ -68,10 +68,10 @@ fn table(glb: &mut Glb) {
 
 /// Glazed tiles in rough grout: base colour, metallic-roughness and normal textures.
 fn wall(glb: &mut Glb) {
-    // Texels along a texture, and the tiles on them.
+    // Width of the texture in texels and in tiles.
     const SIZE: u32 = 256;
     const TILES: u32 = 4;
-    // Height of the glaze above the grout in texels: 0 in the joint, 1.5 within, rounded between.
+    // Height of the glaze above the grout in texels: 0 in the joint, 1.5 on the tile, with a rounded edge.
     let height = |x: u32, y: u32| {
         let across = SIZE / TILES;
         let edge = |t: u32| (t % across).min(across - 1 - t % across);
@@ -92,7 +92,7 @@ fn wall(glb: &mut Glb) {
     let normal = RgbImage::from_fn(SIZE, SIZE, |x, y| {
         let beside = |dx: u32, dy: u32| height((x + dx) % SIZE, (y + dy) % SIZE);
         let slope_u = 0.5 * (beside(1, 0) - beside(SIZE - 1, 0));
-        // Green points up the image, against v.
+        // Green points to the top of the image, opposite to v.
         let slope_up = 0.5 * (beside(0, SIZE - 1) - beside(0, 1));
         let normal = DVec3::new(-slope_u, -slope_up, 1.0).normalize();
         shade(127.5 + 127.5 * normal)
@@ -113,14 +113,14 @@ fn wall(glb: &mut Glb) {
     );
     let half = DVec2::new(1.2, 0.8);
     let mut mesh = Mesh::quad(DVec3::ZERO, half.x * DVec3::X, half.y * DVec3::Y);
-    // One repeat of the texture, four tiles, every 0.4 m.
+    // The texture, which has four tiles, repeats every 0.4 m.
     mesh.uvs.iter_mut().for_each(|uv| *uv *= 2.0 * half / 0.4);
     mesh.tangents = [DVec3::X.extend(1.0); 4].into();
     let mesh = glb.mesh("wall", &mesh, tiles);
     glb.push("nodes", json!({ "name": "wall", "mesh": mesh, "translation": [0, 0.5, -0.5] }));
 }
 
-/// A checked cloth with a border of holes: alpha mask.
+/// A checked cloth with a border of holes (alpha mask).
 fn cloth(glb: &mut Glb) {
     let checks = RgbaImage::from_fn(320, 240, |x, y| {
         let woven = if (x + y) % 2 == 0 { 0.0 } else { -8.0 };
@@ -147,7 +147,7 @@ fn cloth(glb: &mut Glb) {
     );
     let mesh = Mesh::surface(32, 24, false, |u, v| {
         let p = DVec2::new(u - 0.5, v - 0.5) * DVec2::new(0.64, 0.48);
-        // Flat within, where things stand; ripples of this slope at the border.
+        // Flat in the middle, where objects stand, with ripples of this slope at the border.
         let ripple = |p: DVec2| {
             let border = ((p.x.abs() / 0.32).max(p.y.abs() / 0.24) - 0.7).max(0.0) / 0.3;
             0.006 * border * border * (0.5 + 0.5 * (40.0 * p.x).sin() * (35.0 * p.y + 1.0).cos())
@@ -164,7 +164,7 @@ fn cloth(glb: &mut Glb) {
     );
 }
 
-/// A vase glazed by vertex colours, and in it, as child nodes, leaves cut out by an alpha mask.
+/// A vase with vertex colours. Its child nodes are leaves with an alpha mask.
 fn vase(glb: &mut Glb) {
     let glaze = glb.push(
         "materials",
@@ -172,7 +172,7 @@ fn vase(glb: &mut Glb) {
     );
     let (height, wall) = (0.24, 0.006);
     let outside = |y: f64| 0.034 + 0.036 * (PI * (y / height).powf(0.8)).sin().max(0.0) + 0.006 * (y / height).powi(6);
-    // Up the inside, over the rim and down the outside; the share of the way and what is there.
+    // The profile goes up the inside, over the rim and down the outside. `t` is the share of the way.
     let mesh = Mesh::lathe(64, 72, |t| match t {
         ..0.05 => DVec2::new((outside(wall) - wall) * t / 0.05, wall),
         ..0.45 => {
@@ -218,7 +218,7 @@ fn vase(glb: &mut Glb) {
             "doubleSided": true,
         }),
     );
-    // A strip that rises from the origin and bends over towards +z, on an arc of this radius.
+    // A strip that rises from the origin and bends towards +z along an arc of this radius.
     let (radius, width) = (0.2, 0.045);
     let mesh_leaf = Mesh::surface(6, 16, false, |u, v| {
         let (sin, cos) = (1.1 * (1.0 - v)).sin_cos();
@@ -248,7 +248,7 @@ fn vase(glb: &mut Glb) {
     );
 }
 
-/// Two pears of one mesh coloured by its vertices; the second is mirrored.
+/// Two pears of one mesh with vertex colours. The second pear is mirrored.
 fn pears(glb: &mut Glb) {
     let skin = glb.push(
         "materials",
@@ -300,7 +300,7 @@ fn metal_sphere(glb: &mut Glb) {
     glb.push("nodes", json!({ "name": "metal sphere", "mesh": mesh, "translation": [0.04, CLOTH + radius, 0.02] }));
 }
 
-/// A tinted pane that lets through 65 % of the rays: alpha blend.
+/// A tinted pane that transmits 65 % of the rays (alpha blend).
 fn pane(glb: &mut Glb) {
     let tint = glb.push(
         "materials",
@@ -318,7 +318,7 @@ fn pane(glb: &mut Glb) {
     );
 }
 
-/// A screen that shows a sunset: a light with an emissive texture, in a frame that leans back.
+/// A screen that shows a sunset: a light with an emissive texture in a tilted frame.
 fn screen(glb: &mut Glb) {
     let sunset = RgbImage::from_fn(160, 120, |x, y| {
         let p = DVec2::new(f64::from(x) / 160.0, f64::from(y) / 120.0);
@@ -346,7 +346,7 @@ fn screen(glb: &mut Glb) {
     );
     let half = DVec3::new(0.14, 0.105, 0.006);
     let frame = glb.mesh("frame", &Mesh::cuboid(half), plastic);
-    // A millimetre before the frame.
+    // A millimetre in front of the frame.
     let image = Mesh::quad((half.z + 0.001) * DVec3::Z, 0.92 * half.x * DVec3::X, 0.92 * half.y * DVec3::Y);
     let image = glb.mesh("screen", &image, picture);
     let image = glb.push("nodes", json!({ "name": "screen", "mesh": image }));
@@ -363,7 +363,7 @@ fn screen(glb: &mut Glb) {
     );
 }
 
-/// A candle, its flame a point light.
+/// A candle whose flame is a point light.
 fn candle(glb: &mut Glb) {
     let wax = glb.push(
         "materials",
@@ -383,13 +383,13 @@ fn candle(glb: &mut Glb) {
         _ => DVec2::new(radius * (1.0 - t) / 0.2, 0.0),
     });
     let mesh = glb.mesh("candle", &mesh, wax);
-    let place = DVec3::new(0.33, 0.0, -0.02);
-    glb.push("nodes", json!({ "name": "candle", "mesh": mesh, "translation": place.to_array() }));
+    let position = DVec3::new(0.33, 0.0, -0.02);
+    glb.push("nodes", json!({ "name": "candle", "mesh": mesh, "translation": position.to_array() }));
     let flame = json!({ "type": "point", "name": "flame", "color": [1, 0.55, 0.2], "intensity": 0.06 });
-    glb.punctual_light("flame", flame, place + (height + 0.03) * DVec3::Y, -DVec3::Y);
+    glb.punctual_light("flame", flame, position + (height + 0.03) * DVec3::Y, -DVec3::Y);
 }
 
-/// A window's worth of cool light, out of view to the left.
+/// A window-sized light of a cool colour, out of view on the left.
 fn window(glb: &mut Glb) {
     let mut light = super::emitter("window", 9.0);
     light["emissiveFactor"] = json!([0.8, 0.92, 1]);
@@ -401,7 +401,7 @@ fn window(glb: &mut Glb) {
     glb.push("nodes", json!({ "name": "window", "mesh": mesh }));
 }
 
-/// An 8-bit colour from one of 0 to 255.
+/// An 8-bit colour from components in 0 to 255.
 fn shade(colour: DVec3) -> Rgb<u8> {
     Rgb(colour.to_array().map(|c| c.round().clamp(0.0, 255.0) as u8))
 }

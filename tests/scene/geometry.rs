@@ -161,7 +161,7 @@ fn tangents_follow_the_surface_and_a_mirror_flips_their_handedness() {
 }
 
 #[test]
-fn triangles_without_area_are_dropped_after_zero_scales() {
+fn zero_scales_flatten_and_what_has_no_area_is_dropped() {
     // A scale of zero along the normal keeps the triangle.
     let mut file = File::triangle();
     file.json["nodes"][0]["scale"] = json!([1, 1, 0]);
@@ -176,7 +176,7 @@ fn triangles_without_area_are_dropped_after_zero_scales() {
 }
 
 #[test]
-fn slivers_are_kept_and_degenerate_triangles_dropped() {
+fn slivers_stay_and_degenerate_triangles_go() {
     // An aspect of 1e6; then a repeated corner, and three corners on one line.
     let mut file = File::new();
     file.mesh(
