@@ -1,7 +1,7 @@
 //! Reading untrusted files.
 //!
-//! A file is read whole or not at all. Its headers are believed only as far as its length allows: the memory that a file may
-//! cost is bounded by its *honest size*, which is its own bytes and what its coding can expand them to.
+//! A file is read whole or not at all. Its headers are believed only as far as its length allows: the memory that a
+//! file may cost is bounded by its *honest size*, which is its own bytes and what its coding can expand them to.
 
 use std::fs::{self, File};
 use std::io::{Cursor, Read};
@@ -55,8 +55,8 @@ impl<'a> Picture<'a> {
     pub fn open(bytes: &'a [u8], format: ImageFormat) -> std::result::Result<Self, String> {
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::no_limits();
-        // Beside the pixels the PNG reader holds a few rows (4 MiB is a row of half a million texels of 64 bits) and colour
-        // profiles, which may be compressed.
+        // Beside the pixels the PNG reader holds a few rows (4 MiB is a row of half a million texels of 64 bits) and
+        // colour profiles, which may be compressed.
         limits.max_alloc = Some(4 * bytes.len() as u64 + (4 << 20));
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
@@ -64,13 +64,13 @@ impl<'a> Picture<'a> {
         let texels = u64::from(width) * u64::from(height);
         // Maximum number of texels that one byte can encode.
         let densest = match format {
-            // A block of 64 texels takes at least one bit, and half as many where each component is subsampled along another
-            // axis.
+            // A block of 64 texels takes at least one bit, and half as many where each component is subsampled along
+            // another axis.
             ImageFormat::Jpeg => 8 * 64 * 2,
             // Deflate expands a byte to at most 1032.
             ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes)?,
-            // Radiance's old run-length form has runs of 255 texels in four bytes. Repeated run markers could encode more, but
-            // no known program writes them.
+            // Radiance's old run-length form has runs of 255 texels in four bytes. Repeated run markers could encode
+            // more, but no known program writes them.
             _ => 64,
         };
         if texels == 0 || texels > densest * bytes.len() as u64 {

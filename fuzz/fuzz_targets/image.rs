@@ -12,8 +12,8 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     // A pixel or a channel may take less than a bit of the file, so the honest size is that of the decoded image.
     let size = |image: &Image| 64 * image.channels.len() + samples(image);
     let read = || Image::from_bytes(bytes, path);
-    // Decoders allocate the size in the header before they detect damaged pixels: at most 1024 bytes per byte of the file, in the
-    // densest coding.
+    // Decoders allocate the size in the header before they detect damaged pixels: at most 1024 bytes per byte of the
+    // file, in the densest coding.
     match bounded(read, |outcome| outcome.as_ref().map_or(1024 * bytes.len(), |image| bytes.len() + size(image))) {
         Err(error) => check(&error),
         Ok(image) => {

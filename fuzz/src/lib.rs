@@ -38,8 +38,8 @@ static ALLOCATOR: Counting = Counting;
 /// Number of bytes that a reader may use for any input: tables made once, buffers of decoders, stacks of threads.
 const BASE_BYTES: usize = 16 << 20;
 
-/// Runs a reader and checks its peak memory: at most [`BASE_BYTES`] and four times the honest size, which `honest` computes from the
-/// result of the reader.
+/// Runs a reader and checks its peak memory: at most [`BASE_BYTES`] and four times the honest size, which `honest`
+/// computes from the result of the reader.
 pub fn bounded<T>(read: impl FnOnce() -> T, honest: impl FnOnce(&T) -> usize) -> T {
     let before = USED.load(Relaxed);
     PEAK.store(before, Relaxed);

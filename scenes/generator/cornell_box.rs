@@ -28,8 +28,8 @@ pub fn glb() -> Vec<u8> {
     let position = [0.3, -0.65, 0.1];
     glb.push("nodes", json!({ "name": "cube", "mesh": cube, "translation": position, "rotation": turn(y, 20.0) }));
 
-    // Radiance L causes an irradiance of about 0.64 L / 2^2 = 0.16 L at the centre of the floor: a reflected radiance of 0.46 without
-    // indirect light.
+    // Radiance L causes an irradiance of about 0.64 L / 2^2 = 0.16 L at the centre of the floor: a reflected radiance
+    // of 0.46 without indirect light.
     let emitter = glb.push("materials", super::emitter("light", 12.0));
     let lamp = glb.mesh("light", &Mesh::quad(0.99 * y, 0.4 * x, 0.4 * z), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp }));

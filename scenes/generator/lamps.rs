@@ -1,5 +1,5 @@
-//! A thousand lamps of very different power in a hundred rooms without ceilings, seen from above. Most lamps are hidden from most
-//! points.
+//! A thousand lamps of very different power in a hundred rooms without ceilings, seen from above. Most lamps are hidden
+//! from most points.
 
 use glam::{DVec3, IVec3};
 use serde_json::json;
@@ -42,7 +42,8 @@ pub fn glb() -> Vec<u8> {
     }
 
     let pillar = glb.mesh("pillar", &Mesh::cuboid(DVec3::new(0.12, 0.4, 0.12)), brown);
-    // Square lamps that emit downwards in warm and cold colours. Their radiance varies by a factor of more than a hundred.
+    // Square lamps that emit downwards in warm and cold colours. Their radiance varies by a factor of more than a
+    // hundred.
     let lamps: Vec<usize> = (0..6)
         .map(|i| {
             let mut emitter = super::emitter("lamp", 2.0 * 3f64.powi(i));

@@ -33,8 +33,8 @@ pub(super) fn plane_and_lamp(glb: &mut Glb) {
     let plane = glb.mesh("plane", &Mesh::quad(DVec3::ZERO, 6.0 * DVec3::X, -6.0 * DVec3::Z), grey);
     glb.push("nodes", json!({ "name": "plane", "mesh": plane }));
 
-    // Without the sphere, radiance L causes an irradiance of L pi 0.15^2 (5 / d) / d^2 = 0.0015 L below its centre, with d^2 = 38:
-    // a reflected radiance of 0.5.
+    // Without the sphere, radiance L causes an irradiance of L pi 0.15^2 (5 / d) / d^2 = 0.0015 L below its centre,
+    // with d^2 = 38: a reflected radiance of 0.5.
     let emitter = glb.push("materials", super::emitter("light", 1500.0));
     let lamp = glb.mesh("light", &Mesh::icosphere(0.15, 2), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp, "translation": [-3, 5, 2] }));

@@ -40,9 +40,9 @@ impl Mesh {
         mesh
     }
 
-    /// A smooth surface of `columns` x `rows` quads. `point` returns the position and the unit normal at (u, v). Seen from the front,
-    /// u goes right and v goes down. The last column of a `closed` surface equals the first bit for bit. Triangles without area, as at
-    /// poles, are left out.
+    /// A smooth surface of `columns` x `rows` quads. `point` returns the position and the unit normal at (u, v). Seen
+    /// from the front, u goes right and v goes down. The last column of a `closed` surface equals the first bit for
+    /// bit. Triangles without area, as at poles, are left out.
     pub fn surface(columns: u32, rows: u32, closed: bool, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> Self {
         let mut mesh = Mesh::default();
         for row in 0..=rows {
@@ -77,8 +77,8 @@ impl Mesh {
         })
     }
 
-    /// The surface of revolution about +y of a `profile` of (distance from the axis, height). With the axis on the left, the front is to
-    /// the left of the profile's direction: outside where the profile goes down.
+    /// The surface of revolution about +y of a `profile` of (distance from the axis, height). With the axis on the
+    /// left, the front is to the left of the profile's direction: outside where the profile goes down.
     pub fn lathe(columns: u32, rows: u32, profile: impl Fn(f64) -> DVec2) -> Self {
         // The step of the differences is much larger than rounding and much smaller than any feature.
         const STEP: f64 = 1e-5;
@@ -165,8 +165,8 @@ pub fn on_sphere(u: f64, v: f64) -> DVec3 {
     DVec3::new(sin_polar * sin_azimuth, cos_polar, sin_polar * cos_azimuth)
 }
 
-/// Rounds to 1e-9. This is finer than f32 at the size of these scenes, and coarser than the differences between implementations of
-/// sine.
+/// Rounds to 1e-9. This is finer than f32 at the size of these scenes, and coarser than the differences between
+/// implementations of sine.
 pub fn tidy(x: f64) -> f64 {
     // The sum turns -0 into 0.
     (x * 1e9).round() / 1e9 + 0.0

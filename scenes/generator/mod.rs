@@ -1,7 +1,7 @@
 //! Generators of Penumbra's scenes: geometry, textures and glTF.
 //!
-//! The files are the same on every machine: coordinates are rounded to digits on which every libm agrees ([`mesh::tidy`]), and noise
-//! uses an integer hash.
+//! The files are the same on every machine: coordinates are rounded to digits on which every libm agrees
+//! ([`mesh::tidy`]), and noise uses an integer hash.
 
 use serde_json::{Value, json};
 

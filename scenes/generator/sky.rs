@@ -18,7 +18,8 @@ const SUN: DVec3 = DVec3::new(-0.54, 0.64, -0.55);
 /// Radiance of the sun's disc. A surface perpendicular to it receives an irradiance of about 9, and 2 from the sky.
 const SUNLIGHT: DVec3 = DVec3::new(1600.0, 1450.0, 1200.0);
 
-/// Cosines of the angles at which the disc starts to fade and ends: 2.2 and 3 degrees. The fade over two texels makes it round.
+/// Cosines of the angles at which the disc starts to fade and ends: 2.2 and 3 degrees. The fade over two texels makes
+/// it round.
 const DISC: [f64; 2] = [0.99926, 0.99863];
 
 /// An OpenEXR file of 16-bit floats.

@@ -1,5 +1,5 @@
-//! A still life that covers many features of glTF: all kinds of textures, alpha modes, vertex colours, a mirrored node, a hierarchy,
-//! and four kinds of lights. Lengths are in metres.
+//! A still life that covers many features of glTF: all kinds of textures, alpha modes, vertex colours, a mirrored node,
+//! a hierarchy, and four kinds of lights. Lengths are in metres.
 
 use std::f64::consts::PI;
 

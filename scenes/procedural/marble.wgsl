@@ -1,7 +1,11 @@
 // Solid white marble with grey veins. Parameter: number of features per unit of length.
 fn marble(base: vec3f, position: vec3f, parameters: vec4f) -> vec3f {
     let scaled = parameters.x * position;
-    let warp = vec3f(fractal(1.4 * scaled + 3.0, 5u), fractal(1.4 * scaled + 17.0, 5u), fractal(1.4 * scaled + 29.0, 5u));
+    let warp = vec3f(
+        fractal(1.4 * scaled + 3.0, 5u),
+        fractal(1.4 * scaled + 17.0, 5u),
+        fractal(1.4 * scaled + 29.0, 5u),
+    );
     let p = scaled + 0.45 * warp;
     // Veins are zeros of distorted planes that fade in and out. Some are broad and faint, others fine and dark.
     let broad = fade(p, 41.0) * vein(1.3 * dot(p, vec3f(0.6, 0.7, 0.4)), 0.35);

@@ -5,13 +5,15 @@ use glam::Vec3;
 
 /// Number of bins per axis. More bins lower the SAH cost of the scenes that were tried by less than 1 %.
 const BINS: usize = 32;
-/// Up to this number of triangles every split is tried instead, because bins would be wider than the gaps between centroids.
+/// Up to this number of triangles every split is tried instead, because bins would be wider than the gaps between
+/// centroids.
 const MAX_SWEEP: usize = 32;
-/// From this number of triangles on, the children of a node are built in parallel. A task costs about as much as sorting so many.
+/// From this number of triangles on, the children of a node are built in parallel. A task costs about as much as
+/// sorting so many.
 const MIN_PARALLEL: usize = 2048;
 
-/// A node of the binary tree. Nodes are stored in pre-order: a subtree of `count` triangles has `2 count - 1` nodes, the left
-/// child follows its parent, and the right child follows the subtree of the left one.
+/// A node of the binary tree. Nodes are stored in pre-order: a subtree of `count` triangles has `2 count - 1` nodes,
+/// the left child follows its parent, and the right child follows the subtree of the left one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Node {
     pub bounds: Aabb,
@@ -45,8 +47,8 @@ impl Item {
     }
 }
 
-/// Builds the tree over `items` and sorts them in the order of its leaves. No leaf is more than `max_depth` levels below the root,
-/// or than the depth of a balanced tree if that is larger.
+/// Builds the tree over `items` and sorts them in the order of its leaves. No leaf is more than `max_depth` levels
+/// below the root, or than the depth of a balanced tree if that is larger.
 pub(super) fn build(items: &mut [Item], max_depth: u32) -> Vec<Node> {
     let mut nodes = vec![Node::default(); (2 * items.len()).saturating_sub(1)];
     if !items.is_empty() {
@@ -68,8 +70,8 @@ fn build_node(items: &mut [Item], nodes: &mut [Node], depth_left: u32) {
     if count == 1 {
         return;
     }
-    // A split is allowed only if both sides fit in the remaining depth when their items are halved by index. Halving always
-    // fits, and is the only split if all centroids coincide.
+    // A split is allowed only if both sides fit in the remaining depth when their items are halved by index. Halving
+    // always fits, and is the only split if all centroids coincide.
     let fits = |left: usize| {
         left > 0 && left < count && levels(left) < depth_left.max(1) && levels(count - left) < depth_left.max(1)
     };
@@ -90,8 +92,8 @@ fn build_node(items: &mut [Item], nodes: &mut [Node], depth_left: u32) {
     }
 }
 
-/// The split of the sorted centroids with the minimum cost. Sorts `items` along its axis and returns the number of items on the
-/// left.
+/// The split of the sorted centroids with the minimum cost. Sorts `items` along its axis and returns the number of
+/// items on the left.
 fn split_by_sweep(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usize> {
     let mut best: Option<(f32, usize, usize)> = None;
     let mut right_costs = [0.0; MAX_SWEEP];
@@ -121,8 +123,8 @@ fn sort_along(items: &mut [Item], axis: usize) {
     items.sort_unstable_by(|a, b| a.centroid()[axis].total_cmp(&b.centroid()[axis]).then(a.triangle.cmp(&b.triangle)));
 }
 
-/// The split between bins of equal width with the minimum cost. Partitions `items` and returns the number of items on the left.
-/// None if all centroids are in one bin or no split fits.
+/// The split between bins of equal width with the minimum cost. Partitions `items` and returns the number of items on
+/// the left. None if all centroids are in one bin or no split fits.
 fn split_by_bins(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usize> {
     let centroids = items.iter().fold(Aabb::EMPTY, |all, item| all.extended(item.centroid()));
     let extent = centroids.max - centroids.min;

@@ -9,10 +9,12 @@ use super::node::{self, Node};
 use super::wide::Collapse;
 use crate::{Error, Result};
 
-/// Maximum coordinate. Kernels divide it by components of directions as small as 2^-80, and the quotient must be finite.
+/// Maximum coordinate. Kernels divide it by components of directions as small as 2^-80, and the quotient must be
+/// finite.
 const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
 
-/// Maximum depth of the binary tree in the first attempt: twice that of a balanced tree over the maximum number of triangles.
+/// Maximum depth of the binary tree in the first attempt: twice that of a balanced tree over the maximum number of
+/// triangles.
 const INITIAL_MAX_DEPTH: u32 = 56;
 
 /// Entries of a kernel's traversal stack.
@@ -28,13 +30,14 @@ const MAX_SHALLOW_DEPTH: u32 = 5;
 pub struct Bvh {
     /// Three texels per node, the root first, in the layout of `shaders/lib/bvh.wgsl`.
     pub nodes: Vec<[u32; 4]>,
-    /// Three texels per triangle: its corners in scene units. The fourth component of the first texel is the triangle's word
-    /// ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. An empty hierarchy has one triangle of zeros
-    /// that no leaf refers to, so that no buffer is empty.
+    /// Three texels per triangle: its corners in scene units. The fourth component of the first texel is the triangle's
+    /// word ([`set_triangle_word`](Self::set_triangle_word)), those of the others are 0. An empty hierarchy has one
+    /// triangle of zeros that no leaf refers to, so that no buffer is empty.
     pub triangles: Vec<[f32; 4]>,
     /// For each primitive index, the index of its triangle in the input of [`build`](Self::build).
     pub order: Vec<u32>,
-    /// Number of levels of nodes, 1 if the root has no child nodes. A traversal stack needs an entry for each level but the last.
+    /// Number of levels of nodes, 1 if the root has no child nodes. A traversal stack needs an entry for each level but
+    /// the last.
     pub depth: u32,
     /// The bounding box of all triangles, [`Aabb::EMPTY`] if there are none.
     pub bounds: Aabb,
@@ -74,8 +77,8 @@ impl Bvh {
         loop {
             let tree = binary::build(&mut items, max_depth);
             let bvh = flatten(&tree, &items, positions);
-            // The loop ends: a balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level but the
-            // last needs at most one entry on the stack.
+            // The loop ends: a balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level
+            // but the last needs at most one entry on the stack.
             const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
             if bvh.nodes.len() / 3 > node::MAX_NODES {
                 return Err(too_large("bvh_nodes", bvh.nodes.len() / 3, node::MAX_NODES));
@@ -89,8 +92,8 @@ impl Bvh {
 
     /// Sets the word of a triangle, initially 0. Kernels read it from the bits of w of the triangle's first texel.
     ///
-    /// The renderer may store any flags there. In kernels composed with `alpha_test`, bit 0 means that `alpha_blocks` decides
-    /// whether the triangle stops a ray.
+    /// The renderer may store any flags there. In kernels composed with `alpha_test`, bit 0 means that `alpha_blocks`
+    /// decides whether the triangle stops a ray.
     pub fn set_triangle_word(&mut self, primitive: u32, word: u32) {
         self.triangles[3 * primitive as usize][3] = f32::from_bits(word);
     }

@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy (BVH), built on the CPU by all threads and traversed by `shaders/lib/bvh.wgsl`.
 //!
-//! A binary tree is built with the binned surface-area heuristic (SAH) and collapsed to four children per node at the minimum
-//! expected cost (Ylitie, Karras and Laine 2017). The planes of its boxes are rounded outwards to 8 bits.
+//! A binary tree is built with the binned surface-area heuristic (SAH) and collapsed to four children per node at the
+//! minimum expected cost (Ylitie, Karras and Laine 2017). The planes of its boxes are rounded outwards to 8 bits.
 
 mod aabb;
 mod binary;

@@ -9,7 +9,7 @@
 //! | 9 | 24 to 27 | number of children that are nodes; nodes come first, then leaves, then unused children |
 //! | 10 | 0 to 27 | index of the first child node; the others follow it |
 //! | 11 | 0 to 27 | primitive index of the first triangle of the first leaf; those of the other leaves follow it |
-//! | 9, 10, 11 | 28 to 31 | number of triangles of each child, 3 bits per child, child 0 lowest; 0 for nodes and unused children |
+//! | 9, 10, 11 | 28 to 31 | triangles of each child, 3 bits per child, child 0 lowest; 0 if it is a node or unused |
 
 use super::aabb::Aabb;
 #[cfg(test)]
@@ -28,13 +28,13 @@ pub(super) const MAX_NODES: usize = 1 << 24;
 /// Words of a node.
 pub(super) const WORDS: usize = 12;
 
-/// Minimum distance, in steps, of a child's planes from its bounds. The kernel scales a plane's `q * step` by the inverse direction
-/// with three roundings, each of at most 255 steps * 2^-24: less than 2^-14 steps in total.
+/// Minimum distance, in steps, of a child's planes from its bounds. The kernel scales a plane's `q * step` by the
+/// inverse direction with three roundings, each of at most 255 steps * 2^-24: less than 2^-14 steps in total.
 const MARGIN: f64 = 1.0 / 4096.0;
 
-/// Minimum exponent of a step. The kernel clamps the components of a direction to at least 2^-80, so a ray perpendicular to an
-/// axis seems to move along it by at most 2^-80 times its length. With steps of 2^-40 the margin of 2^-52 covers lengths up to
-/// 2^28.
+/// Minimum exponent of a step. The kernel clamps the components of a direction to at least 2^-80, so a ray
+/// perpendicular to an axis seems to move along it by at most 2^-80 times its length. With steps of 2^-40 the margin of
+/// 2^-52 covers lengths up to 2^28.
 const MIN_EXPONENT: i32 = -40;
 
 /// A node before it is packed.

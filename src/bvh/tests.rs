@@ -84,8 +84,8 @@ fn soup(count: usize, size: f32) -> Vec<Triangle> {
 
 const UNIT: Triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
 
-/// Every triangle is in one leaf and inside all boxes above it, with the margin that the kernels rely on, and the stated depth is
-/// right. The scenes have every small number of triangles, or are hard for builders.
+/// Every triangle is in one leaf and inside all boxes above it, with the margin that the kernels rely on, and the
+/// stated depth is right. The scenes have every small number of triangles, or are hard for builders.
 #[test]
 fn hierarchies_hold_their_triangles() {
     let scaled = |scale: f32| UNIT.map(|corner| corner * scale);
@@ -179,7 +179,8 @@ fn nodes_are_packed_without_loss() {
     assert_eq!(Node::unpack(&node.pack()), node);
 }
 
-/// Corners that are not finite, or too large for the arithmetic of the kernels, are refused. The error states the triangle.
+/// Corners that are not finite, or too large for the arithmetic of the kernels, are refused. The error states the
+/// triangle.
 #[test]
 fn corners_out_of_range_are_refused() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e20, f32::MIN] {

@@ -7,8 +7,8 @@ use super::node::WIDTH;
 /// Maximum number of triangles in a leaf.
 const MAX_LEAF: u32 = 4;
 
-/// Cost of a triangle test over the cost of a node visit. Both fetch three texels, and a node visit ends with a sort. On lavapipe
-/// no value from 0.35 to 1 makes a measurable difference.
+/// Cost of a triangle test over the cost of a node visit. Both fetch three texels, and a node visit ends with a sort.
+/// On lavapipe no value from 0.35 to 1 makes a measurable difference.
 const TRIANGLE_COST: f32 = 0.6;
 
 /// A child of a wide node: a wide node or a leaf that replaces a subtree of the binary tree.
@@ -21,8 +21,8 @@ pub(super) struct Child {
     pub leaf_count: u32,
 }
 
-/// For each binary node, the minimum cost of representing its triangles by at most 1, 2 or 3 children of a wide node, and how
-/// that cost is reached (Ylitie, Karras and Laine 2017, section 3.1, for four children).
+/// For each binary node, the minimum cost of representing its triangles by at most 1, 2 or 3 children of a wide node,
+/// and how that cost is reached (Ylitie, Karras and Laine 2017, section 3.1, for four children).
 pub(super) struct Collapse<'a> {
     nodes: &'a [binary::Node],
     choices: Vec<[Choice; WIDTH - 1]>,

@@ -13,8 +13,8 @@ use super::role::Role;
 /// Maximum size of a file in bytes.
 const MAX_BYTES: usize = 1 << 16;
 
-/// Maximum number of expressions in a function and its callees, each call counted. A compiler may inline every call, so a chain of
-/// functions that call the next one twice grows exponentially.
+/// Maximum number of expressions in a function and its callees, each call counted. A compiler may inline every call, so
+/// a chain of functions that call the next one twice grows exponentially.
 const MAX_EXPRESSIONS: usize = 1 << 14;
 
 /// Maximum nesting of statements and of expressions, which compilers process recursively.
@@ -23,7 +23,8 @@ const MAX_DEPTH: usize = 100;
 /// Maximum size of a value in bytes. Software devices store it for each invocation.
 const MAX_VALUE_BYTES: u32 = 4096;
 
-/// Stack size for parsing a file of [`MAX_BYTES`]. Naga recurses for every operator of a sum, with some hundred bytes per level.
+/// Stack size for parsing a file of [`MAX_BYTES`]. Naga recurses for every operator of a sum, with some hundred bytes
+/// per level.
 const STACK_BYTES: usize = 1 << 28;
 
 /// Prefix of the names that the composer gives to functions and to the counter.
@@ -94,8 +95,8 @@ impl File {
         if fits { Ok(()) } else { Err(format!("`{name}` is not of the form {form}")) }
     }
 
-    /// Writes plain WGSL whose loops end. Functions in `named` are renamed to the second name of their pair. All other names that
-    /// are visible outside the file get the prefix `prefix`.
+    /// Writes plain WGSL whose loops end. Functions in `named` are renamed to the second name of their pair. All other
+    /// names that are visible outside the file get the prefix `prefix`.
     ///
     /// # Errors
     /// One line, if naga can read the file but not write it.
@@ -105,7 +106,8 @@ impl File {
         for (_, function) in module.functions.iter_mut() {
             let new = named.iter().find(|(name, _)| function.name.as_deref() == Some(name));
             function.name = new.map_or_else(|| own(&function.name), |(_, new)| Some(new.clone()));
-            // Naga resolves a clash of names by renaming the function, so local names with the reserved prefix are renamed first.
+            // Naga resolves a clash of names by renaming the function, so local names with the reserved prefix are
+            // renamed first.
             let arguments = function.arguments.iter_mut().filter_map(|argument| argument.name.as_mut());
             let variables = function.local_variables.iter_mut().filter_map(|(_, variable)| variable.name.as_mut());
             let values = function.named_expressions.values_mut();

@@ -40,8 +40,8 @@ struct UsedFunction {
 }
 
 impl Builder {
-    /// Adds the function `name` of a WGSL file with the text `source`. Returns its number among the colour functions or among the
-    /// other functions.
+    /// Adds the function `name` of a WGSL file with the text `source`. Returns its number among the colour functions or
+    /// among the other functions.
     ///
     /// # Errors
     /// One line that describes the problem of the file or the function.
@@ -97,7 +97,8 @@ impl Builder {
         };
         let numbers = 0..self.surfaces.len() as u32;
         switch(
-            "fn procedural_next(function: u32, origin: vec3f, direction: vec3f, so_far: f32, end: f32, epsilon: f32, parameters: vec4f) -> vec4f",
+            "fn procedural_next(function: u32, origin: vec3f, direction: vec3f, so_far: f32, end: f32, epsilon: f32, \
+             parameters: vec4f) -> vec4f",
             "NO_CROSSING",
             &mut numbers.clone().map(|i| {
                 (i, format!("procedural_next_{}(origin, direction, so_far, end, epsilon, parameters)", letters(i)))
@@ -105,7 +106,8 @@ impl Builder {
         );
         let distances = numbers.filter(|i| self.surfaces[*i as usize] == Role::Distance);
         switch(
-            "fn procedural_gradient(function: u32, position: vec3f, given: vec3f, epsilon: f32, parameters: vec4f) -> vec3f",
+            "fn procedural_gradient(function: u32, position: vec3f, given: vec3f, epsilon: f32, parameters: vec4f) \
+             -> vec3f",
             "given",
             &mut distances.map(|i| (i, format!("procedural_gradient_{}(position, epsilon, parameters)", letters(i)))),
         );

@@ -5,7 +5,8 @@ import package::lib::constants::PROCEDURAL_TURNS;
 // Number of rays that missed an object because of an error: too many iterations; an invalid result of a function.
 @group(1) @binding(23) var<storage, read_write> procedural_misses: array<atomic<u32>, 2>;
 
-// Number of loop iterations since it was reset. Each loop of the functions counts here, and ends once there were too many.
+// Number of loop iterations since it was reset. Each loop of the functions counts here, and ends once there were too
+// many.
 var<private> procedural_turns: u32;
 
 const NO_CROSSING = vec4f(0.0, 0.0, 0.0, -1.0);

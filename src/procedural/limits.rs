@@ -6,11 +6,11 @@ pub const MAX_OBJECTS: usize = 64;
 /// The bit of a hit's primitive index that is set for procedural objects.
 pub(crate) const PROCEDURAL: u32 = 1 << 31;
 
-/// Maximum number of iterations until the next crossing, in all loops of a function and in the search along the ray together. This
-/// is 16 times what a fractal at a grazing angle needs, and a sixteenth of the limit of software devices for all rays of an
-/// invocation.
+/// Maximum number of iterations until the next crossing, in all loops of a function and in the search along the ray
+/// together. This is 16 times what a fractal at a grazing angle needs, and a sixteenth of the limit of software devices
+/// for all rays of an invocation.
 pub(crate) const ITERATIONS: u32 = 4096;
 
-/// Maximum number of iterations of a ray in all objects together. It then ignores further objects. The lanes of a software device
-/// wait for each other, so that its loops may run several times as many iterations.
+/// Maximum number of iterations of a ray in all objects together. It then ignores further objects. The lanes of a
+/// software device wait for each other, so that its loops may run several times as many iterations.
 pub(crate) const RAY_ITERATIONS: u32 = 2 * ITERATIONS;

@@ -1,7 +1,7 @@
 //! Procedural objects: surfaces described by WGSL functions that come with the scene.
 //!
-//! `docs/procedurals.md` describes the file format and the functions. [`Builder`] composes the functions of a scene into the
-//! module `package::lib::procedural_functions`, which `shaders/lib/procedural.wgsl` calls.
+//! `docs/procedurals.md` describes the file format and the functions. [`Builder`] composes the functions of a scene
+//! into the module `package::lib::procedural_functions`, which `shaders/lib/procedural.wgsl` calls.
 
 mod check;
 mod functions;

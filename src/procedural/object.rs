@@ -10,8 +10,8 @@ pub(crate) const TEXELS: u32 = 8;
 /// Number of the colour function of an object without one.
 const NO_COLOUR: u32 = 0xffff;
 
-/// Distance, over the diagonal of the box, below which two positions count as equal. Coordinates of the size of the box are rounded
-/// at 2^-24. In a scene of unit size this is less than the offset of rays from surfaces (2^-16).
+/// Distance, over the diagonal of the box, below which two positions count as equal. Coordinates of the size of the box
+/// are rounded at 2^-24. In a scene of unit size this is less than the offset of rays from surfaces (2^-16).
 const EPSILON: f64 = 1.0 / 262_144.0;
 
 /// An object of a scene, in normalised space.
@@ -48,8 +48,9 @@ impl Procedural {
         2.0 * (x.cross(y).length() + y.cross(z).length() + z.cross(x).length()) as f32
     }
 
-    /// The texels that kernels read: three rows of `to_own`; lower corner and function; upper corner and material; parameters of the
-    /// function; parameters of the colour function; epsilon, clearance, colour function, whether the material is double-sided.
+    /// The texels that kernels read: three rows of `to_own`; lower corner and function; upper corner and material;
+    /// parameters of the function; parameters of the colour function; epsilon, clearance, colour function, whether the
+    /// material is double-sided.
     pub(crate) fn texels(&self, double_sided: bool) -> [[f32; 4]; TEXELS as usize] {
         let rows = self.to_own.matrix3.transpose();
         let row = |row: DVec3, offset: f64| [row.x as f32, row.y as f32, row.z as f32, offset as f32];
@@ -59,7 +60,8 @@ impl Procedural {
         // The box grows by four times epsilon, so that rays search for surfaces on its faces from outside.
         let margin = DVec3::splat(4.0 * epsilon);
         let (colour, colour_parameters) = self.colour.unwrap_or((NO_COLOUR, [0.0; 4]));
-        // A distance of epsilon in own space is at most epsilon times the longest image of an axis, times the root of 3, in scene space.
+        // A distance of epsilon in own space is at most epsilon times the longest image of an axis, times the root of
+        // 3, in scene space.
         let to_scene = self.to_own.inverse().matrix3;
         let longest = to_scene.x_axis.length().max(to_scene.y_axis.length()).max(to_scene.z_axis.length());
         let clearance = 2.0 * epsilon * 3f64.sqrt() * longest;

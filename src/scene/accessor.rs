@@ -7,8 +7,9 @@ use super::json::Json;
 use super::limits::MAX_CORNERS;
 use crate::Result;
 
-/// Number of elements that an accessor without data may always have. A larger count must not exceed the size in bytes of the
-/// largest buffer, because other attributes of the same vertices are stored there. Nothing else in the file bounds it.
+/// Number of elements that an accessor without data may always have. A larger count must not exceed the size in bytes
+/// of the largest buffer, because other attributes of the same vertices are stored there. Nothing else in the file
+/// bounds it.
 const MIN_ZERO_FILLED_LIMIT: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.
@@ -141,8 +142,8 @@ impl Accessor<'_> {
         self.unreadable.map_or(Ok(()), |reason| Err(self.error(reason)))
     }
 
-    /// The elements with the indices `which`, or all of them, as floats. `fill` replaces components that an element lacks, and
-    /// components beyond `N` are dropped. The indices must be less than [`Accessor::count`].
+    /// The elements with the indices `which`, or all of them, as floats. `fill` replaces components that an element
+    /// lacks, and components beyond `N` are dropped. The indices must be less than [`Accessor::count`].
     pub fn floats<const N: usize>(&self, fill: f32, which: Option<&[u32]>) -> Result<Vec<[f32; N]>> {
         self.check_readable()?;
         let (size, width) = (self.component.size(), self.width.min(N));
@@ -210,8 +211,8 @@ pub(super) struct Views<'a> {
     views: Vec<View<'a>>,
     /// Size of the largest buffer in bytes.
     largest_buffer: usize,
-    /// Number of elements that sparse accessors have replaced so far. They may share their indices, so the size of the file does
-    /// not bound it.
+    /// Number of elements that sparse accessors have replaced so far. They may share their indices, so the size of the
+    /// file does not bound it.
     replaced: Cell<usize>,
 }
 
@@ -247,8 +248,8 @@ impl<'a> Views<'a> {
         view.bytes.ok_or_else(|| index.error("its buffer has no data in this file"))
     }
 
-    /// The elements of `holder`, which is an accessor or the indices or values of its sparse part. None if the buffer has no
-    /// data.
+    /// The elements of `holder`, which is an accessor or the indices or values of its sparse part. None if the buffer
+    /// has no data.
     fn elements(&self, holder: &Json, count: usize, size: usize, component: Component) -> Result<Option<Elements<'a>>> {
         let index = holder.require("bufferView")?;
         let view = &self.views[index.index(self.views.len(), "buffer view")?];

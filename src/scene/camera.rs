@@ -103,8 +103,8 @@ fn camera(json: &Json) -> Result<CameraKind> {
 }
 
 impl CameraKind {
-    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns None and adds a note if
-    /// the node's scale of zero leaves the camera without an orientation.
+    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns None and adds a
+    /// note if the node's scale of zero leaves the camera without an orientation.
     pub fn place(
         &self,
         node: &Json,

@@ -27,14 +27,15 @@ pub struct Scene {
     pub procedurals: Vec<Procedural>,
     /// The functions of the procedural objects.
     pub functions: Functions,
-    /// Emissive meshes and punctual lights in the order of the file's nodes, followed by the environment if there is one.
+    /// Emissive meshes and punctual lights in the order of the file's nodes, followed by the environment if there is
+    /// one.
     pub lights: Vec<Light>,
     /// Cameras in the order of the file's nodes.
     pub cameras: Vec<Camera>,
     /// The map between the file's world space and normalised space.
     pub normalisation: Normalisation,
-    /// Remarks on the file, one line each and without repetition: content that is not rendered, unknown extensions, degenerate
-    /// triangles that were dropped.
+    /// Remarks on the file, one line each and without repetition: content that is not rendered, unknown extensions,
+    /// degenerate triangles that were dropped.
     pub notes: Vec<String>,
 }
 

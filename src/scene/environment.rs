@@ -7,12 +7,13 @@ use super::light::{Light, LightKind};
 use super::panorama::Panorama;
 use crate::{Error, Result};
 
-/// Maximum radiance of a texel, strength included. Divided by the minimum density of the sampling table it must not overflow.
+/// Maximum radiance of a texel, strength included. Divided by the minimum density of the sampling table it must not
+/// overflow.
 const MAX_RADIANCE: f32 = 1e30;
 
 impl Scene {
-    /// Sets the environment of the scene and replaces an existing one. The panorama is rotated by `rotation` degrees about +Y,
-    /// counter-clockwise as seen from above like a node, and its radiance is multiplied by `strength`.
+    /// Sets the environment of the scene and replaces an existing one. The panorama is rotated by `rotation` degrees
+    /// about +Y, counter-clockwise as seen from above like a node, and its radiance is multiplied by `strength`.
     ///
     /// # Errors
     /// [`Error::Usage`] if the rotation is not finite, or if the strength is negative or makes the radiance overflow.

@@ -10,8 +10,8 @@ use super::triangle::NO_LIGHT;
 const FRAME_YFOV_DEGREES: f32 = 40.0;
 
 impl Scene {
-    /// A perspective camera in front of the scene and slightly above it. Its view contains every surface that emits no light
-    /// (every surface, if all of them emit) in images that are not taller than wide.
+    /// A perspective camera in front of the scene and slightly above it. Its view contains every surface that emits no
+    /// light (every surface, if all of them emit) in images that are not taller than wide.
     pub fn frame_camera(&self) -> Camera {
         let lit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
         let [lower, upper] = self

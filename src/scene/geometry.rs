@@ -18,8 +18,8 @@ use super::notes::Notes;
 use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
 
-/// Width of an object over the radius of the scene below which a note is added: three times the gap that rays skip at a surface
-/// (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
+/// Width of an object over the radius of the scene below which a note is added: three times the gap that rays skip at a
+/// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
 /// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times.
@@ -207,8 +207,8 @@ impl Geometry {
         Normalisation { centre, exponent }
     }
 
-    /// Moves the triangles that have an area in f32, and the vertices that they use, to `scene` in its normalised space. Returns
-    /// the mesh lights in the order of their nodes.
+    /// Moves the triangles that have an area in f32, and the vertices that they use, to `scene` in its normalised
+    /// space. Returns the mesh lights in the order of their nodes.
     pub fn finish(self, scene: &mut Scene, notes: &mut Notes) -> Vec<PlacedMeshLight> {
         let (mut degenerate, mut rounded_off) = (self.degenerate, 0);
         let normalisation = scene.normalisation;
@@ -248,8 +248,8 @@ impl Geometry {
         }
         if rounded_off > 0 {
             notes.push(format!(
-                "{rounded_off} triangles are below 6e-8 of the scene's size and are left out, because single precision cannot \
-                 represent them: remove distant objects from the scene instead"
+                "{rounded_off} triangles are below 6e-8 of the scene's size and are left out, because single precision \
+                 cannot represent them: remove distant objects from the scene instead"
             ));
         }
         self.note_small_objects(normalisation.scale(), notes);
@@ -270,8 +270,9 @@ impl Geometry {
         let small = small.count();
         if small > 0 {
             notes.push(format!(
-                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: their shading is wrong, because rays \
-                 skip gaps of 3e-5 of that size; remove distant objects from the scene, or render these alone"
+                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: their shading is wrong, \
+                 because rays skip gaps of 3e-5 of that size; remove distant objects from the scene, or render these \
+                 alone"
             ));
         }
     }

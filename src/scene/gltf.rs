@@ -1,7 +1,7 @@
 //! glTF import: reads a file into a normalised [`Scene`].
 //!
-//! Import works on the JSON document itself, not on a typed model of it. Node transforms keep their f64 digits, every error has a
-//! JSON pointer, and every number is checked where it is used.
+//! Import works on the JSON document itself, not on a typed model of it. Node transforms keep their f64 digits, every
+//! error has a JSON pointer, and every number is checked where it is used.
 
 use std::path::Path;
 
@@ -38,17 +38,19 @@ const SUPPORTED: [&str; 13] = [
 ];
 
 impl Scene {
-    /// Reads and checks a .gltf or .glb file and the files that it refers to, and transforms its scene to normalised space.
+    /// Reads and checks a .gltf or .glb file and the files that it refers to, and transforms its scene to normalised
+    /// space.
     ///
     /// # Errors
-    /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or a byte
-    /// offset in the .glb container.
+    /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or
+    /// a byte offset in the .glb container.
     pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
         let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
         Scene::from_bytes(&bytes, path, options)
     }
 
-    /// [`Scene::load`] for a file in memory. `path` names it in errors, and references are relative to the folder of `path`.
+    /// [`Scene::load`] for a file in memory. `path` names it in errors, and references are relative to the folder of
+    /// `path`.
     ///
     /// # Errors
     /// As [`Scene::load`].

@@ -7,8 +7,8 @@ use serde_json::Value;
 use crate::input::printable;
 use crate::{Error, Result};
 
-/// Maximum number of values and members of a document. A scene of a million nodes has fewer, and each takes at most 600 bytes of
-/// memory.
+/// Maximum number of values and members of a document. A scene of a million nodes has fewer, and each takes at most 600
+/// bytes of memory.
 const MAX_VALUES: usize = 1 << 23;
 
 /// Parses a document. The error is one line.

@@ -136,8 +136,8 @@ impl<'r, 'a> Reader<'r, 'a> {
     }
 }
 
-/// The sorted indices of the vertices that occur in `corners`. None if all `count` vertices do. Exporters share one set of
-/// vertices between many primitives, so the time to read a primitive must not grow with the size of the set.
+/// The sorted indices of the vertices that occur in `corners`. None if all `count` vertices do. Exporters share one set
+/// of vertices between many primitives, so the time to read a primitive must not grow with the size of the set.
 fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
     let which = if corners.len() < count {
         let mut which = corners.to_vec();

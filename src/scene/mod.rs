@@ -1,8 +1,8 @@
 //! What a scene is, and its import from glTF.
 //!
-//! Import works in f64. The finished scene is recentred and scaled by a power of two, so that its bounding sphere has about
-//! unit size ([`Normalisation`]). Positions and lengths are in this normalised space unless a field says otherwise. Radiance
-//! keeps the file's units.
+//! Import works in f64. The finished scene is recentred and scaled by a power of two, so that its bounding sphere has
+//! about unit size ([`Normalisation`]). Positions and lengths are in this normalised space unless a field says
+//! otherwise. Radiance keeps the file's units.
 
 mod accessor;
 mod camera;

@@ -6,7 +6,8 @@ use super::json::Json;
 use super::notes::Notes;
 use crate::Result;
 
-/// Maximum deviation of the length of a rotation quaternion from 1. Quaternions of normalised bytes deviate by up to 0.008.
+/// Maximum deviation of the length of a rotation quaternion from 1. Quaternions of normalised bytes deviate by up to
+/// 0.008.
 const UNIT_TOLERANCE: f64 = 0.01;
 
 /// A node of the rendered scene.
@@ -50,7 +51,8 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node
     Ok(nodes.into_iter().zip(world).filter_map(|(json, world)| Some(Node { json, world: world? })).collect())
 }
 
-/// Refuses loops. Every node has at most one parent, so a node that no root reaches belongs to a loop or descends from one.
+/// Refuses loops. Every node has at most one parent, so a node that no root reaches belongs to a loop or descends from
+/// one.
 fn refuse_loops(nodes: &[Json], parent: &[Option<usize>], children: &[Vec<usize>]) -> Result<()> {
     let mut reached = vec![false; nodes.len()];
     let mut open: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
@@ -98,10 +100,13 @@ fn scene_roots(
         }
     }
     roots.retain(|&i| !below[i]);
-    // A listed node with a parent is not legal, but some exporters write it. As in other renderers, the scene starts there.
+    // A listed node with a parent is not legal, but some exporters write it. As in other renderers, the scene starts
+    // there.
     let moved = |i: usize| parent[i].filter(|&above| local[above] != DAffine3::IDENTITY);
     if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, moved(i)?))) {
-        notes.push(format!("scene {selected} lists node {i}, which is not a root: the transform of its parent, node {above}, is not applied"));
+        notes.push(format!(
+            "scene {selected} lists node {i}, which is not a root: the transform of its parent, node {above}, is not applied"
+        ));
     }
     Ok(roots)
 }

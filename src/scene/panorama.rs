@@ -4,8 +4,8 @@ use std::fmt;
 
 /// An equirectangular panorama of linear Rec.709 radiance, rows from the zenith (+Y) to the nadir.
 ///
-/// The orientation is that of Blender and the Khronos viewers: the middle column is seen along +X, the column a quarter of the
-/// width to the left of it along -Z, the column a quarter to the right along +Z. The edges meet along -X.
+/// The orientation is that of Blender and the Khronos viewers: the middle column is seen along +X, the column a quarter
+/// of the width to the left of it along -Z, the column a quarter to the right along +Z. The edges meet along -X.
 #[derive(Clone, PartialEq)]
 pub struct Panorama {
     /// Width in texels, 1 to [`Panorama::MAX_SIDE`].

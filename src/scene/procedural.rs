@@ -151,7 +151,8 @@ fn parameters(json: &Json) -> Result<[f32; 4]> {
     Ok(parameters)
 }
 
-/// The material without the properties that only triangles have: textures, alpha, anisotropy and emission. Adds a note for each.
+/// The material without the properties that only triangles have: textures, alpha, anisotropy and emission. Adds a note
+/// for each.
 fn plain(material: Material, notes: &mut Notes) -> Material {
     let name = &material.name;
     let mut note = |has: bool, what: &str| {

@@ -29,7 +29,8 @@ pub enum Wrap {
     Clamp,
 }
 
-/// Magnification filter of a sampler. There are no mip levels, as in Cycles: the samples of the pixel filter minified textures.
+/// Magnification filter of a sampler. There are no mip levels, as in Cycles: the samples of the pixel filter minified
+/// textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Filter {
     /// Bilinear.

@@ -17,8 +17,8 @@ pub struct Vertex {
     pub colour: Vec4,
 }
 
-/// A triangle. Its corners are counter-clockwise as seen from the front, even if the node's matrix mirrors it: import flips
-/// the winding if the determinant is negative.
+/// A triangle. Its corners are counter-clockwise as seen from the front, even if the node's matrix mirrors it: import
+/// flips the winding if the determinant is negative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Triangle {
     /// Indices into [`Scene::vertices`](super::Scene::vertices).

@@ -211,7 +211,8 @@ fn hostile_headers_are_errors() {
         bytes.splice(8..8, attribute("dataWindow", "box2i", &second));
         assert!(read(&bytes).unwrap_err().starts_with("dataWindow: claims 400000000 bytes"));
     }
-    // What follows an attribute without a type is read otherwise by the decoder: here as a window of 85 GB (found by fuzzing).
+    // What follows an attribute without a type is read otherwise by the decoder: here as a window of 85 GB (found by
+    // fuzzing).
     let mut bytes = header(1, [0, 0, 1, 1]);
     bytes.splice(8..8, attribute("a", "", &[]));
     assert_eq!(read(&bytes).unwrap_err(), "a: attribute without a type");

@@ -207,7 +207,8 @@ fn many_of_a_kind_are_read_in_time() {
     let notes = file.load().notes;
     assert_eq!(notes.len(), 101, "a hundred, and the number of the others");
     assert!(notes.last().unwrap().starts_with("1999"), "{notes:?}");
-    // Primitives of 1,000 emissive materials in 40 nodes, each a light of its own. They used to be moved and searched one by one.
+    // Primitives of 1,000 emissive materials in 40 nodes, each a light of its own. They used to be moved and searched
+    // one by one.
     let mut file = File::triangle();
     file.json["materials"] = json!(vec![json!({ "emissiveFactor": [1, 1, 1] }); 1000]);
     file.json["meshes"][0]["primitives"] =
@@ -216,8 +217,8 @@ fn many_of_a_kind_are_read_in_time() {
     assert_eq!(file.load().lights.len(), 40_000);
 }
 
-/// Text from a file is shown on one line, without control characters and with a limited length. Names are shortened, because many
-/// objects may copy them.
+/// Text from a file is shown on one line, without control characters and with a limited length. Names are shortened,
+/// because many objects may copy them.
 #[test]
 fn text_from_files_is_printable() {
     let long = format!("evil\u{1b}[2J\n{}", "x".repeat(1 << 20));

@@ -128,8 +128,8 @@ pub fn png(width: u32, height: u32, texels: &[[u8; 4]]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Triangles in world space. They are exact for the small integers of these tests, because normalisation only subtracts a
-/// half-integer and scales by a power of two.
+/// Triangles in world space. They are exact for the small integers of these tests, because normalisation only subtracts
+/// a half-integer and scales by a power of two.
 pub fn world(scene: &Scene) -> Vec<[[f64; 3]; 3]> {
     let corners = |i| scene.triangle_positions(i).map(|p| scene.normalisation.undo(p).to_array());
     (0..scene.triangles.len()).map(corners).collect()

@@ -124,8 +124,8 @@ fn a_mirror_flips_the_winding_once() {
 #[test]
 fn shading_normals_stay_on_the_front() {
     let sloped = Vec3::new(1.0, 1.0, 0.0).normalize();
-    // Normals transform with the inverse transpose: (1/2, 1, 0) for a scale of 2 along x. A mirrored normal stays on the front of the
-    // flipped triangle. A scale of zero leaves the normal along the remaining axis.
+    // Normals transform with the inverse transpose: (1/2, 1, 0) for a scale of 2 along x. A mirrored normal stays on
+    // the front of the flipped triangle. A scale of zero leaves the normal along the remaining axis.
     for (scale, expected) in [
         ([2.0, 1.0, 1.0], Vec3::new(0.5, 1.0, 0.0).normalize()),
         ([-2.0, 1.0, 1.0], Vec3::new(-0.5, 1.0, 0.0).normalize()),
@@ -200,8 +200,8 @@ fn slivers_stay_and_degenerate_triangles_go() {
     assert!((b - a).cross(c - a).normalize().is_finite());
 }
 
-/// Two triangles of size 1 at a large distance. There are notes on objects that are small for their scene, and on triangles that are
-/// rounded to nothing. Small lamps are fine.
+/// Two triangles of size 1 at a large distance. There are notes on objects that are small for their scene, and on
+/// triangles that are rounded to nothing. Small lamps are fine.
 #[test]
 fn objects_too_small_for_their_scene_are_noted() {
     let noted = |apart: f64, emits: bool| {

@@ -128,7 +128,8 @@ const WHITE: [u8; 4] = [255; 4];
 #[test]
 fn textured_emitters_emit_their_mean() {
     let half = [BLACK, WHITE];
-    // A quarter of the triangle has u > 1/2. The edge cuts about 8 of the 64 strata, each with an error of at most a half.
+    // A quarter of the triangle has u > 1/2. The edge cuts about 8 of the 64 strata, each with an error of at most a
+    // half.
     let scene = textured(2, 1, &half, [[0., 0.], [1., 0.], [0., 1.]]);
     let mean = emitters(&scene, 0)[0].radiance;
     assert!((mean / 8.0 - Vec3::splat(0.25)).abs().max_element() < 1.0 / 16.0, "{mean}");

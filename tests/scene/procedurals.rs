@@ -61,7 +61,8 @@ fn objects_stand_where_their_nodes_are() {
     assert_eq!((object.parameters, object.colour), ([1.0, 0.0, 0.0, 0.0], Some((0, [0.25, 7.0, 0.0, 0.0]))));
 }
 
-/// The text of a function is a part of the fingerprint, so that checkpoints and references of another function are not used.
+/// The text of a function is a part of the fingerprint, so that checkpoints and references of another function are not
+/// used.
 #[test]
 fn sources_are_in_the_fingerprint() {
     let of = |source: &str| file(sphere(json!({ "source": data(source) })), json!({})).load().fingerprint(&());

@@ -11,8 +11,8 @@ use serde_json::Value;
 
 use crate::shared_files::shared_files;
 
-/// Errors of the validator that do not affect the image: prefix of the code, part of the pointer (or, after `=`, the whole pointer),
-/// and reason.
+/// Errors of the validator that do not affect the image: prefix of the code, part of the pointer (or, after `=`, the
+/// whole pointer), and reason.
 const IRRELEVANT: &[(&str, &str, &str)] = &[
     ("ACCESSOR_ANIMATION", "", "animation"),
     ("ACCESSOR_ELEMENT_OUT_OF", "", "declared bounds are not used: positions are"),
@@ -91,7 +91,8 @@ fn malformed_files_are_refused_and_legal_ones_load() {
             Ok(Err(error)) if legal => failures.push(format!("legal, but: {error}")),
             Ok(Ok(_)) if !errors.is_empty() => failures.push(format!("{}: loaded despite {errors:?}", file.display())),
             Ok(Err(Error::Input { file: named, place: location, problem })) => {
-                // The same location, a parent or a child of it. Locations in the container are byte offsets on both sides.
+                // The same location, a parent or a child of it. Locations in the container are byte offsets on both
+                // sides.
                 let is_at = |error: &&Value| match error["pointer"].as_str() {
                     Some(pointer) => location.starts_with(pointer) || pointer.starts_with(&location),
                     None => location == "file" || location.starts_with("byte "),

@@ -12,9 +12,9 @@ use crate::{Error, Result};
 /// The error of an encoder.
 pub(super) type Problem = Box<dyn std::error::Error + Send + Sync>;
 
-/// Replaces the file at `path` with the output of `write`, which goes to a temporary file in the same folder that is synced to the
-/// disk and renamed. After an error the old file is unchanged and there is no temporary file. A symbolic link stays a link, and
-/// its target is replaced.
+/// Replaces the file at `path` with the output of `write`, which goes to a temporary file in the same folder that is
+/// synced to the disk and renamed. After an error the old file is unchanged and there is no temporary file. A symbolic
+/// link stays a link, and its target is replaced.
 ///
 /// # Errors
 /// [`Error::Output`] with the error of the system or of `write`.
@@ -65,8 +65,8 @@ fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
     Ok((target, folder))
 }
 
-/// Removes all temporary files and blocks all further writes. Call it when the process is about to exit: every target is then
-/// either unchanged or complete.
+/// Removes all temporary files and blocks all further writes. Call it when the process is about to exit: every target
+/// is then either unchanged or complete.
 pub fn abandon_writes() {
     let temporary_files = temporary_files();
     for path in temporary_files.iter() {
@@ -87,7 +87,8 @@ fn temporary_files() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 struct Temporary(PathBuf);
 
 impl Temporary {
-    /// Creates a file in `folder` with the default permissions. Files of the `tempfile` crate are readable by their owner only.
+    /// Creates a file in `folder` with the default permissions. Files of the `tempfile` crate are readable by their
+    /// owner only.
     fn create(folder: &Path) -> io::Result<(Self, File)> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let mut temporary_files = temporary_files();

@@ -6,11 +6,12 @@ use super::image::{Image, Metadata};
 use crate::scene::{Camera, Normalisation, Projection};
 
 impl Image {
-    /// Adds the attributes `worldToCamera` and `worldToNDC` with the conventions of pbrt, in the units of the file's world space.
+    /// Adds the attributes `worldToCamera` and `worldToNDC` with the conventions of pbrt, in the units of the file's
+    /// world space.
     ///
-    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the image and (1, 1) at
-    /// the upper right one. Its z runs from 1/2 at the near plane to 1 at the far plane. The width of the view follows from the
-    /// aspect ratio of the image.
+    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the image
+    /// and (1, 1) at the upper right one. Its z runs from 1/2 at the near plane to 1 at the far plane. The width of the
+    /// view follows from the aspect ratio of the image.
     pub fn add_camera(&mut self, camera: &Camera, normalisation: &Normalisation) {
         let [right, up, backward] = camera.axes.map(|axis| axis.as_dvec3());
         let rotation =

@@ -30,12 +30,12 @@ const REC709: Chromaticities = Chromaticities {
 const TECHNICAL: [&str; 5] = ["name", "chunkCount", "pixelAspectRatio", "screenWindowWidth", "dwaCompressionLevel"];
 
 impl Image {
-    /// Writes all channels and metadata to a single-part scan-line EXR of f32 samples. The compression is lossless (ZIP of 16
-    /// lines), channels are sorted by name, chromaticities are those of Rec.709.
+    /// Writes all channels and metadata to a single-part scan-line EXR of f32 samples. The compression is lossless (ZIP
+    /// of 16 lines), channels are sorted by name, chromaticities are those of Rec.709.
     ///
     /// # Errors
-    /// [`Error::Output`] if the format cannot represent a channel or attribute, or if the file cannot be written. The old file is
-    /// then unchanged.
+    /// [`Error::Output`] if the format cannot represent a channel or attribute, or if the file cannot be written. The
+    /// old file is then unchanged.
     pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let image = self.to_exr().map_err(|problem| Error::output(path, problem))?;
@@ -150,8 +150,8 @@ fn string(text: &Text) -> String {
     String::from_utf8_lossy(text.as_slice()).into_owned()
 }
 
-/// Refuses headers that the `exr` crate would believe. The crate allocates what a header claims before it reads a pixel, and a failed
-/// allocation ends the process. The error is a location and a problem.
+/// Refuses headers that the `exr` crate would believe. The crate allocates what a header claims before it reads a
+/// pixel, and a failed allocation ends the process. The error is a location and a problem.
 fn check_header(bytes: &[u8]) -> Checked<()> {
     let mut rest = Bytes(bytes);
     if rest.take(4) != Some(&::exr::meta::magic_number::BYTES) {
@@ -177,8 +177,8 @@ fn check_header(bytes: &[u8]) -> Checked<()> {
         }
     }
 
-    // Deflate is the densest coding, with at most 1032 bytes per byte. Samples of 16 bits count as 32 here, which is a factor of
-    // two, and another factor of two is for safety.
+    // Deflate is the densest coding, with at most 1032 bytes per byte. Samples of 16 bits count as 32 here, which is a
+    // factor of two, and another factor of two is for safety.
     let limit = (bytes.len() as u64).saturating_mul(4096);
     let claimed = u128::from(pixels) * u128::from(channels) * 4;
     if claimed > u128::from(limit) {
@@ -208,8 +208,8 @@ fn next_attribute<'a>(rest: &mut Bytes<'a>) -> Checked<Option<(&'a [u8], Bytes<'
     if name.is_empty() {
         return Ok(None);
     }
-    // The crate always takes the first byte of a type as a part of it. If that is the terminating zero, the crate finds other
-    // attributes from there on.
+    // The crate always takes the first byte of a type as a part of it. If that is the terminating zero, the crate finds
+    // other attributes from there on.
     if rest.name().ok_or_else(truncated)?.is_empty() {
         return Err(in_attribute(name, "attribute without a type"));
     }

@@ -19,12 +19,12 @@ impl Image {
         decode(&read_file(path)?, path)
     }
 
-    /// Reads a flat single-part EXR, scan-line or tiled (the largest level): all channels as f32, and its attributes of the types
-    /// text, int, float and 4 x 4 matrix. The image is the data window.
+    /// Reads a flat single-part EXR, scan-line or tiled (the largest level): all channels as f32, and its attributes of
+    /// the types text, int, float and 4 x 4 matrix. The image is the data window.
     ///
     /// # Errors
-    /// [`Error::Input`] if the file is missing, damaged, deep, multi-part, subsampled or compressed with DWA, or if its header
-    /// claims more pixels than a file of its length can hold.
+    /// [`Error::Input`] if the file is missing, damaged, deep, multi-part, subsampled or compressed with DWA, or if its
+    /// header claims more pixels than a file of its length can hold.
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         exr::decode(&read_file(path)?, path)
@@ -39,8 +39,8 @@ impl Image {
         decoder(path)?(bytes, path)
     }
 
-    /// Writes the image: all channels to an `.exr`, or a view of its colour to a `.png`. `exposure_ev` scales the colour of the
-    /// view by 2^`exposure_ev`.
+    /// Writes the image: all channels to an `.exr`, or a view of its colour to a `.png`. `exposure_ev` scales the
+    /// colour of the view by 2^`exposure_ev`.
     ///
     /// # Errors
     /// Those of [`write_exr`](Self::write_exr), [`write_png`](Self::write_png) and [`check_writable`].
@@ -53,7 +53,8 @@ impl Image {
     }
 }
 
-/// Checks that an image can be written to `path`, so that a render does not fail at its end. An existing file is not touched.
+/// Checks that an image can be written to `path`, so that a render does not fail at its end. An existing file is not
+/// touched.
 ///
 /// # Errors
 /// [`Error::Usage`] if the extension is neither `.exr` nor `.png`, and those of [`check_target`].

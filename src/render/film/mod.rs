@@ -1,8 +1,8 @@
 //! Images: named channels of scene-linear f32, written to EXR, or tone-mapped to PNG.
 //!
-//! The colour of an image is in its root channels `R`, `G` and `B` (Rec.709 primaries, scene-linear). If there is an alpha channel
-//! `A`, the colour is premultiplied, as in OpenEXR. All other data has channels of other names. An EXR stores all channels
-//! without loss; a PNG stores one [`View`] of the colour. Files are replaced whole or not at all.
+//! The colour of an image is in its root channels `R`, `G` and `B` (Rec.709 primaries, scene-linear). If there is an
+//! alpha channel `A`, the colour is premultiplied, as in OpenEXR. All other data has channels of other names. An EXR
+//! stores all channels without loss; a PNG stores one [`View`] of the colour. Files are replaced whole or not at all.
 
 mod atomic;
 mod camera;

@@ -7,12 +7,12 @@ use crate::scene::Panorama;
 use crate::{Error, Result};
 
 impl Panorama {
-    /// Reads a panorama from an `.exr` (channels `R`, `G`, `B`) or `.hdr` file. Returns it with notes of one line each. With
-    /// `lenient`, radiance that is NaN, infinite or negative becomes 0.
+    /// Reads a panorama from an `.exr` (channels `R`, `G`, `B`) or `.hdr` file. Returns it with notes of one line each.
+    /// With `lenient`, radiance that is NaN, infinite or negative becomes 0.
     ///
     /// # Errors
-    /// Those of [`Image::read`], and [`Error::Input`] if a channel is missing, if a side is too large, or, with the first such
-    /// texel, if radiance is NaN, infinite or negative.
+    /// Those of [`Image::read`], and [`Error::Input`] if a channel is missing, if a side is too large, or, with the
+    /// first such texel, if radiance is NaN, infinite or negative.
     pub fn load(path: &Path, lenient: bool) -> Result<(Panorama, Vec<String>)> {
         let refuse = |location: &str, problem: String| Error::input(path, location, problem);
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();

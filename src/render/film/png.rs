@@ -14,8 +14,8 @@ use crate::{Error, Result};
 const MAX_DECODED: u64 = 1 << 29;
 
 impl Image {
-    /// Writes the colour over black as an 8-bit PNG without alpha, scaled by 2^`exposure_ev` and tone-mapped by `view`. Blender and
-    /// pbrt write PNGs in the same way.
+    /// Writes the colour over black as an 8-bit PNG without alpha, scaled by 2^`exposure_ev` and tone-mapped by `view`.
+    /// Blender and pbrt write PNGs in the same way.
     ///
     /// # Errors
     /// [`Error::Output`] if `R`, `G` or `B` is missing or the file cannot be written. The old file is then unchanged.
@@ -57,7 +57,8 @@ impl Image {
     }
 }
 
-/// Decodes a PNG or Radiance file to the channels `R`, `G`, `B` and, if it has alpha, `A`. sRGB values become scene-linear.
+/// Decodes a PNG or Radiance file to the channels `R`, `G`, `B` and, if it has alpha, `A`. sRGB values become
+/// scene-linear.
 pub(super) fn decode(bytes: &[u8], path: &Path, format: image::ImageFormat) -> Result<Image> {
     let input = |problem: String| Error::input(path, "file", problem);
     let picture = Picture::open(bytes, format).map_err(input)?;

@@ -24,7 +24,8 @@ impl View {
     /// All views.
     pub const ALL: [View; 4] = [View::Neutral, View::Agx, View::Standard, View::Raw];
 
-    /// The coded display values in 0 to 1 for the scene-linear Rec.709 `colour`. Negative and NaN components count as 0.
+    /// The coded display values in 0 to 1 for the scene-linear Rec.709 `colour`. Negative and NaN components count as
+    /// 0.
     pub fn apply(self, colour: [f32; 3]) -> [f32; 3] {
         // Differences or quotients of infinities would be NaN.
         let colour = colour.map(|x| if x > 0.0 { x.min(f32::MAX) } else { 0.0 });
