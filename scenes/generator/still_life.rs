@@ -197,6 +197,27 @@ fn vase(glb: &mut Glb) {
     });
     let mesh = glb.mesh("vase", &mesh, glaze);
 
+    let leaf_mesh = leaf(glb);
+    let leaves: Vec<usize> = [(20.0, 1.0), (100.0, 0.85), (165.0, 0.95), (235.0, 0.8), (305.0, 1.05)]
+        .into_iter()
+        .map(|(degrees, scale)| {
+            glb.push(
+                "nodes",
+                json!({
+                    "name": "leaf", "mesh": leaf_mesh, "scale": [scale, scale, scale],
+                    "translation": [0, 0.17, 0], "rotation": turn(DVec3::Y, degrees),
+                }),
+            )
+        })
+        .collect();
+    glb.push(
+        "nodes",
+        json!({ "name": "vase", "mesh": mesh, "translation": [-0.22, CLOTH, -0.06], "children": leaves }),
+    );
+}
+
+/// A leaf: a bent strip with an alpha mask. Returns the mesh.
+fn leaf(glb: &mut Glb) -> usize {
     let blade = RgbaImage::from_fn(96, 192, |x, y| {
         let (across, up) = ((f64::from(x) + 0.5) / 48.0 - 1.0, 1.0 - (f64::from(y) + 0.5) / 192.0);
         let outline = 0.9 * (PI * up.powf(0.8)).sin().max(0.0).powf(0.8);
@@ -208,7 +229,7 @@ fn vase(glb: &mut Glb) {
         Rgba([r, g, b, if across.abs() < outline || stalk { 255 } else { 0 }])
     });
     let blade = glb.texture("leaf", blade, Wrap::Clamp);
-    let leaf = glb.push(
+    let material = glb.push(
         "materials",
         json!({
             "name": "leaf",
@@ -220,7 +241,7 @@ fn vase(glb: &mut Glb) {
     );
     // A strip that rises from the origin and bends towards +z along an arc of this radius.
     let (radius, width) = (0.2, 0.045);
-    let mesh_leaf = Mesh::surface(6, 16, false, |u, v| {
+    let strip = Mesh::surface(6, 16, false, |u, v| {
         let (sin, cos) = (1.1 * (1.0 - v)).sin_cos();
         let fold = (u - 0.5).abs();
         let normal = DVec3::new(0.0, -sin, cos);
@@ -229,23 +250,7 @@ fn vase(glb: &mut Glb) {
         let facing = DVec3::new(-0.35 * (u - 0.5).signum() * if fold > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0) + normal;
         (position + 0.7 * width * fold * normal, facing.normalize())
     });
-    let mesh_leaf = glb.mesh("leaf", &mesh_leaf, leaf);
-    let leaves: Vec<usize> = [(20.0, 1.0), (100.0, 0.85), (165.0, 0.95), (235.0, 0.8), (305.0, 1.05)]
-        .into_iter()
-        .map(|(degrees, scale)| {
-            glb.push(
-                "nodes",
-                json!({
-                    "name": "leaf", "mesh": mesh_leaf, "scale": [scale, scale, scale],
-                    "translation": [0, 0.17, 0], "rotation": turn(DVec3::Y, degrees),
-                }),
-            )
-        })
-        .collect();
-    glb.push(
-        "nodes",
-        json!({ "name": "vase", "mesh": mesh, "translation": [-0.22, CLOTH, -0.06], "children": leaves }),
-    );
+    glb.mesh("leaf", &strip, material)
 }
 
 /// Two pears of one mesh with vertex colours. The second pear is mirrored.
