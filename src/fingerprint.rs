@@ -1,4 +1,4 @@
-//! Fingerprints: 128 bits that tell one render's input from another's, as 32 hexadecimal digits.
+//! Fingerprints: 128 bits that identify the input of a render, as 32 hexadecimal digits.
 //!
 //! Two inputs that differ have the same fingerprint with a probability of 2^-128. It is no proof against an attacker.
 

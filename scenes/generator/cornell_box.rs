@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde_json::json;
 
-use super::glb::{Glb, turn};
+use super::glb::{Glb, rotation_about};
 use super::mesh::Mesh;
 
 pub fn glb() -> Vec<u8> {
@@ -26,7 +26,10 @@ pub fn glb() -> Vec<u8> {
 
     let cube = glb.mesh("cube", &Mesh::cuboid(DVec3::splat(0.35)), white);
     let position = [0.3, -0.65, 0.1];
-    glb.push("nodes", json!({ "name": "cube", "mesh": cube, "translation": position, "rotation": turn(y, 20.0) }));
+    glb.push(
+        "nodes",
+        json!({ "name": "cube", "mesh": cube, "translation": position, "rotation": rotation_about(y, 20.0) }),
+    );
 
     // Radiance L causes an irradiance of about 0.64 L / 2^2 = 0.16 L at the centre of the floor: a reflected radiance
     // of 0.46 without indirect light.

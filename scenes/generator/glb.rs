@@ -82,7 +82,7 @@ impl Glb {
         let camera = self.push("cameras", json!({ "type": "perspective", "perspective": perspective }));
         self.push(
             "nodes",
-            json!({ "name": "camera", "camera": camera, "translation": eye.to_array(), "rotation": look(direction) }),
+            json!({ "name": "camera", "camera": camera, "translation": eye.to_array(), "rotation": rotation_towards(direction) }),
         );
     }
 
@@ -93,7 +93,7 @@ impl Glb {
         let extension = json!({ "KHR_lights_punctual": { "light": lights.len() - 1 } });
         self.push(
             "nodes",
-            json!({ "name": name, "extensions": extension, "translation": position.to_array(), "rotation": look(direction) }),
+            json!({ "name": name, "extensions": extension, "translation": position.to_array(), "rotation": rotation_towards(direction) }),
         );
     }
 
@@ -175,12 +175,12 @@ pub enum Wrap {
 }
 
 /// The glTF rotation by `angle` degrees about an axis.
-pub fn turn(axis: DVec3, degrees: f64) -> [f64; 4] {
+pub fn rotation_about(axis: DVec3, degrees: f64) -> [f64; 4] {
     DQuat::from_axis_angle(axis, degrees.to_radians()).to_array().map(tidy)
 }
 
 /// The glTF rotation of a camera or light along `direction`, with +y as close to up as possible.
-fn look(direction: DVec3) -> [f64; 4] {
+fn rotation_towards(direction: DVec3) -> [f64; 4] {
     let backward = -direction.normalize();
     let right = DVec3::Y.cross(backward).normalize_or(DVec3::X);
     DQuat::from_mat3(&DMat3::from_cols(right, backward.cross(right), backward)).to_array().map(tidy)

@@ -55,16 +55,16 @@ pub fn glb() -> Vec<u8> {
     for room in 0..ROOMS * ROOMS {
         let corner = DVec3::new(ROOM * f64::from(room % ROOMS) - half, 0.0, ROOM * f64::from(room / ROOMS) - half);
         let number = |item: i32, what: i32| f64::from(hash(IVec3::new(room, item, what)) >> 12) / f64::from(1 << 20);
-        let place = |item: i32, from_wall: f64| {
+        let position = |item: i32, from_wall: f64| {
             let inside = |what| from_wall + (ROOM - 2.0 * from_wall) * number(item, what);
             corner + DVec3::new(inside(0), 0.0, inside(1))
         };
         for item in 0..3 {
-            let at = place(item, 0.3) + 0.4 * y;
+            let at = position(item, 0.3) + 0.4 * y;
             glb.push("nodes", json!({ "mesh": pillar, "translation": at.to_array() }));
         }
         for item in 3..3 + LAMPS_PER_ROOM {
-            let at = place(item, 0.1) + (0.85 + 0.4 * number(item, 2)) * y;
+            let at = position(item, 0.1) + (0.85 + 0.4 * number(item, 2)) * y;
             // Strong lamps are rare.
             let strength = (6.0 * number(item, 3).powi(2)) as usize;
             glb.push("nodes", json!({ "mesh": lamps[strength], "translation": at.to_array() }));

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::json;
 
-use super::glb::{Glb, Wrap, turn};
+use super::glb::{Glb, Wrap, rotation_about};
 use super::mesh::Mesh;
 use super::noise;
 
@@ -157,7 +157,7 @@ fn cloth(glb: &mut Glb) {
         (DVec3::new(p.x, ripple(p), p.y), DVec3::new(-slope(DVec2::X), 1.0, -slope(DVec2::Y)).normalize())
     });
     let mesh = glb.mesh("cloth", &mesh, cloth);
-    let rotation = turn(DVec3::Y, 12.0);
+    let rotation = rotation_about(DVec3::Y, 12.0);
     glb.push(
         "nodes",
         json!({ "name": "cloth", "mesh": mesh, "translation": [-0.04, CLOTH, 0.07], "rotation": rotation }),
@@ -205,7 +205,7 @@ fn vase(glb: &mut Glb) {
                 "nodes",
                 json!({
                     "name": "leaf", "mesh": leaf_mesh, "scale": [scale, scale, scale],
-                    "translation": [0, 0.17, 0], "rotation": turn(DVec3::Y, degrees),
+                    "translation": [0, 0.17, 0], "rotation": rotation_about(DVec3::Y, degrees),
                 }),
             )
         })
@@ -275,19 +275,19 @@ fn pears(glb: &mut Glb) {
     let bark = glb.push("materials", super::lambertian("bark", [0.07, 0.045, 0.025]));
     let stalk = glb.mesh("stalk", &Mesh::cuboid(DVec3::new(0.0015, 0.012, 0.0015)), bark);
     let mut stalk = |lean| {
-        let rotation = turn(DVec3::Z, lean);
+        let rotation = rotation_about(DVec3::Z, lean);
         glb.push("nodes", json!({ "name": "stalk", "mesh": stalk, "translation": [0, 0.108, 0], "rotation": rotation }))
     };
     let stalks = [stalk(14.0), stalk(-8.0)];
     glb.push(
         "nodes",
-        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": turn(DVec3::Y, 30.0) }),
+        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": rotation_about(DVec3::Y, 30.0) }),
     );
     glb.push(
         "nodes",
         json!({
             "name": "mirrored pear", "mesh": mesh, "children": [stalks[1]], "scale": [-0.92, 0.92, 0.92],
-            "translation": [-0.155, CLOTH, 0.14], "rotation": turn(DVec3::Y, 200.0),
+            "translation": [-0.155, CLOTH, 0.14], "rotation": rotation_about(DVec3::Y, 200.0),
         }),
     );
 }
@@ -319,7 +319,7 @@ fn pane(glb: &mut Glb) {
     let mesh = glb.mesh("pane", &Mesh::quad(DVec3::ZERO, 0.06 * DVec3::X, 0.08 * DVec3::Y), tint);
     glb.push(
         "nodes",
-        json!({ "name": "pane", "mesh": mesh, "translation": [0.17, 0.085, 0.1], "rotation": turn(DVec3::Y, -35.0) }),
+        json!({ "name": "pane", "mesh": mesh, "translation": [0.17, 0.085, 0.1], "rotation": rotation_about(DVec3::Y, -35.0) }),
     );
 }
 
@@ -357,13 +357,13 @@ fn screen(glb: &mut Glb) {
     let image = glb.push("nodes", json!({ "name": "screen", "mesh": image }));
     let frame = glb.push(
         "nodes",
-        json!({ "name": "frame", "mesh": frame, "rotation": turn(DVec3::X, -10.0), "children": [image] }),
+        json!({ "name": "frame", "mesh": frame, "rotation": rotation_about(DVec3::X, -10.0), "children": [image] }),
     );
     glb.push(
         "nodes",
         json!({
             "name": "tablet", "children": [frame],
-            "translation": [0.2, 0.107, -0.26], "rotation": turn(DVec3::Y, -18.0),
+            "translation": [0.2, 0.107, -0.26], "rotation": rotation_about(DVec3::Y, -18.0),
         }),
     );
 }

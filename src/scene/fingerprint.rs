@@ -1,4 +1,4 @@
-//! The fingerprint of a scene, by which files of one render are told from those of another.
+//! The fingerprint of a scene, which identifies the checkpoints and references of a render.
 
 use std::fmt::{Debug, Write};
 

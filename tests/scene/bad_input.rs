@@ -10,7 +10,7 @@ use crate::builder::{File, U8, U16, U32, bytes_of, png, temporary};
 
 /// The location of the input error `outcome`. The file of the error must be `path`.
 fn location(outcome: Result<Scene>, path: Option<&Path>) -> String {
-    let error = outcome.expect_err("is refused");
+    let error = outcome.expect_err("must be refused");
     assert_eq!(error.exit_code(), 3, "{error}");
     assert!(!error.to_string().contains('\n'), "{error}");
     match error {

@@ -36,7 +36,7 @@ fn file(extension: Value, node: Value) -> File {
 
 fn refused(extension: Value) -> String {
     let outcome = file(extension, json!({})).load_with(&ImportOptions::default());
-    let error = outcome.expect_err("is refused");
+    let error = outcome.expect_err("must be refused");
     assert!(matches!(error, Error::Input { .. }), "{error}");
     let text = error.to_string();
     assert!(!text.contains('\n') && text.contains("/nodes/0"), "{text}");
