@@ -9,10 +9,10 @@ use penumbra::gpu::Gpu;
 use penumbra::render::film;
 use penumbra::render::recovery;
 use penumbra::report::classes::{Classes, Truth};
-use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
+use penumbra::report::document::{MIN_REPEATS, Overhead, Report, TechniqueReport};
 use penumbra::report::page::page;
 use penumbra::report::plot;
-use penumbra::report::reference::{Goal, Making, Reference, cache_folder};
+use penumbra::report::reference::{Goal, Reference, ReferenceProgress, cache_folder};
 use penumbra::report::run::{Run, Subject, warm_up};
 use penumbra::report::sweep::{self, Sweep};
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         Some(reference) => Some(reference),
         None => bench.on(|subject| {
             Reference::make(subject, &folder, goal, &stop, &mut |making| {
-                let Making { samples, standard_error } = making;
+                let ReferenceProgress { samples, standard_error } = making;
                 tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
             })
         })?,
@@ -166,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         }
     }
     let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, repeats, &techniques, &budgets, &stop);
-    if whole < LEAST_REPEATS {
+    if whole < MIN_REPEATS {
         return end.and_then(|_| nothing());
     }
     if whole < repeats {
@@ -341,8 +341,8 @@ impl Arguments {
     /// Everything that can be known to be wrong before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
-        if let Some(repeats) = self.repeats.filter(|repeats| *repeats < LEAST_REPEATS) {
-            return Err(Error::Usage(format!("--repeats is {repeats}; it must be {LEAST_REPEATS} or more")));
+        if let Some(repeats) = self.repeats.filter(|repeats| *repeats < MIN_REPEATS) {
+            return Err(Error::Usage(format!("--repeats is {repeats}; it must be {MIN_REPEATS} or more")));
         }
         Ok(())
     }
@@ -359,7 +359,7 @@ impl Arguments {
     fn repeats(&self, longest: f64) -> usize {
         let round = self.techniques().len() as f64 * longest;
         let whole = ((1.0 - BESIDE) * LENGTH / round) as usize;
-        self.repeats.unwrap_or(whole.clamp(LEAST_REPEATS, REPEATS))
+        self.repeats.unwrap_or(whole.clamp(MIN_REPEATS, REPEATS))
     }
 
     fn tell(&self, line: String) {

@@ -7,7 +7,7 @@ use std::thread;
 
 use penumbra::gpu::Gpu;
 use penumbra::report::classes::Truth;
-use penumbra::report::reference::{Goal, Making, Reference};
+use penumbra::report::reference::{Goal, Reference, ReferenceProgress};
 use penumbra::report::run::Subject;
 use penumbra::scene::ImportOptions;
 use penumbra::{Image, Scene, Settings};
@@ -27,7 +27,7 @@ fn one_makes_the_reference_that_two_ask_for() {
     let settings = Settings { width: 24, height: 16, ..Settings::default() };
     let folder = folder();
     let choice = device().parse().unwrap();
-    let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(Making)| {
+    let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(ReferenceProgress)| {
         let gpu = Gpu::open(&choice).unwrap();
         let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
         Reference::make(&subject, folder.path(), goal(target), stop, tell).unwrap()

@@ -1,6 +1,6 @@
 //! Budgets that are too short for an image: which technique that was, how long it takes, and what to do.
 
-use penumbra::report::document::{LEAST_REPEATS, Report};
+use penumbra::report::document::{MIN_REPEATS, Report};
 use penumbra::report::reference::Reference;
 use penumbra::report::run::{Run, Snapshot, Subject};
 use penumbra::statistics::Rays;
@@ -31,7 +31,7 @@ fn what_is_late_is_named_with_the_budget_that_would_do() {
     let scene = Box::load();
     let settings = Settings { width: 8, height: 8, photons: 4096, flux_photons: 4096, ..Settings::default() };
     let subject = scene.subject(&settings);
-    let seeds = 0..LEAST_REPEATS as u32;
+    let seeds = 0..MIN_REPEATS as u32;
     let techniques = [Technique::Path, Technique::PhotonMap];
     let mut runs: Vec<Run> =
         seeds.flat_map(|seed| techniques.map(|technique| late(&subject, technique, seed))).collect();

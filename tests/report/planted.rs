@@ -1,9 +1,9 @@
 //! Faults that are planted in renders of the box, and must be named for what they are.
 
 use penumbra::report::document::{Report, TechniqueReport};
+use penumbra::report::finding::FindingKind;
 use penumbra::report::reference::Reference;
 use penumbra::report::run::{Run, Snapshot, Subject};
-use penumbra::report::verdict::VerdictKind;
 use penumbra::{Image, Renderer, Settings, Technique};
 
 use crate::setup::{Box, folder, goal};
@@ -77,25 +77,25 @@ fn planted_bias_and_noise_are_named() {
         report.techniques.iter().find(|report| report.settings.technique == technique).unwrap()
     };
     for technique in &report.techniques {
-        println!("{}: {}", technique.settings.technique, technique.verdict.text);
+        println!("{}: {}", technique.settings.technique, technique.finding.text);
     }
     println!("{}", report.advice);
 
     let plain = of(Technique::Path);
-    assert_eq!(plain.verdict.kind, VerdictKind::Noise, "{}", plain.verdict.text);
+    assert_eq!(plain.finding.kind, FindingKind::Noise, "{}", plain.finding.text);
     let strong = of(Technique::TwoPass);
-    assert_eq!(strong.verdict.kind, VerdictKind::Bias);
-    assert!(strong.verdict.text.contains("its light is too strong by "), "{}", strong.verdict.text);
+    assert_eq!(strong.finding.kind, FindingKind::Bias);
+    assert!(strong.finding.text.contains("its light is too strong by "), "{}", strong.finding.text);
     // Twice the half width of the interval at so many samples.
     assert!((strong.brightness.value - 0.02).abs() < 0.002, "{:?}", strong.brightness);
     let noisy = of(Technique::ShadowPhotons);
-    assert_eq!(noisy.verdict.kind, VerdictKind::Noise, "{}", noisy.verdict.text);
+    assert_eq!(noisy.finding.kind, FindingKind::Noise, "{}", noisy.finding.text);
     let last = |technique: &TechniqueReport| technique.snapshots.last().unwrap().clone();
     // Noise of 0.3 r adds 0.09 r^2 to every square, most of which is there over r^2 + 0.01.
     assert!(last(noisy).variance.low > last(plain).variance.high + 0.03);
     let wrong = of(Technique::VisibilityEstimate);
-    assert_eq!(wrong.verdict.kind, VerdictKind::Bias);
-    assert!(wrong.verdict.text.contains("however long"), "{}", wrong.verdict.text);
+    assert_eq!(wrong.finding.kind, FindingKind::Bias);
+    assert!(wrong.finding.text.contains("however long"), "{}", wrong.finding.text);
     // As above: 0.01 r^2 / (r^2 + 0.01).
     assert!(last(wrong).bias.low > 0.003 && last(wrong).bias.high < 0.01, "{:?}", last(wrong).bias);
     assert!(report.advice.starts_with("Use path"), "{}", report.advice);
@@ -135,8 +135,8 @@ fn what_may_be_the_references_error_is_not_called_bias() {
             reference.image.add_channel(name, vec![common * common / common_over_floor; 64]);
         }
         let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
-        report.techniques[0].verdict.kind
+        report.techniques[0].finding.kind
     };
-    assert_eq!(kind(1.5), VerdictKind::Reference);
-    assert_eq!(kind(3.0), VerdictKind::Bias);
+    assert_eq!(kind(1.5), FindingKind::Reference);
+    assert_eq!(kind(3.0), FindingKind::Bias);
 }
