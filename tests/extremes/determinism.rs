@@ -18,9 +18,9 @@ fn everything() -> (Scene, Camera) {
     let mut stage = room();
     // The room is open behind the camera.
     stage.parts[0].triangles.truncate(10);
-    let places = (0..20).map(|i| DAffine3::from_translation(DVec3::new(0.04 * f64::from(i) - 0.4, 0.4, 0.2)));
+    let instances = (0..20).map(|i| DAffine3::from_translation(DVec3::new(0.04 * f64::from(i) - 0.4, 0.4, 0.2)));
     let bulb = square(DVec3::ZERO, DVec3::X * 0.01, DVec3::Z * 0.01);
-    stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), places: places.collect() });
+    stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), instances: instances.collect() });
     let (mut scene, camera) = stage.import().unwrap();
     let glass = &mut scene.materials[1];
     (glass.transmission, glass.roughness, glass.specular) = (1.0, 0.0, 1.0);

@@ -1,4 +1,4 @@
-//! Triangles without area, twins, closed and thin walls, cameras in odd places, scenes of next to nothing.
+//! Degenerate, duplicate and thin geometry, cameras inside solids, and nearly empty scenes.
 
 use glam::{DAffine3, DQuat, DVec3, EulerRot};
 use penumbra::stress::oracle::{difference, green, mean, reflected, relative};
@@ -74,7 +74,7 @@ fn nothing_leaves_a_closed_box() {
                 .with(inside_out(cube(DVec3::ZERO, 0.5)), Paint::matte(0.8))
                 .with(walls, Paint { double_sided: true, ..Paint::matte(0.8) })
                 .with(cube(DVec3::new(0.05, 0.02, 0.0), 0.05), Paint::lamp(10.0))
-                .placed(turn)
+                .transformed(turn)
         };
         let settings = settings(technique, 24, 4, 8);
         let (image, statistics) = render(&stage(false), &settings);

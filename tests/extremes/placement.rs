@@ -62,16 +62,16 @@ fn mirrors_turn_nothing_inside_out() {
     let (reference, _) = render(&room(), &settings);
     let mirror = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let mut mirrored = room();
-    for Part { triangles, places, .. } in &mut mirrored.parts {
+    for Part { triangles, instances, .. } in &mut mirrored.parts {
         triangles.iter_mut().flatten().for_each(|corner| corner.x = -corner.x);
         *triangles = inside_out(std::mem::take(triangles));
-        places[0] = mirror;
+        instances[0] = mirror;
     }
     let (image, _) = render(&mirrored, &settings);
     let off = difference(&image, &reference);
     assert!(off < 1e-3, "mirrored: {off}");
 
     let mut twice = room();
-    twice.parts.iter_mut().for_each(|part| part.places[0] = mirror * mirror);
+    twice.parts.iter_mut().for_each(|part| part.instances[0] = mirror * mirror);
     assert_same(&render(&twice, &settings).0, &reference, "mirrored twice");
 }
