@@ -101,7 +101,7 @@ fn limit_of_reference(techniques: &[MeasuredTechnique], reference: &Reference) -
     let floor = number(round_up(reference.floor()?));
     let better = if reference.is_short() { "longer --reference-time" } else { "smaller --reference-error" };
     Some(format!(
-        " {subject} as small as the reference can resolve, whose own relMSE is up to {floor}: use a {better} to resolve more."
+        " {subject} as small as the reference can resolve, whose own relMSE is up to {floor}: use a {better}."
     ))
 }
 

@@ -297,8 +297,8 @@ pub fn notes(options: &Options) -> Vec<&'static str> {
     vec![
         "Time: BVH, photons and all samples of one run; kernels were compiled before.",
         "Reduction: 1 - shadow rays over those of two-pass.",
-        "relMSE: against path, of all light and of direct light. For path itself: its own noise, estimated from its samples; the \
-         other numbers contain that noise too.",
+        "relMSE: against path, of all light and of direct light. For path itself: its own noise, by \
+         its samples; the other numbers contain that noise too.",
         if options.paper_counting {
             "Photons are counted regardless of their normals, as in the paper."
         } else {

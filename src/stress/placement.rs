@@ -171,7 +171,7 @@ pub static ASPECT: Family = Family {
     name: "aspect",
     title: "a floor cut into needles; expected: the irradiance of a floor",
     parameter: "length over width of the needles",
-    deviation: "largest relative error of a pixel, against Lambert's formula in f64; for shadow rays, the occluded share",
+    deviation: "largest relative error of a pixel against Lambert's formula; for shadow rays, the occluded share",
     series: &[
         Series {
             name: "along the axes",

@@ -4,7 +4,8 @@ use std::sync::OnceLock;
 
 use penumbra::gpu::Gpu;
 
-/// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
+/// The device of the tests: lavapipe, unless `PENUMBRA_DEVICE` names another. Panics if there is none, so tests fail
+/// rather than skip.
 pub fn gpu() -> &'static Gpu {
     static GPU: OnceLock<Gpu> = OnceLock::new();
     GPU.get_or_init(|| {

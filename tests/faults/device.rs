@@ -1,4 +1,4 @@
-//! Devices that are lost in the middle of a render, or have no memory.
+//! Devices that are lost during a render.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -48,7 +48,7 @@ fn assert_same(a: &Image, b: &Image) {
     }
 }
 
-/// Renders `samples` samples with nothing in the way.
+/// Renders `samples` samples without a fault.
 fn undisturbed(settings: &Settings, samples: u32) -> (Image, penumbra::Statistics) {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
     let mut renderer = Renderer::new(&gpu, scene, &camera, settings).unwrap();
@@ -58,7 +58,7 @@ fn undisturbed(settings: &Settings, samples: u32) -> (Image, penumbra::Statistic
     (renderer.image().unwrap(), renderer.statistics().unwrap())
 }
 
-/// Renders with `disturb` called before every batch and before the image is read.
+/// Renders and calls `disturb` before every batch and before the image is read.
 fn disturbed(
     settings: &Settings,
     open_another: impl Fn() -> Result<Gpu>,
@@ -81,10 +81,10 @@ fn disturbed(
     )
 }
 
-/// Lost before the first sample, after the pilot, twice in the middle, and before the image is read: the image and the
-/// counts are those of a render that nothing happened to.
+/// A render continues on another device if its device is lost: before the first sample, after the pilot, twice in the
+/// middle, or before the image is read. The image and the counts are those of an undisturbed render.
 #[test]
-fn a_render_goes_on_where_its_device_is_lost() {
+fn a_render_continues_after_a_lost_device() {
     for technique in [Technique::ShadowPhotons, Technique::Path] {
         let settings = settings(technique);
         let (image, statistics) = undisturbed(&settings, 20);
@@ -108,9 +108,9 @@ fn a_render_goes_on_where_its_device_is_lost() {
     }
 }
 
-/// As a driver does it: from another thread, at any moment of a batch.
+/// A device may be lost at any moment of a batch, from another thread, as drivers do it.
 #[test]
-fn a_device_may_be_lost_while_it_works() {
+fn a_device_may_be_lost_during_a_batch() {
     let settings = settings(Technique::ShadowPhotons);
     let (image, _) = undisturbed(&settings, 20);
     let (scene, camera) = subject();
@@ -141,10 +141,10 @@ fn a_device_may_be_lost_while_it_works() {
     }
 }
 
-/// A device that is lost at the same place again and again ends the render, and so does one that cannot be replaced: with
-/// the image of the samples that were kept, and a checkpoint that brings the rest.
+/// A render that cannot recover saves its samples as an image, and a checkpoint to resume from. That is the case if a
+/// device is lost repeatedly without progress, and if there is no replacement.
 #[test]
-fn what_cannot_be_recovered_is_saved() {
+fn a_render_that_cannot_recover_saves_its_samples() {
     let settings = settings(Technique::ShadowPhotons);
     let always = |renderer: &Renderer<'_>| {
         if renderer.samples() > 0 {
@@ -173,44 +173,44 @@ fn what_cannot_be_recovered_is_saved() {
         }
         assert_same(&undisturbed(&settings, 20).0, &renderer.image().unwrap());
     }
-    // Before there is a sample there is nothing to save.
+    // Before the first sample there is nothing to save.
     let at_once = |renderer: &Renderer<'_>| renderer.gpu().lose();
     assert!(disturbed(&settings, open, at_once).err().unwrap().salvage.is_none());
 }
 
-/// What is timed begins anew, whole, on another device; where that is lost too, again and again, it ends.
+/// Timed work starts again from the beginning after a lost device, and fails after the fourth loss.
 #[test]
-fn work_begins_anew_where_its_device_is_lost() {
+fn timed_work_restarts_after_a_lost_device() {
     let settings = settings(Technique::ShadowPhotons);
     let (scene, camera) = subject();
     let work = |losses: u32| {
-        let (mut gpu, begun) = (open().unwrap(), Cell::new(0));
+        let (mut gpu, started) = (open().unwrap(), Cell::new(0));
         let done = recovery::anew(&mut gpu, open, |gpu| {
-            begun.set(begun.get() + 1);
+            started.set(started.get() + 1);
             let mut renderer = Renderer::new(gpu, scene.clone(), &camera, &settings)?;
             while renderer.samples() < 4 {
                 renderer.render_at_most(1)?;
-                if begun.get() <= losses && renderer.samples() == 2 {
+                if started.get() <= losses && renderer.samples() == 2 {
                     gpu.lose();
                 }
             }
             renderer.image()
         });
-        (done, begun.get())
+        (done, started.get())
     };
     let image = work(0).0.unwrap();
     for losses in [1, 3] {
-        let (done, begun) = work(losses);
+        let (done, started) = work(losses);
         assert_same(&image, &done.unwrap());
-        assert_eq!(begun, losses + 1);
+        assert_eq!(started, losses + 1);
     }
-    let (done, begun) = work(u32::MAX);
-    assert!(matches!(done, Err(Error::DeviceLost { .. })) && begun == 4);
+    let (done, started) = work(u32::MAX);
+    assert!(matches!(done, Err(Error::DeviceLost { .. })) && started == 4);
 }
 
-/// A checkpoint is of one scene and its settings, in memory as in a file.
+/// A checkpoint in memory is refused for other settings, as one in a file is.
 #[test]
-fn a_checkpoint_of_something_else_is_refused() {
+fn a_checkpoint_of_other_settings_is_refused() {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
     let settings = settings(Technique::Path);
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
@@ -219,9 +219,9 @@ fn a_checkpoint_of_something_else_is_refused() {
     assert!(error.to_string().contains("--seed"), "{error}");
 }
 
-/// Whatever is asked of a device that is lost is an error: no panic, no wait without end, nothing that looks like a result.
+/// Every operation on a lost device returns an error: no panic, no endless wait, no false result.
 #[test]
-fn a_lost_device_answers_with_errors() {
+fn a_lost_device_returns_errors() {
     let gpu = open().unwrap();
     let before = gpu.upload("test/before", &[1u32; 1000]).unwrap();
     let source = "

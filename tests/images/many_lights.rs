@@ -1,4 +1,4 @@
-//! A few of many lights at each point: the same image, from a fraction of the rays.
+//! Light sampling: a few of many lights at each point give the same image from a fraction of the rays.
 
 use glam::{DVec3, Vec3};
 use penumbra::scene::{LightKind, Scene};
@@ -17,7 +17,7 @@ fn rooms(lights: u32) -> (Scene, Camera) {
     };
     let lamp = |i: u32| {
         let at = |step: f64| (f64::from(i) * step).fract() * 0.94 - 0.47;
-        // Two irrational steps: nowhere in rows.
+        // Irrational steps avoid rows of lights.
         let position =
             DVec3::new(at(0.754_877_666), -0.2 + 0.3 * (at(0.381_966_011) + 0.5), at(0.569_840_291)).as_vec3();
         let intensity = Vec3::splat(2.0 / lights as f32 * 0.01f32.powf((i * 29 % lights) as f32 / lights as f32));
@@ -49,10 +49,11 @@ fn has(statistics: &Statistics, part: &str) -> bool {
     statistics.kept.iter().any(|kept| kept == part)
 }
 
-/// Zones, power and equal chances give the image that asks all lights; zones also where no photon speaks for most of the lights, as
-/// long as they are audited. Without audits what they do not speak for is missing, which is seen.
+/// Light sampling is unbiased: by zones, by power and uniformly it gives the image of all lights. Zones are unbiased
+/// even if most lights have no photon, as long as they are audited. Without audits the light of those lights is
+/// missing, which is detected.
 #[test]
-fn chosen_lights_bring_all_light() {
+fn sampled_lights_give_all_light() {
     let settings = |spp, seed| move |settings: Settings| Settings { spp, seed, ..settings };
     let all = render(200, |s| Settings { technique: Technique::TwoPass, ..settings(8, 1)(s) });
     assert!(!has(&all.1, "light_sampling"));
@@ -73,34 +74,34 @@ fn chosen_lights_bring_all_light() {
     assert!(has(&zones.1, "zones") && has(&zones.1, "light_sampling"));
     let (found, off) = of("zones", &zones);
     assert!(off < 3.5 && found.1 < 0.02 * found.0, "zones: {off}");
-    // By the sample, eight of 201 lights.
+    // Per sample: eight of 201 lights.
     assert!(zones.1.rays.shadow / 32 < all.1.rays.shadow / 8 / 10, "{} rays", zones.1.rays.shadow);
 
-    for choice in [LightSampling::Power, LightSampling::Uniform] {
-        let some = render(200, |s| Settings { light_sampling: Some(choice), ..settings(32, 3)(s) });
-        let ((_, error), off) = of(choice.name(), &some);
-        assert!(off < 3.5, "{choice}: {off}");
-        assert!(error > 2.0 * found.1, "{choice} is no noisier than zones: {error}");
+    for sampling in [LightSampling::Power, LightSampling::Uniform] {
+        let some = render(200, |s| Settings { light_sampling: Some(sampling), ..settings(32, 3)(s) });
+        let ((_, error), off) = of(sampling.name(), &some);
+        assert!(off < 3.5, "{sampling}: {off}");
+        assert!(error > 2.0 * found.1, "{sampling} is no noisier than zones: {error}");
         let paths = render(200, |s| Settings {
             technique: Technique::Path,
-            light_sampling: Some(choice),
+            light_sampling: Some(sampling),
             ..settings(64, 3)(s)
         });
         let (_, off) = of("path", &paths);
-        assert!(off < 3.5, "path, {choice}: {off}");
+        assert!(off < 3.5, "path, {sampling}: {off}");
     }
 
-    // One ray of each light; and zones list 64 of them.
-    let blind = |audit| render(200, |s| Settings { photons: 1, audit, ..settings(32, 4)(s) });
-    let (_, off) = of("one photon, audited", &blind(Settings::default().audit));
+    // One photon ray from each light; zones list 64 lights.
+    let one_photon = |audit| render(200, |s| Settings { photons: 1, audit, ..settings(32, 4)(s) });
+    let (_, off) = of("one photon, audited", &one_photon(Settings::default().audit));
     assert!(off < 3.5, "one photon, audited: {off}");
-    let ((mean, _), off) = of("one photon, not audited", &blind(0.0));
-    assert!(off > 10.0 && mean < truth.0, "what zones do not speak for is not missed: {off}");
+    let ((mean, _), off) = of("one photon, not audited", &one_photon(0.0));
+    assert!(off > 10.0 && mean < truth.0, "the light of lights outside the zones is not missing: {off}");
 }
 
-/// More lights than a photon's word has room for are chosen by power, and the image is that of all of them.
+/// If there are more lights than a photon's light index can hold, lights are sampled by power, without bias.
 #[test]
-fn more_lights_than_photons_can_name_are_chosen_by_power() {
+fn more_lights_than_photons_can_index_are_sampled_by_power() {
     let small = |settings: Settings| Settings { width: 12, height: 12, ..settings };
     let all = render(2100, |s| Settings { technique: Technique::TwoPass, spp: 4, ..small(s) });
     let some = render(2100, |s| Settings { spp: 256, seed: 1, ..small(s) });

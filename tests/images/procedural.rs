@@ -1,4 +1,4 @@
-//! Objects that functions describe, in whole renders: against closed forms, and against meshes of the same shape.
+//! Procedural objects in whole renders: against closed forms, and against meshes of the same shape.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -27,8 +27,8 @@ fn settings(technique: Technique, size: u32, spp: u32) -> Settings {
     Settings { technique, width: size, height: size, spp, aovs: vec![Aov::Variance], ..Settings::default() }
 }
 
-/// Under a directional light a Lambertian sphere of albedo a shows a / pi times the cosine at each pixel, and nothing where the
-/// light does not come; both kinds of functions do. Albedo one percent off is seen.
+/// A procedural sphere under a directional light has Lambert's shading at each pixel: albedo / pi times the cosine on
+/// the lit side and 0 on the other. This holds for both kinds of functions. An albedo that is 1 % off is detected.
 #[test]
 fn spheres_have_lamberts_shading() {
     let (albedo, towards) = (0.5f32, DVec3::new(0.4, 0.7, 0.6).normalize());
@@ -54,12 +54,12 @@ fn spheres_have_lamberts_shading() {
             } else {
                 0.0
             };
-            // At the outline and at the terminator roundings decide.
+            // At the outline and at the terminator the result depends on rounding.
             if (offset - 0.5).abs() < 1e-3 || (cosine != 0.0 && cosine.abs() < 1e-3) {
                 continue;
             }
             let expected = f64::from(albedo) / PI * cosine.max(0.0);
-            // Normals are coded to 7e-5, twice.
+            // Normals are encoded twice, with an error of 7e-5 each.
             let off = |shown: f64| (shown - expected).abs() > 1e-4;
             lit += usize::from(expected > 0.0);
             wrong += usize::from(off(f64::from(*shown)));
@@ -69,8 +69,8 @@ fn spheres_have_lamberts_shading() {
     }
 }
 
-/// White furnaces: where all is white and radiance is 1 all around, it is 1 everywhere, in the holes of the sponge too. Albedo
-/// 0.95 is seen.
+/// The white furnace: if all surfaces are white and the radiance of the sky is 1, it is 1 everywhere, even in the holes
+/// of the sponge. An albedo of 0.95 is detected.
 #[test]
 fn white_furnaces_are_white() {
     let furnace = |albedo: f32| {
@@ -97,18 +97,18 @@ fn white_furnaces_are_white() {
     assert!(1.0 - grey > 0.002 + 3.0 * error, "albedo 0.95: {grey} +- {error}");
 }
 
-/// The mean difference of two images, over the mean of the first.
+/// The mean absolute difference of two images, over the mean of the first.
 fn difference(a: &Image, b: &Image) -> f64 {
     let (a, b) = (a.channel("G").unwrap(), b.channel("G").unwrap());
     let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum();
     sum / a.iter().map(|a| f64::from(*a)).sum::<f64>()
 }
 
-/// A ball of tinted glass over a floor under a panorama: what it shows, and what light and shadow it throws on the floor, are those of
-/// a mesh with the sphere's normals at its corners; the same random numbers make the same noise. An index of refraction of 1.45 for
-/// 1.5 is seen, and so is a thin wall.
+/// A procedural ball of tinted glass matches a mesh with the sphere's normals: its appearance, and its light and shadow
+/// on the floor. The same random numbers give both the same noise. An index of refraction of 1.45 instead of 1.5 is
+/// detected, and so is glass without a volume.
 #[test]
-fn glass_is_that_of_the_mesh() {
+fn glass_matches_the_mesh() {
     let centre = DVec3::new(0.0, 0.25, 0.0);
     let glass = |ior: f32| Material {
         roughness: 0.0,
@@ -147,17 +147,16 @@ fn glass_is_that_of_the_mesh() {
         let image = of_function(role);
         let off = difference(&mesh, &image);
         let seen = others.each_ref().map(|other| difference(other, &image));
-        println!("{role:?}: {off}, of another index and of a thin wall {seen:?}");
-        // Paths that pass the outline on one side of it or the other, between chords of a 128th of a turn and the sphere, go
-        // their own ways.
+        println!("{role:?}: {off}, with another index and with a thin wall {seen:?}");
+        // Paths between the sphere's outline and the mesh's chords of 1/128 of a circle diverge.
         assert!(off < 0.004 && seen.iter().all(|seen| *seen > 2.0 * off), "{role:?}: {off}, others {seen:?}");
     }
 }
 
-/// A ball over a floor under a square lamp: shade and shadow are those of a mesh of 32,512 triangles, whose corners lie on the
-/// sphere; the same random numbers make the same noise. A ball a fiftieth larger is seen.
+/// A procedural ball under a square lamp matches a mesh of 32,512 triangles with corners on the sphere, in shading and
+/// shadow. The same random numbers give both the same noise. A ball that is 2 % larger is detected.
 #[test]
-fn shadows_are_those_of_the_mesh() {
+fn shadows_match_the_mesh() {
     let (floor, ball) = (surface(0.7, 0.0), surface(0.6, 0.0));
     let room = || {
         let lamp = square(DVec3::new(0.3, 0.7, 0.2), 0.1 * DVec3::X, 0.1 * DVec3::Z);
@@ -185,9 +184,10 @@ fn shadows_are_those_of_the_mesh() {
         let off = difference(&mesh, &image);
         let (larger, _) = render(of_function(role, 0.204), Technique::TwoPass);
         let seen = difference(&mesh, &larger);
-        println!("{role:?}: {off}, a fiftieth more {seen}");
-        // Chords of 128th turns are off the sphere by 3e-4 of the radius, and normals of triangles by 0.7 degrees, to either side.
-        assert!(off < 0.003 && seen > 2.0 * off, "{role:?}: {off}, a fiftieth more {seen}");
+        println!("{role:?}: {off}, 2 % larger {seen}");
+        // Chords of 1/128 of a circle deviate from the sphere by 3e-4 of the radius, and normals of triangles by up to
+        // 0.7 degrees.
+        assert!(off < 0.003 && seen > 2.0 * off, "{role:?}: {off}, 2 % larger {seen}");
         let (few, photons) = render(of_function(role, 0.2), Technique::ShadowPhotons);
         let apart = deviation(mean_and_error(&image, "G"), mean_and_error(&few, "G"));
         assert!(apart < 3.5, "{role:?}: shadow photons are {apart} standard errors off");

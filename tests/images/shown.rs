@@ -1,4 +1,4 @@
-//! The global map shown: all light by density estimation on its photons, with positive energy and with negative.
+//! The techniques that show the global map directly, by density estimation: `photon-map` and `negative-photons`.
 
 use glam::DVec3;
 use penumbra::scene::{LightKind, Material, Scene};
@@ -9,7 +9,7 @@ use crate::setup::{mean_and_error, render_scene};
 
 const SHOWN: [Technique; 2] = [Technique::PhotonMap, Technique::NegativePhotons];
 
-/// The mean of the image by direct light alone.
+/// The mean of an image of direct light only.
 fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photons: u32) -> f64 {
     let settings = Settings {
         technique,
@@ -24,10 +24,11 @@ fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photon
     mean_and_error(&render_scene(scene, view, &settings).0, "G").0
 }
 
-/// A cloth lies just over a table, a block stands on it, and a board that is unlit shades a part of both. A disc of photons is
-/// higher than the cloth is over the table: negative photons below the cloth are not its own, and what they take has to be given
-/// by taking the table as lit too. Means are the same within 2 %, of the photons of 65,536 rays, some ten thousand of which lie
-/// in view, and those of shadow rays within 6 %: light leaks over the edges of shadows within a disc (0.1 % of a million rays).
+/// Negative photons below a surface do not darken it. A cloth lies just above a table, with a block on it, and an unlit
+/// board casts a shadow on both. The search discs are higher than the gap between cloth and table, so estimates on the
+/// cloth include the table's negative photons. They balance because the table counts as lit too. The means of both
+/// techniques agree within 2 % (65,536 rays, some ten thousand photons in view). They agree with shadow rays within 6
+/// %, because light leaks across shadow edges within a disc (0.1 % with a million rays).
 #[test]
 fn hidden_layers_do_not_darken() {
     let lamp = square(DVec3::Y, DVec3::X * 0.02, DVec3::Z * 0.02);
@@ -47,18 +48,20 @@ fn hidden_layers_do_not_darken() {
     let of = |board, technique| mean(scene(&meshes(board), Vec::new()), &view, technique, 65_536);
     let shaded = of(true, Technique::TwoPass);
     let without_board = of(false, Technique::TwoPass);
-    assert!(without_board > 1.1 * shaded, "the board shades too little to be missed: {without_board}, {shaded}");
+    assert!(without_board > 1.1 * shaded, "the board's shadow is too small to be detected: {without_board}, {shaded}");
     let [positive, negative] = SHOWN.map(|technique| of(true, technique));
     println!("{positive}, by negative energy {negative}, by shadow rays {shaded}");
     assert!((positive / shaded - 1.0).abs() < 0.06, "{positive}, by shadow rays {shaded}");
     assert!((negative / positive - 1.0).abs() < 0.02, "{positive}, by negative energy {negative}");
 }
 
-/// A ball of triangles 22 degrees wide with smooth normals, lit from the camera: points are up to 2 % of the radius over the triangles that
-/// photons lie on, farther than discs of 60,000 photons are high. Means are those of shadow rays on the smooth ball within 3 %: the
-/// triangles' area is 4 % less than the ball's, and seen from the light they get what it sends into their outline, 1 % less.
+/// Density estimation on a smooth surface finds the photons, which lie on its flat triangles. The ball has smooth
+/// normals and triangles that span 22 degrees, and is lit from the camera. Shading points are up to 2 % of the radius
+/// above the triangles, more than the height of the discs of 60,000 photons. The means are those of shadow rays on the
+/// smooth ball within 3 %: the area of the triangles is 4 % smaller than the ball's, and their outline as seen from the
+/// light receives 1 % less.
 #[test]
-fn photons_lie_on_the_triangles_of_smooth_surfaces() {
+fn photons_are_found_below_smooth_surfaces() {
     let eye = DVec3::Z * 3.0;
     let ball = || {
         let light =
@@ -69,7 +72,7 @@ fn photons_lie_on_the_triangles_of_smooth_surfaces() {
     };
     let view = camera(eye, DVec3::NEG_Z, 0.4);
     let expected = mean(ball(), &view, Technique::TwoPass, 65_536);
-    // One ray in 140 meets the ball.
+    // One photon ray in 140 hits the ball.
     for technique in SHOWN {
         let found = mean(ball(), &view, technique, 1 << 23);
         println!("{technique}: {found}, by shadow rays {expected}");

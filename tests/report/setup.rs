@@ -1,4 +1,4 @@
-//! The box, on the tests' device.
+//! The paper's box, on the tests' device.
 
 use std::path::Path;
 
@@ -26,12 +26,12 @@ impl Box {
     }
 }
 
-/// A reference of that standard error, however long it takes.
+/// A goal without a time limit.
 pub fn goal(standard_error: f64) -> Goal {
     Goal { standard_error, seconds: f64::INFINITY }
 }
 
-/// A folder that goes when it is dropped.
+/// A temporary folder that is removed when dropped.
 pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }
