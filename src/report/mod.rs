@@ -1,18 +1,18 @@
 //! Error measures, reports of error against run time, and the paper's table 1.
 //!
-//! From the lowest file to the highest: [`format`], [`interval`] and [`metrics`]; [`curve`], [`run`] and [`reference`];
+//! From the lowest file to the highest: `format`, [`interval`] and [`metrics`]; [`curve`], [`run`] and [`reference`];
 //! [`classes`], [`sweep`] and [`finding`]; [`document`], the contents of a report; then what makes and shows one.
 
-pub mod advice;
-pub mod assemble;
+mod advice;
+mod assemble;
 pub mod classes;
 pub mod curve;
 pub mod document;
 pub mod estimate;
 pub mod finding;
-pub mod format;
+mod format;
 pub mod interval;
-pub mod measure;
+mod measure;
 pub mod metrics;
 pub mod page;
 pub mod plot;

@@ -28,10 +28,10 @@ fn one_of_two_processes_makes_the_reference() {
     let settings = Settings { width: 24, height: 16, ..Settings::default() };
     let folder = folder();
     let choice = device().parse().unwrap();
-    let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(ReferenceProgress)| {
+    let make = |target: f64, stop: &dyn Fn() -> bool, on_save: &mut dyn FnMut(ReferenceProgress)| {
         let gpu = Gpu::open(&choice).unwrap();
         let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
-        Reference::make(&subject, folder.path(), goal(target), stop, tell).unwrap()
+        Reference::make(&subject, folder.path(), goal(target), stop, on_save).unwrap()
     };
     let make_counted = || {
         let mut saves = 0;

@@ -52,10 +52,10 @@ fn render(scene: Scene, settings: &Settings) -> (Conditioning, Statistics, Optio
 
 /// Asserts that exactly one note contains `word`, and that the metadata state the count.
 #[track_caller]
-fn assert_told(statistics: &Statistics, said: &Option<String>, name: &str, count: u64, word: &str) {
-    let told: Vec<_> = statistics.notes.iter().filter(|note| note.contains(word)).collect();
-    assert_eq!(told.len(), 1, "{word}: {:?}", statistics.notes);
-    assert!(!told[0].contains('\n'), "{told:?}");
+fn assert_reported(statistics: &Statistics, said: &Option<String>, name: &str, count: u64, word: &str) {
+    let notes: Vec<_> = statistics.notes.iter().filter(|note| note.contains(word)).collect();
+    assert_eq!(notes.len(), 1, "{word}: {:?}", statistics.notes);
+    assert!(!notes[0].contains('\n'), "{notes:?}");
     let expected = format!("{name}={count}");
     let said = said.as_deref().unwrap_or("");
     assert!(said.split(' ').any(|word| word == expected), "{expected} is not in '{said}'");
@@ -73,8 +73,8 @@ fn an_ordinary_scene_has_no_faults() {
         assert_eq!((statistics.not_finite, said), (0, None), "{technique}");
         assert!(found.unknown as f64 <= 0.1 * statistics.points.total as f64, "{technique}: {found:?}");
         assert!(found.least_records <= statistics.indirect.records, "{technique}: {found:?}");
-        let told = ["finite", "largest number", "too few photons", "weight", "loop budget", "lost"];
-        let note = statistics.notes.iter().find(|note| told.iter().any(|word| note.contains(word)));
+        let words = ["finite", "largest number", "too few photons", "weight", "loop budget", "lost"];
+        let note = statistics.notes.iter().find(|note| words.iter().any(|word| note.contains(word)));
         assert_eq!(note, None, "{technique}");
     }
 }
@@ -91,7 +91,7 @@ fn invalid_samples_are_dropped_and_counted_by_pass() {
         let all = u64::from(statistics.samples) * 24 * 24;
         assert!(statistics.not_finite < all, "{technique}: {} of {all} were dropped", statistics.not_finite);
         let count = statistics.not_finite.max(found.not_finite.total());
-        assert_told(&statistics, &said, "not_finite", count, "not finite");
+        assert_reported(&statistics, &said, "not_finite", count, "not finite");
         found.not_finite
     };
     let path = pass(Technique::Path, 4);
@@ -119,7 +119,7 @@ fn sums_near_overflow_are_counted() {
     let direct = Settings { max_bounces: 0, ..settings(Technique::TwoPass) };
     let (found, statistics, said) = render(room(0.0, 1e31, &[]), &direct);
     assert!(found.near_overflow > 0 && statistics.not_finite == 0, "{found:?}");
-    assert_told(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
+    assert_reported(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
     assert_eq!(render(room(0.0, 1e30, &[]), &direct).0, Conditioning::default());
     // The square of 1e30 overflows f32, so the variance would silently lack it.
     let variance = Settings { aovs: vec![Aov::Variance], ..direct };
@@ -135,7 +135,7 @@ fn missing_photons_are_reported_above_a_tenth_of_the_points() {
     let (found, statistics, said) = render(room(0.7, 5.0, &[]), &sparse);
     assert_eq!(found.unknown, statistics.points.unknown);
     assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
-    assert_told(&statistics, &said, "unknown", found.unknown, "--photons");
+    assert_reported(&statistics, &said, "unknown", found.unknown, "--photons");
     // Without a map there are no classes.
     let (found, ..) = render(room(0.7, 5.0, &[]), &Settings { technique: Technique::TwoPass, ..sparse });
     assert_eq!(found.unknown, 0);
@@ -157,7 +157,7 @@ fn heavy_paths_are_counted() {
     let (found, statistics, said) = render(room(1.5, 5.0, &[]), &settings);
     let paths = u64::from(statistics.samples) * 24 * 24;
     assert!((paths / 2..=paths).contains(&found.heavy_paths), "{found:?}");
-    assert_told(&statistics, &said, "heavy_paths", found.heavy_paths, "weight");
+    assert_reported(&statistics, &said, "heavy_paths", found.heavy_paths, "weight");
     let all = Settings { max_bounces: 64, ..settings };
     assert_eq!(render(room(1.0, 5.0, &[]), &all).0.heavy_paths, 0);
 }
@@ -171,7 +171,7 @@ fn light_lost_to_the_bounce_limit_is_reported() {
         // The lamp reflects nothing and is a twentieth of the surfaces that light hits: an effective albedo of 0.97 x
         // 0.95.
         assert!((10..=33).contains(&found.mean_bounces), "{technique}: {found:?}");
-        assert_told(&statistics, &said, "mean_bounces", found.mean_bounces, "--max-bounces 64");
+        assert_reported(&statistics, &said, "mean_bounces", found.mean_bounces, "--max-bounces 64");
         // No note if the limit is high enough, or was set low on purpose.
         for max_bounces in [512, 8] {
             let (_, _, said) = render(room(0.97, 5.0, &[]), &Settings { max_bounces, ..settings(technique) });
@@ -195,7 +195,7 @@ fn rays_beyond_the_loop_budget_are_dropped_or_end_the_render() {
     let (found, statistics, said) = render(stack(0.006), &spot);
     assert!(found.overruns > 0 && statistics.not_finite >= found.overruns, "{found:?}");
     assert_eq!(found.not_finite.total(), 0, "{found:?}");
-    assert_told(&statistics, &said, "overruns", found.overruns, "loop budget");
+    assert_reported(&statistics, &said, "overruns", found.overruns, "loop budget");
     let error = try_render(stack(0.2), &spot).unwrap_err();
     assert_eq!(error.exit_code(), 1, "{error}");
     assert!(error.to_string().contains("loop budget"), "{error}");
@@ -221,12 +221,18 @@ fn failing_procedural_objects_are_counted() {
         let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);
         let count = found.procedural_overruns;
         assert!(count > 0 && found.procedural_nonsense == 0 && statistics.not_finite == 0, "{technique}: {found:?}");
-        assert_told(&statistics, &said, "procedural_overruns", count, "turns in a procedural object");
+        assert_reported(&statistics, &said, "procedural_overruns", count, "turns in a procedural object");
     }
     let (found, statistics, said) =
         render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::ShadowPhotons));
     assert!(found.procedural_nonsense > 0 && found.procedural_overruns == 0, "{found:?}");
-    assert_told(&statistics, &said, "procedural_nonsense", found.procedural_nonsense, "answers of procedural objects");
+    assert_reported(
+        &statistics,
+        &said,
+        "procedural_nonsense",
+        found.procedural_nonsense,
+        "answers of procedural objects",
+    );
     let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::ShadowPhotons));
     assert_eq!((found.procedural_overruns, found.procedural_nonsense), (0, 0));
 }

@@ -146,10 +146,13 @@ fn glass_matches_the_mesh() {
     for role in [Role::Intersection, Role::Distance] {
         let image = of_function(role);
         let off = difference(&mesh, &image);
-        let seen = others.each_ref().map(|other| difference(other, &image));
-        println!("{role:?}: {off}, with another index and with a thin wall {seen:?}");
+        let altered = others.each_ref().map(|other| difference(other, &image));
+        println!("{role:?}: {off}, with another index and with a thin wall {altered:?}");
         // Paths between the sphere's outline and the mesh's chords of 1/128 of a circle diverge.
-        assert!(off < 0.004 && seen.iter().all(|seen| *seen > 2.0 * off), "{role:?}: {off}, others {seen:?}");
+        assert!(
+            off < 0.004 && altered.iter().all(|altered| *altered > 2.0 * off),
+            "{role:?}: {off}, others {altered:?}"
+        );
     }
 }
 
@@ -183,11 +186,11 @@ fn shadows_match_the_mesh() {
         let (image, statistics) = render(of_function(role, 0.2), Technique::TwoPass);
         let off = difference(&mesh, &image);
         let (larger, _) = render(of_function(role, 0.204), Technique::TwoPass);
-        let seen = difference(&mesh, &larger);
-        println!("{role:?}: {off}, 2 % larger {seen}");
+        let altered = difference(&mesh, &larger);
+        println!("{role:?}: {off}, 2 % larger {altered}");
         // Chords of 1/128 of a circle deviate from the sphere by 3e-4 of the radius, and normals of triangles by up to
         // 0.7 degrees.
-        assert!(off < 0.003 && seen > 2.0 * off, "{role:?}: {off}, 2 % larger {seen}");
+        assert!(off < 0.003 && altered > 2.0 * off, "{role:?}: {off}, 2 % larger {altered}");
         let (few, photons) = render(of_function(role, 0.2), Technique::ShadowPhotons);
         let apart = deviation(mean_and_error(&image, "G"), mean_and_error(&few, "G"));
         assert!(apart < 3.5, "{role:?}: shadow photons are {apart} standard errors off");
