@@ -5,8 +5,8 @@
 //! Times are those of photons, grids and all samples, without import, hierarchy and compilation: medians of [`RUNS`].
 
 use glam::{Mat3, Vec2, Vec3, Vec4, vec3};
-use penumbra::gpu::Gpu;
-use penumbra::scene::{
+use penumbra::internal::gpu::Gpu;
+use penumbra::internal::scene::{
     Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
 };
 use penumbra::{Renderer, Result, Settings};
@@ -30,12 +30,20 @@ const GROWTHS: [Growth; 5] = [
         name: "photons",
         sizes: [10_000, 32_000, 100_000, 320_000, 1_000_000],
         // Few pixels, so that the photons are most of it.
-        of: |photons| (room(1, 0), Settings { photons, flux_photons: photons, ..square_image(64) }),
+        of: |photons| {
+            (
+                room(1, 0),
+                square_image(64).with(|s| {
+                    s.visibility_map.photons_per_light = photons;
+                    s.indirect.photons = photons;
+                }),
+            )
+        },
     },
     Growth {
         name: "k",
         sizes: [5, 16, 50, 158, 500],
-        of: |nearest| (room(1, 0), Settings { nearest, ..square_image(256) }),
+        of: |nearest| (room(1, 0), square_image(256).with(|s| s.visibility_map.nearest = nearest)),
     },
     Growth {
         name: "triangles",
@@ -47,7 +55,7 @@ const GROWTHS: [Growth; 5] = [
         name: "lights",
         sizes: [2, 6, 20, 63, 200],
         // So few photons a light that no bound on all of them is met.
-        of: |lights| (room(1, lights), Settings { photons: 16_384, ..square_image(128) }),
+        of: |lights| (room(1, lights), square_image(128).with(|s| s.visibility_map.photons_per_light = 16_384)),
     },
     Growth {
         name: "pixels",
@@ -57,7 +65,11 @@ const GROWTHS: [Growth; 5] = [
 ];
 
 fn square_image(side: u32) -> Settings {
-    Settings { width: side, height: side, spp: 4, ..Settings::default() }
+    Settings::default().with(|s| {
+        s.image.width = side;
+        s.image.height = side;
+        s.image.spp = 4;
+    })
 }
 
 /// Some triangles of one material, and their light.
@@ -127,7 +139,7 @@ fn time(gpu: &Gpu, (scene, settings): (Scene, Settings)) -> Result<f64> {
     let mut times = [0.0; RUNS];
     for time in &mut times {
         let mut renderer = Renderer::new(gpu, scene.clone(), &camera(), &settings)?;
-        while renderer.samples() < settings.spp {
+        while renderer.samples() < settings.image.spp {
             renderer.render_batch()?;
         }
         *time = renderer.statistics()?.time.render;
@@ -152,11 +164,11 @@ fn main() -> Result<()> {
     println!("seconds, and the exponent of the size that fits them\n");
     for growth in GROWTHS {
         println!("{:24}{}", growth.name, growth.sizes.map(|size| format!("{size:>10}")).concat());
-        for (light, max_bounces) in [("direct light", 0), ("all light", Settings::default().max_bounces)] {
+        for (light, max_bounces) in [("direct light", 0), ("all light", Settings::default().indirect.max_bounces)] {
             let mut times = [0.0; STEPS];
             for (time_of, size) in times.iter_mut().zip(growth.sizes) {
                 let (scene, settings) = (growth.of)(size);
-                *time_of = time(&gpu, (scene, Settings { max_bounces, ..settings }))?;
+                *time_of = time(&gpu, (scene, settings.with(|s| s.indirect.max_bounces = max_bounces)))?;
             }
             let columns = times.map(|time| format!("{time:>10.3}")).concat();
             println!("    {light:20}{columns}{:>10.2}", exponent(&growth.sizes, &times));

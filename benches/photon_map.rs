@@ -3,10 +3,10 @@
 
 use std::time::Instant;
 
-use penumbra::gpu::{Features, Gpu, Resources};
-use penumbra::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
-use penumbra::passes::grid::{Grid, GridShape};
-use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::gpu::{Features, Gpu, Resources};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
+use penumbra::internal::passes::grid::{Grid, GridShape};
+use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
 
 #[allow(dead_code)]
 #[path = "../tests/kernels/rooms.rs"]

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use glam::{Mat3, Vec3, vec3};
 use penumbra::Result;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{BoundKernel, Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu::{BoundKernel, Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
 
 const RUNS: usize = 9;
 /// Pixels along a side of the image whose rays are traced.

@@ -1,10 +1,21 @@
 //! The one error type of the library. Every variant names what is at fault and what to do.
+//!
+//! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program with other
+//! names for them can replace them by those; the command line does.
 
 use std::path::{Path, PathBuf};
 
 use crate::input::printable;
 
-/// Everything that can go wrong. The display form is one line, fit to be shown to a user as it is.
+/// Everything that can go wrong. The display form is one line for users.
+///
+/// ```
+/// use penumbra::{Error, Settings};
+///
+/// let error = Settings::builder().audit(2.0).build().unwrap_err();
+/// assert!(matches!(error, Error::Setting { name: "visibility_map.audit", .. }));
+/// assert_eq!(error.to_string(), "`visibility_map.audit` is 2; it must be from 0 to 1");
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -26,7 +37,15 @@ pub enum Error {
         /// What the system or the encoder said.
         problem: String,
     },
-    /// A setting out of its range, or settings that contradict each other.
+    /// A setting that is out of its range or contradicts another.
+    #[error("`{name}` {problem}")]
+    Setting {
+        /// The setting, as the path of its field in [`crate::Settings`]: `visibility_map.nearest`.
+        name: &'static str,
+        /// What is wrong with it, and its range.
+        problem: String,
+    },
+    /// Wrong use of a function in another way, such as a name that does not exist.
     #[error("{0}")]
     Usage(String),
     /// No usable Vulkan device.
@@ -41,9 +60,7 @@ pub enum Error {
         problem: String,
     },
     /// The device has no memory left.
-    #[error(
-        "out of device memory in {at}; render a smaller image, with fewer photons, or choose another device with --device"
-    )]
+    #[error("out of device memory in {at}; render a smaller image, with fewer photons, or choose another `device`")]
     OutOfMemory {
         /// The buffer, pass or call that there was none for.
         at: String,
@@ -86,6 +103,11 @@ impl Error {
         Error::Input { file: file.as_ref().to_owned(), place, problem }
     }
 
+    /// An [`Error::Setting`] for the field `name` of [`crate::Settings`]. `problem` starts with a verb.
+    pub fn setting(name: &'static str, problem: impl Into<String>) -> Self {
+        Error::Setting { name, problem: problem.into() }
+    }
+
     /// An [`Error::Output`] for `file`.
     pub fn output(file: impl AsRef<Path>, problem: impl std::fmt::Display) -> Self {
         Error::Output { file: file.as_ref().to_owned(), problem: problem.to_string() }
@@ -96,11 +118,11 @@ impl Error {
         Error::Kernel { kernel: kernel.into(), problem: problem.to_string() }
     }
 
-    /// The process exit code of this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
+    /// The exit code of a process that ends with this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Input { .. } | Error::Output { .. } => 3,
-            Error::Usage(_) => 2,
+            Error::Setting { .. } | Error::Usage(_) => 2,
             Error::NoDevice(_) | Error::DeviceLost { .. } => 4,
             Error::OutOfMemory { .. } | Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
         }

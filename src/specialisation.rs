@@ -163,7 +163,7 @@ impl Specialisation {
     fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
         let (choice, why) = light_sampling(scene, settings);
         let few = !matches!(choice, LightSampling::All) && settings.technique != Technique::Path;
-        let cost = format!("pass choose; {} B a point", 8 * settings.sampled_lights);
+        let cost = format!("pass choose; {} B a point", 8 * settings.light_sampling.sampled_lights);
         self.decide("light_sampling", few, why.clone(), &why, &cost);
         let uniform = choice == LightSampling::Uniform;
         self.decide(
@@ -182,7 +182,7 @@ impl Specialisation {
     fn of_visibility(&mut self, scene: &Scene, settings: &Settings) {
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
-        let photons = u64::from(settings.photons) * placed as u64;
+        let photons = u64::from(settings.visibility_map.photons_per_light) * placed as u64;
         let unneeded = if !map {
             format!("the technique {} does not ask it", settings.technique)
         } else if placed == 0 && scene.environment().is_some() {
@@ -216,7 +216,7 @@ impl Specialisation {
         );
         self.decide(
             "paper_counting",
-            wanted && settings.paper_counting,
+            wanted && settings.visibility_map.paper_counting,
             "asked for".into(),
             "photons are counted by their normals",
             "false shadows beside objects",
@@ -236,13 +236,13 @@ impl Specialisation {
         );
         let other = format!("the technique {} does not ask it", settings.technique);
         let cells = lit && settings.technique.uses_cells();
-        let why = format!("{} rays a cell and light tell what its points see", settings.cell_rays);
+        let why = format!("{} rays a cell and light tell what its points see", settings.cells.rays_per_light);
         let cost = format!("pass cells; about {}", bytes_text(grid_bytes(scene, settings)));
         self.decide("cells", cells, why, &other, &cost);
         let tags = cells && settings.technique == Technique::VoxelTags;
         let why = "voxels that agree with their neighbours need no shadow ray".to_owned();
         self.decide("voxel_tags", tags, why, &other, "a look at 26 neighbours a cell");
-        let why = format!("lights are tested until the rest is below {} of a point's light", settings.shadow_tolerance);
+        let why = format!("lights are tested until the rest is below {} of a point's light", settings.ward.tolerance);
         let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
         let unneeded = match settings.technique {
             Technique::WardAdaptive if many => too_many.as_str(),
@@ -250,8 +250,8 @@ impl Specialisation {
             _ => &other,
         };
         self.decide("ward", ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
-        let audited = wanted && !estimate && settings.audit > 0.0;
-        let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.audit);
+        let audited = wanted && !estimate && settings.visibility_map.audit > 0.0;
+        let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.visibility_map.audit);
         let reason =
             if wanted && estimate { "the technique traces no shadow rays" } else { "nothing is decided by photons" };
         let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
@@ -263,18 +263,18 @@ impl Specialisation {
         let shaded = settings.technique.is_two_pass() && lit;
         // Without bounces a path's first ray is left, for the highlights of lights that rays can meet.
         let highlights = m.glossy > 0 && (m.mesh_lights > 0 || scene.environment().is_some());
-        let why = match settings.max_bounces {
+        let why = match settings.indirect.max_bounces {
             0 => "highlights of lights that rays can meet".to_owned(),
             bounces => format!("up to {bounces} bounces"),
         };
         let unneeded = match settings.technique {
             Technique::Path => "paths bring all light",
             _ if settings.technique.shows_map() => "the map brings all light",
-            _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ if settings.indirect.max_bounces == 0 => "--max-bounces 0",
             _ if lit => "every surface is black",
             _ => "there is nothing to be lit",
         };
-        let reflected = settings.max_bounces > 0 && m.reflecting > 0;
+        let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
         let on = shaded && (reflected || highlights);
         self.decide(
             "indirect",
@@ -296,17 +296,17 @@ impl Specialisation {
         let why = "shadow photons take the energy of the light that they lack".to_owned();
         self.decide("negative_photons", negative, why, "no point is taken as lit", "a ray on from every first hit");
         let bounces = on && reflected;
-        let why = format!("{} rays leave photons that tell irradiance", settings.flux_photons);
+        let why = format!("{} rays leave photons that tell irradiance", settings.indirect.photons);
         let unneeded = "no light of more bounces is asked for";
-        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons) * 48));
+        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.indirect.photons) * 48));
         self.decide("global_map", shown || bounces, why, unneeded, &cost);
         let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
         let absent = match settings.technique {
             Technique::Path => "paths go on there",
-            _ if settings.max_bounces == 0 => "--max-bounces 0",
+            _ if settings.indirect.max_bounces == 0 => "--max-bounces 0",
             _ => "no material is a mirror or clear glass",
         };
-        let traced = settings.technique != Technique::Path && settings.max_bounces > 0;
+        let traced = settings.technique != Technique::Path && settings.indirect.max_bounces > 0;
         let cost = "rays on from such surfaces, to where photons are; 16 B a point";
         self.decide("chains", traced && lit && m.clear > 0, why, absent, cost);
         let why = format!("{} that light is focused by", count(m.focusing, "material"));
@@ -314,14 +314,17 @@ impl Specialisation {
         let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
         self.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
         let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
-        let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays);
+        let why = format!(
+            "records of {} rays hold the diffuse part of the indirect light",
+            settings.indirect.irradiance_cache.gather_rays
+        );
         let cost = "passes gather, cache; about 100 B a record";
-        self.decide("irradiance_cache", bounces && settings.cache, why, unneeded, cost);
+        self.decide("irradiance_cache", bounces && settings.indirect.irradiance_cache.enabled, why, unneeded, cost);
     }
 
     fn of_channels(&mut self, settings: &Settings) {
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let aov = |aov: Aov| settings.aovs.contains(&aov);
+        let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
+        let aov = |aov: Aov| settings.image.aovs.contains(&aov);
         for (feature, on) in [
             ("aov_albedo", aov(Aov::Albedo)),
             ("aov_normal", aov(Aov::Normal)),
@@ -370,10 +373,10 @@ fn is_lit(scene: &Scene) -> bool {
 /// Which lights points ask, and why.
 fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String) {
     let (lights, placed) = (scene.lights.len(), scene.placed_lights().len());
-    let chosen = settings.sampled_lights as usize;
+    let chosen = settings.light_sampling.sampled_lights as usize;
     let photons = placed > 0 && placed <= MAX_LIGHTS as usize;
     if settings.technique == Technique::Path {
-        let choice = settings.light_sampling.unwrap_or(LightSampling::Power);
+        let choice = settings.light_sampling.strategy.unwrap_or(LightSampling::Power);
         return (choice, "paths ask one light at each vertex".into());
     }
     let all = |why: String| (LightSampling::All, why);
@@ -381,7 +384,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     if lights <= chosen || scene.is_empty() {
         return all(format!("{lights} lights are few enough to ask all of them"));
     }
-    if settings.aovs.contains(&Aov::Shadow) {
+    if settings.image.aovs.contains(&Aov::Shadow) {
         return all("the AOV shadow is of all lights".into());
     }
     if !technique.samples_lights() {
@@ -389,7 +392,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     }
     let asked =
         |choice: LightSampling| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
-    match settings.light_sampling {
+    match settings.light_sampling.strategy {
         Some(LightSampling::Uniform) => asked(LightSampling::Uniform),
         Some(LightSampling::Power) => asked(LightSampling::Power),
         Some(LightSampling::All) => all("--light-choice all".into()),
@@ -410,7 +413,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
 
 /// Bytes of the grid that cells are judged by: a count and a class word for each cell and light.
 fn grid_bytes(scene: &Scene, settings: &Settings) -> u64 {
-    8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells).cells())
+    8 * scene.lights.len() as u64 * u64::from(cells::grid_of(scene, settings.cells.resolution).cells())
 }
 
 /// Why the environment has no visibility photons.

@@ -1,8 +1,8 @@
 //! The checkpoint: the file as it is, and with its digest set right, so that what lies behind is reached.
 #![no_main]
 
-use penumbra::fingerprint::digest;
-use penumbra::render::Checkpoint;
+use penumbra::internal::fingerprint::digest;
+use penumbra::internal::render::Checkpoint;
 use penumbra_fuzz::{bounded, check};
 
 /// Bytes of the first line, and of the digest that follows it.

@@ -2,7 +2,7 @@
 #![no_main]
 
 use penumbra::Image;
-use penumbra::report::metrics::{self, Measures};
+use penumbra::internal::report::metrics::{self, Measures};
 use penumbra_fuzz::{bounded, check};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

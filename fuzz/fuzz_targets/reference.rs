@@ -2,7 +2,7 @@
 #![no_main]
 
 use penumbra::Image;
-use penumbra::report::reference::Reference;
+use penumbra::internal::report::reference::Reference;
 use penumbra_fuzz::check;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -4,9 +4,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use penumbra::bvh::Bvh;
-use penumbra::error::Error;
-use penumbra::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::error::Error;
+use penumbra::internal::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Scene, Triangle, Vertex};
 
 /// Bytes in use and the most that ever were.
 static USED: AtomicUsize = AtomicUsize::new(0);

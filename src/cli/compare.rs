@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use penumbra::report::metrics::Measures;
+use penumbra::internal::report::metrics::Measures;
 use penumbra::{Error, Image, Result};
 
 use super::options::finite;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use penumbra::Result;
-use penumbra::gpu::{DeviceChoice, Gpu};
+use penumbra::internal::gpu::{DeviceChoice, Gpu};
 
 use super::{Ending, print, print_json};
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use penumbra::specialisation::{Item, Specialisation};
+use penumbra::internal::specialisation::{Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
@@ -73,11 +73,12 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 impl Plan {
     fn text(&self) -> String {
         let Counts { triangles, vertices, materials, images, lights, cameras } = self.scene;
-        let Settings { width, height, technique, .. } = self.settings;
+        let Settings { technique, ref image, .. } = self.settings;
         let mut text = format!(
-            "{width} x {height} pixels, technique {technique}\n\
+            "{} x {} pixels, technique {technique}\n\
              triangles {triangles}, vertices {vertices}, materials {materials}, images {images}, lights {lights}, \
-             cameras {cameras}\n"
+             cameras {cameras}\n",
+            image.width, image.height
         );
         for note in &self.notes {
             let _ = writeln!(text, "note: {note}");

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
-use penumbra::gpu::Gpu;
-use penumbra::render::Checkpoint;
-use penumbra::render::film::{self, View};
-use penumbra::render::recovery::{self, Failure, Salvage};
-use penumbra::report::estimate;
-use penumbra::report::metrics::Measures;
-use penumbra::report::reference::Reference;
+use penumbra::internal::gpu::Gpu;
+use penumbra::internal::render::Checkpoint;
+use penumbra::internal::render::film::{self, View};
+use penumbra::internal::render::recovery::{self, Failure, Salvage};
+use penumbra::internal::report::estimate;
+use penumbra::internal::report::metrics::Measures;
+use penumbra::internal::report::reference::Reference;
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;
@@ -92,8 +92,17 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
-    let mut session =
-        Session { arguments, interrupt, started, import, start, spp: settings.spp, said: false, notes, stopped: false };
+    let mut session = Session {
+        arguments,
+        interrupt,
+        started,
+        import,
+        start,
+        spp: settings.image.spp,
+        said: false,
+        notes,
+        stopped: false,
+    };
     let open = || arguments.device.open();
     let rendered = recovery::render(
         gpu,
@@ -146,8 +155,9 @@ impl Session<'_> {
         self.interrupt.defer();
         let deadline = arguments.time.map(|time| self.started + time);
         if !arguments.quiet && !self.said {
-            let Settings { width, height, technique, .. } = renderer.settings();
-            say(format_args!("rendering {width} x {height} pixels, {technique}, on {}", renderer.gpu().info.name));
+            let Settings { technique, image, .. } = renderer.settings();
+            let device = &renderer.gpu().info.name;
+            say(format_args!("rendering {} x {} pixels, {technique}, on {device}", image.width, image.height));
             self.said = true;
         }
         let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
@@ -269,10 +279,10 @@ impl Arguments {
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
-                settings.spp = Settings::UNLIMITED_SPP;
+                settings.image.spp = Settings::UNLIMITED_SPP;
             }
             if self.adds_variance() {
-                settings.aovs.push(Aov::Variance);
+                settings.image.aovs.push(Aov::Variance);
             }
             let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
@@ -327,7 +337,8 @@ impl Arguments {
 /// One line on what was rendered.
 fn summary(statistics: &Statistics, stopped: bool) -> String {
     let Statistics { samples, settings, rays, points, time, .. } = statistics;
-    let samples = if stopped { format!("stopped after {samples} of {}", settings.spp) } else { samples.to_string() };
+    let samples =
+        if stopped { format!("stopped after {samples} of {}", settings.image.spp) } else { samples.to_string() };
     format!(
         "{samples} spp in {:.2} s, {:.1} Mrays/s, {:.1} % boundary points",
         time.render,

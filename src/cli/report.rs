@@ -5,16 +5,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use penumbra::gpu::Gpu;
-use penumbra::render::film;
-use penumbra::render::recovery;
-use penumbra::report::classes::{Classes, Truth};
-use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
-use penumbra::report::page::page;
-use penumbra::report::plot;
-use penumbra::report::reference::{Goal, Making, Reference, cache_folder};
-use penumbra::report::run::{Run, Subject, warm_up};
-use penumbra::report::sweep::{self, Sweep};
+use penumbra::internal::gpu::Gpu;
+use penumbra::internal::render::film;
+use penumbra::internal::render::recovery;
+use penumbra::internal::report::classes::{Classes, Truth};
+use penumbra::internal::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
+use penumbra::internal::report::page::page;
+use penumbra::internal::report::plot;
+use penumbra::internal::report::reference::{Goal, Making, Reference, cache_folder};
+use penumbra::internal::report::run::{Run, Subject, warm_up};
+use penumbra::internal::report::sweep::{self, Sweep};
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
 use super::interrupt::Interrupt;
@@ -307,7 +307,7 @@ impl Rounds {
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<Run>>> {
         let Bench { arguments, settings, .. } = *bench;
-        let seed = settings.seed.wrapping_add(index as u32);
+        let seed = settings.image.seed.wrapping_add(index as u32);
         let mut runs = Vec::new();
         for &technique in techniques {
             let Some(run) = bench.on(|subject| Run::new(subject, technique, seed, budgets, stop))? else {

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::Result;
-use penumbra::render::film;
-use penumbra::report::plot;
-use penumbra::stress::{FAMILIES, Family, Reading, breakdown};
+use penumbra::internal::render::film;
+use penumbra::internal::report::plot;
+use penumbra::internal::stress::{FAMILIES, Family, Reading, breakdown};
 
 use super::options::DeviceOptions;
 use super::{Ending, print, say};

@@ -62,10 +62,11 @@ impl CausticMap {
         totals: &mut Totals,
     ) -> Result<CausticMap> {
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
-        let rays = settings.flux_photons.saturating_mul(RAYS_PER_FLUX_RAY);
+        let rays = settings.indirect.photons.saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
-        let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
-        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.max_bounces, seed)?;
+        let seed = settings.image.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
+        let traced =
+            kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.indirect.max_bounces, seed)?;
         // A render that is taken up again traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;

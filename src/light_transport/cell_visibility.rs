@@ -37,9 +37,9 @@ pub(crate) fn table(
     settings: &Settings,
     totals: &mut Totals,
 ) -> Result<CellTable> {
-    let shape = grid_of(scene, settings.cells);
+    let shape = grid_of(scene, settings.cells.resolution);
     let surfaces = Surfaces::new(scene, &shape);
-    let (rays, seed) = (settings.cell_rays, settings.seed);
+    let (rays, seed) = (settings.cells.rays_per_light, settings.image.seed);
     let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
     let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
     totals.cell_rays += table.rays;

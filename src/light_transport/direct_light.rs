@@ -31,8 +31,8 @@ pub(crate) fn most_points(features: &Features, lights: usize, settings: &Setting
     if features.has("ward") {
         return (CHUNK_SLOTS / lights).max(1);
     }
-    let asked = if features.has("light_sampling") { settings.sampled_lights } else { lights };
-    (u32::MAX / asked.saturating_mul(settings.shadow_samples)).max(1)
+    let asked = if features.has("light_sampling") { settings.light_sampling.sampled_lights } else { lights };
+    (u32::MAX / asked.saturating_mul(settings.shadow_rays.samples)).max(1)
 }
 
 /// Most words of visibilities at once: half of the smallest storage binding that devices offer.
@@ -67,7 +67,7 @@ impl Kernels {
                     || features.has("visibility_map").then(|| MapKernels::new(gpu, features, constants, settings));
                 let choice = || LightSamplerKernels::new(gpu, features, constants, settings);
                 rayon::join(
-                    || Classify::new(gpu, features, settings.nearest, exact_counts),
+                    || Classify::new(gpu, features, settings.visibility_map.nearest, exact_counts),
                     || rayon::join(map, || rayon::join(|| EarlierKernels::new(gpu, features, constants), choice)),
                 )
             },
@@ -149,19 +149,19 @@ impl Direct {
     ) -> Result<Direct> {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let Kernels { classify, shadow, shade, map, earlier, choice, audit } = kernels;
-        let audit_probability = if audit { settings.audit } else { 0.0 };
+        let audit_probability = if audit { settings.visibility_map.audit } else { 0.0 };
         let choice = choice
             .map(|kernels| LightSampler::new(gpu, kernels, scene, gpu_scene, points, settings, totals))
             .transpose()?;
         let lights = choice.as_ref().map_or(scene.lights.len() as u32, LightSampler::slots);
-        let words = settings.shadow_samples.div_ceil(32);
+        let words = settings.shadow_rays.samples.div_ceil(32);
         let fitting = (CHUNK_SLOTS / points).min(CHUNK_WORDS / (points * words));
         // Of a light `shade` takes a turn, one for each light point, and those of the closed form.
         let edges = gpu_scene.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
-        let fitting = fitting.min(SHADE_TURNS / (2 + settings.shadow_samples + 2 * edges)).clamp(1, lights.max(1));
+        let fitting = fitting.min(SHADE_TURNS / (2 + settings.shadow_rays.samples + 2 * edges)).clamp(1, lights.max(1));
         let lights_in_chunk = if matches!(earlier, Some(EarlierKernels::Ward(_))) { lights } else { fitting };
         let slots = points * lights_in_chunk;
-        let film = settings.aovs.contains(&Aov::Shadow);
+        let film = settings.image.aovs.contains(&Aov::Shadow);
         let buffers = Buffers {
             classify: ClassifyBuffers::new(gpu, slots)?,
             visibility: gpu.buffer::<u32>("penumbra/shadow/visibility", (slots * words) as usize)?,
@@ -175,7 +175,7 @@ impl Direct {
             .map(|kernels| Earlier::new(gpu, kernels, scene, gpu_scene, points, settings, totals))
             .transpose()?;
         let wide = gpu_scene.lights.lights.iter().any(|light| !light.punctual && light.radius > WIDE_LIGHT);
-        let dilate = if map.is_some() { settings.dilate.unwrap_or(u32::from(wide)) } else { 0 };
+        let dilate = if map.is_some() { settings.visibility_map.dilate.unwrap_or(u32::from(wide)) } else { 0 };
         let passes = Passes { classify, shadow, shade };
         let bound = passes.bind(shared, &buffers, map.as_ref(), earlier.as_ref(), choice.as_ref(), dilate)?;
         let settings = settings.clone();
@@ -209,7 +209,7 @@ impl Direct {
             let shadow = ShadowParameters {
                 tile: *tile,
                 first_light,
-                light_samples: self.settings.shadow_samples,
+                light_samples: self.settings.shadow_rays.samples,
                 visibility_words: self.words,
                 heal_capacity: self.map.as_ref().map_or(0, VisibilityMap::heal_capacity),
             };
@@ -236,7 +236,7 @@ impl Direct {
                 tile: *tile,
                 first_light,
                 lights_in_chunk: lights,
-                light_samples: self.settings.shadow_samples,
+                light_samples: self.settings.shadow_rays.samples,
                 visibility_words: self.words,
                 audit_probability,
                 padding: 0,

@@ -135,9 +135,9 @@ impl BoundEarlier {
                 let parameters = WardParameters {
                     tile: *tile,
                     light_count: chunk.lights,
-                    light_samples: settings.shadow_samples,
-                    visibility_words: settings.shadow_samples.div_ceil(32),
-                    tolerance: settings.shadow_tolerance,
+                    light_samples: settings.shadow_rays.samples,
+                    visibility_words: settings.shadow_rays.samples.div_ceil(32),
+                    tolerance: settings.ward.tolerance,
                     ..WardParameters::default()
                 };
                 ward.record(frame, classify, &parameters, test);

@@ -57,8 +57,9 @@ impl GlobalMap {
         let Shared { gpu, scene, gpu_scene, tile } = *shared;
         let shown = settings.technique.shows_map();
         // What a look-up tells is seen after one bounce.
-        let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
-        let Settings { flux_photons, seed, .. } = *settings;
+        let max_bounces =
+            if shown { settings.indirect.max_bounces } else { settings.indirect.max_bounces.saturating_sub(1) };
+        let (flux_photons, seed) = (settings.indirect.photons, settings.image.seed);
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, max_bounces, seed)?;

@@ -73,7 +73,7 @@ impl IrradianceCache {
             }
         }
         totals.indirect.records = records.heads.len() as u64;
-        totals.least_records = records.least(with.settings.accuracy);
+        totals.least_records = records.least(with.settings.indirect.irradiance_cache.accuracy);
         totals.indirect_bytes += records.values.bytes;
         Ok(IrradianceCache { buffers, bound })
     }
@@ -105,7 +105,13 @@ impl Records {
         totals: &mut Totals,
     ) -> Result<bool> {
         let Filling { gpu, tile, primary, .. } = *with;
-        let Settings { width, height, seed, max_bounces, gather_rays, .. } = *with.settings;
+        let (width, height, seed, max_bounces, gather_rays) = (
+            with.settings.image.width,
+            with.settings.image.height,
+            with.settings.image.seed,
+            with.settings.indirect.max_bounces,
+            with.settings.indirect.irradiance_cache.gather_rays,
+        );
         let [columns, rows] = [width, height].map(|side| side.div_ceil(spacing));
         let rows_at_once = (tile.capacity() / columns).min(rows);
         let before = self.heads.len();
@@ -172,7 +178,8 @@ impl Records {
     /// Binds the pass to tables of all records, with radii by what their neighbours have met.
     fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers) -> Result<BoundCache> {
         let Filling { gpu, camera, .. } = *with;
-        let Settings { width, height, accuracy, .. } = *with.settings;
+        let (width, height, accuracy) =
+            (with.settings.image.width, with.settings.image.height, with.settings.indirect.irradiance_cache.accuracy);
         let distances = neighbour_distances(&self.heads, accuracy);
         let mut heads = self.heads.clone();
         for (head, distance) in heads.iter_mut().zip(distances) {

@@ -45,7 +45,7 @@ impl LightSamplerKernels {
             return Ok(None);
         }
         let tagged = features.clone().with("light_tags", true);
-        let per_ray = settings.shadow_photons_per_ray.min(SHADOW_PHOTONS);
+        let per_ray = settings.visibility_map.shadow_photons_per_ray.min(SHADOW_PHOTONS);
         let zones = || {
             let kernels = || -> Result<ZoneKernels> {
                 let (photons, (grid, zones)) = rayon::join(
@@ -56,9 +56,11 @@ impl LightSamplerKernels {
             };
             features.has("zones").then(kernels).transpose()
         };
-        let audited = settings.audit > 0.0;
-        let (choose, zones) =
-            rayon::join(|| SampleLights::new(gpu, features, constants, settings.sampled_lights, audited), zones);
+        let audited = settings.visibility_map.audit > 0.0;
+        let (choose, zones) = rayon::join(
+            || SampleLights::new(gpu, features, constants, settings.light_sampling.sampled_lights, audited),
+            zones,
+        );
         Ok(Some(LightSamplerKernels { choose: choose?, zones: zones? }))
     }
 }
@@ -119,8 +121,8 @@ fn zone_table(
     totals: &mut Totals,
 ) -> Result<ZoneTable> {
     let lights = scene.placed_lights().len() as u32;
-    let rays = settings.photons.min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
-    let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.seed, 0)?;
+    let rays = settings.visibility_map.photons_per_light.min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
+    let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, 0)?;
     totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
     totals.count(Counter::Overrun, traced.overruns);
     totals.photons = by_light(scene, &traced);

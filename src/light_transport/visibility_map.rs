@@ -31,8 +31,8 @@ pub(crate) struct MapKernels {
 impl MapKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<MapKernels> {
         let (photons, grid) = rayon::join(
-            || Photons::new(gpu, features, constants, settings.shadow_photons_per_ray),
-            || Grid::new(gpu, features, settings.nearest),
+            || Photons::new(gpu, features, constants, settings.visibility_map.shadow_photons_per_ray),
+            || Grid::new(gpu, features, settings.visibility_map.nearest),
         );
         Ok(MapKernels { photons: photons?, grid: grid? })
     }
@@ -94,13 +94,13 @@ impl VisibilityMap {
         totals: &mut Totals,
     ) -> Result<VisibilityMap> {
         let lights = scene.placed_lights().len() as u32;
-        let rays = settings.photons.min(MAX_RAYS / lights);
-        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.seed, HEAL_ROOM)?;
+        let rays = settings.visibility_map.photons_per_light.min(MAX_RAYS / lights);
+        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, HEAL_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);
         totals.photons = by_light(scene, &traced);
         let (bounds, area) = extent(scene);
-        let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
+        let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.visibility_map.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
         totals.photon_bytes += traced.photons.bytes + grid.bytes;
         Ok(VisibilityMap {

@@ -184,7 +184,7 @@ impl Renderer<'_> {
             ));
         }
         // Counts are by light; and a render that has all of its samples takes no more.
-        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.spp {
+        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
             return Err(damaged());
         }
         let left_out = header.map_left_out.as_ref();

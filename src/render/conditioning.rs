@@ -106,7 +106,7 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
              left out of the image: remove overlapping layers, or choose a hardware device with --device"
         ),
     );
-    let most = settings.max_bounces;
+    let most = settings.indirect.max_bounces;
     if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
         let text = format!(
             "light bounces {mean_bounces} times here on average, and --max-bounces {most} leaves out what bounces more often: \

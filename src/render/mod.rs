@@ -140,13 +140,13 @@ fn stage(samples: u32) -> u32 {
 
 fn refined(settings: &Settings, stage: u32) -> Settings {
     let more = |number: u32, most: u32| number.saturating_mul(1 << (2 * stage)).min(number.max(most));
-    Settings {
-        flux_photons: more(settings.flux_photons, Settings::MAX_PHOTONS),
-        gather_rays: more(settings.gather_rays, Settings::MAX_GATHER_RAYS),
+    settings.clone().with(|s| {
+        s.indirect.photons = more(settings.indirect.photons, Settings::MAX_PHOTONS);
+        s.indirect.irradiance_cache.gather_rays =
+            more(settings.indirect.irradiance_cache.gather_rays, Settings::MAX_GATHER_RAYS);
         // Other photons and other directions, far from the seeds that users count up.
-        seed: settings.seed.wrapping_add(stage.wrapping_mul(0x9e37_79b9)),
-        ..settings.clone()
-    }
+        s.image.seed = settings.image.seed.wrapping_add(stage.wrapping_mul(0x9e37_79b9));
+    })
 }
 
 /// How far a render is.
@@ -202,7 +202,7 @@ impl<'g> Renderer<'g> {
         let mut specialisation = Specialisation::new(&scene, settings);
         specialisation.of_hierarchy(&bvh);
         let features = device_features(gpu, specialisation.features.clone());
-        let size = [settings.width, settings.height];
+        let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &features)?;
         totals.scene_bytes = gpu_scene.bytes;
         let decided = features.has("visibility_map") && !features.has("light_sampling");
@@ -218,21 +218,21 @@ impl<'g> Renderer<'g> {
 
         let start = Instant::now();
         let most = TILE_POINTS.min(direct_light::most_points(&features, scene.lights.len(), settings));
-        let rows = (most / settings.width).clamp(1, settings.height);
+        let rows = (most / settings.image.width).clamp(1, settings.image.height);
         let layers = most_layers(most, rows, settings);
-        let points = rows * settings.width * layers;
+        let points = rows * settings.image.width * layers;
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let has_indirect = indirect_kernels.path.is_some() || indirect_kernels.map.is_some();
         let buffers = TileBuffers::new(gpu, &features, points, has_indirect)?;
         let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
         let shared = Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers };
         let direct = direct.map(|direct| Direct::new(&shared, direct, points, settings, &mut totals)).transpose()?;
-        let view = CameraUniform::new(camera, settings.width, settings.height);
+        let view = CameraUniform::new(camera, settings.image.width, settings.image.height);
         let indirect = Indirect::new(&shared, &primary, &indirect_kernels, &view, settings, 0, &mut totals)?;
-        let first_rows = (0..settings.height).step_by(rows as usize);
+        let first_rows = (0..settings.image.height).step_by(rows as usize);
         let tiles = first_rows
             .map(|first_row| {
-                let rows = rows.min(settings.height - first_row);
+                let rows = rows.min(settings.image.height - first_row);
                 new_film(gpu, &film, &buffers, direct.as_ref(), [first_row, rows], settings)
             })
             .collect::<Result<Vec<_>>>()?;
@@ -284,9 +284,9 @@ impl<'g> Renderer<'g> {
     pub fn render_at_most(&mut self, limit: u32) -> Result<Progress> {
         self.refine()?;
         let start = Instant::now();
-        let width = self.settings.width;
+        let width = self.settings.image.width;
         let most = self.layers.min(limit.max(1));
-        let missing = self.settings.spp.saturating_sub(self.samples);
+        let missing = self.settings.image.spp.saturating_sub(self.samples);
         let layers = if missing > 0 { most.min(missing) } else { most };
         // The first sample of each pixel is the pilot.
         let layers = if self.batches == 0 && self.specialisation.features.has("visibility_map") { 1 } else { layers };
@@ -307,18 +307,18 @@ impl<'g> Renderer<'g> {
             let pixel_count = film.rows * width;
             let tile = Tile {
                 width,
-                height: self.settings.height,
+                height: self.settings.image.height,
                 first_row: film.first_row,
                 pixel_count,
                 point_count: pixel_count * layers,
                 first_sample: self.samples,
-                seed: self.settings.seed,
-                centred: u32::from(self.settings.spp == 1),
+                seed: self.settings.image.seed,
+                centred: u32::from(self.settings.image.spp == 1),
             };
             let mut frame = self.gpu.frame("sample");
             frame.clear(&self.buffers.counters);
             self.primary.record(&mut frame, &tile);
-            let Settings { max_bounces, shadow_samples, .. } = self.settings;
+            let (max_bounces, shadow_samples) = (self.settings.indirect.max_bounces, self.settings.shadow_rays.samples);
             let path_parameters = PathParameters { tile, max_bounces, light_samples: shadow_samples };
             if let Some(direct) = &self.direct {
                 direct.record(&mut frame, &tile, &film.shadow);
@@ -379,7 +379,7 @@ impl<'g> Renderer<'g> {
         }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         let shared = Shared { gpu, scene, gpu_scene, tile };
-        let view = CameraUniform::new(&self.camera, self.settings.width, self.settings.height);
+        let view = CameraUniform::new(&self.camera, self.settings.image.width, self.settings.image.height);
         let (kernels, totals) = (&self.indirect_kernels, &mut self.totals);
         self.indirect = Indirect::new(&shared, &self.primary, kernels, &view, &self.settings, samples, totals)?;
         Ok(())
@@ -436,7 +436,7 @@ impl<'g> Renderer<'g> {
         let kernels = direct_light::Kernels::new(self.gpu, &features, &self.gpu_scene.constants(), &self.settings)?;
         self.gpu.compile_ahead(&self.gpu_scene)?;
         self.totals.time_compile += start.elapsed().as_secs_f64();
-        let points = self.rows * self.settings.width * self.layers;
+        let points = self.rows * self.settings.image.width * self.layers;
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         let shared = Shared { gpu, scene, gpu_scene, tile };
         let direct = Direct::new(&shared, kernels, points, &self.settings, &mut self.totals)?;
@@ -555,7 +555,7 @@ impl IndirectKernels {
 
 /// Most samples of a pixel in a tile of `rows` rows and at most `points` points.
 fn most_layers(points: u32, rows: u32, settings: &Settings) -> u32 {
-    (points / (rows * settings.width)).clamp(1, TILE_SAMPLES.min(settings.spp))
+    (points / (rows * settings.image.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp))
 }
 
 /// `features` with those of the device.
@@ -577,7 +577,7 @@ fn notes(
         let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
         notes.push(format!("the scene has no triangles: the image {shown}"));
     }
-    let wanted = u64::from(settings.flux_photons);
+    let wanted = u64::from(settings.indirect.photons);
     // Rounding by light takes a few rays; less than half are left only where the device has no room.
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;
@@ -597,11 +597,11 @@ fn new_film(
     [first_row, rows]: [u32; 2],
     settings: &Settings,
 ) -> Result<TileFilm> {
-    let pixels = rows * settings.width;
+    let pixels = rows * settings.image.width;
     let plane = |samples: &crate::gpu::Buffer| film.plane(gpu, pixels, samples, &buffers.counters);
     let optional = |samples: &Option<crate::gpu::Buffer>| samples.as_ref().map(plane).transpose();
     let other = buffers.radiance_indirect.as_ref();
-    let squares = settings.aovs.contains(&Aov::Variance).then(|| {
+    let squares = settings.image.aovs.contains(&Aov::Variance).then(|| {
         let parts = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
         film.plane_of_squares(gpu, pixels, parts, &buffers.counters)
     });

@@ -33,7 +33,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     push(&mut channels, ["R", "G", "B"], &total);
     channels.push(Channel { name: "A".into(), samples: total.iter().map(|v| v.w as f32).collect() });
     let black = vec![DVec4::ZERO; direct.len()];
-    for aov in &settings.aovs {
+    for aov in &settings.image.aovs {
         match aov {
             Aov::Direct => push(&mut channels, ["direct.R", "direct.G", "direct.B"], &direct),
             Aov::Indirect => {
@@ -80,7 +80,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
             Aov::Shadow => shadow_channels(&film, &mut channels)?,
         }
     }
-    let mut image = Image { width: settings.width, height: settings.height, channels, ..Image::default() };
+    let mut image = Image { width: settings.image.width, height: settings.image.height, channels, ..Image::default() };
     image.add_camera(&renderer.camera, &renderer.scene.normalisation);
     metadata(renderer, &mut image);
     Ok(image)
@@ -168,10 +168,10 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:technique", text(settings.technique.name()));
     put("penumbra:device", text(&renderer.gpu.info.name));
     put("penumbra:driver", text(&renderer.gpu.info.driver));
-    put("penumbra:seed", Metadata::Int(settings.seed as i32));
-    put("penumbra:photons", Metadata::Int(settings.photons as i32));
-    put("penumbra:nearest", Metadata::Int(settings.nearest as i32));
-    put("penumbra:shadowSamples", Metadata::Int(settings.shadow_samples as i32));
+    put("penumbra:seed", Metadata::Int(settings.image.seed as i32));
+    put("penumbra:photons", Metadata::Int(settings.visibility_map.photons_per_light as i32));
+    put("penumbra:nearest", Metadata::Int(settings.visibility_map.nearest as i32));
+    put("penumbra:shadowSamples", Metadata::Int(settings.shadow_rays.samples as i32));
     let left_out: Vec<&str> = renderer.specialisation.left_out.iter().map(|item| item.name).collect();
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);

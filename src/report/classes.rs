@@ -70,7 +70,7 @@ impl Truth {
     /// # Errors
     /// As [`Reference::make`](super::reference::Reference::make).
     pub fn make(subject: &Subject<'_>, folder: &Path) -> Result<Option<Truth>> {
-        let Settings { width, height, .. } = *subject.settings;
+        let (width, height) = (subject.settings.image.width, subject.settings.image.height);
         if u64::from(width) * u64::from(height) * subject.scene.lights.len() as u64 > MOST_POINTS {
             return Ok(None);
         }
@@ -174,15 +174,27 @@ const PRECEDENCE: [u8; CODES] = [0, 2, 1, 4, 3];
 
 /// Settings for one sample through the middle of each pixel, direct light alone, with the photons' verdicts.
 fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
-    Settings { technique, spp: 1, max_bounces: 0, aovs: vec![Aov::Shadow], ..subject.settings.clone() }
+    subject.settings.clone().with(|s| {
+        s.technique = technique;
+        s.image.spp = 1;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Shadow];
+    })
 }
 
 /// Visibility by `parts` renders, each with its share of the light points.
 fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
     let part = |index: u32| {
         let settings = one_sample(subject, Technique::TwoPass);
-        let seed = settings.seed.wrapping_add(index);
-        Ok(render(subject, &Settings { shadow_samples: LIGHT_POINTS / parts, seed, ..settings })?.0)
+        let seed = settings.image.seed.wrapping_add(index);
+        Ok(render(
+            subject,
+            &settings.with(|s| {
+                s.shadow_rays.samples = LIGHT_POINTS / parts;
+                s.image.seed = seed;
+            }),
+        )?
+        .0)
     };
     let mut mean = part(0)?;
     for index in 1..parts {

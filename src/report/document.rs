@@ -280,7 +280,7 @@ impl Row {
         let parts = mask.map(|mask| [true, false].map(|inside| masked_relmse(image, reference, mask, inside)));
         Ok(Row {
             technique: run.settings.technique,
-            seed: run.settings.seed,
+            seed: run.settings.image.seed,
             budget,
             time,
             samples,
@@ -295,7 +295,7 @@ impl Row {
     }
 
     fn is_of(&self, run: &Run) -> bool {
-        self.technique == run.settings.technique && self.seed == run.settings.seed
+        self.technique == run.settings.technique && self.seed == run.settings.image.seed
     }
 }
 

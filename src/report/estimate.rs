@@ -26,6 +26,6 @@ pub fn relmse(image: &Image, statistics: &Statistics) -> Option<f64> {
 /// so the mean of n has a variance of |V - c| / (p n) at most, and the audits bound the mean of |V - c|.
 fn unseen(statistics: &Statistics) -> f64 {
     let decided = statistics.points.lit + statistics.points.shadowed;
-    let audits = f64::from(statistics.settings.audit) * f64::from(statistics.samples);
+    let audits = f64::from(statistics.settings.visibility_map.audit) * f64::from(statistics.samples);
     if decided == 0 { 0.0 } else { statistics.audits.miss_bias_interval[1] / audits }
 }

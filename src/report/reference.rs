@@ -91,7 +91,7 @@ impl Reference {
         stop: &dyn Fn() -> bool,
         tell: &mut dyn FnMut(Making),
     ) -> Result<Option<Reference>> {
-        let size = [subject.settings.width, subject.settings.height];
+        let size = [subject.settings.image.width, subject.settings.image.height];
         let open = || -> Result<[Half; 2]> { Ok([Half::open(folder, 0, size)?, Half::open(folder, 1, size)?]) };
         let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
             let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
@@ -204,7 +204,12 @@ impl Reference {
 
 /// The folder below `cache` for what belongs to a scene as it is seen with these settings.
 pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
-    let Settings { width, height, max_bounces, light_scale, .. } = subject.settings;
+    let (width, height, max_bounces, light_scale) = (
+        subject.settings.image.width,
+        subject.settings.image.height,
+        subject.settings.indirect.max_bounces,
+        subject.settings.light_scale,
+    );
     cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
 }
 
@@ -249,13 +254,12 @@ impl Half {
     fn renderer<'g>(&mut self, subject: &Subject<'g>) -> Result<Renderer<'g>> {
         let seed = FIRST_SEED + 2 * self.sessions + self.index;
         self.sessions += 1;
-        subject.renderer(&Settings {
-            technique: Technique::Path,
-            seed,
-            spp: Settings::UNLIMITED_SPP,
-            aovs: Vec::new(),
-            ..subject.settings.clone()
-        })
+        subject.renderer(&subject.settings.clone().with(|s| {
+            s.technique = Technique::Path;
+            s.image.seed = seed;
+            s.image.spp = Settings::UNLIMITED_SPP;
+            s.image.aovs = Vec::new();
+        }))
     }
 
     /// Writes and returns the mean of what was saved before the renderer began and of what it has, after so many seconds in all.

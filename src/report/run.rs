@@ -76,7 +76,7 @@ pub struct Snapshot {
 /// As [`Renderer::new`] and [`Renderer::render_batch`].
 pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Result<f64> {
     let start = Instant::now();
-    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.seed))?;
+    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.image.seed))?;
     let sample = Instant::now();
     renderer.render_at_most(1)?;
     subject.gpu.wait("warm-up")?;
@@ -89,7 +89,12 @@ pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Res
 }
 
 fn settings(subject: &Subject<'_>, technique: Technique, seed: u32) -> Settings {
-    Settings { technique, seed, spp: Settings::UNLIMITED_SPP, aovs: Vec::new(), ..subject.settings.clone() }
+    subject.settings.clone().with(|s| {
+        s.technique = technique;
+        s.image.seed = seed;
+        s.image.spp = Settings::UNLIMITED_SPP;
+        s.image.aovs = Vec::new();
+    })
 }
 
 impl Run {

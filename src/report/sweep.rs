@@ -51,8 +51,8 @@ impl Swept {
 
     fn set(self, settings: &mut Settings, value: u32) {
         match self {
-            Swept::Photons => settings.photons = value,
-            Swept::Nearest => settings.nearest = value,
+            Swept::Photons => settings.visibility_map.photons_per_light = value,
+            Swept::Nearest => settings.visibility_map.nearest = value,
         }
     }
 }
@@ -153,7 +153,11 @@ impl Sweep {
             if stop() {
                 return Ok(None);
             }
-            let mut settings = Settings { technique, spp: SAMPLES, aovs: Vec::new(), ..subject.settings.clone() };
+            let mut settings = subject.settings.clone().with(|s| {
+                s.technique = technique;
+                s.image.spp = SAMPLES;
+                s.image.aovs = Vec::new();
+            });
             range.swept.set(&mut settings, value);
             let subject = Subject { settings: &settings, ..*subject };
             let Some(classes) = Classes::new(&subject, technique, truth)? else {

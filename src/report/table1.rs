@@ -101,23 +101,22 @@ impl PaperScene {
     pub fn settings(&self, technique: Technique, options: &Options) -> Settings {
         let path = technique == Technique::Path;
         let side = options.width.unwrap_or(SIDE);
-        Settings {
-            technique,
-            width: side,
-            height: side,
-            spp: options.spp.unwrap_or(if path { self.reference_spp } else { self.spp }),
+        Settings::default().with(|s| {
+            s.technique = technique;
+            s.image.width = side;
+            s.image.height = side;
+            s.image.spp = options.spp.unwrap_or(if path { self.reference_spp } else { self.spp });
             // Another one for the reference: with the same random numbers the noise of both would be much the same.
-            seed: u32::from(path),
-            photons: self.photons,
-            nearest: self.nearest,
-            shadow_samples: 1,
-            dilate: Some(0),
-            audit: 0.0,
-            paper_counting: options.paper_counting,
+            s.image.seed = u32::from(path);
+            s.visibility_map.photons_per_light = self.photons;
+            s.visibility_map.nearest = self.nearest;
+            s.shadow_rays.samples = 1;
+            s.visibility_map.dilate = Some(0);
+            s.visibility_map.audit = 0.0;
+            s.visibility_map.paper_counting = options.paper_counting;
             // The reference states its own noise.
-            aovs: if path { vec![Aov::Direct, Aov::Variance] } else { vec![Aov::Direct] },
-            ..Settings::default()
-        }
+            s.image.aovs = if path { vec![Aov::Direct, Aov::Variance] } else { vec![Aov::Direct] };
+        })
     }
 
     /// Renders the scene, with `after_batch` told how far it is.
@@ -126,7 +125,15 @@ impl PaperScene {
     /// Those of [`Renderer`].
     pub fn render(&self, gpu: &Gpu, settings: &Settings, after_batch: impl FnMut(&Progress)) -> Result<Render> {
         // A driver compiles kernels when they first run: not a part of the time that is compared.
-        self.render_once(gpu, &Settings { width: 8, height: 8, spp: 1, ..settings.clone() }, |_| ())?;
+        self.render_once(
+            gpu,
+            &settings.clone().with(|s| {
+                s.image.width = 8;
+                s.image.height = 8;
+                s.image.spp = 1;
+            }),
+            |_| (),
+        )?;
         self.render_once(gpu, settings, after_batch)
     }
 
@@ -134,7 +141,7 @@ impl PaperScene {
         let scene = Scene::from_bytes(self.bytes, Path::new(self.file), &ImportOptions::default())?;
         let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
         let mut renderer = Renderer::new(gpu, scene, &camera, settings)?;
-        while renderer.samples() < settings.spp {
+        while renderer.samples() < settings.image.spp {
             after_batch(&renderer.render_batch()?);
         }
         Ok(Render { image: renderer.image()?, statistics: renderer.statistics()? })
@@ -208,7 +215,12 @@ impl Comparison {
 
     fn headline(&self) -> String {
         let [path, _, shadow, _] = &self.renders;
-        let Settings { width, height, spp, nearest, .. } = shadow.statistics.settings;
+        let (width, height, spp, nearest) = (
+            shadow.statistics.settings.image.width,
+            shadow.statistics.settings.image.height,
+            shadow.statistics.settings.image.spp,
+            shadow.statistics.settings.visibility_map.nearest,
+        );
         let sum = |count: fn(&crate::statistics::LightPhotons) -> u64| {
             grouped(shadow.statistics.photons.iter().map(count).sum())
         };
@@ -216,7 +228,7 @@ impl Comparison {
             "{}: {width} x {height} pixels, {} spp ({spp} without paths), k {nearest}; of {} photons emitted {} \
              illumination and {} shadow photons stored (the paper: {})",
             self.scene.title,
-            path.statistics.settings.spp,
+            path.statistics.settings.image.spp,
             sum(|p| p.emitted),
             sum(|p| p.illumination),
             sum(|p| p.shadow),

@@ -41,7 +41,8 @@ impl Panorama {
     /// # Errors
     /// [`Error::Input`] as [`Image::read`], where a channel is missing or a side too large, and, naming the first such texel,
     /// where radiance is NaN, infinite or negative.
-    pub fn load(path: &Path, lenient: bool) -> Result<(Panorama, Vec<String>)> {
+    pub fn load(path: impl AsRef<Path>, lenient: bool) -> Result<(Panorama, Vec<String>)> {
+        let path = path.as_ref();
         let refuse = |place: &str, problem: String| Error::input(path, place, problem);
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         if !["exr", "hdr"].contains(&extension.as_str()) {

@@ -46,7 +46,8 @@ impl Scene {
     /// # Errors
     /// [`Error::Input`] for a file that is missing, damaged, unsupported or out of range, with the
     /// JSON pointer (for the .glb container, the byte) at fault.
-    pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
+    pub fn load(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Scene> {
+        let path = path.as_ref();
         let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
         Scene::from_bytes(&bytes, path, options)
     }

@@ -159,6 +159,7 @@ pub struct Stratum {
 }
 
 /// Wilson's score interval at 95 % of a share, of which `part` of `whole` were found: its centre and its half width.
+#[cfg(feature = "report")]
 pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
     // 97.5 % quantile of the normal distribution.
     const Z: f64 = 1.959_964;

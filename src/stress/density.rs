@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::gpu::Gpu;
-use crate::{Result, Settings, Technique};
+use crate::{Result, Technique};
 
 use super::lights::worst_mean;
 use super::oracle::{green, polygon_irradiance, reflected, relative};
@@ -46,7 +46,7 @@ fn photons(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
         let stage = Stage::new(eye)
             .with(square(DVec3::ZERO, DVec3::Z, DVec3::X), Paint::matte(0.5))
             .with(lamp.clone(), Paint::lamp(1.0));
-        let settings = Settings { photons: photons as u32, ..settings(technique, 16, 16, 0) };
+        let settings = settings(technique, 16, 16, 0).with(|s| s.visibility_map.photons_per_light = photons as u32);
         Ok(worst_mean(&image(gpu, &stage, &settings)?, &eye, &outline(&lamp), DVec3::Y))
     }))
 }

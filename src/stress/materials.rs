@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_4;
 use glam::DVec3;
 
 use crate::gpu::Gpu;
-use crate::{Result, Settings, Technique};
+use crate::{Result, Technique};
 
 use super::oracle::{ggx_albedo, green, mean, polygon_irradiance, reflected, relative};
 use super::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
@@ -88,7 +88,7 @@ fn closed(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
         let paint = Paint { radiance: absorbed, ..Paint::matte(1.0 - absorbed) };
         let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), paint);
         // Each photon leaves 1 / (1 - albedo) behind: fewer fill the device.
-        let settings = Settings { flux_photons: 1 << 12, ..settings(technique, 16, 32, bounces) };
+        let settings = settings(technique, 16, 32, bounces).with(|s| s.indirect.photons = 1 << 12);
         Ok(relative(mean(&image(gpu, &stage, &settings)?), 1.0))
     }))
 }

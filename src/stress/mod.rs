@@ -133,17 +133,16 @@ pub fn breakdown(readings: &[Reading]) -> Option<f64> {
 
 /// Settings of a small square image: few photons, as the scenes are small too.
 pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> Settings {
-    Settings {
-        technique,
-        width: side,
-        height: side,
-        spp,
-        max_bounces,
-        photons: 1 << 14,
-        flux_photons: 1 << 14,
-        gather_rays: 64,
-        ..Settings::default()
-    }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = side;
+        s.image.height = side;
+        s.image.spp = spp;
+        s.indirect.max_bounces = max_bounces;
+        s.visibility_map.photons_per_light = 1 << 14;
+        s.indirect.photons = 1 << 14;
+        s.indirect.irradiance_cache.gather_rays = 64;
+    })
 }
 
 /// Renders a stage by way of its glTF file.
@@ -153,7 +152,7 @@ pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> 
 pub fn render(gpu: &Gpu, stage: &Stage, settings: &Settings) -> Result<(Image, Statistics)> {
     let (scene, camera) = stage.import()?;
     let mut renderer = Renderer::new(gpu, scene, &camera, settings)?;
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch()?;
     }
     Ok((renderer.image()?, renderer.statistics()?))

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DQuat, DVec3};
 
 use crate::gpu::Gpu;
-use crate::{Aov, Result, Settings, Technique};
+use crate::{Aov, Result, Technique};
 
 use super::oracle::{difference, green, mean, polygon_irradiance, reflected, relative};
 use super::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, outline, square};
@@ -201,7 +201,7 @@ fn tilt() -> DQuat {
 fn needles(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
     let expected = reflected(0.5, polygon_irradiance(&outline(&lamp()), DVec3::ZERO, DVec3::Y));
     // One sample, through the middle of each pixel, and no boundary is near: nothing is random.
-    let settings = Settings { audit: 0.0, ..settings(Technique::ShadowPhotons, 16, 1, 0) };
+    let settings = settings(Technique::ShadowPhotons, 16, 1, 0).with(|s| s.visibility_map.audit = 0.0);
     Ok(Box::new(move |aspect| {
         let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
         Ok(green(&image).map(|radiance| relative(radiance, expected)).fold(0.0, f64::max))
@@ -210,7 +210,7 @@ fn needles(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
 
 /// There is nothing between the floor and its lamp.
 fn shadows(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
-    let settings = Settings { aovs: vec![Aov::Shadow], ..settings(Technique::TwoPass, 16, 16, 0) };
+    let settings = settings(Technique::TwoPass, 16, 16, 0).with(|s| s.image.aovs = vec![Aov::Shadow]);
     Ok(Box::new(move |aspect| {
         let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
         let seen = image.channel("shadow.light 0.visibility").into_iter().flatten().map(|v| f64::from(*v));

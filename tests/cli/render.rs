@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use penumbra::render::film::{Metadata, View};
+use penumbra::internal::render::film::{Metadata, View};
 use penumbra::{Image, Technique};
 use serde_json::Value;
 
@@ -227,7 +227,7 @@ fn checkpoints_of_something_else_are_refused() {
     samples[at(&good, "\"samples\":")] = b'9';
     // As one may write it on purpose, with the digest set right: more samples than are rendered.
     let whole = |mut bytes: Vec<u8>| {
-        let digest = penumbra::fingerprint::digest(&bytes[54..]);
+        let digest = penumbra::internal::fingerprint::digest(&bytes[54..]);
         bytes[22..54].copy_from_slice(digest.as_bytes());
         bytes
     };

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use penumbra::Image;
-use penumbra::render::film::Metadata;
+use penumbra::internal::render::film::Metadata;
 use serde_json::Value;
 
 use crate::program::{Answer, BOX, device, folder, penumbra, run};

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use penumbra::stress::FAMILIES;
+use penumbra::internal::stress::FAMILIES;
 
 use crate::program::{folder, run};
 

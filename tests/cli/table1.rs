@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use penumbra::report::table1::TECHNIQUES;
+use penumbra::internal::report::table1::TECHNIQUES;
 
 use crate::program::{device, folder, run};
 

@@ -36,9 +36,26 @@ fn help_of(option: &str) -> String {
 
 #[test]
 fn help_states_the_defaults_and_names() {
-    let Settings { height, spp, seed, photons, nearest, shadow_photons_per_ray, .. } = Settings::default();
-    let Settings { shadow_samples, audit, max_bounces, light_scale, technique, .. } = Settings::default();
-    let Settings { cells, cell_rays, shadow_tolerance, .. } = Settings::default();
+    let (height, spp, seed, photons, nearest, shadow_photons_per_ray) = (
+        Settings::default().image.height,
+        Settings::default().image.spp,
+        Settings::default().image.seed,
+        Settings::default().visibility_map.photons_per_light,
+        Settings::default().visibility_map.nearest,
+        Settings::default().visibility_map.shadow_photons_per_ray,
+    );
+    let (shadow_samples, audit, max_bounces, light_scale, technique) = (
+        Settings::default().shadow_rays.samples,
+        Settings::default().visibility_map.audit,
+        Settings::default().indirect.max_bounces,
+        Settings::default().light_scale,
+        Settings::default().technique,
+    );
+    let (cells, cell_rays, shadow_tolerance) = (
+        Settings::default().cells.resolution,
+        Settings::default().cells.rays_per_light,
+        Settings::default().ward.tolerance,
+    );
     for (option, default) in [
         ("--technique <", technique.to_string()),
         ("--height <", height.to_string()),
@@ -54,7 +71,7 @@ fn help_states_the_defaults_and_names() {
         ("--cells <", cells.to_string()),
         ("--cell-rays <", cell_rays.to_string()),
         ("--shadow-tolerance <", shadow_tolerance.to_string()),
-        ("--chosen-lights <", Settings::default().sampled_lights.to_string()),
+        ("--chosen-lights <", Settings::default().light_sampling.sampled_lights.to_string()),
     ] {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");

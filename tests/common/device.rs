@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use penumbra::gpu::Gpu;
+use penumbra::internal::gpu::Gpu;
 
 /// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another. No device is a failure, not a skip.
 pub fn gpu() -> &'static Gpu {

@@ -3,11 +3,11 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
-use penumbra::scene::{
+use penumbra::internal::scene::{
     Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Triangle, Vertex,
 };
 
-pub use penumbra::stress::stage::{Corners, cube, inside_out, square};
+pub use penumbra::internal::stress::stage::{Corners, cube, inside_out, square};
 
 /// A surface that reflects the share `albedo` and emits `emission`.
 pub fn surface(albedo: f32, emission: f32) -> Material {

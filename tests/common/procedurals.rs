@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, Vec3};
 use penumbra::Scene;
-use penumbra::procedural::{Builder, Procedural, Role};
-use penumbra::scene::Material;
+use penumbra::internal::procedural::{Builder, Procedural, Role};
+use penumbra::internal::scene::Material;
 
 /// The exact sphere of `scenes/`; parameters: its radius.
 pub const SPHERE: &str = include_str!("../../scenes/procedural/sphere.wgsl");

@@ -1,8 +1,8 @@
 //! Charts of families: every series has its line, and what has no place on a logarithmic axis does no harm.
 
 use penumbra::Error;
-use penumbra::report::plot;
-use penumbra::stress::{Reading, breakdown, placement::SCALE};
+use penumbra::internal::report::plot;
+use penumbra::internal::stress::{Reading, breakdown, placement::SCALE};
 
 #[test]
 fn every_series_has_its_line() {

@@ -1,10 +1,10 @@
 //! Few and many: pixels, samples, photons, panes.
 
 use glam::DVec3;
-use penumbra::stress::density::{PHOTONS, SAMPLES};
-use penumbra::stress::materials::LAYERS;
-use penumbra::stress::placement::room;
-use penumbra::stress::stage::{Eye, Paint, Stage, View, square};
+use penumbra::internal::stress::density::{PHOTONS, SAMPLES};
+use penumbra::internal::stress::materials::LAYERS;
+use penumbra::internal::stress::placement::room;
+use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, square};
 use penumbra::{Settings, Technique};
 
 use crate::setup::{assert_finite, assert_holds, mean_and_error, render, run, settings, with_variance};
@@ -50,7 +50,7 @@ fn slats_are_not_missed() {
         } else {
             Stage { parts: [0, 2].map(|i| stage.parts[i].clone()).into(), ..stage.clone() }
         };
-        let settings = Settings { photons: 2048, ..settings(technique, 32, 64, 0) };
+        let settings = settings(technique, 32, 64, 0).with(|s| s.visibility_map.photons_per_light = 2048);
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };
     let (all, few, none) =
@@ -66,7 +66,10 @@ fn slats_are_not_missed() {
 fn images_of_any_shape() {
     for [width, height] in [[1, 1], [Settings::MAX_SIDE, 1], [1, 4099]] {
         for technique in [Technique::Path, Technique::ShadowPhotons] {
-            let settings = Settings { width, height, ..settings(technique, 1, 1, 1) };
+            let settings = settings(technique, 1, 1, 1).with(|s| {
+                s.image.width = width;
+                s.image.height = height;
+            });
             let (image, _) = render(&room(), &settings);
             assert_eq!((image.width, image.height), (width, height));
             assert_finite(&image);
@@ -75,9 +78,9 @@ fn images_of_any_shape() {
     }
     let least = settings(Technique::Path, 1, 1, 0);
     for none in [
-        Settings { width: 0, ..least.clone() },
-        Settings { height: 0, ..least.clone() },
-        Settings { spp: 0, ..least.clone() },
+        least.clone().with(|s| s.image.width = 0),
+        least.clone().with(|s| s.image.height = 0),
+        least.clone().with(|s| s.image.spp = 0),
     ] {
         assert!(none.check().is_err());
     }

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use penumbra::procedural::Role;
-use penumbra::scene::{Panorama, Volume};
-use penumbra::specialisation::Specialisation;
-use penumbra::stress::placement::room;
-use penumbra::stress::stage::{Paint, Part, square};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{Panorama, Volume};
+use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::stress::placement::room;
+use penumbra::internal::stress::stage::{Paint, Part, square};
 use penumbra::{Aov, Camera, Image, Renderer, Scene, Settings, Technique};
 
 use crate::procedurals;
@@ -40,14 +40,14 @@ fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u
         for _ in 0..stop {
             renderer.render_batch().unwrap();
         }
-        assert!(renderer.samples() < settings.spp, "nothing is left to be done");
+        assert!(renderer.samples() < settings.image.spp, "nothing is left to be done");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("state");
         renderer.save_checkpoint(&file).unwrap();
         renderer = Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
         renderer.resume(&file).unwrap();
     }
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }
     let statistics = renderer.statistics().unwrap();
@@ -65,13 +65,12 @@ fn runs_are_the_same_bytes() {
     for technique in Technique::ALL {
         let runs = if technique == Technique::default() { 20 } else { 3 };
         // No classes among the channels, so that the pilot may leave the map out.
-        let settings = Settings {
-            photons: 8192,
-            nearest: 3,
-            audit: 0.5,
-            aovs: vec![Aov::Direct, Aov::Variance, Aov::Normal],
-            ..settings(technique, 24, 20, 8)
-        };
+        let settings = settings(technique, 24, 20, 8).with(|s| {
+            s.visibility_map.photons_per_light = 8192;
+            s.visibility_map.nearest = 3;
+            s.visibility_map.audit = 0.5;
+            s.image.aovs = vec![Aov::Direct, Aov::Variance, Aov::Normal];
+        });
         let (first, healed) = render(&scene, &settings, None);
         if technique == Technique::ShadowPhotons {
             assert!(healed > 0, "nothing was mended: the test does not see its order");
@@ -80,7 +79,7 @@ fn runs_are_the_same_bytes() {
             let stop = (run % 2 == 1).then_some(1 + run / 2 % 2);
             assert_same(&render(&scene, &settings, stop).0, &first, &format!("{technique}, run {run}"));
         }
-        let (other, _) = render(&scene, &Settings { seed: 1, ..settings }, None);
+        let (other, _) = render(&scene, &settings.with(|s| s.image.seed = 1), None);
         assert!(other.channels != first.channels, "{technique}: another seed changes nothing");
     }
 }
@@ -90,7 +89,7 @@ fn runs_are_the_same_bytes() {
 #[test]
 fn runs_of_everything_are_the_same_bytes() {
     let scene = everything();
-    let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::ShadowPhotons, 16, 20, 4) };
+    let settings = settings(Technique::ShadowPhotons, 16, 20, 4).with(|s| s.indirect.photons = 1 << 12);
     let specialisation = Specialisation::new(&scene.0, &settings);
     let all = ["environment", "procedurals", "transmission", "zones", "light_sampling", "caustics", "chains"];
     assert!(all.iter().all(|feature| specialisation.features.has(feature)), "something is missing");

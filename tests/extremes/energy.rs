@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
-use penumbra::stress::materials::{ALBEDO, ROUGHNESS};
-use penumbra::stress::oracle::{green, mean, relative};
-use penumbra::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, square};
+use penumbra::internal::stress::materials::{ALBEDO, ROUGHNESS};
+use penumbra::internal::stress::oracle::{green, mean, relative};
+use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, square};
 use penumbra::{Settings, Technique};
 
 use crate::setup::{assert_holds, mean_and_error, render, settings, with_variance};
@@ -28,9 +28,13 @@ fn corners_are_as_white() {
     let eye = Eye { position: DVec3::splat(-0.3), towards, view: View::Perspective(0.8) };
     let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), Paint { radiance: 0.5, ..Paint::matte(0.5) });
     for cache in [true, false] {
-        let Settings { flux_photons, gather_rays, .. } = Settings::default();
-        let settings =
-            Settings { cache, flux_photons, gather_rays, ..settings(Technique::ShadowPhotons, SIDE, 32, 32) };
+        let (flux_photons, gather_rays) =
+            (Settings::default().indirect.photons, Settings::default().indirect.irradiance_cache.gather_rays);
+        let settings = settings(Technique::ShadowPhotons, SIDE, 32, 32).with(|s| {
+            s.indirect.irradiance_cache.enabled = cache;
+            s.indirect.photons = flux_photons;
+            s.indirect.irradiance_cache.gather_rays = gather_rays;
+        });
         let (image, _) = render(&stage, &settings);
         let pixels: Vec<f64> = green(&image).collect();
         let of = |least: u32| {
@@ -150,7 +154,10 @@ fn light_finds_its_way_through_a_slit() {
         .with([part(-0.5, -slit), part(slit, 0.5)].concat(), Paint::matte(0.7))
         .with(square(DVec3::new(-0.4, 0.45, 0.0), x * 0.2, z * 0.2), Paint::lamp(10.0));
     let of = |technique, spp| {
-        let settings = Settings { flux_photons: 1 << 16, gather_rays: 256, ..settings(technique, 24, spp, 16) };
+        let settings = settings(technique, 24, spp, 16).with(|s| {
+            s.indirect.photons = 1 << 16;
+            s.indirect.irradiance_cache.gather_rays = 256;
+        });
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };
     let (paths, photons) = (of(Technique::Path, 512), of(Technique::ShadowPhotons, 16));

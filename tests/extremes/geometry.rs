@@ -1,10 +1,10 @@
 //! Triangles without area, twins, closed and thin walls, cameras in odd places, scenes of next to nothing.
 
 use glam::{DAffine3, DQuat, DVec3, EulerRot};
-use penumbra::stress::oracle::{difference, green, mean, reflected, relative};
-use penumbra::stress::placement::room;
-use penumbra::stress::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, square};
-use penumbra::{Settings, Technique};
+use penumbra::Technique;
+use penumbra::internal::stress::oracle::{difference, green, mean, reflected, relative};
+use penumbra::internal::stress::placement::room;
+use penumbra::internal::stress::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, square};
 
 use crate::setup::{assert_finite, assert_same, brightest, mean_and_error, render, settings, with_variance};
 
@@ -198,7 +198,7 @@ fn winding_does_not_matter_to_shadows() {
         // The photons on the occluder's own back are missing, so points near it are decided otherwise.
         (Technique::ShadowPhotons, 2e-2),
     ] {
-        let settings = Settings { shadow_samples: 16, ..settings(technique, 32, 4, 0) };
+        let settings = settings(technique, 32, 4, 0).with(|s| s.shadow_rays.samples = 16);
         let ((mixed, _), (same, _)) = (render(&stage(true), &settings), render(&stage(false), &settings));
         assert_finite(&mixed);
         let off = difference(&mixed, &same);

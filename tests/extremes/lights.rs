@@ -1,10 +1,10 @@
 //! Lights that touch, graze, vanish, fill the sky, or are many.
 
 use glam::DVec3;
-use penumbra::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
-use penumbra::stress::oracle::{polygon_irradiance, reflected};
-use penumbra::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
-use penumbra::{Aov, Settings, Technique};
+use penumbra::internal::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
+use penumbra::internal::stress::oracle::{polygon_irradiance, reflected};
+use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use penumbra::{Aov, Technique};
 
 use crate::setup::{assert_finite, assert_holds, brightest, mean_and_error, render, settings, with_variance};
 
@@ -124,7 +124,10 @@ fn penumbrae_have_their_width() {
         )
         .with(square(y, x * half, z * half), Paint::lamp(1.0));
     for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
-        let settings = Settings { aovs: vec![Aov::Shadow], shadow_samples: 256, ..settings(technique, SIDE, 1, 0) };
+        let settings = settings(technique, SIDE, 1, 0).with(|s| {
+            s.image.aovs = vec![Aov::Shadow];
+            s.shadow_rays.samples = 256;
+        });
         let (image, _) = render(&stage, &settings);
         let visibility = image.channel("shadow.light 0.visibility").unwrap();
         // The camera's up is x.

@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 use penumbra::Technique;
-use penumbra::stress::oracle::difference;
-use penumbra::stress::placement::{ASPECT, OFFSET, SCALE, corner, room};
-use penumbra::stress::stage::{Part, inside_out};
+use penumbra::internal::stress::oracle::difference;
+use penumbra::internal::stress::placement::{ASPECT, OFFSET, SCALE, corner, room};
+use penumbra::internal::stress::stage::{Part, inside_out};
 
 use crate::setup::{assert_holds, assert_same, render, run, settings};
 

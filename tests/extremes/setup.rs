@@ -1,6 +1,6 @@
 //! Rendering stages, and asking families for what they are bound to.
 
-use penumbra::stress::{self, Family, Stage};
+use penumbra::internal::stress::{self, Family, Stage};
 use penumbra::{Aov, Image, Settings, Statistics, Technique};
 
 pub use crate::device::gpu;
@@ -17,7 +17,7 @@ pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> 
 
 /// Those, with the variance of pixels.
 pub fn with_variance(settings: Settings) -> Settings {
-    Settings { aovs: vec![Aov::Variance], ..settings }
+    settings.with(|s| s.image.aovs = vec![Aov::Variance])
 }
 
 /// A series of a family keeps its bound at these values.

@@ -5,11 +5,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 
-use penumbra::gpu::Gpu;
-use penumbra::report::classes::Truth;
-use penumbra::report::reference::{Goal, Making, Reference};
-use penumbra::report::run::Subject;
-use penumbra::scene::ImportOptions;
+use penumbra::internal::gpu::Gpu;
+use penumbra::internal::report::classes::Truth;
+use penumbra::internal::report::reference::{Goal, Making, Reference};
+use penumbra::internal::report::run::Subject;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Image, Scene, Settings};
 
 use crate::common::gpu;
@@ -24,7 +24,10 @@ fn goal(standard_error: f64) -> Goal {
 #[test]
 fn one_makes_the_reference_that_two_ask_for() {
     let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
-    let settings = Settings { width: 24, height: 16, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 24;
+        s.image.height = 16;
+    });
     let folder = folder();
     let choice = device().parse().unwrap();
     let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(Making)| {
@@ -67,7 +70,11 @@ fn one_makes_the_reference_that_two_ask_for() {
 #[test]
 fn a_damaged_cache_is_told_or_made_anew() {
     let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
-    let settings = Settings { width: 16, height: 16, photons: 4096, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 16;
+        s.image.height = 16;
+        s.visibility_map.photons_per_light = 4096;
+    });
     let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings };
     let folder = folder();
     let folder = folder.path();

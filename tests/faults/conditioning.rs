@@ -1,10 +1,10 @@
 //! Each count of `conditioning` is made by a scene that asks for it, and is zero in a scene that does not.
 
 use glam::{DAffine3, DVec3};
-use penumbra::procedural::Role;
-use penumbra::render::film::Metadata;
-use penumbra::scene::Material;
-use penumbra::statistics::{Conditioning, NotFinite};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::render::film::Metadata;
+use penumbra::internal::scene::Material;
+use penumbra::internal::statistics::{Conditioning, NotFinite};
 use penumbra::{Aov, Camera, Image, Renderer, Result, Scene, Settings, Statistics, Technique};
 
 use crate::common::gpu;
@@ -26,12 +26,19 @@ fn view() -> Camera {
 /// Settings that are quick: few photons, a small image.
 fn settings(technique: Technique) -> Settings {
     let (photons, flux_photons) = (4096, 4096);
-    Settings { technique, photons, flux_photons, width: 24, height: 24, spp: 4, ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.visibility_map.photons_per_light = photons;
+        s.indirect.photons = flux_photons;
+        s.image.width = 24;
+        s.image.height = 24;
+        s.image.spp = 4;
+    })
 }
 
 fn try_render(scene: Scene, settings: &Settings) -> Result<(Image, Statistics)> {
     let mut renderer = Renderer::new(gpu(), scene, &view(), settings)?;
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch()?;
     }
     Ok((renderer.image()?, renderer.statistics()?))
@@ -63,7 +70,7 @@ fn assert_told(statistics: &Statistics, said: &Option<String>, name: &str, count
 #[test]
 fn an_ordinary_scene_says_nothing() {
     for technique in Technique::ALL {
-        let settings = Settings { aovs: Aov::ALL.to_vec(), ..settings(technique) };
+        let settings = settings(technique).with(|s| s.image.aovs = Aov::ALL.to_vec());
         let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings);
         let Conditioning { unknown, least_records, mean_bounces, .. } = found;
         let figures = Conditioning { unknown, least_records, mean_bounces, ..Default::default() };
@@ -84,7 +91,8 @@ fn numbers_that_are_none_are_left_out_and_counted_by_pass() {
     let cube = || cube(DVec3::new(0.0, -0.3, -0.1), 0.12);
     let endless = || room(0.7, 5.0, &[(cube(), surface(f32::INFINITY, 0.0))]);
     let pass = |technique, max_bounces| {
-        let (found, statistics, said) = render(endless(), &Settings { max_bounces, ..settings(technique) });
+        let (found, statistics, said) =
+            render(endless(), &settings(technique).with(|s| s.indirect.max_bounces = max_bounces));
         assert!(statistics.not_finite > 0, "{technique}: nothing was left out");
         let all = u64::from(statistics.samples) * 24 * 24;
         assert!(statistics.not_finite < all, "{technique}: {} of {all} were left out", statistics.not_finite);
@@ -113,26 +121,30 @@ fn numbers_that_are_none_are_left_out_and_counted_by_pass() {
 /// 2^104 is 2.03e31: a lamp of 1e31 that is seen comes to it at the third sample, one of 1e30 does not in four.
 #[test]
 fn sums_near_overflow_are_counted() {
-    let direct = Settings { max_bounces: 0, ..settings(Technique::TwoPass) };
+    let direct = settings(Technique::TwoPass).with(|s| s.indirect.max_bounces = 0);
     let (found, statistics, said) = render(room(0.0, 1e31, &[]), &direct);
     assert!(found.near_overflow > 0 && statistics.not_finite == 0, "{found:?}");
     assert_told(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
     assert_eq!(render(room(0.0, 1e30, &[]), &direct).0, Conditioning::default());
     // Its square is beyond f32, and the variance would lack it in silence.
-    let variance = Settings { aovs: vec![Aov::Variance], ..direct };
+    let variance = direct.with(|s| s.image.aovs = vec![Aov::Variance]);
     assert!(render(room(0.0, 1e30, &[]), &variance).0.near_overflow > 0);
 }
 
 #[test]
 fn want_of_photons_is_told_above_a_tenth_of_the_points() {
     // The map is kept whatever the pilot says where its classes are asked for.
-    let asked = Settings { photons: 64, max_bounces: 0, aovs: vec![Aov::Shadow], ..settings(Technique::ShadowPhotons) };
+    let asked = settings(Technique::ShadowPhotons).with(|s| {
+        s.visibility_map.photons_per_light = 64;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Shadow];
+    });
     let (found, statistics, said) = render(room(0.7, 5.0, &[]), &asked);
     assert_eq!(found.unknown, statistics.points.unknown);
     assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
     assert_told(&statistics, &said, "unknown", found.unknown, "--photons");
     // Without a map nothing is asked of photons.
-    let (found, ..) = render(room(0.7, 5.0, &[]), &Settings { technique: Technique::TwoPass, ..asked });
+    let (found, ..) = render(room(0.7, 5.0, &[]), &asked.with(|s| s.technique = Technique::TwoPass));
     assert_eq!(found.unknown, 0);
 }
 
@@ -147,12 +159,12 @@ fn records_of_the_least_radius_are_a_figure() {
 /// that meet the lamp. Where surfaces reflect all that they get, none is.
 #[test]
 fn heavy_paths_are_counted() {
-    let settings = Settings { max_bounces: 8, ..settings(Technique::Path) };
+    let settings = settings(Technique::Path).with(|s| s.indirect.max_bounces = 8);
     let (found, statistics, said) = render(room(1.5, 5.0, &[]), &settings);
     let paths = u64::from(statistics.samples) * 24 * 24;
     assert!((paths / 2..=paths).contains(&found.heavy_paths), "{found:?}");
     assert_told(&statistics, &said, "heavy_paths", found.heavy_paths, "weight");
-    let all = Settings { max_bounces: 64, ..settings };
+    let all = settings.with(|s| s.indirect.max_bounces = 64);
     assert_eq!(render(room(1.0, 5.0, &[]), &all).0.heavy_paths, 0);
 }
 
@@ -166,7 +178,8 @@ fn light_that_bounces_on_is_told() {
         assert_told(&statistics, &said, "mean_bounces", found.mean_bounces, "--max-bounces 64");
         // Enough of them, or knowingly few.
         for max_bounces in [512, 8] {
-            let (_, _, said) = render(room(0.97, 5.0, &[]), &Settings { max_bounces, ..settings(technique) });
+            let (_, _, said) =
+                render(room(0.97, 5.0, &[]), &settings(technique).with(|s| s.indirect.max_bounces = max_bounces));
             assert_eq!(said, None, "{technique}: {max_bounces}");
         }
     }
@@ -181,7 +194,12 @@ fn rays_that_meet_the_loop_budget_are_left_out_or_end_the_render() {
         room(0.7, 5.0, &[(layer.iter().copied().cycle().take(70_000).collect(), surface(0.5, 0.0))])
     };
     // The size of a pixel at that distance is 0.03: a spot that is less than one in 48 x 48, and that few other rays meet.
-    let spot = Settings { width: 48, height: 48, spp: 8, max_bounces: 1, ..settings(Technique::Path) };
+    let spot = settings(Technique::Path).with(|s| {
+        s.image.width = 48;
+        s.image.height = 48;
+        s.image.spp = 8;
+        s.indirect.max_bounces = 1;
+    });
     let (found, statistics, said) = render(stack(0.006), &spot);
     assert!(found.overruns > 0 && statistics.not_finite >= found.overruns, "{found:?}");
     assert_eq!(found.not_finite.total(), 0, "{found:?}");
@@ -207,7 +225,13 @@ fn procedural_objects_that_fail_are_counted() {
     for technique in [Technique::Path, Technique::ShadowPhotons, Technique::PhotonMap] {
         // Each ray takes 4096 turns: few rays, and few bounces, as the turns of a path would be too many.
         let (photons, flux_photons, gather_rays) = (64, 64, 16);
-        let settings = Settings { max_bounces: 1, photons, flux_photons, gather_rays, spp: 1, ..settings(technique) };
+        let settings = settings(technique).with(|s| {
+            s.indirect.max_bounces = 1;
+            s.visibility_map.photons_per_light = photons;
+            s.indirect.photons = flux_photons;
+            s.indirect.irradiance_cache.gather_rays = gather_rays;
+            s.image.spp = 1;
+        });
         let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);
         let count = found.procedural_overruns;
         assert!(count > 0 && found.procedural_nonsense == 0 && statistics.not_finite == 0, "{technique}: {found:?}");

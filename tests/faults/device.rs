@@ -5,9 +5,9 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-use penumbra::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
-use penumbra::render::recovery::{self, Failure};
-use penumbra::scene::ImportOptions;
+use penumbra::internal::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
+use penumbra::internal::render::recovery::{self, Failure};
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Technique};
 
 fn open() -> Result<Gpu> {
@@ -23,17 +23,16 @@ fn subject() -> (Scene, Camera) {
 }
 
 fn settings(technique: Technique) -> Settings {
-    Settings {
-        technique,
-        width: 24,
-        height: 16,
-        spp: 20,
-        photons: 4096,
-        flux_photons: 4096,
-        audit: 0.25,
-        aovs: Aov::ALL.to_vec(),
-        ..Settings::default()
-    }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 24;
+        s.image.height = 16;
+        s.image.spp = 20;
+        s.visibility_map.photons_per_light = 4096;
+        s.indirect.photons = 4096;
+        s.visibility_map.audit = 0.25;
+        s.image.aovs = Aov::ALL.to_vec();
+    })
 }
 
 fn bits(image: &Image) -> Vec<(&str, Vec<u32>)> {
@@ -71,7 +70,7 @@ fn disturbed(
         |gpu| Renderer::new(gpu, scene.clone(), &camera, settings),
         None,
         |renderer| {
-            while renderer.samples() < settings.spp {
+            while renderer.samples() < settings.image.spp {
                 disturb(renderer);
                 renderer.render_batch()?;
             }
@@ -130,7 +129,7 @@ fn a_device_may_be_lost_while_it_works() {
                             gpu.lose();
                         });
                     }
-                    while renderer.samples() < settings.spp {
+                    while renderer.samples() < settings.image.spp {
                         renderer.render_batch()?;
                     }
                     renderer.image()
@@ -214,7 +213,7 @@ fn a_checkpoint_of_something_else_is_refused() {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
     let settings = settings(Technique::Path);
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
-    let other = Settings { seed: 1, ..settings };
+    let other = settings.with(|s| s.image.seed = 1);
     let error = Renderer::new(&gpu, scene, &camera, &other).unwrap().resume_from(&checkpoint).unwrap_err();
     assert!(error.to_string().contains("--seed"), "{error}");
 }

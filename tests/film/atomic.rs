@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use penumbra::render::film::{Image, View, check_writable, write_atomically};
+use penumbra::internal::render::film::{Image, View, check_writable, write_atomically};
 
 fn files(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =

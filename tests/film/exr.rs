@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DVec3, Mat4, Vec3};
-use penumbra::render::film::{Image, Metadata, View};
-use penumbra::scene::{Camera, Normalisation, Projection};
+use penumbra::internal::render::film::{Image, Metadata, View};
+use penumbra::internal::scene::{Camera, Normalisation, Projection};
 
 /// 37 x 21 pixels (more than one block of 16 lines, and a rest), with values that f16 or decimal text would lose.
 fn sample() -> Image {

@@ -1,7 +1,7 @@
 //! Metrics against values worked out by hand and by the authors' own tools.
 
-use penumbra::render::film::Image;
-use penumbra::report::metrics::{flip, mae, p99, relmse, rmse};
+use penumbra::internal::render::film::Image;
+use penumbra::internal::report::metrics::{flip, mae, p99, relmse, rmse};
 
 /// An image whose pixels are `colour(x, y)`.
 fn image(width: u32, height: u32, colour: impl Fn(u32, u32) -> [f32; 3]) -> Image {

@@ -1,6 +1,6 @@
 //! PNG, read back with another crate than writes it.
 
-use penumbra::render::film::{Image, View};
+use penumbra::internal::render::film::{Image, View};
 
 fn image(channels: &[(&str, &[f32])]) -> Image {
     let mut image = Image::new(2, 2);

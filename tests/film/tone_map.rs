@@ -1,6 +1,6 @@
 //! Tone mapping against the closed forms of its sources.
 
-use penumbra::render::film::View;
+use penumbra::internal::render::film::View;
 
 /// IEC 61966-2-1, in f64.
 fn srgb(x: f64) -> f64 {

@@ -1,7 +1,7 @@
 //! The earlier methods that shadow photons are compared with: each is as right, and as wrong, as it says.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
 
 use crate::meshes::{camera, cube, inside_out, scene, square, surface};
@@ -9,7 +9,14 @@ use crate::setup::{render, render_scene, scene_file};
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32) -> Settings {
     let [width, height] = size;
-    Settings { technique, width, height, spp, max_bounces: 0, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = width;
+        s.image.height = height;
+        s.image.spp = spp;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
 /// A room with pillars under 48 point lights, from bright ones to some of a thousandth of their power, and a square one.
@@ -40,7 +47,7 @@ fn wards_error_is_within_its_tolerance() {
     let (mut scene, view) = hall();
     // A light with a surface has its noise taken out where it is guessed: not the same samples.
     let of = |scene: &Scene, technique, shadow_tolerance| {
-        let settings = Settings { shadow_tolerance, ..settings(technique, [64, 48], 2) };
+        let settings = settings(technique, [64, 48], 2).with(|s| s.ward.tolerance = shadow_tolerance);
         render_scene(scene.clone(), &view, &settings)
     };
     let off = |(a, _): &(Image, Statistics), (b, _): &(Image, Statistics)| {
@@ -53,7 +60,7 @@ fn wards_error_is_within_its_tolerance() {
     assert_eq!(none.1.rays.shadow, all.1.rays.shadow);
 
     scene.lights.remove(0);
-    scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::scene::NO_LIGHT);
+    scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::internal::scene::NO_LIGHT);
     scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
     let all = of(&scene, Technique::TwoPass, 0.0);
     for tolerance in [0.02, 0.1, 0.3] {
@@ -82,10 +89,13 @@ fn difference(a: &Image, b: &Image) -> (f64, f64) {
 fn tags_do_not_bias_and_cells_darken() {
     for name in ["box.glb", "sphere.glb"] {
         let of = |technique, cells, cell_rays| {
-            let settings = Settings { cells, cell_rays, ..settings(technique, [96, 96], 32) };
+            let settings = settings(technique, [96, 96], 32).with(|s| {
+                s.cells.resolution = cells;
+                s.cells.rays_per_light = cell_rays;
+            });
             render(&scene_file(name), &settings)
         };
-        let Settings { cells, cell_rays, .. } = Settings::default();
+        let (cells, cell_rays) = (Settings::default().cells.resolution, Settings::default().cells.rays_per_light);
         let (all, counts) = of(Technique::TwoPass, cells, cell_rays);
         let (tagged, tests) = of(Technique::VoxelTags, cells, cell_rays);
         let mean = all.channel("G").unwrap().iter().map(|v| f64::from(*v)).sum::<f64>() / all.pixels() as f64;

@@ -4,14 +4,20 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Material, Panorama};
+use penumbra::internal::scene::{LightKind, Material, Panorama};
 use penumbra::{Aov, Scene, Settings, Technique};
 
 use crate::meshes::{Corners, camera, cube, panorama, scene, square, surface};
 use crate::setup::{mean_and_error, render_scene};
 
 fn settings(technique: Technique, spp: u32) -> Settings {
-    Settings { technique, width: 40, height: 40, spp, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 40;
+        s.image.height = 40;
+        s.image.spp = spp;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
 fn under(meshes: &[(Vec<Corners>, Material)], panorama: &Panorama) -> Scene {
@@ -71,7 +77,7 @@ fn white_furnaces_are_white() {
     let even = panorama(8, 4, |_| DVec3::ONE);
     let view = camera(DVec3::new(0.1, 0.4, 0.8), DVec3::new(-0.1, -0.4, -0.8), 0.8);
     for (technique, spp) in [(Technique::Path, 64), (Technique::TwoPass, 32)] {
-        let settings = Settings { flux_photons: 1 << 18, ..settings(technique, spp) };
+        let settings = settings(technique, spp).with(|s| s.indirect.photons = 1 << 18);
         let (image, _) = render_scene(under(&blocks(1.0), &even), &view, &settings);
         let (mean, error) = mean_and_error(&image, "G");
         println!("{technique}: {mean} +- {error}");
@@ -148,7 +154,7 @@ fn every_technique_brings_the_path_tracers_light() {
     let view = camera(DVec3::new(0.1, 0.5, 0.8), DVec3::new(-0.1, -0.5, -0.8), 0.9);
     for max_bounces in [0, 64] {
         let of = |technique, spp| {
-            let settings = Settings { max_bounces, ..settings(technique, spp) };
+            let settings = settings(technique, spp).with(|s| s.indirect.max_bounces = max_bounces);
             render_scene(under(&meshes, &sky), &view, &settings)
         };
         let paths = mean_and_error(&of(Technique::Path, 128).0, "G");
@@ -178,7 +184,10 @@ fn photons_are_not_asked_about_the_environment() {
     let mut meshes = blocks(0.7);
     meshes.push((square(DVec3::new(0.3, 0.4, 0.3), DVec3::X * 0.05, DVec3::Z * 0.05), surface(0.0, 20.0)));
     let view = camera(DVec3::new(0.1, 0.5, 0.8), DVec3::new(-0.1, -0.5, -0.8), 0.9);
-    let asked = Settings { aovs: vec![Aov::Shadow], max_bounces: 0, ..settings(Technique::ShadowPhotons, 4) };
+    let asked = settings(Technique::ShadowPhotons, 4).with(|s| {
+        s.image.aovs = vec![Aov::Shadow];
+        s.indirect.max_bounces = 0;
+    });
     let (image, _) = render_scene(under(&meshes, &panorama(8, 4, |_| DVec3::ONE)), &view, &asked);
     let classes = image.channel("shadow.environment.class").unwrap();
     let surfaces = image.channel("shadow..class").unwrap();

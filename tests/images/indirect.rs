@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::scene::{LightKind, Material};
+use penumbra::internal::scene::{LightKind, Material};
 use penumbra::{Aov, Image, Settings, Technique};
 
 use crate::meshes::{camera, cube, inside_out, panorama, scene, square, surface};
@@ -11,7 +11,14 @@ use crate::setup::{deviation, mean_and_error, reference_file, render, render_sce
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32, max_bounces: u32) -> Settings {
     let [width, height] = size;
-    Settings { technique, width, height, spp, max_bounces, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = width;
+        s.image.height = height;
+        s.image.spp = spp;
+        s.indirect.max_bounces = max_bounces;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
 /// The still life has what can go wrong between the two passes: glossy and textured surfaces, masks, lights of four
@@ -81,7 +88,7 @@ fn photons_light_what_is_seen_through_glass() {
     let pane = (square(DVec3::new(0.0, 0.6, 0.0), DVec3::X * 0.2, -DVec3::Z * 0.2), glass());
     let view = camera(DVec3::Y * 0.8, DVec3::NEG_Y, 0.6);
     let of = |meshes: &[_]| {
-        let settings = Settings { aovs: vec![Aov::Direct], ..settings(Technique::ShadowPhotons, [32, 32], 64, 4) };
+        let settings = settings(Technique::ShadowPhotons, [32, 32], 64, 4).with(|s| s.image.aovs = vec![Aov::Direct]);
         let (image, statistics) = render_scene(scene(meshes, Vec::new()), &view, &settings);
         (image.channel("direct.G").unwrap().to_vec(), statistics.points)
     };
@@ -119,7 +126,7 @@ fn a_pane_lets_through_what_it_does_not_reflect() {
     let view = camera(DVec3::new(0.0, 0.3, 0.0), DVec3::NEG_Y, 0.6);
     let meshes = [(lamp, surface(0.0, radiance)), (floor, surface(albedo, 0.0)), (pane, glass())];
     let mut settings = settings(Technique::ShadowPhotons, [16, 16], 64, 2);
-    settings.aovs.push(Aov::Direct);
+    settings.image.aovs.push(Aov::Direct);
     let (image, statistics) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
     assert!(statistics.indirect.caustics > 1000, "{:?}", statistics.indirect);
     let direct = image.channel("direct.G").unwrap();
@@ -217,7 +224,7 @@ fn photons_bring_the_path_tracers_light() {
     ];
     let view = camera(DVec3::new(0.3, 0.0, 0.45), DVec3::new(-0.5, -0.3, -1.0), 1.2);
     let of = |technique, cache, spp| {
-        let settings = Settings { cache, ..settings(technique, [64, 64], spp, 64) };
+        let settings = settings(technique, [64, 64], spp, 64).with(|s| s.indirect.irradiance_cache.enabled = cache);
         mean_and_error(&render_scene(scene(&meshes, Vec::new()), &view, &settings).0, "G")
     };
     let paths = of(Technique::Path, false, 256);
@@ -247,8 +254,9 @@ fn no_light_leaks_through_thin_walls() {
     let of = |walled: bool, cache| {
         let mut meshes = vec![room.clone(), (lamp.clone(), surface(0.0, 5.0))];
         meshes.extend(walled.then(|| (wall.clone(), surface(0.7, 0.0))));
-        let mut settings = Settings { cache, ..settings(Technique::ShadowPhotons, [48, 48], 4, 64) };
-        settings.aovs = vec![Aov::Indirect];
+        let mut settings =
+            settings(Technique::ShadowPhotons, [48, 48], 4, 64).with(|s| s.indirect.irradiance_cache.enabled = cache);
+        settings.image.aovs = vec![Aov::Indirect];
         let (image, _) = render_scene(scene(&meshes, Vec::new()), &view, &settings);
         let light = image.channel("indirect.G").unwrap();
         light.iter().map(|v| f64::from(*v)).sum::<f64>() / light.len() as f64

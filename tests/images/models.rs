@@ -2,14 +2,21 @@
 
 use std::path::Path;
 
-use penumbra::report::metrics;
+use penumbra::internal::report::metrics;
 use penumbra::{Image, Settings, Technique};
 
 use crate::setup;
 use crate::shared_files::shared_files;
 
 fn render(file: &Path, technique: Technique, seed: u32) -> Image {
-    let settings = Settings { technique, width: 64, height: 64, spp: 8, seed, max_bounces: 0, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 64;
+        s.image.height = 64;
+        s.image.spp = 8;
+        s.image.seed = seed;
+        s.indirect.max_bounces = 0;
+    });
     setup::render(file, &settings).0
 }
 

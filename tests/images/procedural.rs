@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use penumbra::procedural::Role;
-use penumbra::scene::{LightKind, Material, Volume};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{LightKind, Material, Volume};
 use penumbra::{Aov, Image, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, square, surface};
@@ -24,7 +24,13 @@ fn sponge(world: DAffine3, albedo: f32) -> Object<'static> {
 }
 
 fn settings(technique: Technique, size: u32, spp: u32) -> Settings {
-    Settings { technique, width: size, height: size, spp, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = size;
+        s.image.height = size;
+        s.image.spp = spp;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
 /// Under a directional light a Lambertian sphere of albedo a shows a / pi times the cosine at each pixel, and nothing where the
@@ -84,7 +90,7 @@ fn white_furnaces_are_white() {
     };
     let view = camera(DVec3::new(0.1, 0.3, 1.2), DVec3::new(-0.1, -0.3, -1.2), 0.7);
     let mean = |technique, albedo, spp| {
-        let settings = Settings { max_bounces: 64, ..settings(technique, 32, spp) };
+        let settings = settings(technique, 32, spp).with(|s| s.indirect.max_bounces = 64);
         let (image, statistics) = render_scene(furnace(albedo), &view, &settings);
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense), (0, 0), "rays were lost");
@@ -123,7 +129,7 @@ fn glass_is_that_of_the_mesh() {
     let render = |mut scene: Scene| {
         let sky = panorama(16, 8, |d| DVec3::new(1.0 + d.x, 1.0 + d.y, 1.0) * 0.5);
         scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
-        let settings = Settings { max_bounces: 16, ..settings(Technique::Path, 32, 16) };
+        let settings = settings(Technique::Path, 32, 16).with(|s| s.indirect.max_bounces = 16);
         let (image, statistics) = render_scene(scene, &view, &settings);
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
@@ -176,7 +182,7 @@ fn shadows_are_those_of_the_mesh() {
     };
     let view = camera(DVec3::new(0.0, 0.8, 1.2), DVec3::new(0.0, -0.6, -1.2), 0.8);
     let render = |scene: Scene, technique| {
-        let settings = Settings { max_bounces: 0, ..settings(technique, 64, 16) };
+        let settings = settings(technique, 64, 16).with(|s| s.indirect.max_bounces = 0);
         render_scene(scene, &view, &settings)
     };
     let (mesh, _) = render(of_mesh(), Technique::TwoPass);

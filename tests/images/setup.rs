@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use penumbra::scene::ImportOptions;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Camera, Image, Renderer, Scene, Settings, Statistics};
 
 pub use crate::device::gpu;
@@ -31,7 +31,7 @@ pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
 /// As [`render`], of a scene that is there.
 pub fn render_scene(scene: Scene, camera: &Camera, settings: &Settings) -> (Image, Statistics) {
     let mut renderer = Renderer::new(gpu(), scene, camera, settings).unwrap();
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }
     (renderer.image().unwrap(), renderer.statistics().unwrap())

@@ -1,7 +1,7 @@
 //! The global map shown: all light by density estimation on its photons, with positive energy and with negative.
 
 use glam::DVec3;
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::{Settings, Technique};
 
 use crate::meshes::{camera, cube, scene, sphere, square, surface};
@@ -11,16 +11,15 @@ const SHOWN: [Technique; 2] = [Technique::PhotonMap, Technique::NegativePhotons]
 
 /// The mean of the image by direct light alone.
 fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photons: u32) -> f64 {
-    let settings = Settings {
-        technique,
-        width: 48,
-        height: 48,
-        spp: 16,
-        max_bounces: 0,
-        flux_photons,
-        aovs: vec![penumbra::Aov::Variance],
-        ..Settings::default()
-    };
+    let settings = Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 48;
+        s.image.height = 48;
+        s.image.spp = 16;
+        s.indirect.max_bounces = 0;
+        s.indirect.photons = flux_photons;
+        s.image.aovs = vec![penumbra::Aov::Variance];
+    });
     mean_and_error(&render_scene(scene, view, &settings).0, "G").0
 }
 

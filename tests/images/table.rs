@@ -74,28 +74,29 @@ const ROWS: [Row; 5] = [
 fn shares_are_those_of_the_simulation() {
     for scene in ["sphere.glb", "box.glb"] {
         let rows = ROWS.iter().filter(|row| row.scene == scene);
-        let base = Settings {
-            width: 200,
-            height: 200,
-            spp: 1,
-            audit: 0.0,
-            max_bounces: 0,
-            aovs: vec![Aov::Shadow],
-            ..Settings::default()
-        };
+        let base = Settings::default().with(|s| {
+            s.image.width = 200;
+            s.image.height = 200;
+            s.image.spp = 1;
+            s.visibility_map.audit = 0.0;
+            s.indirect.max_bounces = 0;
+            s.image.aovs = vec![Aov::Shadow];
+        });
         // True visibility, by 256 points of the light, through the same pixel centres.
-        let all = Settings { technique: Technique::TwoPass, shadow_samples: 256, ..base.clone() };
+        let all = base.clone().with(|s| {
+            s.technique = Technique::TwoPass;
+            s.shadow_rays.samples = 256;
+        });
         let (truth, _) = render(&scene_file(scene), &all);
         let of = |name: &str| format!("shadow.light.{name}");
         let visibility = truth.channel(&of("visibility")).unwrap();
         for row in rows {
-            let settings = Settings {
-                photons: row.photons,
-                nearest: row.nearest,
-                paper_counting: row.paper_counting,
-                dilate: Some(row.dilate),
-                ..base.clone()
-            };
+            let settings = base.clone().with(|s| {
+                s.visibility_map.photons_per_light = row.photons;
+                s.visibility_map.nearest = row.nearest;
+                s.visibility_map.paper_counting = row.paper_counting;
+                s.visibility_map.dilate = Some(row.dilate);
+            });
             let (image, statistics) = render(&scene_file(scene), &settings);
             let class = image.channel(&of("class")).unwrap();
             let (mut boundary, mut penumbra_boundary, mut missed) = (0u32, 0u32, 0u32);

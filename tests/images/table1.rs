@@ -1,11 +1,11 @@
 //! What the paper says of its pictures holds for ours: `penumbra table1` at a small size.
 
-use penumbra::report::table1::{Comparison, Options, PaperScene, SCENES, TECHNIQUES};
+use penumbra::internal::report::table1::{Comparison, Options, PaperScene, SCENES, TECHNIQUES};
 use penumbra::{Aov, Image, Settings, Technique};
 
 use crate::setup::gpu;
 
-fn render(scene: &PaperScene, settings: &Settings) -> penumbra::report::table1::Render {
+fn render(scene: &PaperScene, settings: &Settings) -> penumbra::internal::report::table1::Render {
     scene.render(gpu(), settings, |_| ()).unwrap()
 }
 
@@ -40,8 +40,15 @@ impl Seen {
         let options = Options { width: Some(250), spp: Some(1), paper_counting };
         let aovs = vec![Aov::Position, Aov::Shadow];
         let settings = scene.settings(technique, &options);
-        let Image { channels, .. } =
-            render(scene, &Settings { max_bounces: 0, aovs, shadow_samples, ..settings }).image;
+        let Image { channels, .. } = render(
+            scene,
+            &settings.with(|s| {
+                s.indirect.max_bounces = 0;
+                s.image.aovs = aovs;
+                s.shadow_rays.samples = shadow_samples;
+            }),
+        )
+        .image;
         let channel = |name: &str| -> Vec<f64> {
             channels.iter().find(|c| c.name == name).unwrap().samples.iter().map(|v| f64::from(*v)).collect()
         };

@@ -1,8 +1,8 @@
 //! Rays that lights send to what there is to light, against rays that they send anywhere.
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu_scene::{GpuLights, Receivers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu_scene::{GpuLights, Receivers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
 
 use crate::kit::gpu;
 use crate::light::{Emitted, cube, emit, scene, sphere, square};

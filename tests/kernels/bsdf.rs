@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, LazyLock, Mutex};
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::gpu::{Buffer, Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::{sheen, sobol};
+use penumbra::internal::gpu::{Buffer, Features, Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::{sheen, sobol};
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::{Random, chi_square};

@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::Features;
-use penumbra::gpu::buffer::{POISON, whole_rows};
-use penumbra::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
-use penumbra::passes::gather::RecordHead;
-use penumbra::passes::path::GROUP;
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::gpu::Features;
+use penumbra::internal::gpu::buffer::{POISON, whole_rows};
+use penumbra::internal::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
+use penumbra::internal::passes::gather::RecordHead;
+use penumbra::internal::passes::path::GROUP;
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{point, point_normal};

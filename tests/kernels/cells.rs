@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec3, UVec3, Vec3};
-use penumbra::passes::cells::{CellGrid, CellPoint, Cells, grid_of};
-use penumbra::passes::classify::{Chunk, Class, Classified};
-use penumbra::passes::grid::GridShape;
-use penumbra::passes::{INVALID_POINT, Point, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::passes::cells::{CellGrid, CellPoint, Cells, grid_of};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified};
+use penumbra::internal::passes::grid::GridShape;
+use penumbra::internal::passes::{INVALID_POINT, Point, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -255,5 +255,5 @@ fn points_have_the_class_of_their_cell() {
         let expected = if point.normal == oct_encode(DVec3::Y) { word } else { Class::Dark as u32 };
         assert_eq!(*got, expected, "slot {slot}");
     }
-    assert!(got[slots..].iter().all(|word| *word == penumbra::gpu::buffer::POISON), "past the end");
+    assert!(got[slots..].iter().all(|word| *word == penumbra::internal::gpu::buffer::POISON), "past the end");
 }

@@ -1,11 +1,11 @@
 //! Pass `classify` against brute force on the CPU.
 
 use glam::Vec3;
-use penumbra::gpu::{Features, Gpu, Resources};
-use penumbra::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers, Queue};
-use penumbra::passes::grid::{Grid, GridShape, Photon};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::statistics::Counter;
+use penumbra::internal::gpu::{Features, Gpu, Resources};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers, Queue};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, nearest_kinds, point_normal};

@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuLights;
-use penumbra::scene::{Panorama, Scene};
+use penumbra::internal::gpu::{Features, Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::GpuLights;
+use penumbra::internal::scene::{Panorama, Scene};
 
 use crate::kit::{device_features, gpu};
 use crate::light::cube;

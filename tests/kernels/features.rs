@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
-use penumbra::gpu::{Features, compose};
-use penumbra::procedural::Role;
-use penumbra::scene::{
+use penumbra::internal::gpu::{Features, compose};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{
     AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
+use penumbra::internal::specialisation::Specialisation;
 use penumbra::settings::LightSampling;
-use penumbra::specialisation::Specialisation;
 use penumbra::{Aov, Settings, Technique};
 use rayon::prelude::*;
 
@@ -116,18 +116,18 @@ impl LightSampler {
             _ if self.has(41) => LightSampling::Uniform,
             _ => LightSampling::Power,
         };
-        let settings = Settings {
-            technique,
-            light_sampling: (self.has(43) || self.has(44)).then_some(light_sampling),
-            sampled_lights: 2,
-            audit: if self.has(18) { 1.0 } else { 0.0 },
-            paper_counting: self.has(19),
-            max_bounces: if self.has(20) { 64 } else { 0 },
-            cache: self.has(21),
+        let settings = Settings::default().with(|s| {
+            s.technique = technique;
+            s.light_sampling.strategy = (self.has(43) || self.has(44)).then_some(light_sampling);
+            s.light_sampling.sampled_lights = 2;
+            s.visibility_map.audit = if self.has(18) { 1.0 } else { 0.0 };
+            s.visibility_map.paper_counting = self.has(19);
+            s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
+            s.indirect.irradiance_cache.enabled = self.has(21);
             // The last, of the classes, leaves no choice of lights.
-            aovs: aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect(),
-            ..Settings::default()
-        };
+            s.image.aovs =
+                aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect();
+        });
         let specialisation = Specialisation::new(&self.scene(), &settings);
         let features = specialisation.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
         // Renders of glossy scenes leave it out, but so few sets are of scenes that are not.

@@ -1,10 +1,10 @@
 //! Pass `film` against sums in f64.
 
 use glam::DVec4;
-use penumbra::gpu::{Features, Gpu};
-use penumbra::passes::Tile;
-use penumbra::passes::film::{Film, Plane};
-use penumbra::statistics::Counter;
+use penumbra::internal::gpu::{Features, Gpu};
+use penumbra::internal::passes::Tile;
+use penumbra::internal::passes::film::{Film, Plane};
+use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::Random;

@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::{Kernel, Resources, buffer::POISON, compose};
-use penumbra::passes::flux::Flux;
-use penumbra::passes::grid::Photon;
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu::{Kernel, Resources, buffer::POISON, compose};
+use penumbra::internal::passes::flux::Flux;
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::{device_features, gpu};

@@ -4,15 +4,15 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::buffer::{POISON, TableFormat, whole_rows};
-use penumbra::gpu::{Binding, Bindings, Buffer, Table};
-use penumbra::passes::gather::{Gather, GatherSettings, RecordHead};
-use penumbra::passes::grid::{Grid, Photon, SortedPhotons};
-use penumbra::passes::irradiance::place_grid;
-use penumbra::passes::{Point, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu::buffer::{POISON, TableFormat, whole_rows};
+use penumbra::internal::gpu::{Binding, Bindings, Buffer, Table};
+use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordHead};
+use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
+use penumbra::internal::passes::irradiance::place_grid;
+use penumbra::internal::passes::{Point, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::irradiance::carrying;
 use crate::kit::gpu;

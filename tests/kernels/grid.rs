@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use glam::Vec3;
-use penumbra::gpu::{Bindings, Features, Gpu, Kernel, Resources, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
+use penumbra::internal::gpu::{Bindings, Features, Gpu, Kernel, Resources, compose};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, photon};

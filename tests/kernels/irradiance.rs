@@ -4,12 +4,12 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Bindings, Kernel, Resources, buffer::POISON, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
-use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
-use penumbra::passes::{INVALID_POINT, Point};
+use penumbra::internal::gpu::{Bindings, Kernel, Resources, buffer::POISON, compose};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
+use penumbra::internal::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
+use penumbra::internal::passes::{INVALID_POINT, Point};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::flux::steps;
 use crate::kit::gpu;
@@ -37,7 +37,11 @@ fn stage(rectangles: &[Rectangle], shown: Option<&'static str>) -> Stage {
         let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
         [[p, q, r], [p, r, s]]
     });
-    let light = penumbra::scene::LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY };
+    let light = penumbra::internal::scene::LightKind::Point {
+        position: Vec3::ZERO,
+        intensity: Vec3::ONE,
+        range: f32::INFINITY,
+    };
     let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
     Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| match shown {

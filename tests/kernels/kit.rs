@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use penumbra::gpu::buffer::{POISON, TableFormat};
-use penumbra::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
+use penumbra::internal::gpu::buffer::{POISON, TableFormat};
+use penumbra::internal::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
 
 pub use crate::device::gpu;
 
@@ -122,7 +122,7 @@ fn swapped_members_are_found() {
     };
     let check = |members: &str| {
         let composed = compose::compose_source("pairs", &source(members), &Features::default()).unwrap();
-        penumbra::gpu::layout::check_against(&composed, &[&Pair::SHARED])
+        penumbra::internal::gpu::layout::check_against(&composed, &[&Pair::SHARED])
     };
     check("first: f32, second: u32").unwrap();
     let problem = check("second: u32, first: f32").unwrap_err().to_string();

@@ -4,10 +4,10 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::lights::{has_many_emitters, is_closed};
-use penumbra::gpu_scene::{GpuLights, Receivers};
-use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::gpu::{Features, Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::lights::{has_many_emitters, is_closed};
+use penumbra::internal::gpu_scene::{GpuLights, Receivers};
+use penumbra::internal::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 
 use crate::kit::{device_features, gpu};
 pub use crate::meshes::{Corners, cube, sphere, square};

@@ -4,16 +4,16 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::bvh::Bvh;
-use penumbra::gpu::Features;
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::path::{Path, PathParameters};
-use penumbra::passes::primary::Primary;
-use penumbra::passes::{Tile, TileBuffers};
-use penumbra::render::film::Image;
-use penumbra::scene::{Camera, ImportOptions, LightKind, Scene};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu::Features;
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::passes::path::{Path, PathParameters};
+use penumbra::internal::passes::primary::Primary;
+use penumbra::internal::passes::{Tile, TileBuffers};
+use penumbra::internal::render::film::Image;
+use penumbra::internal::scene::{Camera, ImportOptions, LightKind, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::{Settings, Technique};
-use penumbra::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::light::{cube, form_factor, sphere, square};
@@ -55,11 +55,15 @@ pub fn render_with(
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
     let gpu = gpu();
-    let settings = Settings { width: size, height: size, technique: Technique::Path, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = size;
+        s.image.height = size;
+        s.technique = Technique::Path;
+    });
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     scene.reorder_triangles(&bvh.order);
-    let specialisation = penumbra::specialisation::Specialisation::new(&scene, &settings);
+    let specialisation = penumbra::internal::specialisation::Specialisation::new(&scene, &settings);
     let device = device_features(gpu);
     let features = device.names().fold(changed(specialisation.features), |features, name| features.with(name, true));
     let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
@@ -88,7 +92,7 @@ pub fn render_with(
     primary.record(&mut frame, &tile);
     bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1 });
     frame.submit().unwrap();
-    let read = |buffer: &penumbra::gpu::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
+    let read = |buffer: &penumbra::internal::gpu::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
         direct: read(&buffers.radiance_direct),
         indirect: read(buffers.radiance_indirect.as_ref().unwrap()),

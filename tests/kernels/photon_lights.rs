@@ -4,10 +4,10 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::passes::grid::Photon;
-use penumbra::passes::photons::{Photons, Traced};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::gpu::{Kernel, Resources, compose};
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::photons::{Photons, Traced};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -56,8 +56,10 @@ fn panels() -> Scene {
     let down = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::X * half, DVec3::Z * half);
     // Its front below, so that most rays come to its back.
     let tilted = square(DVec3::new(-0.1, -0.2, 0.35), DVec3::new(0.2, -0.02, 0.0), DVec3::new(0.05, 0.1, 0.1));
-    let double_sided =
-        |material: penumbra::scene::Material| penumbra::scene::Material { double_sided: true, ..material };
+    let double_sided = |material: penumbra::internal::scene::Material| penumbra::internal::scene::Material {
+        double_sided: true,
+        ..material
+    };
     let meshes = [
         (level(0.0, -0.5, 0.0, 0.6), surface(0.5, 0.0)),
         ([level(-0.3, 0.0, -0.2, 0.2), level(-0.3, -0.3, -0.1, 0.15)].concat(), surface(0.5, 0.0)),

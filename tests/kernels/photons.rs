@@ -2,18 +2,18 @@
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::Settings;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::grid::Photon;
-use penumbra::passes::photons::Photons;
-use penumbra::scene::{
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu::{Features, Gpu, Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::photons::Photons;
+use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
     Texture, TextureImage, TextureSlot, Triangle, Vertex, Wrap,
 };
-use penumbra::specialisation::Specialisation;
+use penumbra::internal::specialisation::Specialisation;
 
-use penumbra::procedural::Role;
+use penumbra::internal::procedural::Role;
 
 use crate::kit::gpu;
 use crate::procedurals;
@@ -120,7 +120,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
 fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let gpu = gpu();
     let specialisation = Specialisation::new(scene, &Settings::default());
-    let features = penumbra::render::device_features(gpu, specialisation.features);
+    let features = penumbra::internal::render::device_features(gpu, specialisation.features);
     let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
     let pass = Photons::new(gpu, &features, &gpu_scene.constants(), kept).unwrap();
     let lights = scene.lights.len() as u32;

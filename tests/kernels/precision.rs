@@ -4,11 +4,11 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::passes::Tile;
-use penumbra::passes::film::Film;
-use penumbra::scene::Scene;
-use penumbra::statistics::Counter;
+use penumbra::internal::gpu::{Kernel, Resources, compose};
+use penumbra::internal::passes::Tile;
+use penumbra::internal::passes::film::Film;
+use penumbra::internal::scene::Scene;
+use penumbra::internal::statistics::Counter;
 
 use crate::cache;
 use crate::irradiance;

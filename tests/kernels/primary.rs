@@ -1,14 +1,14 @@
 //! Pass `primary` against f64 rays through the pixels' middles, and glTF's rules for what they meet.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
-use penumbra::gpu::buffer::POISON;
-use penumbra::passes::primary::Primary;
-use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
-use penumbra::scene::{
+use penumbra::internal::gpu::buffer::POISON;
+use penumbra::internal::passes::primary::Primary;
+use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureSlot, Wrap,
 };
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::{Corners, sphere, square};
@@ -372,7 +372,7 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     bound.record(&mut frame, tile);
     frame.submit().unwrap();
     assert_eq!(gpu.read::<u32>(&buffers.counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
-    let read = |buffer: &penumbra::gpu::Buffer| -> Vec<[u32; 4]> {
+    let read = |buffer: &penumbra::internal::gpu::Buffer| -> Vec<[u32; 4]> {
         let mut words: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
         assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
         words

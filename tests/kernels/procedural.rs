@@ -1,9 +1,9 @@
 //! `shaders/lib/procedural.wgsl`: where rays meet objects that functions describe, against closed forms.
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::procedural::Role;
-use penumbra::scene::Scene;
+use penumbra::internal::gpu::{Kernel, Resources, compose};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::Scene;
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;

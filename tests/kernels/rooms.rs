@@ -2,8 +2,8 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::grid::Photon;
-use penumbra::passes::{INVALID_POINT, Point};
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);

@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon};
-use penumbra::passes::sample_lights::{NO_LIGHT, SampleLights};
-use penumbra::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu::{Features, Kernel, Resources, compose};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
+use penumbra::internal::passes::sample_lights::{NO_LIGHT, SampleLights};
+use penumbra::internal::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::{device_features, gpu};

@@ -1,8 +1,8 @@
 //! Sequences against what defines a net; warps against their densities.
 
 use glam::DVec3;
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::gpu_scene::sobol;
+use penumbra::internal::gpu::{Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::sobol;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::chi_square;

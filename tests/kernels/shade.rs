@@ -4,14 +4,14 @@
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::buffer::POISON;
-use penumbra::gpu::{Features, Frame};
-use penumbra::passes::classify::Queue;
-use penumbra::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu::buffer::POISON;
+use penumbra::internal::gpu::{Features, Frame};
+use penumbra::internal::passes::classify::Queue;
+use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::{Corners, form_factor, sphere, square};

@@ -1,13 +1,13 @@
 //! Pass `shadow` against f64 lines to the same light points.
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::buffer::POISON;
-use penumbra::passes::grid::Photon;
-use penumbra::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
-use penumbra::passes::{Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::gpu::buffer::POISON;
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::square;

@@ -1,13 +1,13 @@
 //! A small scene on the device as a render would have it, and f64 lines against all of its triangles.
 
 use glam::DVec3;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::{Point, Tile};
-use penumbra::scene::{Camera, Scene};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu::{Features, Kernel, Resources, compose};
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::passes::{Point, Tile};
+use penumbra::internal::scene::{Camera, Scene};
+use penumbra::internal::specialisation::Specialisation;
 use penumbra::settings::{Settings, Technique};
-use penumbra::specialisation::Specialisation;
 
 use crate::kit::{device_features, gpu};
 
@@ -27,7 +27,11 @@ impl Stage {
         technique: Technique,
         changed: impl Fn(Features) -> Features,
     ) -> Stage {
-        let settings = Settings { width: size[0], height: size[1], technique, ..Settings::default() };
+        let settings = Settings::default().with(|s| {
+            s.image.width = size[0];
+            s.image.height = size[1];
+            s.technique = technique;
+        });
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);

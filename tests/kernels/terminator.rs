@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::{Aov, Image, Renderer, Settings, Technique};
 
 use crate::kit::gpu;
@@ -36,16 +36,15 @@ fn ball(area_light: bool) -> Scene {
 }
 
 fn render(area_light: bool, technique: Technique, spp: u32) -> Image {
-    let settings = Settings {
-        technique,
-        width: 160,
-        height: 160,
-        spp,
-        shadow_samples: 256,
-        max_bounces: 0,
-        aovs: vec![Aov::Normal, Aov::Position],
-        ..Settings::default()
-    };
+    let settings = Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 160;
+        s.image.height = 160;
+        s.image.spp = spp;
+        s.shadow_rays.samples = 256;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Normal, Aov::Position];
+    });
     let view = camera(EYE, DVec3::NEG_Z, 0.55);
     let mut renderer = Renderer::new(gpu(), ball(area_light), &view, &settings).unwrap();
     while renderer.samples() < spp {

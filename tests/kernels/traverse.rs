@@ -1,8 +1,8 @@
 //! Traversal: the rays of `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
 
 use glam::{DVec2, DVec3, Vec3, vec3};
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Kernel, Resources, buffer::POISON, buffer::TableFormat, compose};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu::{Features, Kernel, Resources, buffer::POISON, buffer::TableFormat, compose};
 
 use crate::kit::{device_features, gpu};
 

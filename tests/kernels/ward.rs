@@ -1,10 +1,10 @@
 //! Pass `ward` against Ward's procedure in f64, from the same visibilities.
 
 use glam::{DVec3, Vec3};
-use penumbra::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
-use penumbra::passes::ward::{Ward, WardBuffers, WardParameters};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
+use penumbra::internal::passes::ward::{Ward, WardBuffers, WardParameters};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;

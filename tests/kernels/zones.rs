@@ -1,8 +1,8 @@
 //! Pass `zones` against a count on the CPU.
 
 use glam::Vec3;
-use penumbra::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
-use penumbra::passes::zones::{ZONE_LIGHTS, Zones};
+use penumbra::internal::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
+use penumbra::internal::passes::zones::{ZONE_LIGHTS, Zones};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, photon};

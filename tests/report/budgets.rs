@@ -1,9 +1,9 @@
 //! Budgets that are too short for an image: which technique that was, how long it takes, and what to do.
 
-use penumbra::report::document::{LEAST_REPEATS, Report};
-use penumbra::report::reference::Reference;
-use penumbra::report::run::{Run, Snapshot, Subject};
-use penumbra::statistics::Rays;
+use penumbra::internal::report::document::{LEAST_REPEATS, Report};
+use penumbra::internal::report::reference::Reference;
+use penumbra::internal::report::run::{Run, Snapshot, Subject};
+use penumbra::internal::statistics::Rays;
 use penumbra::{Image, Result, Settings, Technique};
 
 use crate::setup::Box;
@@ -29,7 +29,12 @@ fn report(subject: &Subject<'_>, runs: &[Run]) -> Result<Report> {
 #[test]
 fn what_is_late_is_named_with_the_budget_that_would_do() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, photons: 4096, flux_photons: 4096, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+        s.visibility_map.photons_per_light = 4096;
+        s.indirect.photons = 4096;
+    });
     let subject = scene.subject(&settings);
     let seeds = 0..LEAST_REPEATS as u32;
     let techniques = [Technique::Path, Technique::PhotonMap];

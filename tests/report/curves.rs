@@ -1,6 +1,6 @@
 //! Curves that are powers of time, of which everything is known.
 
-use penumbra::report::curve::{Comparison, Curve, ratio};
+use penumbra::internal::report::curve::{Comparison, Curve, ratio};
 
 /// `error` at 1 s, and in inverse proportion to time until 100 s.
 fn inverse(error: f64) -> Curve {

@@ -12,10 +12,19 @@ fn audits_state_honest_intervals() {
     const RENDERS: u32 = 100;
     let Box { scene, camera } = Box::load();
     // One sample, so that no audit mends the map that the other render has; few photons, so that classes are wrong.
-    let base =
-        Settings { width: 96, height: 96, spp: 1, max_bounces: 0, photons: 4096, nearest: 3, ..Settings::default() };
+    let base = Settings::default().with(|s| {
+        s.image.width = 96;
+        s.image.height = 96;
+        s.image.spp = 1;
+        s.indirect.max_bounces = 0;
+        s.visibility_map.photons_per_light = 4096;
+        s.visibility_map.nearest = 3;
+    });
     let audits = |seed: u32, audit: f32| {
-        let settings = Settings { seed, audit, ..base.clone() };
+        let settings = base.clone().with(|s| {
+            s.image.seed = seed;
+            s.visibility_map.audit = audit;
+        });
         let mut renderer = Renderer::new(gpu(), scene.clone(), &camera, &settings).unwrap();
         renderer.render_batch().unwrap();
         renderer.statistics().unwrap().audits

@@ -1,6 +1,6 @@
 //! Intervals against published quantiles.
 
-use penumbra::report::interval::Interval;
+use penumbra::internal::report::interval::Interval;
 
 #[track_caller]
 fn assert_near(interval: Interval, expected: [f64; 3], tolerance: f64) {

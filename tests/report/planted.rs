@@ -1,9 +1,9 @@
 //! Faults that are planted in renders of the box, and must be named for what they are.
 
-use penumbra::report::document::{Report, TechniqueReport};
-use penumbra::report::reference::Reference;
-use penumbra::report::run::{Run, Snapshot, Subject};
-use penumbra::report::verdict::VerdictKind;
+use penumbra::internal::report::document::{Report, TechniqueReport};
+use penumbra::internal::report::reference::Reference;
+use penumbra::internal::report::run::{Run, Snapshot, Subject};
+use penumbra::internal::report::verdict::VerdictKind;
 use penumbra::{Image, Renderer, Settings, Technique};
 
 use crate::setup::{Box, folder, goal};
@@ -18,7 +18,7 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
             renderer.render_at_most(samples - renderer.samples()).unwrap();
         }
         let mut image = renderer.image().unwrap();
-        plant(settings.seed, &mut image);
+        plant(settings.image.seed, &mut image);
         Snapshot { budget, time: budget, samples, rays: renderer.statistics().unwrap().rays, image }
     });
     let statistics = renderer.statistics().unwrap();
@@ -48,7 +48,10 @@ fn sign(seed: u32, x: u32, y: u32) -> f32 {
 #[test]
 fn planted_bias_and_noise_are_named() {
     let scene = Box::load();
-    let settings = Settings { width: 32, height: 32, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 32;
+        s.image.height = 32;
+    });
     let subject = scene.subject(&settings);
     let folder = folder();
     // Its error is a sixth of that of 64 samples.
@@ -59,7 +62,12 @@ fn planted_bias_and_noise_are_named() {
     for seed in 0..REPEATS {
         // The techniques are but names here: all of them render alike, and unlike only in what is planted.
         let rendered = |technique: Technique, light_scale: f32, plant: &dyn Fn(u32, &mut Image)| {
-            let path = Settings { technique: Technique::Path, seed, spp: 64, light_scale, ..settings.clone() };
+            let path = settings.clone().with(|s| {
+                s.technique = Technique::Path;
+                s.image.seed = seed;
+                s.image.spp = 64;
+                s.light_scale = light_scale;
+            });
             let mut run = run(&subject, path, plant);
             run.settings.technique = technique;
             run
@@ -106,7 +114,10 @@ fn planted_bias_and_noise_are_named() {
 #[test]
 fn what_may_be_the_references_error_is_not_called_bias() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let subject = scene.subject(&settings);
     const GREY: f32 = 0.5;
     let image = |value: &dyn Fn(u32, u32) -> f32| {

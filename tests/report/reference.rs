@@ -2,9 +2,9 @@
 
 use std::fs;
 
-use penumbra::render::film::Metadata;
-use penumbra::report::metrics;
-use penumbra::report::reference::{Goal, Reference, cache_folder};
+use penumbra::internal::render::film::Metadata;
+use penumbra::internal::report::metrics;
+use penumbra::internal::report::reference::{Goal, Reference, cache_folder};
 use penumbra::{Image, Settings};
 
 use crate::setup::{Box, folder, goal};
@@ -12,7 +12,10 @@ use crate::setup::{Box, folder, goal};
 #[test]
 fn a_reference_is_taken_up_again_and_knows_its_error() {
     let scene = Box::load();
-    let settings = Settings { width: 24, height: 24, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 24;
+        s.image.height = 24;
+    });
     let subject = scene.subject(&settings);
     let folder = folder();
     let make = |target: f64| {
@@ -40,7 +43,10 @@ fn a_reference_is_taken_up_again_and_knows_its_error() {
 #[test]
 fn a_reference_whose_time_is_up_is_short() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let subject = scene.subject(&settings);
     let folder = folder();
     let make = |standard_error: f64, seconds: f64| {
@@ -62,7 +68,10 @@ fn a_reference_whose_time_is_up_is_short() {
 #[test]
 fn stopped_makes_nothing_and_keeps_what_there_was() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let folder = folder();
     let make = |stop: bool| {
         Reference::make(&scene.subject(&settings), folder.path(), goal(1e-9), &|| stop, &mut |_| {}).unwrap().is_some()
@@ -81,7 +90,10 @@ fn stopped_makes_nothing_and_keeps_what_there_was() {
 #[test]
 fn halves_that_are_none_are_refused() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let folder = folder();
     let path = folder.path().join("half-1.exr");
     let make =
@@ -133,13 +145,18 @@ fn another_scene_or_view_has_a_folder_of_its_own() {
         cache_folder("".as_ref(), &scene.subject(&settings)),
         cache_folder("".as_ref(), &other.subject(&settings)),
         cache_folder("".as_ref(), &turned.subject(&settings)),
-        cache_folder("".as_ref(), &scene.subject(&Settings { width: 511, ..settings.clone() })),
-        cache_folder("".as_ref(), &scene.subject(&Settings { max_bounces: 1, ..settings.clone() })),
-        cache_folder("".as_ref(), &scene.subject(&Settings { light_scale: 2.0, ..settings.clone() })),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.image.width = 511))),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.indirect.max_bounces = 1))),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.light_scale = 2.0))),
     ];
     let different: std::collections::BTreeSet<_> = folders.iter().collect();
     assert_eq!(different.len(), folders.len());
     // What `path` does not ask.
-    let same = Settings { photons: 7, nearest: 8, audit: 0.0, seed: 9, ..settings.clone() };
+    let same = settings.clone().with(|s| {
+        s.visibility_map.photons_per_light = 7;
+        s.visibility_map.nearest = 8;
+        s.visibility_map.audit = 0.0;
+        s.image.seed = 9;
+    });
     assert_eq!(cache_folder("".as_ref(), &scene.subject(&same)), folders[0]);
 }

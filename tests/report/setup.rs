@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use penumbra::report::reference::Goal;
-use penumbra::report::run::Subject;
-use penumbra::scene::ImportOptions;
+use penumbra::internal::report::reference::Goal;
+use penumbra::internal::report::run::Subject;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Camera, Scene, Settings};
 
 use crate::device::gpu;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use penumbra::scene::{ImportOptions, Scene};
+use penumbra::internal::scene::{ImportOptions, Scene};
 use penumbra::{Error, Result};
 use serde_json::json;
 

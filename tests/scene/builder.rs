@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use penumbra::Result;
-use penumbra::scene::{ImportOptions, Scene};
+use penumbra::internal::scene::{ImportOptions, Scene};
 use serde_json::{Value, json};
 
 /// Component types.

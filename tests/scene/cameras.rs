@@ -1,7 +1,7 @@
 //! Cameras of the file, and the one that frames a scene.
 
 use glam::Vec3;
-use penumbra::scene::Projection;
+use penumbra::internal::scene::Projection;
 use serde_json::json;
 
 use crate::builder::File;

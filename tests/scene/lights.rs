@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
+use penumbra::internal::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::{Value, json};
 
 use crate::builder::{File, png};

@@ -2,8 +2,8 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use penumbra::Settings;
-use penumbra::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
-use penumbra::specialisation::Specialisation;
+use penumbra::internal::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
+use penumbra::internal::specialisation::Specialisation;
 use serde_json::{Value, json};
 
 use crate::builder::{File, U16, png};
@@ -141,7 +141,7 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     .load();
     let m = &scene.materials[0];
     // Image (its red texel is its number), set and colour space of a slot.
-    let read = |slot: Option<penumbra::scene::TextureSlot>| {
+    let read = |slot: Option<penumbra::internal::scene::TextureSlot>| {
         let slot = slot.unwrap();
         let texture = scene.textures[slot.texture as usize];
         (scene.images[texture.image as usize].texels[0][0], slot.uv_set, texture.space)

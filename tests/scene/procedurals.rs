@@ -1,8 +1,9 @@
 //! The extension PENUMBRA_procedural: what it places, and what is refused.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{ImportOptions, Scene};
-use penumbra::{Error, fingerprint};
+use penumbra::Error;
+use penumbra::internal::fingerprint;
+use penumbra::internal::scene::{ImportOptions, Scene};
 use serde_json::{Value, json};
 
 use crate::builder::{File, temporary};
@@ -213,8 +214,9 @@ fn names_of_the_kernels_may_be_used() {
             return vec4f(trace_closest(procedural_function_aa).normal, procedural_turns);
         }";
     let scene = file(sphere(json!({ "source": data(source) })), json!({})).load();
-    let features = penumbra::gpu::Features::default().with("procedurals", true).with_functions(scene.functions);
-    penumbra::gpu::compose::compose("primary", &features).unwrap();
+    let features =
+        penumbra::internal::gpu::Features::default().with("procedurals", true).with_functions(scene.functions);
+    penumbra::internal::gpu::compose::compose("primary", &features).unwrap();
 }
 
 /// Files beside the scene are read; one file may hold several functions, and several nodes may name one.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use glam::{DMat4, DVec3, Vec3};
 use penumbra::Error;
-use penumbra::scene::{ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
+use penumbra::internal::scene::{ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::Value;
 
 use crate::shared_files::shared_files;
