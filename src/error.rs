@@ -60,7 +60,7 @@ pub enum Error {
         problem: String,
     },
     /// The device has no memory left.
-    #[error("out of device memory in {at}; render a smaller image, with fewer photons, or choose another `device`")]
+    #[error("out of device memory in {at}; render a smaller image, with fewer photons, or choose another device")]
     OutOfMemory {
         /// The buffer, pass or call that there was none for.
         at: String,

@@ -132,7 +132,7 @@ impl Specialisation {
         let panorama = scene.environment();
         let why = panorama
             .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
-        let unneeded = "no --environment is given";
+        let unneeded = "the scene has no environment";
         let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
         self.decide("environment", panorama.is_some(), why, unneeded, cost);
         let (on, why) = some_lights(m.textured_lights);
@@ -254,7 +254,7 @@ impl Specialisation {
         let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.visibility_map.audit);
         let reason =
             if wanted && estimate { "the technique traces no shadow rays" } else { "nothing is decided by photons" };
-        let reason = if wanted && !estimate { "--audit 0: the result may be biased" } else { reason };
+        let reason = if wanted && !estimate { "`visibility_map.audit` is 0: the result may be biased" } else { reason };
         self.decide("audit", audited, why, reason, "a shadow ray for each audited point");
     }
 
@@ -270,7 +270,7 @@ impl Specialisation {
         let unneeded = match settings.technique {
             Technique::Path => "paths bring all light",
             _ if settings.technique.shows_map() => "the map brings all light",
-            _ if settings.indirect.max_bounces == 0 => "--max-bounces 0",
+            _ if settings.indirect.max_bounces == 0 => "`indirect.max_bounces` is 0",
             _ if lit => "every surface is black",
             _ => "there is nothing to be lit",
         };
@@ -303,7 +303,7 @@ impl Specialisation {
         let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
         let absent = match settings.technique {
             Technique::Path => "paths go on there",
-            _ if settings.indirect.max_bounces == 0 => "--max-bounces 0",
+            _ if settings.indirect.max_bounces == 0 => "`indirect.max_bounces` is 0",
             _ => "no material is a mirror or clear glass",
         };
         let traced = settings.technique != Technique::Path && settings.indirect.max_bounces > 0;
@@ -313,7 +313,11 @@ impl Specialisation {
         let unneeded = if bounces { "no material focuses light" } else { unneeded };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
         self.decide("caustics", bounces && m.focusing > 0, why, unneeded, cost);
-        let unneeded = if bounces { "--no-cache" } else { "no light of more bounces is asked for" };
+        let unneeded = if bounces {
+            "`indirect.irradiance_cache.enabled` is false"
+        } else {
+            "no light of more bounces is asked for"
+        };
         let why = format!(
             "records of {} rays hold the diffuse part of the indirect light",
             settings.indirect.irradiance_cache.gather_rays
@@ -390,12 +394,13 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     if !technique.samples_lights() {
         return all(format!("the technique {technique} asks all lights"));
     }
-    let asked =
-        |choice: LightSampling| (choice, format!("points ask {chosen} of {lights} lights: --light-choice {choice}"));
+    let asked = |choice: LightSampling| {
+        (choice, format!("points ask {chosen} of {lights} lights: `light_sampling.strategy` is {choice}"))
+    };
     match settings.light_sampling.strategy {
         Some(LightSampling::Uniform) => asked(LightSampling::Uniform),
         Some(LightSampling::Power) => asked(LightSampling::Power),
-        Some(LightSampling::All) => all("--light-choice all".into()),
+        Some(LightSampling::All) => all("`light_sampling.strategy` is all".into()),
         None if technique == Technique::TwoPass => all(format!("the technique {technique} asks all lights")),
         None if lights <= Settings::MANY_LIGHTS as usize => {
             all(format!("{lights} lights are few enough to ask all of them"))

@@ -17,7 +17,7 @@ pub struct Arguments {
     /// The reference, of the same size
     reference: PathBuf,
 
-    /// Exit with code 5 where relMSE is above X
+    /// Exit with code 5 if relMSE is above X
     #[arg(long, value_name = "X", value_parser = limit)]
     max_relmse: Option<f64>,
 
@@ -57,7 +57,7 @@ pub fn text(measures: &Measures) -> String {
 }
 
 impl Arguments {
-    /// The metrics know images, not files: puts the paths into their errors.
+    /// Puts paths into the errors of the metrics, which know no files.
     fn name_files(&self, error: Error) -> Error {
         match error {
             Error::Input { file, place, problem } => {

@@ -1,4 +1,4 @@
-//! Options that several commands share. Every default is that of [`Settings`], so no number is written twice.
+//! Options that several commands share. The defaults are those of [`Settings`].
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -447,7 +447,7 @@ pub fn positive(text: &str) -> std::result::Result<f64, String> {
     finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "it must be a finite number, more than 0".into())
 }
 
-/// The image to compare with, which must be of the settings' size.
+/// The reference image, which must have the size of the settings.
 pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let reference = Reference::read(path)?;
     let (Image { width, height, .. }, own) = (&reference.image, [settings.image.width, settings.image.height]);

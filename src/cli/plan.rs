@@ -18,12 +18,12 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Print JSON: kept and left_out, each with name, reason and cost
+    /// Print JSON: the lists kept and left_out of items with name, reason and cost
     #[arg(long, help_heading = "Output")]
     json: bool,
 }
 
-/// What is printed; `docs/statistics.md` describes the JSON form.
+/// The output; `docs/statistics.md` describes the JSON form.
 #[derive(Serialize)]
 struct Plan {
     scene: Counts,

@@ -18,7 +18,7 @@ pub struct Arguments {
     #[arg(value_name = "FAMILY", value_parser = families())]
     families: Vec<&'static Family>,
 
-    /// Write a chart of each family to this folder, as SVG
+    /// Folder for a chart of each family, as .svg
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     output: Option<PathBuf>,
 

@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
             }
             let mut display = None;
             scene.render(&gpu, &settings, |progress| {
-                // Not before: its clock would count the time that compiling takes.
+                // Created by the first batch, so that its clock does not count compile time.
                 let goal = Goal { spp: settings.image.spp, deadline: None };
                 display.get_or_insert_with(|| Display::new(goal, arguments.quiet)).update(progress);
             })

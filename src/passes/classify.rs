@@ -174,10 +174,13 @@ impl Classify {
     /// both.
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
+    /// As [`Kernel::new`]; [`Error::Setting`] for a `nearest` out of range.
     pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
         if !(1..=MAX_NEAREST).contains(&nearest) {
-            return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
+            return Err(Error::setting(
+                "visibility_map.nearest",
+                format!("is {nearest}; it must be from 1 to {MAX_NEAREST}"),
+            ));
         }
         let composed = compose::compose("classify", features)?;
         let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];

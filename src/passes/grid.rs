@@ -290,10 +290,13 @@ impl Grid {
     /// Makes the pass for the visibility map. `nearest` is k, at most [`MAX_NEAREST`].
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
+    /// As [`Kernel::new`]; [`Error::Setting`] for a `nearest` out of range.
     pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<Grid> {
         if !(1..=MAX_NEAREST).contains(&nearest) {
-            return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
+            return Err(Error::setting(
+                "visibility_map.nearest",
+                format!("is {nearest}; it must be from 1 to {MAX_NEAREST}"),
+            ));
         }
         let features = features.clone().with("visibility_map", true);
         Ok(Grid { kernel: kernel(gpu, "grid", &features, &[("nearest", f64::from(nearest))], GridBindings::NAMES)? })

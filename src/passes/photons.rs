@@ -52,7 +52,7 @@ impl Photons {
     /// Compiles the kernel. At most `shadow_photons_per_ray` shadow photons are kept of one ray.
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
+    /// As [`Kernel::new`]; [`Error::Setting`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
     pub fn new(
         gpu: &Gpu,
         features: &Features,
@@ -61,8 +61,8 @@ impl Photons {
     ) -> Result<Photons> {
         let most = Settings::MAX_SHADOW_PHOTONS;
         if !(1..=most).contains(&shadow_photons_per_ray) {
-            let given = format!("--shadow-photons-per-ray {shadow_photons_per_ray}");
-            return Err(Error::Usage(format!("{given}: it must be between 1 and {most}")));
+            let problem = format!("is {shadow_photons_per_ray}; it must be from 1 to {most}");
+            return Err(Error::setting("visibility_map.shadow_photons_per_ray", problem));
         }
         let mut constants = constants.to_vec();
         constants.push(("shadow_photons_per_ray", f64::from(shadow_photons_per_ray)));
@@ -75,7 +75,7 @@ impl Photons {
     /// `spare` photons more than were traced fit in the buffer.
     ///
     /// # Errors
-    /// [`Error::Usage`] for lights or rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
+    /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -88,8 +88,10 @@ impl Photons {
         if !(1..=MAX_LIGHTS).contains(&lights) {
             return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
         }
-        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights))
-            .map_err(|_| Error::Usage(format!("--photons {rays}: 2^32 or more of all lights together")))?;
+        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights)).map_err(|_| {
+            let problem = format!("is {rays}: all lights together would emit 2^32 photons or more");
+            Error::setting("visibility_map.photons_per_light", problem)
+        })?;
         let batch_rays = BATCH_RAYS.min(all_rays.max(1));
         let batch_photons = (batch_rays * (1 + self.shadow_photons_per_ray)) as usize;
         let batch = gpu.buffer::<Photon>("penumbra/photons/batch", batch_photons)?;

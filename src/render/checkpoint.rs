@@ -180,7 +180,7 @@ impl Renderer<'_> {
         let unsigned = file.is_none() && header.fingerprint.is_empty();
         if !unsigned && header.fingerprint != self.fingerprint() {
             return Err(refuse(
-                "is of another scene or camera, or of other settings, such as --seed, --spp or the size",
+                "is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` or the size",
             ));
         }
         // Counts are by light; and a render that has all of its samples takes no more.

@@ -77,7 +77,7 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         "near_overflow",
         near_overflow,
         format!(
-            "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with --light-scale"
+            "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with `light_scale`"
         ),
     );
     // Where the map was left out after all, that is what the notes say.
@@ -85,8 +85,8 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     if mapped && unknown as f64 > MANY_UNKNOWN * totals.mapped_points as f64 {
         let percent = 100.0 * unknown as f64 / totals.mapped_points as f64;
         let text = format!(
-            "{percent:.0} % of the points have too few photons near to tell light from shadow: more --photons would save \
-             shadow rays"
+            "{percent:.0} % of the points have too few photons near to tell light from shadow: more \
+             `visibility_map.photons_per_light` would save shadow rays"
         );
         warn("unknown", unknown, text);
     }
@@ -103,13 +103,13 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         overruns,
         format!(
             "{overruns} rays met more geometry than the device's loop budget of 65,535 turns allows, and their samples are \
-             left out of the image: remove overlapping layers, or choose a hardware device with --device"
+             left out of the image: remove overlapping layers, or choose another device"
         ),
     );
     let most = settings.indirect.max_bounces;
     if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
         let text = format!(
-            "light bounces {mean_bounces} times here on average, and --max-bounces {most} leaves out what bounces more often: \
+            "light bounces {mean_bounces} times here on average, and `indirect.max_bounces` {most} leaves out what bounces more often: \
              the image is too dark unless more are asked for"
         );
         warn("mean_bounces", mean_bounces, text);

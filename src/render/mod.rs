@@ -184,7 +184,7 @@ impl<'g> Renderer<'g> {
     /// Makes everything ready for the first sample: hierarchy, kernels, tables, photons and their grid.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and those of
+    /// [`crate::Error::Setting`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and those of
     /// [`Gpu::check`].
     pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
         settings.check()?;
@@ -430,7 +430,9 @@ impl<'g> Renderer<'g> {
     /// Goes on without the visibility map.
     fn leave_map_out(&mut self, reason: &str) -> Result<()> {
         self.specialisation.leave_map_out(reason);
-        self.notes.push(format!("the visibility map is left out: {reason}; more --photons may help"));
+        self.notes.push(format!(
+            "the visibility map is left out: {reason}; more `visibility_map.photons_per_light` may help"
+        ));
         let start = Instant::now();
         let features = device_features(self.gpu, self.specialisation.features.clone());
         let kernels = direct_light::Kernels::new(self.gpu, &features, &self.gpu_scene.constants(), &self.settings)?;

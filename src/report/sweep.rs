@@ -161,7 +161,7 @@ impl Sweep {
             range.swept.set(&mut settings, value);
             let subject = Subject { settings: &settings, ..*subject };
             let Some(classes) = Classes::new(&subject, technique, truth)? else {
-                return Err(Error::Usage("--sweep: the scene needs no visibility map".to_owned()));
+                return Err(Error::Usage("`sweep`: the scene needs no visibility map".to_owned()));
             };
             let mut renderer = subject.renderer(&settings)?;
             while renderer.samples() < SAMPLES {

@@ -309,7 +309,7 @@ pub fn notes(options: &Options) -> Vec<&'static str> {
         if options.paper_counting {
             "Photons are counted without regard to their normals, as in the paper."
         } else {
-            "Photons are counted by their normals; --paper-counting counts them as the paper does."
+            "Photons are counted by their normals; `visibility_map.paper_counting` counts them as the paper does."
         },
         "There are no audits and no dilation: the paper has neither.",
     ]

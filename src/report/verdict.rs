@@ -128,7 +128,7 @@ pub(super) fn too_short(late: &[Late]) -> Error {
     let Some(soonest) = soonest else { return Error::Usage("there are no runs to report".to_owned()) };
     let (more, seconds) = soonness(soonest);
     Error::Usage(format!(
-        "--budgets are too short: no technique has an image at one of them in all its runs; of {}, the soonest, {}: give {} {:.2} s",
+        "`budgets` are too short: no technique has an image at one of them in all its runs; of {}, the soonest, {}: give {} {:.2} s",
         soonest.technique,
         soonest.why(),
         if more { "more than" } else { "at least" },
@@ -155,7 +155,7 @@ pub(super) fn advice(
         _ => None,
     };
     if let Some((some, floor)) = some.zip(reference.floor()) {
-        let better = if reference.is_short() { "longer --reference-time" } else { "smaller --reference-error" };
+        let better = if reference.is_short() { "longer `reference_time`" } else { "smaller `reference_error`" };
         let floor = number(round_up(floor));
         let _ = write!(
             text,

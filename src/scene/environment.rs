@@ -64,7 +64,7 @@ impl Panorama {
             if !lenient {
                 let channel = texel.iter().position(is_wrong).unwrap_or(0);
                 let problem = format!(
-                    "{} is {}: radiance must be finite and not negative; --lenient takes such as 0",
+                    "{} is {}: radiance must be finite and not negative; `lenient` import sets such texels to 0",
                     ["R", "G", "B"][channel],
                     texel[channel]
                 );
@@ -100,11 +100,11 @@ impl Scene {
     /// [`Error::Usage`] where the rotation is not finite, or the strength negative or so large that radiance overflows.
     pub fn set_environment(&mut self, panorama: Arc<Panorama>, rotation: f64, strength: f32) -> Result<()> {
         if !rotation.is_finite() {
-            return Err(Error::Usage(format!("--environment-rotation is {rotation}; it must be finite")));
+            return Err(Error::Usage(format!("`environment_rotation` is {rotation}; it must be finite")));
         }
         if !(strength >= 0.0 && panorama.brightest() * strength <= MOST_RADIANCE) {
             let problem = format!("it must be 0 or more, and bring no texel above {MOST_RADIANCE:e}");
-            return Err(Error::Usage(format!("--environment-strength is {strength}; {problem}")));
+            return Err(Error::Usage(format!("`environment_strength` is {strength}; {problem}")));
         }
         let turn = (rotation / 360.0).rem_euclid(1.0) as f32;
         self.lights.truncate(self.placed_lights().len());

@@ -56,10 +56,10 @@ fn the_plan_follows_the_settings() {
         assert!(left_out.iter().all(|part| names(&plan["left_out"]).contains(part)), "{technique}");
     }
     // Few of the still life's lights are asked where that is asked for, and then by zones and without a map.
-    let plan = run("plan --json --chosen-lights 2 --light-choice zones", &[&STILL_LIFE]).json();
+    let plan = run("plan --json --sampled-lights 2 --light-sampling zones", &[&STILL_LIFE]).json();
     assert!(["light_sampling", "zones"].iter().all(|part| names(&plan["kept"]).contains(part)));
     assert!(names(&plan["left_out"]).contains("visibility_map"));
-    let plan = run("plan --json --chosen-lights 2 --light-choice power --technique two-pass", &[&STILL_LIFE]).json();
+    let plan = run("plan --json --sampled-lights 2 --light-sampling power --technique two-pass", &[&STILL_LIFE]).json();
     assert!(names(&plan["kept"]).contains("light_sampling") && names(&plan["left_out"]).contains("zones"));
     assert!(names(&run("plan --json", &[&STILL_LIFE]).json()["left_out"]).contains("light_sampling"));
     let plan = run("plan --json --technique ward-adaptive", &[&STILL_LIFE]).json();

@@ -172,7 +172,7 @@ fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let others = [
         (BOX, "--aov variance --nearest 511".to_owned()),
         (STILL_LIFE, "--aov variance".to_owned()),
-        (STILL_LIFE, "--aov variance --light-choice zones --chosen-lights 2".to_owned()),
+        (STILL_LIFE, "--aov variance --light-sampling zones --sampled-lights 2".to_owned()),
         (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5".to_owned()),
     ];
     for (scene, arguments) in all.map(|arguments| (BOX, arguments)).into_iter().chain(others) {

@@ -206,7 +206,7 @@ addEventListener("load", () => setTimeout(() => {
     // A little off the corner where four pixels meet.
     return [...find("viewer").getContext("2d").getImageData(width / 2 + 4, height / 2 + 4, 1, 1).data].join(" ");
   };
-  const seen = { gpu_scene: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
+  const seen = { tables: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
   choose("exposure", 0);
   choose("left", 1);
   choose("right", 0);

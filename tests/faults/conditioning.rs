@@ -124,7 +124,7 @@ fn sums_near_overflow_are_counted() {
     let direct = settings(Technique::TwoPass).with(|s| s.indirect.max_bounces = 0);
     let (found, statistics, said) = render(room(0.0, 1e31, &[]), &direct);
     assert!(found.near_overflow > 0 && statistics.not_finite == 0, "{found:?}");
-    assert_told(&statistics, &said, "near_overflow", found.near_overflow, "--light-scale");
+    assert_told(&statistics, &said, "near_overflow", found.near_overflow, "`light_scale`");
     assert_eq!(render(room(0.0, 1e30, &[]), &direct).0, Conditioning::default());
     // Its square is beyond f32, and the variance would lack it in silence.
     let variance = direct.with(|s| s.image.aovs = vec![Aov::Variance]);
@@ -142,7 +142,7 @@ fn want_of_photons_is_told_above_a_tenth_of_the_points() {
     let (found, statistics, said) = render(room(0.7, 5.0, &[]), &asked);
     assert_eq!(found.unknown, statistics.points.unknown);
     assert!(found.unknown as f64 > 0.1 * statistics.points.total as f64, "{found:?}");
-    assert_told(&statistics, &said, "unknown", found.unknown, "--photons");
+    assert_told(&statistics, &said, "unknown", found.unknown, "`visibility_map.photons_per_light`");
     // Without a map nothing is asked of photons.
     let (found, ..) = render(room(0.7, 5.0, &[]), &asked.with(|s| s.technique = Technique::TwoPass));
     assert_eq!(found.unknown, 0);
@@ -175,7 +175,7 @@ fn light_that_bounces_on_is_told() {
         let (found, statistics, said) = render(room(0.97, 5.0, &[]), &settings(technique));
         // The lamp, which reflects nothing, is a twentieth of what light meets: 0.97 of 0.95.
         assert!((10..=33).contains(&found.mean_bounces), "{technique}: {found:?}");
-        assert_told(&statistics, &said, "mean_bounces", found.mean_bounces, "--max-bounces 64");
+        assert_told(&statistics, &said, "mean_bounces", found.mean_bounces, "`indirect.max_bounces` 64");
         // Enough of them, or knowingly few.
         for max_bounces in [512, 8] {
             let (_, _, said) =

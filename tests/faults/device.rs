@@ -215,7 +215,7 @@ fn a_checkpoint_of_something_else_is_refused() {
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
     let other = settings.with(|s| s.image.seed = 1);
     let error = Renderer::new(&gpu, scene, &camera, &other).unwrap().resume_from(&checkpoint).unwrap_err();
-    assert!(error.to_string().contains("--seed"), "{error}");
+    assert!(error.to_string().contains("`image.seed`"), "{error}");
 }
 
 /// Whatever is asked of a device that is lost is an error: no panic, no wait without end, nothing that looks like a result.

@@ -51,7 +51,7 @@ fn what_is_late_is_named_with_the_budget_that_would_do() {
     for (index, run) in runs.iter_mut().enumerate() {
         run.setup = 1.0 + index as f64;
     }
-    refused(&runs, &["--budgets", "path", "set-up alone takes up to 5.00 s", "more than 5.00 s"]);
+    refused(&runs, &["`budgets`", "path", "set-up alone takes up to 5.00 s", "more than 5.00 s"]);
 
     // There was an image, and too late: of one technique in all runs.
     for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 1) {
