@@ -20,12 +20,12 @@ use crate::input::printable;
 #[non_exhaustive]
 pub enum Error {
     /// An input file that cannot be used: missing, damaged, unsupported or out of its own limits.
-    #[error("{}: {place}: {problem}", file.display())]
+    #[error("{}: {location}: {problem}", file.display())]
     Input {
         /// The file at fault, as the user named it.
         file: PathBuf,
-        /// The place inside it: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
-        place: String,
+        /// Where in the file: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
+        location: String,
         /// What is wrong there, and what to do where that is not plain.
         problem: String,
     },
@@ -34,7 +34,7 @@ pub enum Error {
     Output {
         /// The file at fault, as the user named it.
         file: PathBuf,
-        /// What the system or the encoder said.
+        /// The message of the system or the encoder.
         problem: String,
     },
     /// A setting that is out of its range or contradicts another.
@@ -56,13 +56,13 @@ pub enum Error {
     DeviceLost {
         /// The pass or call that was under way.
         at: String,
-        /// What the driver said.
+        /// The message of the driver.
         problem: String,
     },
     /// The device has no memory left.
     #[error("out of device memory in {at}; render a smaller image, with fewer photons, or choose another device")]
     OutOfMemory {
-        /// The buffer, pass or call that there was none for.
+        /// The buffer, pass or call that needed more.
         at: String,
     },
     /// A kernel that does not compose, validate or bind. A defect of Penumbra, never of a scene.
@@ -70,7 +70,7 @@ pub enum Error {
     Kernel {
         /// The stem of the kernel's file in `shaders/`.
         kernel: String,
-        /// What the composer, the validator or the binder said.
+        /// The message of the composer, the validator or the binder.
         problem: String,
     },
     /// A buffer that the device cannot hold.
@@ -90,17 +90,17 @@ pub enum Error {
     Computation {
         /// The stem of the kernel's file in `shaders/`.
         kernel: String,
-        /// Which limit was hit, how often, and what to do.
+        /// The limit that was exceeded, how often, and what to do.
         problem: String,
     },
 }
 
 impl Error {
-    /// An [`Error::Input`] at `place` of `file`.
-    pub fn input(file: impl AsRef<Path>, place: impl Into<String>, problem: impl std::fmt::Display) -> Self {
-        // Both may repeat what the file says.
-        let (place, problem) = (printable(&place.into()), printable(&problem.to_string()));
-        Error::Input { file: file.as_ref().to_owned(), place, problem }
+    /// An [`Error::Input`] at `location` in `file`.
+    pub fn input(file: impl AsRef<Path>, location: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        // Both may quote the file.
+        let (location, problem) = (printable(&location.into()), printable(&problem.to_string()));
+        Error::Input { file: file.as_ref().to_owned(), location, problem }
     }
 
     /// An [`Error::Setting`] for the field `name` of [`crate::Settings`]. `problem` starts with a verb.

@@ -60,9 +60,9 @@ impl Arguments {
     /// Puts paths into the errors of the metrics, which know no files.
     fn name_files(&self, error: Error) -> Error {
         match error {
-            Error::Input { file, place, problem } => {
+            Error::Input { file, location, problem } => {
                 let path = if file.as_os_str() == "reference" { &self.reference } else { &self.image };
-                Error::Input { file: path.clone(), place, problem }
+                Error::Input { file: path.clone(), location, problem }
             }
             other => other,
         }

@@ -119,7 +119,7 @@ fn one_line(message: &str) -> String {
 
 /// Writes a line to stderr. As all output, it names flags where the library names settings.
 fn say(line: impl Display) {
-    // Where stderr is closed there is nobody to tell.
+    // Nobody reads a closed stderr.
     let _ = writeln!(io::stderr(), "{}", with_flags(&line.to_string()));
 }
 

@@ -378,7 +378,7 @@ pub fn techniques() -> impl TypedValueParser<Value = Technique> {
         PossibleValue::new(technique.name()).help(match technique {
             Technique::Path => "path tracing with next-event estimation: the reference",
             Technique::TwoPass => "the two-pass method with all shadow rays",
-            Technique::ShadowPhotons => "the two-pass method with shadow rays only at boundaries, as photons tell",
+            Technique::ShadowPhotons => "the two-pass method with shadow rays only where the photons find a boundary",
             Technique::VisibilityEstimate => {
                 "no shadow rays: visibility estimated from photons, equation 1 of the paper"
             }
@@ -405,7 +405,7 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
             LightSampling::All => "all lights",
             LightSampling::Uniform => "a few lights, with equal probability",
             LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
-            LightSampling::Zones => "a few of the lights that reach the zone of the point, as photons tell",
+            LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

@@ -222,7 +222,7 @@ impl Bench<'_> {
                 return Err(Error::NoDevice(format!("times on {} are not comparable", gpu.info.name)));
             }
             arguments
-                .tell(format!("note: the device was lost; what was under way begins anew on another {}", lost.name));
+                .tell(format!("note: the device was lost; the current step starts again on another {}", lost.name));
             Ok(gpu)
         };
         recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings }))
@@ -297,7 +297,7 @@ impl Bench<'_> {
         Ok(classes)
     }
 
-    /// The sweeps until one is stopped or fails; `end` then says so.
+    /// The sweeps until one is stopped or fails, which sets `end`.
     fn sweeps(
         &mut self,
         reference: &Reference,
@@ -412,7 +412,7 @@ impl Arguments {
 
     /// Writes all files of the report.
     fn write(&self, report: &Report, reference: &Reference, runs: &[Run]) -> Result<()> {
-        // It was there at the start.
+        // It may have been removed since the start.
         fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
         let [document, csv, html, error, rays, passes, image] = FILES.map(|name| self.output.join(name));
         let text = json(report).map_err(|problem| Error::output(&document, problem))?;

@@ -66,7 +66,7 @@ impl Reference {
         let image = Image::read(path)?;
         // What cannot be compared with itself can be compared with nothing: better known before anything is rendered.
         metrics::rmse(&image, &image).map_err(|error| match error {
-            Error::Input { place, problem, .. } => Error::input(path, place, problem),
+            Error::Input { location, problem, .. } => Error::input(path, location, problem),
             other => other,
         })?;
         for name in ["R", "G", "B"].map(variance) {

@@ -175,7 +175,7 @@ impl Default for WardSettings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
-    /// Samples per pixel of a render that is ended by its time: never reached. A power of two keeps the samples of a pixel well
+    /// Samples per pixel of a render that its time ends: never reached. A power of two keeps the samples of a pixel well
     /// stratified.
     pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: a class word has room for no more.

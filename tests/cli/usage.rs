@@ -26,7 +26,7 @@ fn no_command_shows_the_help() {
     assert!(answer.stderr.contains("Usage: penumbra <COMMAND>"), "{answer:?}");
 }
 
-/// The text of an option in the help of `render`, on one line.
+/// The help text of an option of `render`, on one line.
 fn help_of(option: &str) -> String {
     let help = run("render --help", &[]).stdout;
     let lines = help.lines().skip_while(|line| !line.contains(option));
@@ -161,9 +161,9 @@ fn wrong_usage_names_the_option() {
     }
 }
 
-/// Whatever way a name is spelt: of two files of one name, one would be lost.
+/// Two spellings of one path are one file, and one of the two outputs would be lost.
 #[test]
-fn files_do_not_take_each_others_place() {
+fn outputs_do_not_overwrite_each_other() {
     let folder = folder();
     let picture = folder.path().join("picture.png");
     let again = folder.path().join(".").join("picture.png");
@@ -183,7 +183,7 @@ fn an_unknown_camera_is_wrong_usage() {
     run("plan --camera 1", &[&BOX]).assert_refused(2, &["1", "camera"]);
 }
 
-/// The loader finds no driver where both of its variables, of which old loaders know the second, name none.
+/// Hides all drivers from the loader by its two variables; old loaders know only the second.
 fn without_driver(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Answer {
     let nothing = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|name| (name, "/nonexistent"));
     Answer::of(penumbra(arguments, files).envs(nothing))
@@ -196,7 +196,7 @@ fn no_device_names_the_fix() {
     let output = folder.path().join("x.png");
     without_driver("render -o", &[&output, &BOX]).assert_refused(4, &["scripts/with-vulkan"]);
     assert!(!output.exists());
-    // A bad file is the error to report, whatever the device says.
+    // The error of a bad file comes before that of the device.
     without_driver("render -o", &[&output, &"no-scene.glb"]).assert_refused(3, &["no-scene.glb"]);
     without_driver("plan", &[&BOX]).assert_done();
 }

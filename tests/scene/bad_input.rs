@@ -14,7 +14,7 @@ fn place(outcome: Result<Scene>, path: Option<&Path>) -> String {
     assert_eq!(error.exit_code(), 3, "{error}");
     assert!(!error.to_string().contains('\n'), "{error}");
     match error {
-        Error::Input { file, place, .. } => {
+        Error::Input { file, location: place, .. } => {
             assert!(path.is_none_or(|path| path == file));
             place
         }

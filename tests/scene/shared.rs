@@ -92,7 +92,7 @@ fn malformed_files_are_refused_and_legal_ones_load() {
             Ok(Ok(_)) if !errors.is_empty() => {
                 failures.push(format!("{}: loaded in spite of {errors:?}", file.display()))
             }
-            Ok(Err(Error::Input { file: named, place, problem })) => {
+            Ok(Err(Error::Input { file: named, location: place, problem })) => {
                 // The same place, one above or one within it; the container's are byte offsets on both sides.
                 let is_at = |error: &&Value| match error["pointer"].as_str() {
                     Some(pointer) => place.starts_with(pointer) || pointer.starts_with(&place),
