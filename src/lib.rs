@@ -53,6 +53,16 @@ mod stress;
 pub use error::{Error, Result};
 /// # Example
 ///
+/// ```
+/// use penumbra::DeviceChoice;
+///
+/// let choice: DeviceChoice = "software".parse().unwrap();
+/// assert_eq!(choice, DeviceChoice::Software);
+/// ```
+pub use gpu::DeviceChoice;
+pub use gpu::DeviceInfo;
+/// # Example
+///
 /// ```no_run
 /// use penumbra::{Device, DeviceChoice};
 ///
@@ -61,15 +71,6 @@ pub use error::{Error, Result};
 /// # Ok::<(), penumbra::Error>(())
 /// ```
 pub use gpu::Gpu as Device;
-/// # Example
-///
-/// ```
-/// use penumbra::DeviceChoice;
-///
-/// let choice: DeviceChoice = "software".parse().unwrap();
-/// assert_eq!(choice, DeviceChoice::Software);
-/// ```
-pub use gpu::{DeviceChoice, DeviceInfo};
 pub use render::Checkpoint;
 /// # Example
 ///
