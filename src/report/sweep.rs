@@ -23,9 +23,9 @@ const SAMPLES: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Swept {
-    /// [`Settings::photons`].
+    /// [`crate::settings::VisibilityMapSettings::photons_per_light`].
     Photons,
-    /// [`Settings::nearest`].
+    /// [`crate::settings::VisibilityMapSettings::nearest`].
     Nearest,
 }
 

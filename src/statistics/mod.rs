@@ -148,6 +148,7 @@ pub struct Audits {
 }
 
 /// Decided points of one kind: what share of all points they are, how many were audited, how many of these wrong.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stratum {
     /// Share of all points, 0 to 1.
@@ -313,6 +314,7 @@ pub struct SceneCounts {
 }
 
 /// What kernels count, each in its word of the buffer `counters`; the host adds them up.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Counter {
