@@ -35,25 +35,25 @@ macro_rules! setters {
 
 setters! {
     technique: Technique => "Settings::technique", technique;
-    spp: u32 => "super::ImageSettings::spp", image.spp;
-    seed: u32 => "super::ImageSettings::seed", image.seed;
-    photons_per_light: u32 => "super::VisibilityMapSettings::photons_per_light", visibility_map.photons_per_light;
-    nearest: u32 => "super::VisibilityMapSettings::nearest", visibility_map.nearest;
-    shadow_photons_per_ray: u32 => "super::VisibilityMapSettings::shadow_photons_per_ray", visibility_map.shadow_photons_per_ray;
-    dilate: u32 => "super::VisibilityMapSettings::dilate", visibility_map.dilate;
-    audit: f32 => "super::VisibilityMapSettings::audit", visibility_map.audit;
-    paper_counting: bool => "super::VisibilityMapSettings::paper_counting", visibility_map.paper_counting;
-    shadow_samples: u32 => "super::ShadowRaySettings::samples", shadow_rays.samples;
-    light_sampling: LightSampling => "super::LightSamplingSettings::strategy", light_sampling.strategy;
-    sampled_lights: u32 => "super::LightSamplingSettings::sampled_lights", light_sampling.sampled_lights;
-    max_bounces: u32 => "super::IndirectSettings::max_bounces", indirect.max_bounces;
-    indirect_photons: u32 => "super::IndirectSettings::photons", indirect.photons;
-    irradiance_cache: bool => "super::IrradianceCacheSettings::enabled", indirect.irradiance_cache.enabled;
-    accuracy: f32 => "super::IrradianceCacheSettings::accuracy", indirect.irradiance_cache.accuracy;
-    gather_rays: u32 => "super::IrradianceCacheSettings::gather_rays", indirect.irradiance_cache.gather_rays;
-    cells: u32 => "super::CellSettings::resolution", cells.resolution;
-    cell_rays: u32 => "super::CellSettings::rays_per_light", cells.rays_per_light;
-    ward_tolerance: f32 => "super::WardSettings::tolerance", ward.tolerance;
+    spp: u32 => "ImageSettings::spp", image.spp;
+    seed: u32 => "ImageSettings::seed", image.seed;
+    photons_per_light: u32 => "VisibilityMapSettings::photons_per_light", visibility_map.photons_per_light;
+    nearest: u32 => "VisibilityMapSettings::nearest", visibility_map.nearest;
+    shadow_photons_per_ray: u32 => "VisibilityMapSettings::shadow_photons_per_ray", visibility_map.shadow_photons_per_ray;
+    dilate: u32 => "VisibilityMapSettings::dilate", visibility_map.dilate;
+    audit: f32 => "VisibilityMapSettings::audit", visibility_map.audit;
+    paper_counting: bool => "VisibilityMapSettings::paper_counting", visibility_map.paper_counting;
+    shadow_samples: u32 => "ShadowRaySettings::samples", shadow_rays.samples;
+    light_sampling: LightSampling => "LightSamplingSettings::strategy", light_sampling.strategy;
+    sampled_lights: u32 => "LightSamplingSettings::sampled_lights", light_sampling.sampled_lights;
+    max_bounces: u32 => "IndirectSettings::max_bounces", indirect.max_bounces;
+    indirect_photons: u32 => "IndirectSettings::photons", indirect.photons;
+    irradiance_cache: bool => "IrradianceCacheSettings::enabled", indirect.irradiance_cache.enabled;
+    accuracy: f32 => "IrradianceCacheSettings::accuracy", indirect.irradiance_cache.accuracy;
+    gather_rays: u32 => "IrradianceCacheSettings::gather_rays", indirect.irradiance_cache.gather_rays;
+    cells: u32 => "CellSettings::resolution", cells.resolution;
+    cell_rays: u32 => "CellSettings::rays_per_light", cells.rays_per_light;
+    ward_tolerance: f32 => "WardSettings::tolerance", ward.tolerance;
     light_scale: f32 => "Settings::light_scale", light_scale;
 }
 
