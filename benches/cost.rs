@@ -1,27 +1,31 @@
-//! Cost against size: the time of a render against photons, k, triangles, lights and pixels, each over two decades, of
-//! direct light and of all light, with the exponents that fit. Expected: no worse than linear in photons, lights and
-//! pixels, logarithmic in triangles.
+//! How the time of a render grows with photons, k, triangles, lights and pixels, each over two decades, for direct
+//! light alone and for all light.
 //!
-//! Times are those of photons, grids and all samples, without import, hierarchy and compilation: medians of [`RUNS`].
+//! Run it with `cargo bench --bench cost`; the variable `PENUMBRA_DEVICE` names another device than the software one.
+//!
+//! It prints a table for each of the five: the sizes, and for each kind of light the seconds at each size and the
+//! exponent of the power law that fits them best. Expected are exponents of at most 1 for photons, lights and pixels,
+//! and logarithmic growth for triangles. Times include photons, grids and all samples, but not import, hierarchy and
+//! compilation; they are medians of [`RUNS`] runs.
 
 use glam::{Mat3, Vec2, Vec3, Vec4, vec3};
-use penumbra::gpu::Gpu;
-use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Triangle, Vertex,
+use kernel_kit::Gpu;
+use penumbra::internal::scene::{
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Projection, Scene, Specular, Triangle, Vertex,
 };
 use penumbra::{Renderer, Result, Settings};
 
-/// Enough to leave out the first one, in which a driver may compile.
+/// Runs for each time. The median of three leaves out the first, in which a driver may compile.
 const RUNS: usize = 3;
 
-/// Two decades.
+/// Sizes for each growth, over two decades.
 const STEPS: usize = 5;
 
-/// What grows.
+/// A property of the render that grows.
 struct Growth {
     name: &'static str,
     sizes: [u32; STEPS],
-    /// The scene and the settings of a size.
+    /// The scene and the settings for a size.
     of: fn(u32) -> (Scene, Settings),
 }
 
@@ -29,25 +33,33 @@ const GROWTHS: [Growth; 5] = [
     Growth {
         name: "photons",
         sizes: [10_000, 32_000, 100_000, 320_000, 1_000_000],
-        // Few pixels, so that the photons are most of it.
-        of: |photons| (room(1, 0), Settings { photons, flux_photons: photons, ..square_image(64) }),
+        // Few pixels, so that photons take most of the time.
+        of: |photons| {
+            (
+                room(1, 0),
+                square_image(64).with(|s| {
+                    s.visibility_map.photons_per_light = photons;
+                    s.indirect.photons = photons;
+                }),
+            )
+        },
     },
     Growth {
         name: "k",
         sizes: [5, 16, 50, 158, 500],
-        of: |nearest| (room(1, 0), Settings { nearest, ..square_image(256) }),
+        of: |nearest| (room(1, 0), square_image(256).with(|s| s.visibility_map.nearest = nearest)),
     },
     Growth {
         name: "triangles",
         sizes: [1_078, 3_168, 10_648, 33_462, 107_800],
-        // Eleven squares of two triangles a cell.
+        // Eleven squares, with two triangles for each cell.
         of: |triangles| (room((f64::from(triangles) / 22.0).sqrt() as u32, 0), square_image(256)),
     },
     Growth {
         name: "lights",
         sizes: [2, 6, 20, 63, 200],
-        // So few photons a light that no bound on all of them is met.
-        of: |lights| (room(1, lights), Settings { photons: 16_384, ..square_image(128) }),
+        // So few photons for each light that their total stays below every limit.
+        of: |lights| (room(1, lights), square_image(128).with(|s| s.visibility_map.photons_per_light = 16_384)),
     },
     Growth {
         name: "pixels",
@@ -57,10 +69,14 @@ const GROWTHS: [Growth; 5] = [
 ];
 
 fn square_image(side: u32) -> Settings {
-    Settings { width: side, height: side, spp: 4, ..Settings::default() }
+    Settings::default().with(|s| {
+        s.image.width = side;
+        s.image.height = side;
+        s.image.spp = 4;
+    })
 }
 
-/// Some triangles of one material, and their light.
+/// Adds a triangle of a material that belongs to a light.
 fn add(scene: &mut Scene, corners: [Vec3; 3], material: u32, light: u32) {
     let first = scene.vertices.len() as u32;
     scene.vertices.extend(corners.map(|position| Vertex {
@@ -73,7 +89,7 @@ fn add(scene: &mut Scene, corners: [Vec3; 3], material: u32, light: u32) {
     scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
 }
 
-/// The square `centre` ± `u` ± `v` facing `u` x `v`, of `n` x `n` cells.
+/// Adds the square `centre` ± `u` ± `v`, facing `u` x `v`, of `n` x `n` cells.
 fn add_square(scene: &mut Scene, [centre, u, v]: [Vec3; 3], n: u32, material: u32, light: u32) {
     let at = |i: u32, j: u32| {
         let along = |k: u32| 2.0 * k as f32 / n as f32 - 1.0;
@@ -85,19 +101,20 @@ fn add_square(scene: &mut Scene, [centre, u, v]: [Vec3; 3], n: u32, material: u3
     }
 }
 
-/// A cube in a room, every square cut into `cells` x `cells`, under a square light or under that many point lights.
+/// A cube in a room, every square cut into `cells` x `cells`, under `lights` point lights, or under a square light
+/// where that is 0.
 fn room(cells: u32, lights: u32) -> Scene {
     let base_colour = Vec3::splat(0.7).extend(1.0);
-    let material = Material { base_colour, metallic: 0.0, specular: 0.0, ..Material::default() };
+    let material = Material { base_colour, metallic: 0.0, specular: Specular::with_factor(0.0), ..Material::default() };
     let emissive = Vec3::splat(if lights == 0 { 10.0 } else { 0.0 });
     let mut scene = Scene { materials: vec![material.clone(), Material { emissive, ..material }], ..Scene::default() };
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     for [normal, u, v] in [[-y, z, x], [y, x, z], [-x, y, z], [x, z, y], [-z, x, y]] {
         add_square(&mut scene, [normal, u, v].map(|axis| 0.5 * axis), cells, 0, NO_LIGHT);
     }
-    let turn = Mat3::from_rotation_y(0.35);
+    let rotation = Mat3::from_rotation_y(0.35);
     for [normal, u, v] in [[x, y, z], [-x, z, y], [y, z, x], [-y, x, z], [z, x, y], [-z, y, x]] {
-        let [normal, u, v] = [normal, u, v].map(|axis| 0.17 * (turn * axis));
+        let [normal, u, v] = [normal, u, v].map(|axis| 0.17 * (rotation * axis));
         add_square(&mut scene, [vec3(0.15, -0.32, 0.05) + normal, u, v], cells, 0, NO_LIGHT);
     }
     if lights == 0 {
@@ -127,7 +144,7 @@ fn time(gpu: &Gpu, (scene, settings): (Scene, Settings)) -> Result<f64> {
     let mut times = [0.0; RUNS];
     for time in &mut times {
         let mut renderer = Renderer::new(gpu, scene.clone(), &camera(), &settings)?;
-        while renderer.samples() < settings.spp {
+        while renderer.samples() < settings.image.spp {
             renderer.render_batch()?;
         }
         *time = renderer.statistics()?.time.render;
@@ -136,7 +153,7 @@ fn time(gpu: &Gpu, (scene, settings): (Scene, Settings)) -> Result<f64> {
     Ok(times[RUNS / 2])
 }
 
-/// The exponent of the power of the sizes that fits the times best, by their logarithms.
+/// The exponent of the power law from sizes to times: least squares on the logarithms.
 fn exponent(sizes: &[u32; STEPS], times: &[f64; STEPS]) -> f64 {
     let (x, y) = (sizes.map(|size| f64::from(size).ln()), times.map(f64::ln));
     let mean = |values: &[f64; STEPS]| values.iter().sum::<f64>() / STEPS as f64;
@@ -146,17 +163,17 @@ fn exponent(sizes: &[u32; STEPS], times: &[f64; STEPS]) -> f64 {
 }
 
 fn main() -> Result<()> {
-    let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
-    let gpu = Gpu::open(&choice.parse().unwrap())?;
+    let device = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
+    let gpu = Gpu::open(&device.parse().unwrap())?;
     println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
     println!("seconds, and the exponent of the size that fits them\n");
     for growth in GROWTHS {
         println!("{:24}{}", growth.name, growth.sizes.map(|size| format!("{size:>10}")).concat());
-        for (light, max_bounces) in [("direct light", 0), ("all light", Settings::default().max_bounces)] {
+        for (light, max_bounces) in [("direct light", 0), ("all light", Settings::default().indirect.max_bounces)] {
             let mut times = [0.0; STEPS];
             for (time_of, size) in times.iter_mut().zip(growth.sizes) {
                 let (scene, settings) = (growth.of)(size);
-                *time_of = time(&gpu, (scene, Settings { max_bounces, ..settings }))?;
+                *time_of = time(&gpu, (scene, settings.with(|s| s.indirect.max_bounces = max_bounces)))?;
             }
             let columns = times.map(|time| format!("{time:>10.3}")).concat();
             println!("    {light:20}{columns}{:>10.2}", exponent(&growth.sizes, &times));

@@ -1,17 +1,25 @@
-//! The photon map's passes on the box of the paper: grid of a million photons, a million camera points classified.
-//! Prints medians of device times (wall times where the device has no timestamps) in milliseconds.
+//! Times of the visibility map's passes in the paper's box: grids of 131,072 and of a million photons, and the
+//! classification of a million camera points.
+//!
+//! Run it with `cargo bench --bench photon_map`; the variable `PENUMBRA_DEVICE` names another device than the software
+//! one.
+//!
+//! It prints milliseconds, medians of [`RUNS`] runs: for each step the wall time of the whole, and below it the device
+//! time of each kernel, where the device has timestamps. For each grid it also prints the shares of points by class.
 
+use kernel_kit::{Gpu, Resources};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::time::Instant;
 
-use penumbra::gpu::{Features, Gpu, Resources};
-use penumbra::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
-use penumbra::passes::grid::{Grid, GridShape};
-use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
+use penumbra::internal::passes::grid::{Grid, GridShape};
+use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
 
 #[allow(dead_code)]
 #[path = "../tests/kernels/rooms.rs"]
 mod rooms;
 
+/// Runs for each time, after one that compiles.
 const RUNS: usize = 9;
 
 fn median(mut times: Vec<f64>) -> f64 {
@@ -19,7 +27,8 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// Runs `work` once to compile and [`RUNS`] times more: the median by kernel, then of the whole on the wall.
+/// Runs `work` once to compile, and [`RUNS`] times more; prints the median wall time, and the median device time of
+/// each kernel.
 fn measure(gpu: &Gpu, name: &str, mut work: impl FnMut()) {
     work();
     let mut walls = Vec::new();
@@ -45,13 +54,13 @@ fn measure(gpu: &Gpu, name: &str, mut work: impl FnMut()) {
 }
 
 fn main() {
-    let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
-    let gpu = &Gpu::open(&choice.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
+    let device = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".to_owned());
+    let gpu = &Gpu::open(&device.parse().unwrap()).unwrap_or_else(|e| panic!("{e}"));
     println!("device: {} ({}, {})", gpu.info.name, gpu.info.kind, gpu.info.driver);
     let features = Features::default()
-        .with("texture_loads", gpu.texture_loads)
-        .with("interleave", gpu.texture_loads)
-        .with("visibility_map", true);
+        .with(Feature::TextureLoads, gpu.texture_loads)
+        .with(Feature::Interleave, gpu.texture_loads)
+        .with(Feature::VisibilityMap, true);
     let k = 50;
     let room = rooms::Room::new(0.2);
     let grid = Grid::new(gpu, &features, k).unwrap();
@@ -62,7 +71,7 @@ fn main() {
     }
     photons.truncate(1_000_000);
     let mut points = room.points(1000, 1000);
-    // The renderer asks nothing of the photons there.
+    // The renderer makes no photon query at dark points.
     let dark: Vec<usize> = (0..points.len()).filter(|i| room.is_dark(&points[*i])).collect();
     dark.iter().for_each(|i| points[*i].normal = INVALID_POINT);
     for count in [131_072, 1_000_000] {
@@ -75,22 +84,22 @@ fn main() {
         let built = grid.build(gpu, &photons, count as u32, 1, shape).unwrap();
         let mut buffers = TileBuffers::new(gpu, &features, 1_000_000, false).unwrap();
         buffers.points = gpu.upload("bench/points", &points).unwrap();
-        let slots = ClassifyBuffers::new(gpu, 1_000_000).unwrap();
+        let candidates = ClassifyBuffers::new(gpu, 1_000_000).unwrap();
         let tile =
             Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
         for exact_counts in [true, false] {
             let classify = Classify::new(gpu, &features, k, exact_counts).unwrap();
-            let bound = classify.bind(gpu, &buffers, Some(&built), &slots, &Resources::new()).unwrap();
+            let bound = classify.bind(gpu, &buffers, Some(&built), &candidates, &Resources::new()).unwrap();
             let label = format!("a million points, {}", if exact_counts { "exact counts" } else { "exact classes" });
             measure(gpu, &label, || {
                 let mut frame = gpu.frame("bench");
-                bound.record(&mut frame, &slots, &tile, &chunk, 64);
+                bound.record(&mut frame, &candidates, &tile, &chunk, 64);
                 frame.submit().unwrap();
             });
         }
-        let queued = gpu.read::<u32>(&slots.queue_lengths, 4).unwrap()[0];
-        let words: Vec<u32> = gpu.read(&slots.classes, points.len()).unwrap();
+        let queued = gpu.read::<u32>(&candidates.queue_lengths, 4).unwrap()[0];
+        let words: Vec<u32> = gpu.read(&candidates.classes, points.len()).unwrap();
         let share = |class| words.iter().filter(|w| Classified::new(**w).class == class).count() as f64 / 1e4;
         println!(
             "    searched {:.1} %; dark {:.1} %, lit {:.1} %, shadowed {:.1} %, boundary {:.1} %, unknown {:.1} %",

@@ -1,38 +1,46 @@
-//! Rays a second through the hierarchy: camera, shadow and diffuse rays in a box of 36 triangles and among 200,012; and the same by
-//! the kernels that scenes with needles have, run by run in turn.
+//! Speed of the traversal of the hierarchy: camera, shadow and diffuse rays among 36 triangles (a box) and among
+//! 200,012. Measures the kernels that scenes with needles have too, run by run in turn with the others.
 //!
-//! Timed on the device; `PENUMBRA_DEVICE` names another one than lavapipe. Median and best of nine runs, in millions a second.
+//! Run it with `cargo bench --bench traversal`; the variable `PENUMBRA_DEVICE` names another device than lavapipe.
+//!
+//! It prints for each scene the time to build the hierarchy and its levels, and for each kernel the median (and the
+//! best) of nine runs in millions of rays a second, camera / shadow / diffuse. Times are those of the device.
 
+use kernel_kit::{BoundKernel, Declared, Gpu, Resources, TableFormat};
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::new_kernel;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f32::consts::{PI, TAU};
 use std::time::Instant;
 
 use glam::{Mat3, Vec3, vec3};
 use penumbra::Result;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{BoundKernel, Features, Gpu, Kernel, Resources, buffer::TableFormat, compose};
+use penumbra::internal::bvh::Bvh;
 
+/// Runs for each time.
 const RUNS: usize = 9;
-/// Pixels along a side of the image whose rays are traced.
+/// Side in pixels of the image whose camera rays are traced.
 const SIZE: usize = 1024;
 const FAR: f32 = 1e30;
 
 type Triangle = [Vec3; 3];
 /// Origin and t_min, direction and t_max.
 type Rays = Vec<[f32; 4]>;
-/// Median and best seconds, of the kernel and of that with needles.
+/// Median and best seconds, of the kernel without needles and of the one with needles.
 type Times = [[f64; 2]; 2];
 
-/// Rays come from a table, since that is the cheapest read; every answer is stored.
+/// Rays come from a table, which is the cheapest read. Every answer is stored.
 const KERNEL: &str = "
 import package::lib::dispatch::group_index;
 import package::lib::ray::Ray;
+@if(texture_loads) import package::lib::table::table_texel;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
 @if(texture_loads) @group(0) @binding(0) var rays: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> answers: array<vec4f>;
 override ray_count: u32;
 fn ray_texel(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(rays, vec2u(i & 4095u, i >> 12u)); }
+    @if(texture_loads) { return textureLoad(rays, table_texel(i)); }
     @if(!texture_loads) { return rays[i]; }
 }
 fn ray_of(i: u32) -> Ray {
@@ -41,14 +49,22 @@ fn ray_of(i: u32) -> Ray {
     return Ray(a.xyz, a.w, b.xyz, b.w);
 }
 @compute @workgroup_size(64)
-fn closest(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn closest(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
     let hit = trace_closest(ray_of(i), 0u);
     answers[i] = vec4f(hit.t, f32(traversal_overrun), hit.v, bitcast<f32>(hit.triangle));
 }
 @compute @workgroup_size(64)
-fn occluded(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn occluded(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
     answers[i] = vec4f(f32(trace_occluded(ray_of(i), 0u)), f32(traversal_overrun), 0.0, 0.0);
@@ -60,7 +76,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Times, and the answers of the kernel without needles.
+    /// Times of both kernels, and the answers of the one without needles.
     fn run(&self, entry: &str, rays: &Rays) -> Result<(Times, Vec<[f32; 4]>)> {
         let gpu = self.gpu;
         let count = rays.len() / 2;
@@ -70,15 +86,20 @@ impl Bench<'_> {
         let answers = gpu.poisoned::<[f32; 4]>("bench/answers", count)?;
         let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
         let set = set.with("rays", &rays).with("answers", &answers);
-        let bind = |needles: bool| {
+        let bind = |needles: bool| -> Result<BoundKernel> {
             let features = Features::default()
-                .with("texture_loads", gpu.texture_loads)
-                .with("interleave", gpu.texture_loads)
-                .with("shallow_bvh", self.bvh.is_shallow())
-                .with("needles", needles);
-            let composed = compose::compose_source("traversal", KERNEL, &features)?;
-            let kernel = Kernel::new(gpu, &composed, &[("ray_count", count as f64)], &["answers"])?;
-            kernel.bind(gpu, entry, &[&set])
+                .with(Feature::TextureLoads, gpu.texture_loads)
+                .with(Feature::Interleave, gpu.texture_loads)
+                .with(Feature::ShallowBvh, self.bvh.is_shallow())
+                .with(Feature::Needles, needles);
+            let composed = compose_source("traversal", KERNEL, &features)?;
+            let kernel = new_kernel(
+                gpu,
+                &composed,
+                &[("ray_count", count as f64)],
+                &[Declared { required: &["answers"], optional: &[] }],
+            )?;
+            Ok(kernel.bind(gpu, entry, &[&set])?)
         };
         let time = |bound: &BoundKernel, items: usize| -> Result<f64> {
             let before = gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0);
@@ -92,7 +113,7 @@ impl Bench<'_> {
             time(bound, 1)?;
         }
         for _ in 0..RUNS {
-            // The other one first, so that the answers are those of the first.
+            // The kernel without needles runs last, so that the answers are its own.
             for (bound, times) in kernels.iter_mut().rev() {
                 times.push(time(bound, count)?);
             }
@@ -107,7 +128,7 @@ impl Bench<'_> {
     }
 }
 
-/// Camera rays in tiles of 8 x 8 pixels, a workgroup's worth.
+/// Camera rays in tiles of 8 x 8 pixels, one workgroup each.
 fn camera_rays(random: &mut Random) -> Rays {
     let mut rays = Rays::new();
     for i in 0..SIZE * SIZE {
@@ -121,15 +142,16 @@ fn camera_rays(random: &mut Random) -> Rays {
     rays
 }
 
-/// From what the camera sees: a ray to a point of the light, and a ray in a direction of a cosine's density.
+/// From each visible point, a shadow ray to a point of the light, and a diffuse ray whose direction has the density of
+/// the cosine.
 fn secondary_rays(bvh: &Bvh, camera: &Rays, answers: &[[f32; 4]], random: &mut Random) -> (Rays, Rays) {
     let (mut shadow, mut diffuse) = (Rays::new(), Rays::new());
     for (ray, answer) in camera.chunks(2).zip(answers) {
-        let slot = answer[3].to_bits();
-        if slot == u32::MAX {
+        let primitive = answer[3].to_bits();
+        if primitive == u32::MAX {
             continue;
         }
-        let corner = |i: usize| Vec3::from_slice(&bvh.triangles[3 * slot as usize + i][..3]);
+        let corner = |i: usize| Vec3::from_slice(&bvh.triangles[3 * primitive as usize + i][..3]);
         let direction = Vec3::from_slice(&ray[1][..3]);
         let normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize();
         let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
@@ -145,8 +167,8 @@ fn secondary_rays(bvh: &Bvh, camera: &Rays, answers: &[[f32; 4]], random: &mut R
 }
 
 fn main() -> Result<()> {
-    let choice = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into());
-    let gpu = Gpu::open(&choice.parse().unwrap_or_default())?;
+    let device = std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into());
+    let gpu = Gpu::open(&device.parse().unwrap_or_default())?;
     println!("{} ({})", gpu.info.name, gpu.info.driver);
     println!("millions of rays a second, median (best) of {RUNS}: camera / shadow / diffuse");
     for triangles in [boxes(), spheres()] {
@@ -165,7 +187,7 @@ fn main() -> Result<()> {
         ];
         let count = triangles.len();
         println!("{count} triangles, built in {build_s:.3} s, {} levels", bvh.depth);
-        for (kernel, name) in ["as they are", "with needles"].into_iter().enumerate() {
+        for (kernel, name) in ["without needles", "with needles"].into_iter().enumerate() {
             let rates = results.each_ref().map(|(count, (times, _))| {
                 let [median, best] = times[kernel].map(|seconds| *count as f64 / seconds * 1e-6);
                 format!("{median:.2} ({best:.2})")
@@ -180,9 +202,9 @@ fn quad(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> [Triangle; 2] {
     [[a, b, c], [a, c, d]]
 }
 
-/// The faces, of six, of a box turned about y.
-fn cuboid(centre: Vec3, half: Vec3, turn: f32, faces: &[usize]) -> Vec<Triangle> {
-    let rotation = Mat3::from_rotation_y(turn);
+/// Some of the six faces of a box that is rotated about y.
+fn cuboid(centre: Vec3, half: Vec3, angle: f32, faces: &[usize]) -> Vec<Triangle> {
+    let rotation = Mat3::from_rotation_y(angle);
     let mut triangles = Vec::new();
     for &face in faces {
         let (axis, side) = (face / 2, face as f32 % 2.0 * 2.0 - 1.0);
@@ -221,7 +243,7 @@ fn spheres() -> Vec<Triangle> {
         let centre = vec3(random.number() * 1.6 - 0.8, random.number() * 1.5 - 0.8, random.number() * 1.6 - 0.8);
         let radius = 0.1 + 0.15 * random.number();
         let (rows, columns) = (50, 100);
-        let place = |row: usize, column: usize| {
+        let point = |row: usize, column: usize| {
             let (theta, phi) = (PI * row as f32 / rows as f32, TAU * (column % columns) as f32 / columns as f32);
             let n = vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
             let bump = (n * 9.0 + i as f32).map(f32::sin).element_product();
@@ -230,7 +252,7 @@ fn spheres() -> Vec<Triangle> {
         for row in 0..rows {
             for column in 0..columns {
                 let (a, b, c, d) =
-                    (place(row, column), place(row + 1, column), place(row + 1, column + 1), place(row, column + 1));
+                    (point(row, column), point(row + 1, column), point(row + 1, column + 1), point(row, column + 1));
                 t.extend([[a, b, c], [a, c, d]]);
             }
         }

@@ -1,15 +1,17 @@
-// cache: the irradiance cache. `place` finds the points for which no record speaks well enough: they get records of their own.
-// `interpolate` lights the points of a tile from the records; those that none speaks for are queued for paths, and those that
-// reflect more than their diffuse part.
+// cache: the irradiance cache (Ward and Heckbert 1992). `request` lists the points that the records there are do not
+// cover well enough: they get records of their own. `interpolate` takes the diffuse indirect light of the points of a
+// tile from the records. It queues for path tracing the points that no record covers, and those whose surface reflects
+// more than diffusely.
+// In: `points`, `surfaces` and the records (lib/record).
+// Out: `wanted_points`, `radiance_indirect` and `path_points`.
 
 import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
-import package::lib::point::{Point, SURFACE_VECTORS};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(sheen) import package::lib::point::SHEEN_VECTOR;
+import package::lib::point::SURFACE_VECTORS;
+@if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
 @if(chains) import package::lib::point::CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
+import package::lib::visible_point::{points, packed_surface_at, surfaces};
 import package::lib::tile::{Tile, tile_pixel};
 import package::lib::constants::{INVALID_POINT, PATH_GROUP};
 
@@ -24,62 +26,66 @@ struct CacheParameters {
 
 var<immediate> cache_pass: CacheParameters;
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
-// How many points want a record, and which.
+// How many points are to get a record, and which.
 @group(0) @binding(2) var<storage, read_write> wanted_count: array<atomic<u32>, 1>;
 @group(0) @binding(3) var<storage, read_write> wanted_points: array<u32>;
-// w: 1 where the diffuse part of the light is there.
+// w is 1 where the diffuse part of the light is complete.
 @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-// How many points have light left for paths, which, and the arguments of a dispatch over them.
+// How many points are left to path tracing, which, and the arguments of a dispatch over them.
 @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
 @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
 
-// Records weigh up to 1 each. With less than this together a point lies at their rims, where gradients reach far.
-const ENOUGH = 0.3;
+// The weight of a record is at most 1. A point whose records weigh less than this in total lies at their rims, where
+// their gradients extrapolate far.
+const MIN_WEIGHT = 0.3;
 
-fn at_point(i: u32) -> Interpolated {
-    let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
+fn interpolate_at(i: u32) -> Interpolated {
+    let size = vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
+    let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
     let last = vec2u(cache_pass.block_columns, cache_pass.block_rows) - 1u;
     let block = min(vec2u(film * cache_pass.blocks), last);
     let normal = oct_decode16(bitcast<u32>(surfaces[i * SURFACE_VECTORS].w));
     return interpolate_records(block.y * cache_pass.block_columns + block.x, points[i].position, normal);
 }
 
-// Whether a chain leads to the point: blocks list the records that the camera sees there itself.
+// Whether the camera sees the point by a specular chain. The blocks list only the records of points that it sees
+// directly.
 fn is_behind_chain(i: u32) -> bool {
     @if(chains) { return bitcast<u32>(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].w) != INVALID_POINT; }
     @else { return false; }
 }
 
-// Whether there is a surface that reflects diffusely.
-fn asks_irradiance(i: u32) -> bool {
+fn reflects_diffusely(i: u32) -> bool {
     return points[i].normal != INVALID_POINT && any(surfaces[i * SURFACE_VECTORS].xyz > vec3f(0.0));
 }
 
 @compute @workgroup_size(64)
-fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn request(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count || !asks_irradiance(i) || is_behind_chain(i) { return; }
-    if at_point(i).weight < ENOUGH { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
+    if i >= cache_pass.tile.point_count || !reflects_diffusely(i) || is_behind_chain(i) { return; }
+    if interpolate_at(i).weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
-// Whether there is a surface whose light is not all its diffuse part's.
+// Whether the surface reflects more than diffusely, or transmits light.
 fn reflects_beyond(i: u32) -> bool {
     @if(glossy) {
         if points[i].normal == INVALID_POINT { return false; }
-        var beyond = any(surfaces[i * SURFACE_VECTORS + 1u] != vec4f(0.0));
-        @if(transmission) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + TINT_VECTOR].xyz != vec3f(0.0)); }
-        @if(clearcoat) { beyond = beyond || surfaces[i * SURFACE_VECTORS + LOBE_VECTOR].x != 0.0; }
-        @if(sheen) { beyond = beyond || any(surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR].xyz != vec3f(0.0)); }
-        return beyond;
+        return reflects_beyond_diffuse(packed_surface_at(i));
     }
     @else { return false; }
 }
 
 @compute @workgroup_size(64)
-fn interpolate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn interpolate(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= cache_pass.tile.point_count { return; }
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
@@ -87,8 +93,8 @@ fn interpolate(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
     if points[i].normal != INVALID_POINT && is_behind_chain(i) {
         light = vec4f(0.0);
         queued = true;
-    } else if asks_irradiance(i) {
-        let found = at_point(i);
+    } else if reflects_diffusely(i) {
+        let found = interpolate_at(i);
         light = vec4f(surfaces[i * SURFACE_VECTORS].xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);

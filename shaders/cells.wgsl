@@ -1,14 +1,19 @@
-// cells: what rays from the surfaces in each cell of a grid to each light see, before the first sample; then the class of
-// every point by its cell. The earlier methods that judge space and not points; src/techniques/cells.rs says which.
+// cells: shadow rays from the surfaces in each cell of a grid to each light, before the first sample; then the class of
+// every candidate (point and light) by its cell. For the earlier methods that classify space, not points; see
+// src/light_transport/cell_visibility.rs. In: points of surfaces by cell (normalised space), the hierarchy, points of a
+// tile. Out: counts of rays and a class word by light and cell; class words of the candidates.
 
 import package::lib::bvh::{trace_occluded, traversal_overrun, triangle_corners};
-import package::lib::constants::{COUNTER_OVERRUN, DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT};
+import package::lib::constants::{
+    CLASS_BOUNDARY, CLASS_COUNT_MAX, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_OVERRUN,
+    DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT
+};
+import package::lib::class_word::class_word;
 import package::lib::dispatch::group_index;
-import package::lib::grid::{GridShape, cell_of};
+import package::lib::grid::{GridShape, cell_in_grid, cell_of, cells_of_a_light, index_in_grid};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light::{light_sample, shadow_ray};
 import package::lib::math::oct_decode16;
-import package::lib::photon::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, class_word};
 import package::lib::point::Point;
 import package::lib::rng::hash3;
 import package::lib::sampling::sobol2;
@@ -17,15 +22,15 @@ import package::lib::tile::Tile;
 struct CellParameters {
     grid: GridShape,
     tile: Tile,
-    // Of `trace` the light, of `look` the first one of the chunk.
+    // The light of `trace`, or the first light of the chunk of `classify_points`.
     light: u32,
     // Points to trace from, and those of one cell.
     point_count: u32,
     rays: u32,
     // (light, cell) pairs, and (light, point) pairs of the chunk.
     cell_count: u32,
-    slot_count: u32,
-    // Of the light points.
+    candidate_count: u32,
+    // For the sampled points of lights.
     seed: u32,
     padding: vec2u,
 }
@@ -33,14 +38,14 @@ struct CellParameters {
 // A point of a surface that a cell traces a ray from.
 struct CellPoint {
     position: vec3f,
-    // BVH slot of its triangle.
+    // Primitive index of its triangle.
     triangle: u32,
 }
 
 var<immediate> cells_pass: CellParameters;
 
 @group(0) @binding(0) var<storage, read> cell_points: array<CellPoint>;
-// By light and cell: rays that were traced, and above 16 bits those that saw the light.
+// By light and cell: rays that were traced, and above 16 bits those that reached the light.
 @group(0) @binding(1) var<storage, read_write> cell_counts: array<atomic<u32>>;
 // By light and cell: the class word of its points.
 @group(0) @binding(2) var<storage, read_write> cell_words: array<u32>;
@@ -48,76 +53,79 @@ var<immediate> cells_pass: CellParameters;
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read_write> classes: array<u32>;
 
-fn cells_of_a_light() -> u32 {
-    return cells_pass.grid.size.x * cells_pass.grid.size.y * cells_pass.grid.size.z;
+// Index of a cell among those of all lights.
+fn index_of(light: u32, cell: vec3u) -> u32 {
+    return light * cells_of_a_light(cells_pass.grid) + index_in_grid(cells_pass.grid, cell);
 }
 
-fn place_of(light: u32, cell: vec3u) -> u32 {
-    let size = cells_pass.grid.size;
-    return light * cells_of_a_light() + (cell.z * size.y + cell.y) * size.x + cell.x;
-}
-
-// One ray, from the side of the surface that faces the light point: from the other the light is dark.
+// One ray, from the side of the surface that faces the light point: from the other side the light is dark.
 @compute @workgroup_size(64)
-fn trace(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn trace(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= cells_pass.point_count { return; }
     let point = cell_points[i];
     let light = cells_pass.light;
-    let place = place_of(light, cell_of(cells_pass.grid, point.position));
-    let seed = hash3(cells_pass.seed, DIMENSION_CELL, place);
-    let chosen = light_sample(light, point.position, sobol2(i % cells_pass.rays, seed));
+    let index = index_of(light, cell_of(cells_pass.grid, point.position));
+    let seed = hash3(cells_pass.seed, DIMENSION_CELL, index);
+    let sampled = light_sample(light, point.position, sobol2(i % cells_pass.rays, seed));
     let corners = triangle_corners(point.triangle);
-    let across = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
-    let cosine = dot(across, chosen.direction);
-    if chosen.pdf <= 0.0 || cosine == 0.0 { return; }
-    let ray = shadow_ray(point.position, select(across, -across, cosine < 0.0), chosen);
-    let seen = !trace_occluded(ray, hash3(seed, DIMENSION_SHADOW_ALPHA, i % cells_pass.rays));
-    atomicAdd(&cell_counts[place], select(1u, 0x10001u, seen));
+    let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
+    let cosine = dot(normal, sampled.direction);
+    if sampled.pdf <= 0.0 || cosine == 0.0 { return; }
+    let ray = shadow_ray(point.position, select(normal, -normal, cosine < 0.0), sampled);
+    let visible = !trace_occluded(ray, hash3(seed, DIMENSION_SHADOW_ALPHA, i % cells_pass.rays));
+    atomicAdd(&cell_counts[index], select(1u, 0x10001u, visible));
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }
 
 // The class word of each cell for each light.
 @compute @workgroup_size(64)
-fn judge(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let place = group_index(group, groups) * 64u + lane;
-    if place < cells_pass.cell_count { cell_words[place] = word_of_cell(place); }
+fn classify_cells(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let index = group_index(group, groups) * 64u + lane;
+    if index < cells_pass.cell_count { cell_words[index] = word_of_cell(index); }
 }
 
-fn word_of_cell(place: u32) -> u32 {
-    let count = atomicLoad(&cell_counts[place]);
+fn word_of_cell(index: u32) -> u32 {
+    let count = atomicLoad(&cell_counts[index]);
     let traced = count & 0xffffu;
-    let seen = count >> 16u;
+    let visible = count >> 16u;
     // No ray, no answer.
     if traced == 0u { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
-    let n_i = min(seen, 511u);
-    let n_s = min(traced - seen, 511u);
+    let n_i = min(visible, CLASS_COUNT_MAX);
+    let n_s = min(traced - visible, CLASS_COUNT_MAX);
     @if(voxel_tags) {
-        // A boundary that passes a voxel between its rays is met by those next door.
-        let range = shares_around(place);
+        // A boundary that passes a voxel between its rays is met by those of its neighbours.
+        let range = shares_around(index);
         if range.x == 1.0 { return class_word(CLASS_LIT, n_i, 0u, 1.0); }
         if range.y == 0.0 { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
     }
     @if(!voxel_tags) {
-        if seen == 0u { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
+        if visible == 0u { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }
     }
-    return class_word(CLASS_BOUNDARY, n_i, n_s, f32(seen) / f32(traced));
+    return class_word(CLASS_BOUNDARY, n_i, n_s, f32(visible) / f32(traced));
 }
 
-// The least and the greatest share of seen rays, of the cell and the 26 around it.
+// The smallest and the largest share of rays that reached the light, of the cell and the 26 around it.
 @if(voxel_tags)
-fn shares_around(place: u32) -> vec2f {
+fn shares_around(index: u32) -> vec2f {
     let size = cells_pass.grid.size;
-    let light = place / cells_of_a_light();
-    let within = place % cells_of_a_light();
-    let cell = vec3u(within % size.x, within / size.x % size.y, within / (size.x * size.y));
+    let light = index / cells_of_a_light(cells_pass.grid);
+    let cell = cell_in_grid(cells_pass.grid, index % cells_of_a_light(cells_pass.grid));
     let low = max(cell, vec3u(1u)) - 1u;
     let high = min(cell + 1u, size - 1u);
     var range = vec2f(1.0, 0.0);
     for (var z = low.z; z <= high.z; z++) {
         for (var y = low.y; y <= high.y; y++) {
             for (var x = low.x; x <= high.x; x++) {
-                let count = atomicLoad(&cell_counts[place_of(light, vec3u(x, y, z))]);
+                let count = atomicLoad(&cell_counts[index_of(light, vec3u(x, y, z))]);
                 if (count & 0xffffu) == 0u { continue; }
                 let share = f32(count >> 16u) / f32(count & 0xffffu);
                 range = vec2f(min(range.x, share), max(range.y, share));
@@ -127,19 +135,24 @@ fn shares_around(place: u32) -> vec2f {
     return range;
 }
 
+// The class word of each candidate, by its cell.
 @compute @workgroup_size(64)
-fn look(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let slot = group_index(group, groups) * 64u + lane;
-    if slot < cells_pass.slot_count { classes[slot] = word_of_slot(slot); }
+fn classify_points(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let candidate = group_index(group, groups) * 64u + lane;
+    if candidate < cells_pass.candidate_count { classes[candidate] = word_of_candidate(candidate); }
 }
 
-fn word_of_slot(slot: u32) -> u32 {
-    let local_light = slot / cells_pass.tile.point_count;
-    let point = points[slot - local_light * cells_pass.tile.point_count];
+fn word_of_candidate(candidate: u32) -> u32 {
+    let local_light = candidate / cells_pass.tile.point_count;
+    let point = points[candidate - local_light * cells_pass.tile.point_count];
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let light = cells_pass.light + local_light;
     @if(dark_points) {
         if light_dark(light, point.position, oct_decode16(point.normal)) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
-    return cell_words[place_of(light, cell_of(cells_pass.grid, point.position))];
+    return cell_words[index_of(light, cell_of(cells_pass.grid, point.position))];
 }

@@ -1,8 +1,9 @@
-// film: sums the samples of the tile's pixels, compensated (Kahan 1965; Neumaier 1974), so that tens of thousands of
-// samples lose nothing that shows. A sample that is not finite is left out and counted; so are pixels whose sum may come to
-// overflow, and squares that do.
-// In: `samples`, a vector a point. Out: in `sums` and `compensations`, a vector a pixel; compensations.w counts the
-// samples that were left out.
+// film: sums the samples of each pixel of a tile with compensation (Kahan 1965; Neumaier 1974), so that tens of
+// thousands of samples lose no visible precision. A sample that is not finite is left out and counted. Also counted are
+// pixels whose sum may soon overflow, and squares that overflow.
+// In: `samples`, a vector for each point, in the units of radiance.
+// Out: `sums` and `compensations`, a vector for each pixel; compensations.w is the number of samples that were left
+// out.
 
 import package::lib::dispatch::group_index;
 import package::lib::math::is_finite4;
@@ -10,7 +11,7 @@ import package::lib::constants::{COUNTER_NOT_FINITE, COUNTER_NEAR_OVERFLOW};
 
 struct FilmParameters {
     pixel_count: u32,
-    // Points to sum, and the first of them in `samples`.
+    // Number of points to sum, and the index of the first of them in `samples`.
     point_count: u32,
     first_point: u32,
 }
@@ -19,12 +20,12 @@ struct FilmParameters {
 @group(0) @binding(1) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> compensations: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-// For the variance of the whole: the other part of the radiance, or one zero for all points.
+// For `accumulate_squares`: the other part of the radiance, or one zero vector for all points.
 @group(0) @binding(4) var<storage, read> other_samples: array<vec4f>;
 
 var<immediate> film_parameters: FilmParameters;
 
-// 2^104: a sum beyond may overflow (at 2^128) within the 2^24 samples that a render can take.
+// 2^104: a larger sum may overflow (at 2^128) within the 2^24 samples that a render can take.
 const NEAR_OVERFLOW = 2.028241e31;
 
 struct Sum {
@@ -32,9 +33,10 @@ struct Sum {
     compensation: vec4f,
 }
 
-// Neumaier's step. The difference that was lost is computed from the operand that is larger. What is compensated goes back
-// into the sum as far as it has room there (Dekker's sum of doubles): left to grow over many samples alike, it would round
-// as the sum itself does. (Written as `rest - (value - total)`, drivers that cancel `(total + rest) - total` lose it all.)
+// Neumaier's step: computes the rounding error of the sum from the larger operand. As much of the compensation as fits
+// goes back into the sum (Dekker's sum of doubles): if it grew over many similar samples, it would itself round as an
+// uncompensated sum does. (Written as `rest - (value - total)`, drivers that cancel `(total + rest) - total` lose all
+// of it.)
 fn compensated(sum: Sum, x: vec4f) -> Sum {
     let total = sum.value + x;
     let lost = select((x - total) + sum.value, (sum.value - total) + x, abs(sum.value) >= abs(x));
@@ -66,12 +68,13 @@ fn accumulate(
     let pixel = group_index(group, groups) * 64u + lane;
     if pixel >= film_parameters.pixel_count { return; }
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
-        if !add_sample(pixel, samples[film_parameters.first_point + i]) { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
+        let added = add_sample(pixel, samples[film_parameters.first_point + i]);
+        if !added { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
     if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
-// The squares of the sum of both parts of the radiance.
+// Sums the squares of the whole radiance, the sum of its two parts, for the variance.
 @compute @workgroup_size(64)
 fn accumulate_squares(
     @builtin(workgroup_id) group: vec3u,
@@ -82,7 +85,7 @@ fn accumulate_squares(
     if pixel >= film_parameters.pixel_count { return; }
     for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
-        // A sample that is not finite itself is counted by `accumulate`.
+        // `accumulate` counts samples that are not finite themselves.
         if !add_sample(pixel, x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
     }
 }

@@ -1,8 +1,10 @@
-// gather: the final gather. Rays over the hemisphere of each new irradiance record, stratified by the cosine; each brings the
-// light that the photons tell at the surface it meets, or is traced on where that is too close (`follow`). What a record's
-// rays bring becomes its irradiance, with rotational and translational gradients (Ward and Heckbert 1992) and the harmonic
-// mean of the distances (`record`).
-// In: points and surfaces, and which of them want records. Out: `record_heads`, `record_values`; see lib/record.
+// gather: the final gather of new irradiance records (section 2 of the paper; Ward and Heckbert 1992). `gather` traces
+// rays over the hemisphere of each record, stratified in proportion to the cosine. Each ray brings the radiance that
+// precomputed irradiance gives at its hit; where that look-up does not hold, `follow` traces a path from the hit.
+// `record` turns what a record's rays bring into irradiance, its rotational and translational gradients, and the
+// harmonic mean of the distances.
+// In: `points`, `surfaces`, and in `wanted` the points that get records.
+// Out: `record_heads` and `record_values`; see lib/record. Lengths are in scene units after normalisation.
 
 import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
@@ -12,16 +14,18 @@ import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::irradiance::irradiance_near;
 import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
+import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
+import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::point::{Point, SURFACE_VECTORS};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
-import package::lib::record::{RECORD_HEAD, RECORD_VALUES};
+import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::surface::surface_at;
-import package::lib::walk::{PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, spread_along, walk};
-import package::lib::constants::{DIMENSION_GATHER, LEAST_RADIUS_PIXELS, COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
+import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, RECORD_HEAD_TEXELS};
+import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
 
 struct GatherParameters {
-    // Of `wanted`.
+    // The records of this dispatch: the first one's index in `wanted`, and how many.
     first: u32,
     count: u32,
     // Strata: rings of equal cosine-weighted area, and sectors.
@@ -29,9 +33,9 @@ struct GatherParameters {
     sectors: u32,
     max_bounces: u32,
     seed: u32,
-    // Place of the first record among `record_values`.
+    // Index of the first record in `record_values`.
     first_record: u32,
-    // Height of the image.
+    // Height of the image in pixels.
     height: u32,
 }
 
@@ -40,9 +44,10 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
-// By ray: radiance, and the distance that it came from.
+// For each ray: the radiance that it brings, and the distance of its hit.
 @group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
-// Rays that are traced on: how many, the arguments of their dispatch; their numbers (FOLLOW_RESIDUAL in the top bit) and hits.
+// The rays that `follow` continues: how many, the arguments of the dispatch over them, their numbers (with
+// FOLLOW_RESIDUAL in the top bit) and their hits.
 @group(0) @binding(4) var<storage, read_write> follow_count: array<atomic<u32>, 1>;
 @group(0) @binding(5) var<storage, read_write> follow_arguments: array<u32, 3>;
 @group(0) @binding(6) var<storage, read_write> follow_rays: array<u32>;
@@ -51,17 +56,16 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(9) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Of a ray for which a look-up has brought the diffuse part: what is left is a metal's reflection.
+// Marks a ray whose diffuse part is a look-up's: its path brings only the rest, a metal's reflection.
 const FOLLOW_RESIDUAL = 0x80000000u;
-const GATHER_GROUP = 64u;
-// Distance of what a ray did not meet.
-const NOTHING = 1e30;
+// Distance of a ray without a hit.
+const NO_DISTANCE = 1e30;
 
 struct GatherRay {
     ray: Ray,
-    // Density by solid angle; 0 where it goes into the surface itself.
+    // Probability density by solid angle; 0 where the ray would go into the surface itself.
     pdf: f32,
-    // Number of the ray among the record's, and the record's seed.
+    // Number of the ray within its record, and the record's seed.
     stratum: u32,
     seed: u32,
 }
@@ -79,9 +83,9 @@ fn gather_ray(id: u32) -> GatherRay {
     let stratum = id % rays;
     let bits = bitcast<vec3u>(position);
     let seed = hash3(bits.x ^ gather_pass.seed, bits.y, bits.z + DIMENSION_GATHER);
-    let lots = vec2f(uniform_from_bits(hash2(seed, 2u * stratum)), uniform_from_bits(hash2(seed, 2u * stratum + 1u)));
-    let sine_squared = (f32(stratum % gather_pass.rings) + lots.x) / f32(gather_pass.rings);
-    let angle = 2.0 * PI * (f32(stratum / gather_pass.rings) + lots.y) / f32(gather_pass.sectors);
+    let xi = vec2f(uniform_from_bits(hash2(seed, 2u * stratum)), uniform_from_bits(hash2(seed, 2u * stratum + 1u)));
+    let sine_squared = (f32(stratum % gather_pass.rings) + xi.x) / f32(gather_pass.rings);
+    let angle = 2.0 * PI * (f32(stratum / gather_pass.rings) + xi.y) / f32(gather_pass.sectors);
     let sine = sqrt(sine_squared);
     let cosine = sqrt(1.0 - sine_squared);
     let direction = normalize(basis(normal) * vec3f(sine * cos(angle), sine * sin(angle), cosine));
@@ -89,34 +93,39 @@ fn gather_ray(id: u32) -> GatherRay {
     return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed);
 }
 
-// What a ray brings, where that is a number: one ray must not spoil a record, and all the points that it lights.
-fn finite_or_dark(brought: vec3f) -> vec3f {
-    let finite = is_finite3(brought);
+// The radiance, or 0 and a count where it is not finite: one ray must not make a record invalid, and with it all the
+// points that take their light from it.
+fn finite_or_dark(radiance: vec3f) -> vec3f {
+    let finite = is_finite3(radiance);
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
-    return select(vec3f(0.0), brought, finite);
+    return select(vec3f(0.0), radiance, finite);
 }
 
-@compute @workgroup_size(64)
-fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+@compute @workgroup_size(GATHER_GROUP)
+fn gather(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let id = group_index(group, groups) * GATHER_GROUP + lane;
     if id >= gather_pass.count * gather_pass.rings * gather_pass.sectors { return; }
-    let leaving = gather_ray(id);
-    var brought = vec4f(0.0, 0.0, 0.0, NOTHING);
+    let gathering = gather_ray(id);
+    var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
     var hit = Hit(0.0, 0.0, 0.0, NO_HIT);
-    if leaving.pdf > 0.0 { hit = trace_closest(leaving.ray, hash2(leaving.seed, ~id)); }
+    if gathering.pdf > 0.0 { hit = trace_closest(gathering.ray, hash2(gathering.seed, ~id)); }
     if hit.triangle != NO_HIT {
-        brought.w = hit.t;
-        let found = surface_at(hit, leaving.ray);
+        radiance.w = hit.t;
+        let found = surface_at(hit, gathering.ray);
         if !found.unlit {
             let known = irradiance_near(found.triangle_position, found.triangle_normal);
             var follow = 0u;
             var follows = true;
-            var wide = spread_along(leaving.pdf, hit.t) >= known.radius;
-            // The light of a focusing surface is in part the caustic map's; the walk knows which.
+            var wide = spread_along(gathering.pdf, hit.t) >= known.radius;
+            // Part of a focusing surface's light belongs to the caustic map. The path tracer knows which.
             @if(caustics) { wide = wide && !focuses(found.surface); }
             if wide {
-                brought = vec4f(bsdf_seen_afar(found.surface) * known.value, brought.w);
-                @if(transmission) { brought *= vec4f(found.transmittance, 1.0); }
+                radiance = vec4f(bsdf_seen_afar(found.surface) * known.value, radiance.w);
+                @if(transmission) { radiance *= vec4f(found.transmittance, 1.0); }
                 follow = FOLLOW_RESIDUAL;
                 follows = reflects_more(found.surface);
             }
@@ -127,7 +136,7 @@ fn gather(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
             }
         }
     }
-    gathered[id] = vec4f(finite_or_dark(brought.xyz), brought.w);
+    gathered[id] = vec4f(finite_or_dark(radiance.xyz), radiance.w);
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }
 
@@ -137,113 +146,131 @@ fn arrange_follow() {
     follow_arguments = array(size.x, size.y, size.z);
 }
 
-@compute @workgroup_size(64)
-fn follow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+@compute @workgroup_size(GATHER_GROUP)
+fn follow(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * GATHER_GROUP + lane;
     if i >= atomicLoad(&follow_count[0]) { return; }
     let id = follow_rays[i] & ~FOLLOW_RESIDUAL;
     let words = follow_hits[i];
-    let leaving = gather_ray(id);
-    let found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), leaving.ray);
-    var vertex: Vertex;
+    let gathering = gather_ray(id);
+    let found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
+    var vertex: PathVertex;
     vertex.position = found.position;
     vertex.surface = found.surface;
-    vertex.sample_index = leaving.stratum;
+    vertex.sample_index = gathering.stratum;
     @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
-    let start = PathStart(1u, spread_along(leaving.pdf, words.x));
-    var brought = walk(vertex, start, leaving.seed, gather_pass.max_bounces, 0u);
-    @if(transmission) { brought.indirect *= found.transmittance; }
-    gathered[id] = vec4f(gathered[id].xyz + finite_or_dark(brought.indirect), words.x);
+    let start = PathStart(1u, spread_along(gathering.pdf, words.x));
+    var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u).indirect;
+    @if(transmission) { radiance *= found.transmittance; }
+    gathered[id] = vec4f(gathered[id].xyz + finite_or_dark(radiance), words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);
     if heavy_path { atomicAdd(&counters[COUNTER_HEAVY_PATHS], 1u); }
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }
 
-@compute @workgroup_size(64)
-fn record(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let i = group_index(group, groups) * GATHER_GROUP + lane;
-    if i >= gather_pass.count { return; }
+// Sums over the rays of a record.
+struct RecordSums {
+    radiance: vec3f,
+    inverse_distances: f32,
+    // The translational gradient, by channel.
+    translation: mat3x3f,
+    // The rotational gradient, by channel, over the weight of a stratum.
+    @if(smooth_normals || normal_maps) rotation: mat3x3f,
+}
+
+// A vector for each channel: v times the channel's number.
+fn outer(v: vec3f, channels: vec3f) -> mat3x3f {
+    return mat3x3f(v * channels.x, v * channels.y, v * channels.z);
+}
+
+// Adds the rays of sector k; `base` is the record's first ray. Distances below `min_distance` count as that.
+fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f, min_distance: f32) {
     let rings = gather_pass.rings;
     let sectors = gather_pass.sectors;
+    let here = base + k * rings;
+    let previous = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
+    let angle = 2.0 * PI * (f32(k) + 0.5) / f32(sectors);
+    let edge_angle = 2.0 * PI * f32(k) / f32(sectors);
+    // Towards the sector's middle, and across its first edge.
+    let outwards = frame * vec3f(cos(angle), sin(angle), 0.0);
+    let across_edge = frame * vec3f(-sin(edge_angle), cos(edge_angle), 0.0);
+    @if(smooth_normals || normal_maps) let across = frame * vec3f(-sin(angle), cos(angle), 0.0);
+    // The sums of Ward and Heckbert's equation 4 over the rings of this sector.
+    var along = vec3f(0.0);
+    var beyond = vec3f(0.0);
+    @if(smooth_normals || normal_maps) var tilting = vec3f(0.0);
+    var below = vec4f(0.0);
+    var sine = 0.0;
+    for (var j = 0u; j < rings; j++) {
+        let ray = gathered[here + j];
+        let neighbour = gathered[previous + j];
+        let distance = max(ray.w, min_distance);
+        let next_sine = sqrt(f32(j + 1u) / f32(rings));
+        if j > 0u {
+            let nearer = min(distance, max(below.w, min_distance));
+            along += (ray.xyz - below.xyz) * (sine * (1.0 - sine * sine) / nearer);
+        }
+        let nearer = min(distance, max(neighbour.w, min_distance));
+        beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
+        @if(smooth_normals || normal_maps) {
+            let middle = (f32(j) + 0.5) / f32(rings);
+            // Where the normal tilts towards the light, irradiance grows by the tangent of its angle. `across` is the
+            // axis n_i x n of that rotation (Ward and Heckbert's minus sign is for n x n_i).
+            tilting += ray.xyz * sqrt(middle / (1.0 - middle));
+        }
+        (*sums).radiance += ray.xyz;
+        (*sums).inverse_distances += 1.0 / distance;
+        below = ray;
+        sine = next_sine;
+    }
+    along *= 2.0 * PI / f32(sectors);
+    (*sums).translation += outer(outwards, along) + outer(across_edge, beyond);
+    @if(smooth_normals || normal_maps) { (*sums).rotation += outer(across, tilting); }
+}
+
+@compute @workgroup_size(GATHER_GROUP)
+fn record(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * GATHER_GROUP + lane;
+    if i >= gather_pass.count { return; }
+    let rays = gather_pass.rings * gather_pass.sectors;
     let point = wanted[gather_pass.first + i];
     let position = points[point].position;
     let normal = shading_normal(point);
-    let frame = basis(normal);
     let footprint = pixel_size(position, gather_pass.height);
-    // In corners distances go to 0 and gradients grow without bound: nearer than the least radius of a record they say nothing.
-    let nearest_distance = footprint * f32(LEAST_RADIUS_PIXELS);
-    let base = i * rings * sectors;
-
-    var sum = vec3f(0.0);
-    var inverse_distances = 0.0;
-    var translation = mat3x3f();
-    @if(smooth_normals || normal_maps) var rotation = mat3x3f();
-    for (var k = 0u; k < sectors; k++) {
-        let here = base + k * rings;
-        let beside = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
-        let angle = 2.0 * PI * (f32(k) + 0.5) / f32(sectors);
-        let edge_angle = 2.0 * PI * f32(k) / f32(sectors);
-        // Towards the sector's middle, and across its first edge.
-        let outwards = frame * vec3f(cos(angle), sin(angle), 0.0);
-        let across_edge = frame * vec3f(-sin(edge_angle), cos(edge_angle), 0.0);
-        @if(smooth_normals || normal_maps) let across = frame * vec3f(-sin(angle), cos(angle), 0.0);
-        // Equation 4's sums over the rings of this sector.
-        var along = vec3f(0.0);
-        var beyond = vec3f(0.0);
-        @if(smooth_normals || normal_maps) var turning = vec3f(0.0);
-        var below = vec4f(0.0);
-        var sine = 0.0;
-        for (var j = 0u; j < rings; j++) {
-            let ray = gathered[here + j];
-            let neighbour = gathered[beside + j];
-            let distance = max(ray.w, nearest_distance);
-            let next_sine = sqrt(f32(j + 1u) / f32(rings));
-            if j > 0u {
-                let nearer = min(distance, max(below.w, nearest_distance));
-                along += (ray.xyz - below.xyz) * (sine * (1.0 - sine * sine) / nearer);
-            }
-            let nearer = min(distance, max(neighbour.w, nearest_distance));
-            beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
-            @if(smooth_normals || normal_maps) {
-                let middle = (f32(j) + 0.5) / f32(rings);
-                // Light from where the normal turns to gains by the tangent; `across` is the axis of that turn, n_i x n (Ward
-                // and Heckbert's minus sign goes with n x n_i).
-                turning += ray.xyz * sqrt(middle / (1.0 - middle));
-            }
-            sum += ray.xyz;
-            inverse_distances += 1.0 / distance;
-            below = ray;
-            sine = next_sine;
-        }
-        along *= 2.0 * PI / f32(sectors);
-        translation += outer(outwards, along) + outer(across_edge, beyond);
-        @if(smooth_normals || normal_maps) { rotation += outer(across, turning); }
-    }
-    let weight = PI / f32(rings * sectors);
-    let irradiance = sum * weight;
-    // Farther than it takes the gradient to bring the irradiance to nothing the record says nothing.
-    let slope = translation * vec3f(0.2126, 0.7152, 0.0722);
-    var spacing = f32(rings * sectors) / inverse_distances;
+    // In corners distances go to 0, and gradients grow without bound. A gradient need not hold within the minimum
+    // radius of a record.
+    let min_distance = footprint * f32(MIN_RADIUS_PIXELS);
+    let frame = basis(normal);
+    var sums: RecordSums;
+    for (var k = 0u; k < gather_pass.sectors; k++) { add_sector(&sums, i * rays, k, frame, min_distance); }
+    let weight = PI / f32(rays);
+    let irradiance = sums.radiance * weight;
+    // Beyond the distance at which the gradient brings the irradiance to 0 the record does not hold.
+    let slope = sums.translation * vec3f(0.2126, 0.7152, 0.0722);
+    var spacing = f32(rays) / sums.inverse_distances;
     spacing = min(spacing, luminance(irradiance) / max(length(slope), 1e-20));
 
-    // A sum that overflows, or a gradient at no distance at all: a record of size 0 says nothing to anyone.
+    // Sums may overflow, and gradients at distance 0 are infinite. A record of size 0 is not used.
     var finite = is_finite3(irradiance) && is_finite3(vec3f(spacing, footprint, 0.0));
     for (var c = 0u; c < 3u; c++) {
-        finite &= is_finite3(translation[c]);
-        @if(smooth_normals || normal_maps) { finite &= is_finite3(rotation[c]); }
+        finite &= is_finite3(sums.translation[c]);
+        @if(smooth_normals || normal_maps) { finite &= is_finite3(sums.rotation[c]); }
     }
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
-    let head = (gather_pass.first + i) * RECORD_HEAD;
+    let head = (gather_pass.first + i) * RECORD_HEAD_TEXELS;
     record_heads[head] = vec4f(position, select(0.0, footprint, finite));
-    record_heads[head + 1u] = vec4f(normal, select(NOTHING, spacing, finite));
-    let values = (gather_pass.first_record + i) * RECORD_VALUES;
+    record_heads[head + 1u] = vec4f(normal, select(NO_DISTANCE, spacing, finite));
+    let values = (gather_pass.first_record + i) * RECORD_VALUE_TEXELS;
     for (var c = 0u; c < 3u; c++) {
-        record_values[values + c] = vec4f(translation[c], irradiance[c]);
-        @if(smooth_normals || normal_maps) { record_values[values + 3u + c] = vec4f(weight * rotation[c], 0.0); }
+        record_values[values + c] = vec4f(sums.translation[c], irradiance[c]);
+        @if(smooth_normals || normal_maps) { record_values[values + 3u + c] = vec4f(weight * sums.rotation[c], 0.0); }
     }
-}
-
-// A vector for each channel: columns v times a channel's number.
-fn outer(v: vec3f, channels: vec3f) -> mat3x3f {
-    return mat3x3f(v * channels.x, v * channels.y, v * channels.z);
 }

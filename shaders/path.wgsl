@@ -1,22 +1,26 @@
-// path: the reference, and indirect light. From each point of the tile a path on through the scene (lib/walk).
-// With the feature `irradiance_cache` records have brought the diffuse part of the indirect light, but for the points
-// that they do not cover; with `photon_map` the map has brought that of all light. Of glossy surfaces the rest is left.
-// In: points, surfaces. Out: direct light is added to `radiance_direct`, light of more bounces is `radiance_indirect`.
+// path: the reference path tracer, and the indirect light of the other techniques. Traces one path from each point of
+// the tile (lib/path_tracing). With the feature `irradiance_cache` records have brought the diffuse part of indirect
+// light, except at the points that they do not cover; with `photon_map` the map has brought the diffuse part of all
+// light. The path then brings the rest of what glossy surfaces reflect.
+// In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
+// `radiance_indirect`.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
-import package::lib::light::light_count;
-import package::lib::math::{is_finite3, spoilt};
-import package::lib::seen::{points, seen_surface};
-@if(chains) import package::lib::seen::seen_chain;
+import package::lib::light::table::light_count;
+import package::lib::math::{is_finite3, invalid_sample};
+import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
+import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
+import package::lib::visible_point::{points, visible_surface};
+@if(chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
-import package::lib::walk::{PathRadiance, PathStart, Vertex, bounce_rays, heavy_path, shadow_rays, walk};
-import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
+import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
+import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
 
 struct PathParameters {
     tile: Tile,
-    // Most bounces of indirect light: 0 for direct light alone.
+    // Maximum number of bounces of indirect light; 0 gives direct light alone.
     max_bounces: u32,
     // Light points that `shade` takes of each light.
     light_samples: u32,
@@ -25,20 +29,20 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// Points that records do not bring all light to: those that none speaks for, and those that are not Lambertian.
+// The points that records do not light completely: those that no record covers, and those that are not Lambertian.
 @if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
 @if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
 
 var<immediate> parameters: PathParameters;
 
-// Counts of two things: rays, of which an invocation traces no more than the MAX_TURNS of its loops, and above them
-// invocations whose radiance is not finite or whose path is heavy. An atomic for each would cost software devices more than the
-// counts tell.
+// Each of these holds two counts of a workgroup: on software devices four atomics would cost more than the counts are
+// worth. The lower SECOND_COUNT bits count rays, of which an invocation
+// traces at most MAX_ITERATIONS. The upper ones count invocations whose radiance is not finite, or whose path is heavy.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(PATH_GROUP)
 fn path(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
@@ -49,7 +53,7 @@ fn path(
         atomicStore(&group_bounce_rays, 0u);
     }
     workgroupBarrier();
-    var i = group_index(group, groups) * 64u + lane;
+    var i = group_index(group, groups) * PATH_GROUP + lane;
     var items = parameters.tile.point_count;
     @if(irradiance_cache) { items = path_count[0]; }
     if i < items {
@@ -59,8 +63,8 @@ fn path(
         if points[i].normal != INVALID_POINT && light_count() > 0u {
             var found = radiance_along(i);
             finite = is_finite3(found.direct) && is_finite3(found.indirect);
-            // Of a path that met the loop budget nothing is known.
-            if traversal_overrun { found = PathRadiance(vec3f(spoilt(i)), vec3f(spoilt(i))); }
+            // The results of a path that exceeded the loop budget are wrong.
+            if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
             let so_far = radiance_direct[i];
             radiance_direct[i] = vec4f(so_far.xyz + found.direct, so_far.w);
             indirect = found.indirect;
@@ -76,7 +80,7 @@ fn path(
         let shadows = atomicLoad(&group_shadow_rays);
         let bounces = atomicLoad(&group_bounce_rays);
         let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
-        // The shadow rays that are counted as such are those of direct light, where that is another pass's.
+        // With `indirect` another pass traces the shadow rays of direct light; those here count as rays of bounces.
         @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.x + rays.y); }
         @else {
             atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);
@@ -87,17 +91,17 @@ fn path(
     }
 }
 
-// What a path from point i brings back.
+// What a path from point i brings back, through the specular chain that leads to the point.
 fn radiance_along(i: u32) -> PathRadiance {
-    var vertex: Vertex;
+    var vertex: PathVertex;
     vertex.position = points[i].position;
-    vertex.surface = seen_surface(i);
+    vertex.surface = visible_surface(i);
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
-    var found = walk(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
+    var found = trace_path(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
     @if(chains) {
-        let throughput = seen_chain(i).throughput;
+        let throughput = visible_chain(i).throughput;
         found.direct *= throughput;
         found.indirect *= throughput;
     }

@@ -1,5 +1,6 @@
-// photons: rays from the lights, straight through everything they meet. The first surface takes an illumination
-// photon, every later one a shadow photon. Out: photons, in any order, appended to `traced_photons`.
+// photons: rays from the lights, straight on through everything they hit. The first surface stores an illumination
+// photon, every later one a shadow photon. In: the lights and the hierarchy (normalised space). Out: photons in any
+// order, appended to `traced_photons`, and counts by light. Paper, "Extending the photon map": shadow photons.
 
 import package::lib::dispatch::group_index;
 import package::lib::math::oct_encode7;
@@ -7,18 +8,26 @@ import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
-import package::lib::bvh::{MAX_TURNS, Walk, begin_walk, intersect_slot, next_triangle, stops, traversal_overrun, traversal_turns, triangle_corners, triangle_word};
+import package::lib::bvh::{
+    MAX_ITERATIONS, Traversal, begin_traversal, intersect_primitive, next_triangle, stops, traversal_overrun, traversal_iterations,
+    triangle_corners, triangle_word
+};
 import package::lib::photon::{Photon, photon_word};
-@if(procedurals) import package::lib::procedural::{crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided, procedural_spent};
+@if(procedurals) import package::lib::procedural::{
+    crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided,
+    procedural_ray_iterations
+};
 @if(procedurals) import package::lib::procedural_functions::procedural_lost;
-@if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_TURNS};
-import package::lib::constants::{DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, TRIANGLE_DOUBLE_SIDED};
+@if(procedurals) import package::lib::constants::{PROCEDURAL, PROCEDURAL_RAY_ITERATIONS};
+import package::lib::constants::{
+    DIMENSION_PHOTON, MAX_SHADOW_PHOTONS, PHOTON_COUNTS_PER_LIGHT, PHOTON_COUNT_HEADER, TRIANGLE_DOUBLE_SIDED
+};
 
-// Most shadow photons that are kept of one ray, 1 to MAX_SHADOW_PHOTONS.
+// Maximum number of shadow photons that are kept of one ray, 1 to MAX_SHADOW_PHOTONS.
 override shadow_photons_per_ray: u32;
 
 struct PhotonParameters {
-    // Rays are numbered light by light of the map, round by round: any first so many are spread evenly.
+    // Rays are numbered light by light of the map, round by round: the first rays of any number are spread evenly.
     first_ray: u32,
     ray_count: u32,
     // Lights of the map.
@@ -29,17 +38,17 @@ struct PhotonParameters {
 var<immediate> photon_pass: PhotonParameters;
 
 @group(0) @binding(0) var<storage, read_write> traced_photons: array<Photon>;
-// Photons appended, traversals that gave up; then by light illumination and shadow photons.
+// Photons appended, rays that met the loop budget; then by light illumination and shadow photons.
 @group(0) @binding(1) var<storage, read_write> traced_counts: array<atomic<u32>>;
 
-const COUNT_HEADER = 2u;
 const FAR = 1e30;
 
 var<workgroup> group_length: atomic<u32>;
 var<workgroup> group_base: u32;
 
-// Coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins whose diagonals differ,
-// and walls of 1e-5 are still two surfaces, also for rays that come from four times the scene's radius.
+// Whether two hits are of coplanar surfaces, whose t differ by rounding: 2^-21 is too little for one in fifty of twins
+// whose diagonals differ, and walls 1e-5 thick are still two surfaces, also for rays from four times the scene's
+// radius.
 fn coincide(a: f32, b: f32) -> bool {
     return abs(a - b) <= 1.9073486e-6 * max(a, 0.25);
 }
@@ -50,18 +59,18 @@ struct Arrival {
     stores: bool,
 }
 
-fn arrival(slot: u32, direction: vec3f) -> Arrival {
-    let corners = triangle_corners(slot);
+fn arrival(primitive: u32, direction: vec3f) -> Arrival {
+    let corners = triangle_corners(primitive);
     let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
     let faces = dot(normal, direction) < 0.0;
-    // The paper knows no sides.
+    // The paper does not distinguish sides.
     @if(paper_counting) let stores = true;
-    @if(!paper_counting) let stores = faces || (triangle_word(slot) & TRIANGLE_DOUBLE_SIDED) != 0u;
+    @if(!paper_counting) let stores = faces || (triangle_word(primitive) & TRIANGLE_DOUBLE_SIDED) != 0u;
     return Arrival(select(-normal, normal, faces), stores);
 }
 
-// Shadow photons of a ray. Of more than fit, those whose slots have the smallest hashes: a choice by chance that does
-// not depend on the order in which the hits are met.
+// Shadow photons of a ray. Of more than fit, those whose primitives have the smallest hashes: a random sample that does
+// not depend on the order of the hits.
 struct Kept {
     count: u32,
     // Hits that would store, kept or not.
@@ -69,25 +78,26 @@ struct Kept {
     seed: u32,
     // The largest hash of those kept.
     largest: u32,
-    // Turns of the loop over them.
-    looks: u32,
-    slots: array<u32, MAX_SHADOW_PHOTONS>,
+    // Iterations of the loop over them.
+    visits: u32,
+    primitives: array<u32, MAX_SHADOW_PHOTONS>,
     distances: array<f32, MAX_SHADOW_PHOTONS>,
-    // Of crossings of procedural objects, as the photon has it.
+    // Octahedral normals of crossings of procedural objects, as the photon has them.
     @if(procedurals) normals: array<u32, MAX_SHADOW_PHOTONS>,
 }
 
-// What a ray has met that may be its first surface.
+// The nearest surface of a ray so far.
 struct Nearest {
     t: f32,
-    slot: u32,
+    primitive: u32,
     arrival: Arrival,
 }
 
-fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, found: Arrival) {
+// Adds a hit to the shadow photons.
+fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
     if !found.stores { return; }
     let full = (*kept).count == shadow_photons_per_ray;
-    let priority = hash2(slot, (*kept).seed);
+    let priority = hash2(primitive, (*kept).seed);
     // Of many hits most end here, without a loop: loops share the budget of the traversal.
     if full && priority >= (*kept).largest {
         (*kept).hits++;
@@ -97,9 +107,9 @@ fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, found: Arrival) {
     var second = 0u;
     var largest_at = 0u;
     for (var i = 0u; i < (*kept).count; i++) {
-        (*kept).looks++;
+        (*kept).visits++;
         if coincide((*kept).distances[i], t) { return; }
-        let other = hash2((*kept).slots[i], (*kept).seed);
+        let other = hash2((*kept).primitives[i], (*kept).seed);
         second = max(second, min(largest, other));
         if other >= largest {
             largest = other;
@@ -109,34 +119,35 @@ fn keep(kept: ptr<function, Kept>, t: f32, slot: u32, found: Arrival) {
     (*kept).hits++;
     let at = select((*kept).count, largest_at, full);
     (*kept).count = min((*kept).count + 1u, shadow_photons_per_ray);
-    (*kept).slots[at] = slot;
+    (*kept).primitives[at] = primitive;
     (*kept).distances[at] = t;
     @if(procedurals) { (*kept).normals[at] = oct_encode7(found.normal); }
     (*kept).largest = max(priority, select(largest, second, full));
 }
 
-// Takes a surface that stops light: the nearest is what it lights, all others lie in its shadow.
-fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, slot: u32, found: Arrival) {
+// Adds a hit with a surface that stops light: the nearest is lit, all others lie in its shadow.
+fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, primitive: u32, found: Arrival) {
     let first = *nearest;
-    if first.slot != NO_HIT && coincide(t, first.t) {
-        // A coplanar twin is the same surface; the side that stores is the one to be seen.
-        if select(found.stores, slot < first.slot, found.stores == first.arrival.stores) { *nearest = Nearest(t, slot, found); }
+    if first.primitive != NO_HIT && coincide(t, first.t) {
+        // A coplanar twin is the same surface; the side that stores is the one that counts.
+        let same_side = found.stores == first.arrival.stores;
+        if select(found.stores, primitive < first.primitive, same_side) { *nearest = Nearest(t, primitive, found); }
     } else if t < first.t {
-        if first.slot != NO_HIT { keep(kept, first.t, first.slot, first.arrival); }
-        *nearest = Nearest(t, slot, found);
+        if first.primitive != NO_HIT { keep(kept, first.t, first.primitive, first.arrival); }
+        *nearest = Nearest(t, primitive, found);
     } else {
-        keep(kept, t, slot, found);
+        keep(kept, t, primitive, found);
     }
 }
 
-// Bits of a crossing's slot above the object's number.
+// Bits of the object's number in a crossing's primitive index.
 @if(procedurals) const CROSSING_SHIFT = 8u;
 
-// Takes the crossings of the ray with procedural objects: the first one of each, and those behind as far as turns go. Surfaces
-// of an object behind so many others then have too few photons, and ask shadow rays.
+// Adds the crossings of the ray with procedural objects: the first one of each, and those behind it as far as the loop
+// budget goes. Surfaces of an object behind so many others then have too few photons, and need shadow rays.
 @if(procedurals)
 fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, ray: Ray) {
-    procedural_spent = 0u;
+    procedural_ray_iterations = 0u;
     for (var object = 0u; object < procedural_count; object++) {
         let inside = enter_object(object, ray, FAR);
         var so_far = 0.0;
@@ -150,15 +161,28 @@ fn meet_procedurals(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, 
             @if(paper_counting) let stores = true;
             @if(!paper_counting) let stores = faces || procedural_double_sided(object);
             let found = Arrival(select(-outward, outward, faces), stores);
-            meet(kept, nearest, crossing_t(inside, met), PROCEDURAL | (number << CROSSING_SHIFT) | object, found);
+            let primitive = PROCEDURAL | (number << CROSSING_SHIFT) | object;
+            meet(kept, nearest, crossing_t(inside, met), primitive, found);
             number++;
-            if procedural_spent >= PROCEDURAL_RAY_TURNS {
+            if procedural_ray_iterations >= PROCEDURAL_RAY_ITERATIONS {
                 _ = procedural_lost(false);
                 break;
             }
         }
     }
-    traversal_turns += procedural_spent;
+    traversal_iterations += procedural_ray_iterations;
+}
+
+// A photon to store.
+struct Stored {
+    primitive: u32,
+    light: u32,
+    // Hits that it represents.
+    weight: f32,
+    shadow: bool,
+    @if(procedurals) t: f32,
+    // Octahedral normal, where a procedural object was hit.
+    @if(procedurals) object_normal: u32,
 }
 
 @compute @workgroup_size(64)
@@ -173,7 +197,7 @@ fn photons(
     var kept: Kept;
     var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
     var direction = vec3f(0.0, 0.0, 1.0);
-    var walk: Walk;
+    var walk: Traversal;
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
@@ -186,19 +210,19 @@ fn photons(
         direction = emitted.direction;
         kept.seed = hash2(seed, index);
         let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, FAR);
-        walk = begin_walk(ray);
+        walk = begin_traversal(ray);
         while !walk.done {
-            let slot = next_triangle(&walk, FAR);
-            if slot == NO_HIT { continue; }
-            let hit = intersect_slot(&walk, slot);
+            let primitive = next_triangle(&walk, FAR);
+            if primitive == NO_HIT { continue; }
+            let hit = intersect_primitive(&walk, primitive);
             if !stops(hit, 0.0, FAR, kept.seed) { continue; }
-            meet(&kept, &nearest, hit.t, slot, arrival(slot, direction));
+            meet(&kept, &nearest, hit.t, primitive, arrival(primitive, direction));
         }
         @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
         stored = kept.count + u32(nearest.arrival.stores);
-        // Lavapipe ends all loops of an invocation in silence when they have taken some 65,000 turns together. What the ray
-        // has met until then may not be its nearest surface.
-        if traversal_overrun || traversal_turns + kept.looks > MAX_TURNS {
+        // Lavapipe silently ends all loops of an invocation after some 65,000 iterations together. The nearest surface
+        // until then may not be the ray's nearest.
+        if traversal_overrun || traversal_iterations + kept.visits > MAX_ITERATIONS {
             atomicAdd(&traced_counts[1], 1u);
             stored = 0u;
         }
@@ -211,45 +235,62 @@ fn photons(
     }
     workgroupBarrier();
     if stored == 0u { return; }
-    var at = group_base + rank;
-    if nearest.arrival.stores {
-        @if(!procedurals) { append(at, &walk, nearest.slot, direction, light, 1.0, false); }
-        @if(procedurals) { append(at, &walk, nearest.slot, direction, light, 1.0, false, nearest.t, oct_encode7(nearest.arrival.normal)); }
-        at++;
-        atomicAdd(&traced_counts[COUNT_HEADER + 2u * light], 1u);
-    }
-    if kept.count > 0u {
-        let weight = f32(kept.hits) / f32(kept.count);
-        for (var k = 0u; k < kept.count; k++) {
-            @if(!procedurals) { append(at + k, &walk, kept.slots[k], direction, light, weight, true); }
-            @if(procedurals) { append(at + k, &walk, kept.slots[k], direction, light, weight, true, kept.distances[k], kept.normals[k]); }
-        }
-        atomicAdd(&traced_counts[COUNT_HEADER + 2u * light + 1u], kept.count);
-    }
+    let next = store_nearest(group_base + rank, &walk, nearest, direction, light);
+    if kept.count > 0u { store_kept(next, &walk, &kept, direction, light); }
 }
 
-fn append(
-    at: u32,
-    walk: ptr<function, Walk>,
-    slot: u32,
-    direction: vec3f,
-    light: u32,
-    weight: f32,
-    shadow: bool,
-    @if(procedurals) t: f32,
-    @if(procedurals) object_normal: u32,
-) {
+// Index of a light's illumination photons in the counts; its shadow photons follow.
+fn count_index(light: u32) -> u32 {
+    return PHOTON_COUNT_HEADER + PHOTON_COUNTS_PER_LIGHT * light;
+}
+
+// Stores the illumination photon at index `at`, if there is one; the next index.
+fn store_nearest(at: u32, walk: ptr<function, Traversal>, nearest: Nearest, direction: vec3f, light: u32) -> u32 {
+    if !nearest.arrival.stores { return at; }
+    var photon: Stored;
+    photon.primitive = nearest.primitive;
+    photon.light = light;
+    photon.weight = 1.0;
+    photon.shadow = false;
     @if(procedurals) {
-        if (slot & PROCEDURAL) != 0u {
-            let place = (*walk).sheared.origin + t * direction;
-            traced_photons[at] = Photon(place, photon_word(object_normal, light, weight, shadow));
+        photon.t = nearest.t;
+        photon.object_normal = oct_encode7(nearest.arrival.normal);
+    }
+    store(at, walk, photon, direction);
+    atomicAdd(&traced_counts[count_index(light)], 1u);
+    return at + 1u;
+}
+
+// Stores the shadow photons from index `at` on.
+fn store_kept(at: u32, walk: ptr<function, Traversal>, kept: ptr<function, Kept>, direction: vec3f, light: u32) {
+    var photon: Stored;
+    photon.light = light;
+    photon.weight = f32((*kept).hits) / f32((*kept).count);
+    photon.shadow = true;
+    for (var k = 0u; k < (*kept).count; k++) {
+        photon.primitive = (*kept).primitives[k];
+        @if(procedurals) {
+            photon.t = (*kept).distances[k];
+            photon.object_normal = (*kept).normals[k];
+        }
+        store(at + k, walk, photon, direction);
+    }
+    atomicAdd(&traced_counts[count_index(light) + 1u], (*kept).count);
+}
+
+fn store(at: u32, walk: ptr<function, Traversal>, photon: Stored, direction: vec3f) {
+    @if(procedurals) {
+        if (photon.primitive & PROCEDURAL) != 0u {
+            let position = (*walk).sheared.origin + photon.t * direction;
+            let word = photon_word(photon.object_normal, photon.light, photon.weight, photon.shadow);
+            traced_photons[at] = Photon(position, word);
             return;
         }
     }
     // The point of the triangle itself: the far end of a long ray would be off its plane.
-    let hit = intersect_slot(walk, slot);
-    let corners = triangle_corners(slot);
+    let hit = intersect_primitive(walk, photon.primitive);
+    let corners = triangle_corners(photon.primitive);
     let position = corners[0] + hit.u * (corners[1] - corners[0]) + hit.v * (corners[2] - corners[0]);
-    let normal = oct_encode7(arrival(slot, direction).normal);
-    traced_photons[at] = Photon(position, photon_word(normal, light, weight, shadow));
+    let normal = oct_encode7(arrival(photon.primitive, direction).normal);
+    traced_photons[at] = Photon(position, photon_word(normal, photon.light, photon.weight, photon.shadow));
 }

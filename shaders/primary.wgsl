@@ -1,6 +1,9 @@
-// primary: camera rays to surface samples, and the radiance that is seen without any lighting.
-// In: the scene, the camera. Out: a point and a surface for each sample of the tile; emission in `radiance_direct`
-// (w: 1 where the ray met something, be it the environment: the image's alpha); the samples of those AOVs that are asked for.
+// primary: traces one camera ray for each sample of the tile, and on through mirrors and clear glass where there are
+// any.
+// In: the scene, the camera.
+// Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
+// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested. Positions
+// are in scene units after normalisation.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
@@ -8,23 +11,21 @@ import package::lib::camera::camera_ray;
 import package::lib::bvh::{trace_closest, traversal_overrun};
 @if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
-import package::lib::surface::surface_at;
-import package::lib::math::{is_finite4, oct_encode16, spoilt};
+import package::lib::surface::{SurfaceHit, surface_at};
+import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
-import package::lib::point::{Point, SURFACE_VECTORS, pack_surface};
-@if(transmission) import package::lib::point::TINT_VECTOR;
-@if(clearcoat || anisotropy) import package::lib::point::LOBE_VECTOR;
-@if(sheen) import package::lib::point::SHEEN_VECTOR;
+import package::lib::bsdf::surface::{PACKED_VECTORS, pack_surface};
+import package::lib::point::{Point, SURFACE_VECTORS};
 @if(chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(chains) import package::lib::light::BEYOND_SCENE;
 @if(chains) import package::lib::point::CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) import package::lib::point::PLACE_VECTOR;
+@if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(chains) import package::lib::ray::{Ray, offset_origin};
 @if(chains) import package::lib::rng::{hash3, uniform_from_bits};
-@if(chains) import package::lib::surface::SurfaceHit;
-import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA, COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
+import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
+import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;
@@ -68,27 +69,15 @@ fn primary(
         @if(chains) let ends = found.unlit || is_clear(found.surface);
         @if(!chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
-        let packed = pack_surface(found.surface);
-        surfaces[i * SURFACE_VECTORS] = packed.a;
-        @if(glossy) {
-            surfaces[i * SURFACE_VECTORS + 1u] = packed.b;
-            surfaces[i * SURFACE_VECTORS + 2u] = packed.c;
-            @if(transmission) { surfaces[i * SURFACE_VECTORS + TINT_VECTOR] = packed.tint; }
-            @if(clearcoat || anisotropy) { surfaces[i * SURFACE_VECTORS + LOBE_VECTOR] = packed.lobe; }
-            @if(sheen) { surfaces[i * SURFACE_VECTORS + SHEEN_VECTOR] = packed.sheen; }
-            @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
-        }
-        @if(smooth_normals && (photon_map || caustics)) {
-            let normal = bitcast<f32>(oct_encode16(found.triangle_normal));
-            surfaces[i * SURFACE_VECTORS + PLACE_VECTOR] = vec4f(found.triangle_position, normal);
-        }
+        store_surface(i, found);
+        @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
-    // What a traversal that gave up has met is no sample of the pixel.
+    // The hit of a traversal that gave up is wrong.
     if traversal_overrun {
         atomicAdd(&counters[COUNTER_OVERRUN], 1u);
         point.normal = INVALID_POINT;
-        direct = vec4f(spoilt(i));
+        direct = vec4f(invalid_sample(i));
     }
     points[i] = point;
     radiance_direct[i] = direct;
@@ -97,12 +86,24 @@ fn primary(
     @if(aov_position) { position_samples[i] = position; }
 }
 
-// Links of a chain: light that glass has not let out by then is a few in a thousand of what came in.
+// Writes the surface of sample i, as lib/point lays it out.
+fn store_surface(i: u32, found: SurfaceHit) {
+    var packed = pack_surface(found.surface);
+    let base = i * SURFACE_VECTORS;
+    for (var v = 0u; v < PACKED_VECTORS; v++) { surfaces[base + v] = packed.vectors[v]; }
+    @if(smooth_normals && (photon_map || caustics)) {
+        let normal = bitcast<f32>(oct_encode16(found.triangle_normal));
+        surfaces[base + TRIANGLE_VECTOR] = vec4f(found.triangle_position, normal);
+    }
+}
+
+// Maximum number of links of a specular chain: of the light that enters glass, a few thousandths have not left it by
+// then.
 @if(chains) const MAX_LINKS = 32u;
 
-// Follows the camera's ray through clear glass and over mirrors to a surface that is neither; what the chain sees that shines
-// is added to `direct`. Where it ends without such a surface, the last one is left as found. Gives throughput and the way back,
-// as `PackedSurface` has them.
+// Follows the camera's ray through clear glass and over mirrors to a surface that is neither, and leaves that in
+// `found`; where there is no such surface, the chain's last one. Adds the emission along the chain to `direct`. Gives
+// the chain's throughput and the direction back along it, as PackedSurface has them.
 @if(chains)
 fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, seed: u32, sample_index: u32) -> vec4f {
     var throughput = vec3f(1.0);
@@ -110,13 +111,13 @@ fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, se
     var link = 0u;
     while link < MAX_LINKS && !(*found).unlit && is_clear((*found).surface) {
         let link_seed = hash3(seed, DIMENSION_CHAIN, link);
-        let lot = uniform_from_bits(hash2(link_seed, sample_index));
-        let chosen = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lot));
-        if chosen.pdf <= 0.0 { break; }
-        throughput *= chosen.weight;
+        let lobe = uniform_from_bits(hash2(link_seed, sample_index));
+        let scattered = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lobe));
+        if scattered.pdf <= 0.0 { break; }
+        throughput *= scattered.weight;
         link++;
-        let origin = offset_origin((*found).position, leaving_normal((*found).surface, chosen.direction));
-        let ray = Ray(origin, 0.0, chosen.direction, BEYOND_SCENE);
+        let origin = offset_origin((*found).position, leaving_normal((*found).surface, scattered.direction));
+        let ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
         let hit = trace_closest(ray, ~link_seed + sample_index);
         if hit.triangle == NO_HIT || traversal_overrun {
             @if(environment) { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }
@@ -125,7 +126,7 @@ fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, se
         *found = surface_at(hit, ray);
         @if(transmission) { throughput *= (*found).transmittance; }
         *direct += vec4f(throughput * (*found).emission, 0.0);
-        way_back = oct_encode16(-chosen.direction);
+        way_back = oct_encode16(-scattered.direction);
     }
     if link > 0u { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], link); }
     return vec4f(throughput, bitcast<f32>(way_back));

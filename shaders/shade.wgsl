@@ -1,37 +1,45 @@
-// shade: direct light at the points of a tile, by the class that the photons gave each point and light.
-// In: points, surfaces, class words, visibilities of the queued slots. Out: added to `radiance_direct`.
-// The estimator (DESIGN: direct light, auditing) with U the unshadowed answer, f_j / p_j the contributions of the N
-// light points, V_j their visibilities, a the photons' visibility (equation 1 of the paper), rounded, and c 1 or 0 by class:
+// shade: direct light at the points of a tile, by the class of each candidate (a point and a light of the chunk). In:
+// points (normalised space), surfaces, class words, visibilities of the queued candidates. Out: radiance, relative to
+// the scene's unit, added to `radiance_direct`. Paper, "Extending the photon map": cases 1 to 3.
+//
+// The estimator, with U the unshadowed answer, f_j / p_j the contributions of the N light points, V_j their
+// visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
-// Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the points that
-// `shade_sampled` adds the rest to.
+// Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the
+// points for which `shade_sampled` adds the rest.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
-import package::lib::light::{LightSample, light_dark, light_has_closed_form, light_unshadowed_irradiance};
-import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
-@if(light_sampling) import package::lib::sampled_light::slot_weight;
-import package::lib::bsdf::{Surface, bsdf_diffuse};
+import package::lib::light::table::{LightSample, light_has_closed_form};
+import package::lib::light::{light_dark, light_unshadowed_irradiance};
+import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
+@if(light_sampling) import package::lib::sampled_light::candidate_weight;
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::bsdf_diffuse;
 @if(glossy) import package::lib::bsdf::bsdf_residual;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::bsdf::bsdf_pdf;
 @if(indirect && glossy && (mesh_lights || environment)) import package::lib::sampling::mis_weight;
-import package::lib::constants::{INVALID_POINT, COUNTER_NOT_FINITE_SHADE};
+import package::lib::constants::{
+    CLASS_DARK, CLASS_LIT, COUNTER_NOT_FINITE_SHADE, INVALID_POINT, QUEUE_COUNT, QUEUE_SAMPLED
+};
 import package::lib::point::SURFACE_VECTORS;
-import package::lib::seen::{points, seen_surface, surfaces};
-@if(chains) import package::lib::seen::seen_chain;
-import package::lib::photon::{CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, asks_shadow_rays, class_of, class_visibility};
-@if(aov_shadow) import package::lib::photon::{class_illumination, class_shadow};
-@if(audit) import package::lib::photon::{audit_chance, is_audited};
+import package::lib::visible_point::{points, surfaces, visible_surface};
+@if(chains) import package::lib::visible_point::visible_chain;
+import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
+@if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
+@if(audit) import package::lib::class_word::{audit_chance, is_audited};
 
 struct ShadeParameters {
     tile: Tile,
-    // Lights of the chunk, or turns where lights are chosen.
+    // The chunk's lights, or sampled light indices.
     first_light: u32,
     lights_in_chunk: u32,
+    // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
+    // Probability that a decided candidate is audited, away from boundaries.
     audit_probability: f32,
     padding: u32,
 }
@@ -39,22 +47,20 @@ struct ShadeParameters {
 @group(0) @binding(2) var<storage, read> classes: array<u32>;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> radiance_direct: array<vec4f>;
-// Of each slot, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
+// Of each candidate, for the AOV: class (of the render's first sample, else 0), visibility, n_i, n_s.
 @if(aov_shadow) @group(0) @binding(5) var<storage, read_write> shadow_samples: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
-// The points that light points are for, and the lengths of the tile's queues.
+// The points whose lights are sampled, and the lengths of the tile's queues.
 @if(few_sampled) @group(0) @binding(7) var<storage, read_write> sampled_points: array<u32>;
-@if(few_sampled) @group(0) @binding(8) var<storage, read_write> queue_lengths: array<atomic<u32>, 4>;
+@if(few_sampled) @group(0) @binding(8) var<storage, read_write> queue_lengths: array<atomic<u32>, QUEUE_COUNT>;
 
 var<immediate> parameters: ShadeParameters;
 
-// Queue::Sampled of src/passes/classify.rs.
-const SAMPLED_QUEUE = 3u;
 @if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
 @if(few_sampled) var<workgroup> group_base: u32;
 
-// Everything that does not change over the lights of a point.
-struct Place {
+// What the lights of a point have in common.
+struct ShadingPoint {
     position: vec3f,
     surface: Surface,
     seed: u32,
@@ -69,19 +75,21 @@ struct Contribution {
     @if(glossy) residual: vec3f,
 }
 
-fn contribution(place: Place, chosen: LightSample, light: u32) -> Contribution {
-    if chosen.pdf <= 0.0 || dot(place.surface.geometric_normal, chosen.direction) <= 0.0 {
+fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32) -> Contribution {
+    if sampled.pdf <= 0.0 || dot(shading.surface.geometric_normal, sampled.direction) <= 0.0 {
         @if(glossy) { return Contribution(vec3f(0.0), vec3f(0.0)); }
         @if(!glossy) { return Contribution(vec3f(0.0)); }
     }
-    let incident = chosen.radiance / chosen.pdf;
-    let diffuse = bsdf_diffuse(place.surface) * max(dot(place.surface.shading_normal, chosen.direction), 0.0) * incident;
+    let incident = sampled.radiance / sampled.pdf;
+    let cosine = max(dot(shading.surface.shading_normal, sampled.direction), 0.0);
+    let diffuse = bsdf_diffuse(shading.surface) * cosine * incident;
     @if(glossy) {
-        var residual = bsdf_residual(place.surface, chosen.direction) * incident;
+        var residual = bsdf_residual(shading.surface, sampled.direction) * incident;
         // The first ray of the path from here may meet the light too: pass `path` has the other weight.
         @if(indirect && (mesh_lights || environment)) {
-            if !chosen.delta {
-                residual *= mis_weight(f32(parameters.light_samples) * chosen.pdf, bsdf_pdf(place.surface, chosen.direction));
+            if !sampled.delta {
+                let pdf = bsdf_pdf(shading.surface, sampled.direction);
+                residual *= mis_weight(f32(parameters.light_samples) * sampled.pdf, pdf);
             }
         }
         return Contribution(diffuse, residual);
@@ -96,65 +104,96 @@ struct Estimate {
     sampled: bool,
 }
 
-// Direct light of one light at one place: what the closed form says of it, what light points do, or both.
-fn direct_light(place: Place, light: u32, slot: u32, word: u32, by_form: bool, by_points: bool) -> Estimate {
-    let class_ = class_of(word);
-    if class_ == CLASS_DARK { return Estimate(vec3f(0.0), 0.0, false); }
-    let decided = class_ == CLASS_LIT || class_ == CLASS_SHADOWED;
-    // The visibility that is taken for granted: the class, or the photons' guess.
-    var granted = class_visibility(word);
-    if decided { granted = f32(class_ == CLASS_LIT); }
-    let traced = asks_shadow_rays(word);
-    // Rays tell the rest: most boundary points are wholly lit or wholly dark, and where the guess is that, nothing is left
-    // to noise. A guess in between would leave some at all of them: near a wall of a dark room, the noise of the light
-    // behind it.
-    if traced { granted = round(granted); }
+// What the estimator takes as given for a candidate.
+struct Given {
+    // The visibility without shadow rays: by class, or the photons' own, rounded.
+    visibility: f32,
+    // Shadow rays find the visibility.
+    traced: bool,
+    // The light has a closed form at the point.
+    closed: bool,
+}
 
+fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
+    let class_ = class_of(word);
+    var visibility = class_visibility(word);
+    if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
+    let traced = traces_shadow_rays(word);
+    // Most boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing is left
+    // to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise of the
+    // light behind it.
+    if traced { visibility = round(visibility); }
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
-        && (place.flat || light_dark(light, place.position, -place.surface.geometric_normal));
-    var radiance = vec3f(0.0);
-    if by_form && closed && granted > 0.0 {
-        radiance = granted * bsdf_diffuse(place.surface)
-            * light_unshadowed_irradiance(light, place.position, place.surface.shading_normal);
-    }
-    // Light points that are seen, and those that could be: facing the surface, and above its horizon.
-    var seen = 0u;
+        && (shading.flat || light_dark(light, shading.position, -shading.surface.geometric_normal));
+    return Given(visibility, traced, closed);
+}
+
+fn visibility_bit(candidate: u32, j: u32) -> u32 {
+    return (visibility[candidate * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
+}
+
+// The light points' part of the estimate, and the share of them that is visible where they are traced.
+struct LightPoints {
+    radiance: vec3f,
+    visible: f32,
+}
+
+fn sum_light_points(shading: ShadingPoint, light: u32, candidate: u32, known: Given) -> LightPoints {
+    let count = parameters.light_samples;
+    var sum = vec3f(0.0);
+    // Light points that are visible, and those that could be: facing the surface, and above its horizon.
+    var visible = 0u;
     var facing = 0u;
-    @if(glossy) let sampled = traced || granted > 0.0;
-    @if(!glossy) let sampled = traced || (granted > 0.0 && !closed);
-    if by_points && sampled {
-        let count = parameters.light_samples;
-        var sum = vec3f(0.0);
-        for (var j = 0u; j < count; j++) {
-            let chosen = nth_light_sample(light, place.position, place.seed, place.sample_index, j, count);
-            let f = contribution(place, chosen, light);
-            var v = granted;
-            if traced {
-                let bit = (visibility[slot * parameters.visibility_words + (j >> 5u)] >> (j & 31u)) & 1u;
-                let faces = u32(chosen.pdf > 0.0 && dot(place.surface.geometric_normal, chosen.direction) > 0.0);
-                seen += bit * faces;
-                facing += faces;
-                v = f32(bit);
-            }
-            sum += select(v, v - granted, closed) * f.diffuse;
-            @if(glossy) { sum += v * f.residual; }
+    for (var j = 0u; j < count; j++) {
+        let sampled = nth_light_sample(light, shading.position, shading.seed, shading.sample_index, j, count);
+        let f = contribution(shading, sampled, light);
+        var v = known.visibility;
+        if known.traced {
+            let bit = visibility_bit(candidate, j);
+            let faces = u32(sampled.pdf > 0.0 && dot(shading.surface.geometric_normal, sampled.direction) > 0.0);
+            visible += bit * faces;
+            facing += faces;
+            v = f32(bit);
         }
-        radiance += sum / f32(count);
+        sum += select(v, v - known.visibility, known.closed) * f.diffuse;
+        @if(glossy) { sum += v * f.residual; }
     }
-    var estimate = select(granted, f32(seen) / f32(max(facing, 1u)), traced);
+    return LightPoints(sum / f32(count), f32(visible) / f32(max(facing, 1u)));
+}
+
+// Direct light of one light at one point: the closed form's part, that of light points, or both.
+fn direct_light(
+    shading: ShadingPoint,
+    light: u32,
+    candidate: u32,
+    word: u32,
+    by_form: bool,
+    by_points: bool,
+) -> Estimate {
+    if class_of(word) == CLASS_DARK { return Estimate(vec3f(0.0), 0.0, false); }
+    let known = given(shading, light, word);
+    var radiance = vec3f(0.0);
+    if by_form && known.closed && known.visibility > 0.0 {
+        radiance = known.visibility * bsdf_diffuse(shading.surface)
+            * light_unshadowed_irradiance(light, shading.position, shading.surface.shading_normal);
+    }
+    @if(glossy) let sampled = known.traced || known.visibility > 0.0;
+    @if(!glossy) let sampled = known.traced || (known.visibility > 0.0 && !known.closed);
+    var estimate = select(known.visibility, 0.0, known.traced);
+    if by_points && sampled {
+        let found = sum_light_points(shading, light, candidate, known);
+        radiance += found.radiance;
+        estimate = select(known.visibility, found.visible, known.traced);
+    }
     var audited = false;
     @if(audit) {
         let chance = audit_chance(word, parameters.audit_probability);
-        audited = decided && is_audited(place.seed, place.sample_index, light, chance);
+        audited = is_decided(class_of(word)) && is_audited(shading.seed, shading.sample_index, light, chance);
         if by_points && audited {
-            let error = f32(visibility[slot * parameters.visibility_words] & 1u) - granted;
+            let error = f32(visibility_bit(candidate, 0u)) - known.visibility;
             if error != 0.0 {
-                let chosen = audit_light_sample(light, place.position, place.seed, place.sample_index);
-                let f = contribution(place, chosen, light);
-                var all = f.diffuse;
-                @if(glossy) { all += f.residual; }
-                radiance += (error / chance) * all;
+                radiance += (error / chance) * audited_contribution(shading, light);
                 estimate += error / chance;
             }
         }
@@ -162,39 +201,53 @@ fn direct_light(place: Place, light: u32, slot: u32, word: u32, by_form: bool, b
     return Estimate(radiance, estimate, sampled || audited);
 }
 
-// Adds the light of the chunk's lights to a point, or the part of it that one of the two says; whether light points have a part.
+// The contribution of the light point that an audit traces.
+@if(audit)
+fn audited_contribution(shading: ShadingPoint, light: u32) -> vec3f {
+    let sampled = audit_light_sample(light, shading.position, shading.seed, shading.sample_index);
+    let f = contribution(shading, sampled, light);
+    var all = f.diffuse;
+    @if(glossy) { all += f.residual; }
+    return all;
+}
+
+// Adds the light of the chunk's lights to a point: the closed form's part, that of light points, or both. Returns
+// whether light points have a part.
 fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
+    let point_count = parameters.tile.point_count;
     if points[i].normal == INVALID_POINT {
         @if(aov_shadow) {
             for (var l = 0u; l < parameters.lights_in_chunk; l++) {
-                shadow_samples[l * parameters.tile.point_count + i] = vec4f(0.0);
+                shadow_samples[l * point_count + i] = vec4f(0.0);
             }
         }
         return false;
     }
-    var place: Place;
-    place.position = points[i].position;
-    place.surface = seen_surface(i);
-    place.seed = pixel_seed(parameters.tile, i);
-    place.sample_index = tile_sample(parameters.tile, i);
-    place.flat = bitcast<u32>(surfaces[i * SURFACE_VECTORS].w) == points[i].normal;
+    var shading: ShadingPoint;
+    shading.position = points[i].position;
+    shading.surface = visible_surface(i);
+    shading.seed = pixel_seed(parameters.tile, i);
+    shading.sample_index = tile_sample(parameters.tile, i);
+    shading.flat = bitcast<u32>(surfaces[i * SURFACE_VECTORS].w) == points[i].normal;
     var sum = vec3f(0.0);
     var sampled = false;
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {
-        let slot = l * parameters.tile.point_count + i;
-        let light = slot_light(slot, parameters.first_light, parameters.tile.point_count);
-        let estimate = direct_light(place, light, slot, classes[slot], by_form, by_points);
+        let candidate = l * point_count + i;
+        let light = candidate_light(candidate, parameters.first_light, point_count);
+        let word = classes[candidate];
+        let estimate = direct_light(shading, light, candidate, word, by_form, by_points);
         sampled = sampled || estimate.sampled;
-        @if(light_sampling) { sum += estimate.radiance * slot_weight(slot, parameters.first_light, parameters.tile.point_count); }
+        @if(light_sampling) {
+            sum += estimate.radiance * candidate_weight(candidate, parameters.first_light, point_count);
+        }
         @else { sum += estimate.radiance; }
         @if(aov_shadow) {
-            let word = classes[slot];
-            let class_ = select(0u, class_of(word), place.sample_index == 0u);
-            shadow_samples[slot] = vec4f(vec4u(class_, 0u, class_illumination(word), class_shadow(word)));
-            shadow_samples[slot].y = estimate.visibility;
+            let class_ = select(0u, class_of(word), shading.sample_index == 0u);
+            shadow_samples[candidate] = vec4f(vec4u(class_, 0u, class_illumination(word), class_shadow(word)));
+            shadow_samples[candidate].y = estimate.visibility;
         }
     }
-    @if(chains) { sum *= seen_chain(i).throughput; }
+    @if(chains) { sum *= visible_chain(i).throughput; }
     let so_far = radiance_direct[i];
     let radiance = so_far.xyz + sum;
     // Once, however many chunks of lights and entry points add to it.
@@ -221,13 +274,14 @@ fn shade(
         if i < parameters.tile.point_count { sampled = shade_point(i, true, false); }
         if sampled { rank = atomicAdd(&group_sampled, 1u); }
         workgroupBarrier();
-        if lane == 0u { group_base = atomicAdd(&queue_lengths[SAMPLED_QUEUE], atomicLoad(&group_sampled)); }
+        if lane == 0u { group_base = atomicAdd(&queue_lengths[QUEUE_SAMPLED], atomicLoad(&group_sampled)); }
         workgroupBarrier();
         if sampled { sampled_points[group_base + rank] = i; }
     }
 }
 
-// What light points say, at the points that `shade` has queued: most have none, and software devices would choose them all the same.
+// The light points' part, at the points that `shade` queued. Most points have none, and software devices would sample
+// it all the same.
 @if(few_sampled)
 @compute @workgroup_size(64)
 fn shade_sampled(
@@ -236,5 +290,5 @@ fn shade_sampled(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i < atomicLoad(&queue_lengths[SAMPLED_QUEUE]) { _ = shade_point(sampled_points[i], false, true); }
+    if i < atomicLoad(&queue_lengths[QUEUE_SAMPLED]) { _ = shade_point(sampled_points[i], false, true); }
 }

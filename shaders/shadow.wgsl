@@ -1,54 +1,57 @@
-// shadow: shadow rays, for the points and lights that the photons do not decide, and for audits of those they do.
-// In: queues of slots (a slot is a point and a light of the chunk: light * point_count + point). Out: for every queued
-// slot the visibilities of its light points, a bit each, in `visibility`.
+// shadow: shadow rays of the candidates (a point and a light of the chunk: light * point_count + point) that the
+// photons do not decide, and audits of those that they decide. In: queues of candidates, points (normalised space), the
+// hierarchy. Out: the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair
+// the visibility map where an audit contradicts a class. Paper, "Extending the photon map": case 3.
 
 import package::lib::dispatch::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
-import package::lib::math::{oct_decode16, oct_encode7, spoilt};
+import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
 import package::lib::light::shadow_ray;
-import package::lib::sampled_light::{nth_light_sample, audit_light_sample, slot_light};
+import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 import package::lib::point::Point;
-import package::lib::rng::{hash2, hash3};
-@if(audit) import package::lib::photon::{Photon, CLASS_LIT, class_of, is_near, photon_word};
+import package::lib::rng::hash3;
+@if(audit) import package::lib::photon::{Photon, photon_word};
+@if(audit) import package::lib::class_word::{class_of, is_near};
 import package::lib::constants::{
-    DIMENSION_SHADOW_ALPHA, COUNTER_SHADOW_RAYS, COUNTER_AUDIT_RAYS, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR,
-    COUNTER_OVERRUN, COUNTER_PENUMBRA_SEEN
+    CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDIT_RAYS, COUNTER_OVERRUN,
+    COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
 };
 
 struct ShadowParameters {
     tile: Tile,
-    // The chunk's first light, or turn.
+    // The chunk's first light, or sampled light index.
     first_light: u32,
-    // Light points of a slot, and words of 32 visibilities that hold them.
+    // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
     // Photons that audits can add to the map.
-    heal_capacity: u32,
+    repair_capacity: u32,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @if(audit) @group(0) @binding(1) var<storage, read> classes: array<u32>;
-// Slots to trace and slots to audit.
+// Candidates to trace, and candidates to audit.
 @group(0) @binding(2) var<storage, read> boundary_queue: array<u32>;
 @if(audit) @group(0) @binding(3) var<storage, read> audit_queue: array<u32>;
-// Lengths of the queues: of the searches', the boundary and the audit queue.
-@group(0) @binding(8) var<storage, read> queue_lengths: array<u32, 4>;
+// By queue.
+@group(0) @binding(8) var<storage, read> queue_lengths: array<u32, QUEUE_COUNT>;
 @group(0) @binding(4) var<storage, read_write> visibility: array<u32>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(9) var<storage, read_write> radiance_direct: array<vec4f>;
 // Photons of the other kind where an audit contradicted a class, and how many.
-@if(audit) @group(0) @binding(6) var<storage, read_write> heal_photons: array<Photon>;
-@if(audit) @group(0) @binding(7) var<storage, read_write> heal_count: atomic<u32>;
+@if(audit) @group(0) @binding(6) var<storage, read_write> repair_photons: array<Photon>;
+@if(audit) @group(0) @binding(7) var<storage, read_write> repair_count: atomic<u32>;
 
 var<immediate> parameters: ShadowParameters;
 
 var<workgroup> rays_traced: atomic<u32>;
+// Of `shadow` candidates in penumbra, of `audit` wrong classes.
 var<workgroup> mixed_points: atomic<u32>;
 @if(audit) var<workgroup> wrong_near: atomic<u32>;
 
-// What a slot asks: from where, about which light, and by which random numbers.
-struct Asked {
+// What the rays of a candidate depend on.
+struct Candidate {
     position: vec3f,
     normal: vec3f,
     light: u32,
@@ -56,23 +59,45 @@ struct Asked {
     sample_index: u32,
 }
 
-fn asked_by(slot: u32) -> Asked {
+fn load_candidate(candidate: u32) -> Candidate {
     let tile = parameters.tile;
-    let i = slot % tile.point_count;
-    return Asked(
+    let i = candidate % tile.point_count;
+    return Candidate(
         points[i].position,
         oct_decode16(points[i].normal),
-        slot_light(slot, parameters.first_light, tile.point_count),
+        candidate_light(candidate, parameters.first_light, tile.point_count),
         pixel_seed(tile, i),
         tile_sample(tile, i),
     );
 }
 
-// Of a slot whose rays met the loop budget nothing is known, and so nothing of the sample.
-fn leave_out(slot: u32) {
+// Drops the sample of a candidate whose rays met the loop budget: its visibility is not known.
+fn drop_sample(candidate: u32) {
     atomicAdd(&counters[COUNTER_OVERRUN], 1u);
-    let i = slot % parameters.tile.point_count;
-    radiance_direct[i] = vec4f(spoilt(i));
+    let i = candidate % parameters.tile.point_count;
+    radiance_direct[i] = vec4f(invalid_sample(i));
+}
+
+// Traces the candidate's rays and writes their visibilities: (rays, those that reached the light).
+fn trace_candidate(candidate: u32) -> vec2u {
+    let c = load_candidate(candidate);
+    let count = parameters.light_samples;
+    var traced = 0u;
+    var visible = 0u;
+    for (var word = 0u; word < parameters.visibility_words; word++) {
+        var bits = 0u;
+        let first = word * 32u;
+        for (var j = first; j < min(first + 32u, count); j++) {
+            let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
+            if sampled.pdf <= 0.0 || dot(sampled.direction, c.normal) <= 0.0 { continue; }
+            traced++;
+            let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, c.sample_index * count + j);
+            if !trace_occluded(shadow_ray(c.position, c.normal, sampled), ray_seed) { bits |= 1u << (j - first); }
+        }
+        visibility[candidate * parameters.visibility_words + word] = bits;
+        visible += countOneBits(bits);
+    }
+    return vec2u(traced, visible);
 }
 
 @compute @workgroup_size(64)
@@ -87,33 +112,41 @@ fn shadow(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < queue_lengths[1] {
-        let slot = boundary_queue[item];
-        let asked = asked_by(slot);
-        var traced = 0u;
-        var seen = 0u;
-        for (var word = 0u; word < parameters.visibility_words; word++) {
-            var bits = 0u;
-            let first = word * 32u;
-            for (var j = first; j < min(first + 32u, parameters.light_samples); j++) {
-                let chosen = nth_light_sample(asked.light, asked.position, asked.seed, asked.sample_index, j, parameters.light_samples);
-                if chosen.pdf <= 0.0 || dot(chosen.direction, asked.normal) <= 0.0 { continue; }
-                traced++;
-                let ray_seed = hash3(asked.seed, DIMENSION_SHADOW_ALPHA + asked.light, asked.sample_index * parameters.light_samples + j);
-                if !trace_occluded(shadow_ray(asked.position, asked.normal, chosen), ray_seed) { bits |= 1u << (j - first); }
-            }
-            visibility[slot * parameters.visibility_words + word] = bits;
-            seen += countOneBits(bits);
-        }
-        atomicAdd(&rays_traced, traced);
-        if seen > 0u && seen < traced { atomicAdd(&mixed_points, 1u); }
-        if traversal_overrun { leave_out(slot); }
+    if item < queue_lengths[QUEUE_BOUNDARY] {
+        let candidate = boundary_queue[item];
+        let rays = trace_candidate(candidate);
+        atomicAdd(&rays_traced, rays.x);
+        if rays.y > 0u && rays.y < rays.x { atomicAdd(&mixed_points, 1u); }
+        if traversal_overrun { drop_sample(candidate); }
     }
     workgroupBarrier();
     if lane == 0u {
         atomicAdd(&counters[COUNTER_SHADOW_RAYS], atomicLoad(&rays_traced));
         atomicAdd(&counters[COUNTER_PENUMBRA_SEEN], atomicLoad(&mixed_points));
     }
+}
+
+// Traces the audit's ray; whether it reached the light. Where it contradicts the class, adds a photon of the other
+// kind.
+@if(audit)
+fn audit_candidate(candidate: u32) -> bool {
+    let c = load_candidate(candidate);
+    let sampled = audit_light_sample(c.light, c.position, c.seed, c.sample_index);
+    let lit = class_of(classes[candidate]) == CLASS_LIT;
+    // Where the light point faces away no ray is traced, and the class stands.
+    if !(sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0) { return lit; }
+    atomicAdd(&rays_traced, 1u);
+    let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, ~c.sample_index);
+    let visible = !trace_occluded(shadow_ray(c.position, c.normal, sampled), ray_seed);
+    if visible != lit && !traversal_overrun {
+        atomicAdd(&mixed_points, 1u);
+        if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
+        let index = atomicAdd(&repair_count, 1u);
+        if index < parameters.repair_capacity {
+            repair_photons[index] = Photon(c.position, photon_word(oct_encode7(c.normal), c.light, 1.0, !visible));
+        }
+    }
+    return visible;
 }
 
 @if(audit)
@@ -130,28 +163,10 @@ fn audit(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < queue_lengths[2] {
-        let slot = audit_queue[item];
-        let asked = asked_by(slot);
-        let chosen = audit_light_sample(asked.light, asked.position, asked.seed, asked.sample_index);
-        // Where the light point faces away nothing is asked, and the class stands.
-        let lit = class_of(classes[slot]) == CLASS_LIT;
-        var seen = lit;
-        if chosen.pdf > 0.0 && dot(chosen.direction, asked.normal) > 0.0 {
-            atomicAdd(&rays_traced, 1u);
-            let ray_seed = hash3(asked.seed, DIMENSION_SHADOW_ALPHA + asked.light, ~asked.sample_index);
-            seen = !trace_occluded(shadow_ray(asked.position, asked.normal, chosen), ray_seed);
-            if seen != lit && !traversal_overrun {
-                atomicAdd(&mixed_points, 1u);
-                if is_near(classes[slot]) { atomicAdd(&wrong_near, 1u); }
-                let at = atomicAdd(&heal_count, 1u);
-                if at < parameters.heal_capacity {
-                    heal_photons[at] = Photon(asked.position, photon_word(oct_encode7(asked.normal), asked.light, 1.0, !seen));
-                }
-            }
-        }
-        visibility[slot * parameters.visibility_words] = u32(seen);
-        if traversal_overrun { leave_out(slot); }
+    if item < queue_lengths[QUEUE_AUDIT] {
+        let candidate = audit_queue[item];
+        visibility[candidate * parameters.visibility_words] = u32(audit_candidate(candidate));
+        if traversal_overrun { drop_sample(candidate); }
     }
     workgroupBarrier();
     if lane == 0u {

@@ -1,20 +1,31 @@
 //! The one error type of the library. Every variant names what is at fault and what to do.
+//!
+//! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program with other
+//! names for them can replace them by those; the command line does.
 
 use std::path::{Path, PathBuf};
 
 use crate::input::printable;
 
-/// Everything that can go wrong. The display form is one line, fit to be shown to a user as it is.
+/// Everything that can go wrong. The display form is one line for users.
+///
+/// ```
+/// use penumbra::{Error, Settings};
+///
+/// let error = Settings::builder().audit(2.0).build().unwrap_err();
+/// assert!(matches!(error, Error::Setting { name: "visibility_map.audit", .. }));
+/// assert_eq!(error.to_string(), "`visibility_map.audit` is 2; it must be from 0 to 1");
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// An input file that cannot be used: missing, damaged, unsupported or out of its own limits.
-    #[error("{}: {place}: {problem}", file.display())]
+    #[error("{}: {location}: {problem}", file.display())]
     Input {
         /// The file at fault, as the user named it.
         file: PathBuf,
-        /// The place inside it: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
-        place: String,
+        /// Where in the file: a JSON pointer (`/accessors/3`), an EXR channel, or `file` for the whole.
+        location: String,
         /// What is wrong there, and what to do where that is not plain.
         problem: String,
     },
@@ -23,10 +34,18 @@ pub enum Error {
     Output {
         /// The file at fault, as the user named it.
         file: PathBuf,
-        /// What the system or the encoder said.
+        /// The message of the system or the encoder.
         problem: String,
     },
-    /// A setting out of its range, or settings that contradict each other.
+    /// A setting that is out of its range or contradicts another.
+    #[error("`{name}` {problem}")]
+    Setting {
+        /// The setting, as the path of its field in [`crate::Settings`]: `visibility_map.nearest`.
+        name: &'static str,
+        /// What is wrong with it, and its range.
+        problem: String,
+    },
+    /// Wrong use of a function in another way, such as a name that does not exist.
     #[error("{0}")]
     Usage(String),
     /// No usable Vulkan device.
@@ -37,15 +56,13 @@ pub enum Error {
     DeviceLost {
         /// The pass or call that was under way.
         at: String,
-        /// What the driver said.
+        /// The message of the driver.
         problem: String,
     },
     /// The device has no memory left.
-    #[error(
-        "out of device memory in {at}; render a smaller image, with fewer photons, or choose another device with --device"
-    )]
+    #[error("out of device memory in {at}; render a smaller image, with fewer photons, or choose another device")]
     OutOfMemory {
-        /// The buffer, pass or call that there was none for.
+        /// The buffer, pass or call that needed more.
         at: String,
     },
     /// A kernel that does not compose, validate or bind. A defect of Penumbra, never of a scene.
@@ -53,7 +70,7 @@ pub enum Error {
     Kernel {
         /// The stem of the kernel's file in `shaders/`.
         kernel: String,
-        /// What the composer, the validator or the binder said.
+        /// The message of the composer, the validator or the binder.
         problem: String,
     },
     /// A buffer that the device cannot hold.
@@ -73,17 +90,22 @@ pub enum Error {
     Computation {
         /// The stem of the kernel's file in `shaders/`.
         kernel: String,
-        /// Which limit was hit, how often, and what to do.
+        /// The limit that was exceeded, how often, and what to do.
         problem: String,
     },
 }
 
 impl Error {
-    /// An [`Error::Input`] at `place` of `file`.
-    pub fn input(file: impl AsRef<Path>, place: impl Into<String>, problem: impl std::fmt::Display) -> Self {
-        // Both may repeat what the file says.
-        let (place, problem) = (printable(&place.into()), printable(&problem.to_string()));
-        Error::Input { file: file.as_ref().to_owned(), place, problem }
+    /// An [`Error::Input`] at `location` in `file`.
+    pub fn input(file: impl AsRef<Path>, location: impl Into<String>, problem: impl std::fmt::Display) -> Self {
+        // Both may quote the file.
+        let (location, problem) = (printable(&location.into()), printable(&problem.to_string()));
+        Error::Input { file: file.as_ref().to_owned(), location, problem }
+    }
+
+    /// An [`Error::Setting`] for the field `name` of [`crate::Settings`]. `problem` starts with a verb.
+    pub fn setting(name: &'static str, problem: impl Into<String>) -> Self {
+        Error::Setting { name, problem: problem.into() }
     }
 
     /// An [`Error::Output`] for `file`.
@@ -96,13 +118,31 @@ impl Error {
         Error::Kernel { kernel: kernel.into(), problem: problem.to_string() }
     }
 
-    /// The process exit code of this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
+    /// The exit code of a process that ends with this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Input { .. } | Error::Output { .. } => 3,
-            Error::Usage(_) => 2,
+            Error::Setting { .. } | Error::Usage(_) => 2,
             Error::NoDevice(_) | Error::DeviceLost { .. } => 4,
             Error::OutOfMemory { .. } | Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
+        }
+    }
+}
+
+/// The kit knows neither photons nor scenes: what a user of the renderer can do is added here.
+impl From<kernel_kit::Error> for Error {
+    fn from(error: kernel_kit::Error) -> Self {
+        match error {
+            kernel_kit::Error::NoDevice(problem) => Error::NoDevice(problem),
+            kernel_kit::Error::DeviceLost { at, problem } => Error::DeviceLost { at, problem },
+            kernel_kit::Error::OutOfMemory { at } => Error::OutOfMemory { at },
+            kernel_kit::Error::Kernel { kernel, problem } => Error::Kernel { kernel, problem },
+            kernel_kit::Error::Buffer { buffer, needed, limit } => Error::Buffer {
+                buffer,
+                needed,
+                limit,
+                remedy: "render with fewer photons or a smaller scene, or choose another device".to_owned(),
+            },
         }
     }
 }

@@ -1,64 +1,41 @@
-//! What a render starts from, as one number: files that belong to one scene and version are told from others by it.
+//! Fingerprints: 128 bits that identify the input of a render, as 32 hexadecimal digits.
+//!
+//! Two inputs that differ have the same fingerprint with a probability of 2^-128. It is no proof against an attacker.
 
-use std::fmt::{self, Debug, Write};
+use std::fmt;
 use std::hash::Hasher;
 
 use siphasher::sip128::{Hasher128, SipHasher24};
 
-use crate::Scene;
-use crate::scene::{Panorama, TextureImage};
-
-/// 128 bits, as 32 hexadecimal digits, of the scene, of whatever else decides the image, and of Penumbra's version. Two
-/// inputs that differ have the same digits with a probability of 2^-128; the digits are not proof against an attacker.
-pub fn fingerprint(scene: &Scene, rest: &impl Debug) -> String {
-    let mut digest = Digest(SipHasher24::new());
-    // Names every field, so that none is forgotten. The debug form of a float says all of its bits but a NaN's.
-    let Scene {
-        vertices,
-        triangles,
-        materials,
-        textures,
-        images,
-        procedurals,
-        functions,
-        lights,
-        cameras,
-        normalisation,
-        notes: _,
-    } = scene;
-    let parts =
-        (vertices, triangles, materials, textures, lights, cameras, normalisation, procedurals, functions, rest);
-    // The digest takes whatever is written.
-    let _ = write!(digest, "{} {parts:?}", env!("CARGO_PKG_VERSION"));
-    // Texels as they are: their debug form is slow where there are many.
-    for TextureImage { name, width, height, texels } in images {
-        let _ = write!(digest, "{name:?} {width} {height}");
-        digest.0.write(texels.as_flattened());
-    }
-    // Its debug form says only how large it is.
-    if let Some(Panorama { width, height, texels }) = scene.environment() {
-        let _ = write!(digest, "{width} {height}");
-        digest.0.write(bytemuck::cast_slice(texels));
-    }
-    hexadecimal(&digest.0)
-}
-
-/// The same of bytes, to tell whether they are whole.
+/// The fingerprint of `bytes`, used to check that a file is complete.
 pub fn digest(bytes: &[u8]) -> String {
-    let mut digest = SipHasher24::new();
-    digest.write(bytes);
-    hexadecimal(&digest)
+    let mut fingerprint = Fingerprint::default();
+    fingerprint.write_bytes(bytes);
+    fingerprint.finish()
 }
 
-fn hexadecimal(digest: &SipHasher24) -> String {
-    format!("{:032x}", digest.finish128().as_u128())
+/// Collects text and bytes. Writing never fails.
+pub(crate) struct Fingerprint(SipHasher24);
+
+impl Default for Fingerprint {
+    fn default() -> Self {
+        Fingerprint(SipHasher24::new())
+    }
 }
 
-struct Digest(SipHasher24);
+impl Fingerprint {
+    pub fn write_bytes(&mut self, bytes: &[u8]) {
+        self.0.write(bytes);
+    }
 
-impl Write for Digest {
+    pub fn finish(self) -> String {
+        format!("{:032x}", self.0.finish128().as_u128())
+    }
+}
+
+impl fmt::Write for Fingerprint {
     fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.0.write(text.as_bytes());
+        self.write_bytes(text.as_bytes());
         Ok(())
     }
 }

@@ -1,6 +1,7 @@
-//! Files that may be anything: read whole or not at all, and believed only as far as their length bears them out.
+//! Reading untrusted files.
 //!
-//! What a file may cost is bounded by its *honest size*: its own bytes, and what its coding can expand them to.
+//! A file is read whole or not at all. Its headers are believed only as far as its length allows: the memory that a
+//! file may cost is bounded by its *honest size*, which is its own bytes and what its coding can expand them to.
 
 use std::fs::{self, File};
 use std::io::{Cursor, Read};
@@ -8,10 +9,10 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-/// Refused above this: no file that a renderer can hold in memory is larger, and .glb itself ends at 4 GiB.
+/// Maximum size of a file. A larger scene does not fit in memory, and the .glb format itself ends at 4 GiB.
 pub(crate) const MAX_FILE_BYTES: u64 = 1 << 32;
 
-/// The bytes of a regular file: a pipe or a device could block or never end.
+/// The bytes of a regular file. Pipes and devices are refused because they could block or never end.
 pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
     let metadata = fs::metadata(path).map_err(|e| e.to_string())?;
     if metadata.is_dir() {
@@ -21,20 +22,20 @@ pub(crate) fn read_file(path: &Path) -> std::result::Result<Vec<u8>, String> {
         return Err("is not a regular file".into());
     }
     if metadata.len() > MAX_FILE_BYTES {
-        return Err(format!("has {} bytes, at most {MAX_FILE_BYTES} are read", metadata.len()));
+        return Err(format!("has {} bytes, the maximum is {MAX_FILE_BYTES}", metadata.len()));
     }
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)).map_err(|e| e.to_string())?;
     Ok(bytes)
 }
 
-/// Most bytes of a file's own words that are repeated: names in files mean something to people well below this.
-const MAX_WORDS: usize = 512;
+/// Maximum length in bytes of a text from a file that is repeated to the user.
+const MAX_PRINTABLE: usize = 512;
 
-/// Words of a file, fit to be shown on one line of a terminal: without control characters, and no longer than a line
-/// that anybody reads.
+/// Text from a file, made safe for one line of a terminal: control characters are replaced, and the text is cut to
+/// [`MAX_PRINTABLE`] bytes.
 pub(crate) fn printable(text: &str) -> String {
-    let end = text.floor_char_boundary(MAX_WORDS);
+    let end = text.floor_char_boundary(MAX_PRINTABLE);
     let mut line: String = text[..end].chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
     if end < text.len() {
         line.push('…');
@@ -42,7 +43,7 @@ pub(crate) fn printable(text: &str) -> String {
     line
 }
 
-/// A PNG, JPEG or Radiance file whose header has been read and can be true.
+/// A PNG, JPEG or Radiance file whose header has been read and is plausible for the length of the file.
 pub(crate) struct Picture<'a> {
     decoder: Box<dyn ImageDecoder + 'a>,
     /// Width and height, both at least 1.
@@ -50,24 +51,26 @@ pub(crate) struct Picture<'a> {
 }
 
 impl<'a> Picture<'a> {
-    /// Reads the header; refuses one that claims more than a file of this length can hold.
+    /// Reads the header. Refuses it if it claims more texels than a file of this length can hold.
     pub fn open(bytes: &'a [u8], format: ImageFormat) -> std::result::Result<Self, String> {
         let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
         let mut limits = Limits::no_limits();
-        // What the PNG reader holds beside the pixels: a few rows, here of half a million texels of 64 bits, and chunks
-        // for colour profiles, which may be packed.
+        // Beside the pixels the PNG reader holds a few rows (4 MiB is a row of half a million texels of 64 bits) and
+        // colour profiles, which may be compressed.
         limits.max_alloc = Some(4 * bytes.len() as u64 + (4 << 20));
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
-        // Texels that a byte stands for at most.
+        // Maximum number of texels that one byte can encode.
         let densest = match format {
-            // A block of 64 takes a bit at least; components of which each is reduced along another axis take half as many.
+            // A block of 64 texels takes at least one bit, and half as many where each component is subsampled along
+            // another axis.
             ImageFormat::Jpeg => 8 * 64 * 2,
-            // Deflate expands a byte to 1032 at most.
+            // Deflate expands a byte to at most 1032.
             ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes)?,
-            // Radiance's old form has runs of 255 texels in four bytes. What repeats these could go beyond; its programs do not.
+            // Radiance's old run-length form has runs of 255 texels in four bytes. Repeated run markers could encode
+            // more, but no known program writes them.
             _ => 64,
         };
         if texels == 0 || texels > densest * bytes.len() as u64 {
@@ -76,18 +79,18 @@ impl<'a> Picture<'a> {
         Ok(Picture { decoder: Box::new(decoder), size: [width, height] })
     }
 
-    /// Bytes of its pixels before they are converted to anything.
+    /// Size of the decoded pixels in bytes, in the format of the file.
     pub fn decoded_bytes(&self) -> u64 {
         self.decoder.total_bytes()
     }
 
-    /// Its pixels.
+    /// Decodes the pixels.
     pub fn decode(self) -> std::result::Result<DynamicImage, String> {
         DynamicImage::from_decoder(self.decoder).map_err(|e| e.to_string())
     }
 }
 
-/// Bits of a texel of a PNG, of which a decoder of pictures tells only what it expands them to.
+/// Bits per texel as stored in the PNG. The `image` crate only reports the format after expansion.
 fn png_texel_bits(bytes: &[u8]) -> std::result::Result<u64, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     Ok(decoder.read_header_info().map_err(|e| e.to_string())?.bits_per_pixel() as u64)

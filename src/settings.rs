@@ -1,120 +1,38 @@
 //! What to render and how: the settings of a render, with their ranges.
 
+mod builder;
+mod groups;
+pub mod technique;
+
 use std::fmt;
 use std::str::FromStr;
 
+pub use builder::SettingsBuilder;
+pub use groups::{
+    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightSamplingSettings, ShadowRaySettings,
+    VisibilityMapSettings, WardSettings,
+};
+
 use crate::{Error, Result};
+pub use technique::Technique;
 
-/// How light is computed. The names are those of the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Technique {
-    /// Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.
-    Path,
-    /// The two-pass method with all shadow rays.
-    TwoPass,
-    /// The two-pass method with shadow rays only where the photons do not decide.
-    #[default]
-    ShadowPhotons,
-    /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
-    VisibilityEstimate,
-    /// The two-pass method with lights tested in the order of what they could contribute, until the rest could not matter;
-    /// the rest is guessed by what was seen of it so far (Ward 1991).
-    WardAdaptive,
-    /// The two-pass method without shadow rays from cells of space out of which no sample ray saw the light (Zimmerman and
-    /// Shirley 1995).
-    VisibilityCells,
-    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and Amanatides
-    /// 1990).
-    VoxelTags,
-    /// The global map shown directly, by density estimation.
-    PhotonMap,
-    /// As [`Technique::PhotonMap`], but direct light is that of a scene where everything is lit, less the energy of shadow
-    /// photons.
-    NegativePhotons,
-}
-
-impl Technique {
-    /// All techniques.
-    pub const ALL: [Technique; 9] = [
-        Technique::Path,
-        Technique::TwoPass,
-        Technique::ShadowPhotons,
-        Technique::VisibilityEstimate,
-        Technique::WardAdaptive,
-        Technique::VisibilityCells,
-        Technique::VoxelTags,
-        Technique::PhotonMap,
-        Technique::NegativePhotons,
-    ];
-
-    /// The name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Technique::Path => "path",
-            Technique::TwoPass => "two-pass",
-            Technique::ShadowPhotons => "shadow-photons",
-            Technique::VisibilityEstimate => "visibility-estimate",
-            Technique::WardAdaptive => "ward-adaptive",
-            Technique::VisibilityCells => "visibility-cells",
-            Technique::VoxelTags => "voxel-tags",
-            Technique::PhotonMap => "photon-map",
-            Technique::NegativePhotons => "negative-photons",
-        }
-    }
-
-    /// It asks the visibility map.
-    pub fn uses_visibility_map(self) -> bool {
-        matches!(self, Technique::ShadowPhotons | Technique::VisibilityEstimate)
-    }
-
-    /// Photons can tell it which lights reach a zone.
-    pub fn uses_zones(self) -> bool {
-        self == Technique::ShadowPhotons
-    }
-
-    /// Its points may ask a few of many lights.
-    pub fn samples_lights(self) -> bool {
-        matches!(self, Technique::ShadowPhotons | Technique::TwoPass)
-    }
-
-    /// It says of points beforehand, by photons or by cells, whether they are lit, shadowed or neither.
-    pub fn classifies(self) -> bool {
-        self.uses_visibility_map() || self.uses_cells()
-    }
-
-    /// Rays from the cells of a grid say beforehand what its points see.
-    pub fn uses_cells(self) -> bool {
-        matches!(self, Technique::VisibilityCells | Technique::VoxelTags)
-    }
-
-    /// It shows the global map directly.
-    pub fn shows_map(self) -> bool {
-        matches!(self, Technique::PhotonMap | Technique::NegativePhotons)
-    }
-
-    /// Its direct light is a pass of its own, and indirect light another.
-    pub fn is_two_pass(self) -> bool {
-        self != Technique::Path && !self.shows_map()
-    }
-}
-
-/// Which lights a point asks, where direct light is a pass of its own; and by what paths choose one.
+/// The lights used at a point where direct light is a pass of its own, and the probabilities by which a path samples a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightSampling {
-    /// All of them.
+    /// All lights.
     All,
-    /// A few, each as likely as the other.
+    /// A few lights, with equal probability.
     Uniform,
-    /// A few, half by power and half alike.
+    /// A few lights: with probability 1/2 by power, else with equal probability.
     Power,
-    /// A few of those that reach the point's zone, by what they send there: the paper's proposal for many lights.
+    /// A few of the lights that reach the point's zone, by the light that they send there: the paper's proposal for many
+    /// lights.
     Zones,
 }
 
 impl LightSampling {
-    /// All of them.
+    /// All strategies.
     pub const ALL: [LightSampling; 4] =
         [LightSampling::All, LightSampling::Uniform, LightSampling::Power, LightSampling::Zones];
 
@@ -148,7 +66,8 @@ pub enum Aov {
     /// `variance.R` ...: variance of the pixel's mean.
     Variance,
     /// `shadow.<light>.class` (0 dark, 1 lit, 2 shadowed, 3 boundary, 4 unknown; of the first sample), `.visibility`
-    /// (of the part of the light that is above the surface's horizon), `.ni`, `.ns`: what the photons say of each light.
+    /// (of the part of the light above the surface's horizon), `.ni` and `.ns` (illumination and shadow photons among the
+    /// nearest), for each light.
     Shadow,
 }
 
@@ -192,205 +111,154 @@ macro_rules! by_name {
         }
     };
 }
-by_name!(Technique, "technique");
 by_name!(Aov, "AOV");
-by_name!(LightSampling, "choice of lights");
+by_name!(LightSampling, "light sampling");
 
-/// The settings of a render.
+/// The settings of a render, in groups. [`Settings::builder`] sets single ones and checks their ranges.
+///
+/// As JSON the groups are one flat object, with the keys of `docs/statistics.md`.
+///
+/// ```
+/// use penumbra::{Settings, Technique};
+///
+/// let settings = Settings::builder().technique(Technique::PATH).size(256, 256).spp(16).build()?;
+/// let brighter = settings.clone().with(|s| s.light_scale = 2.0);
+/// assert_eq!(brighter.image, settings.image);
+/// # Ok::<(), penumbra::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
 pub struct Settings {
     /// How light is computed.
     pub technique: Technique,
-    /// Width in pixels, 1 to [`Settings::MAX_SIDE`].
-    pub width: u32,
-    /// Height in pixels, 1 to [`Settings::MAX_SIDE`].
-    pub height: u32,
-    /// Samples a pixel that the render is meant to have, at least 1. One sample goes through the pixel's middle.
-    pub spp: u32,
-    /// Seed of all random choices.
-    pub seed: u32,
-    /// Visibility photons emitted from each light.
-    pub photons: u32,
-    /// Photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
-    pub nearest: u32,
-    /// Shadow photons that are kept of one ray, 1 to [`Settings::MAX_SHADOW_PHOTONS`].
-    pub shadow_photons_per_ray: u32,
-    /// Light points that are asked for by a boundary point, 1 to [`Settings::MAX_SHADOW_SAMPLES`].
-    pub shadow_samples: u32,
-    /// Pixels by which boundaries are widened, 0 or 1; none: 1 for lights with wide penumbrae, 0 for small ones.
-    pub dilate: Option<u32>,
-    /// Which lights points ask; none: `zones` of `shadow-photons` in scenes of more than [`Settings::MANY_LIGHTS`] lights, else `all`,
-    /// and `power` of paths.
-    pub light_sampling: Option<LightSampling>,
-    /// Lights that a point asks where they are chosen, 2 to [`Settings::MAX_SAMPLED_LIGHTS`].
-    pub sampled_lights: u32,
-    /// Probability that a decided point is audited, 0 to 1. 0 is the paper, and biased; zones are then not audited either.
-    pub audit: f32,
-    /// Count photons without regard to their normals, as the paper does.
-    pub paper_counting: bool,
-    /// Cells along the longest side of the scene, of the techniques that judge cells: 1 to [`Settings::MAX_CELLS`].
-    pub cells: u32,
-    /// Rays from each cell to each light, of those techniques: 1 to [`Settings::MAX_CELL_RAYS`].
-    pub cell_rays: u32,
-    /// Share of a point's light below which the lights that are left are not tested, of `ward-adaptive`: 0 to 1. 0 tests
-    /// all of them.
-    pub shadow_tolerance: f32,
-    /// Most bounces of indirect light; 0 for direct light alone. Gather rays that meet something too near go one bounce on: with
-    /// irradiance records and two bounces a room has some 0.2 % of the light of a third.
-    pub max_bounces: u32,
-    /// Rays from all lights together, by their power, whose photons carry flux, 1 to [`Settings::MAX_PHOTONS`].
-    pub flux_photons: u32,
-    /// Interpolate irradiance between records; without, every point gathers along one ray.
-    pub cache: bool,
-    /// Radius of an irradiance record over the harmonic mean distance of its surroundings (a of Ward and Heckbert 1992):
-    /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
-    pub accuracy: f32,
-    /// Rays of the final gather, about, at each irradiance record: 1 to [`Settings::MAX_GATHER_RAYS`].
-    pub gather_rays: u32,
+    /// Size, samples and channels of the image.
+    #[serde(flatten)]
+    pub image: ImageSettings,
+    /// Illumination and shadow photons.
+    #[serde(flatten)]
+    pub visibility_map: VisibilityMapSettings,
+    /// Shadow rays of boundary points.
+    #[serde(flatten)]
+    pub shadow_rays: ShadowRaySettings,
+    /// Sampling of many lights.
+    #[serde(flatten)]
+    pub light_sampling: LightSamplingSettings,
+    /// Indirect light: global map and irradiance cache.
+    #[serde(flatten)]
+    pub indirect: IndirectSettings,
+    /// Grid of `visibility-cells` and `voxel-tags`.
+    #[serde(flatten)]
+    pub cells: CellSettings,
+    /// `ward-adaptive`.
+    #[serde(flatten)]
+    pub ward: WardSettings,
     /// Factor on the power of every light, at least 0.
     pub light_scale: f32,
-    /// Channels beside the picture.
-    pub aovs: Vec<Aov>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Settings {
             technique: Technique::default(),
-            width: 512,
-            height: 512,
-            spp: 16,
-            seed: 0,
-            photons: 131_072,
-            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the same.
-            nearest: 36,
-            shadow_photons_per_ray: 10,
-            shadow_samples: 4,
-            dilate: None,
-            light_sampling: None,
-            sampled_lights: 8,
-            audit: 1.0 / 64.0,
-            paper_counting: false,
-            cells: 64,
-            // Zimmerman and Shirley: up to 100.
-            cell_rays: 100,
-            // What the renderer that the method was made for has by default (Radiance, -dt).
-            shadow_tolerance: 0.05,
-            // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
-            max_bounces: 64,
-            flux_photons: 65_536,
-            cache: true,
-            accuracy: 0.25,
-            gather_rays: 256,
+            image: ImageSettings::default(),
+            visibility_map: VisibilityMapSettings::default(),
+            shadow_rays: ShadowRaySettings::default(),
+            light_sampling: LightSamplingSettings::default(),
+            indirect: IndirectSettings::default(),
+            cells: CellSettings::default(),
+            ward: WardSettings::default(),
             light_scale: 1.0,
-            aovs: Vec::new(),
         }
     }
 }
 
 impl Settings {
-    /// Largest side of an image.
-    pub const MAX_SIDE: u32 = 16_384;
-    /// Samples a pixel that a render ended by time never reaches. A power of two keeps those of a pixel well stratified.
-    pub const UNLIMITED_SPP: u32 = 1 << 24;
-    /// Largest k: what a class word has room for.
-    pub const MAX_NEAREST: u32 = 511;
-    /// Most light points of a boundary point.
-    pub const MAX_SHADOW_SAMPLES: u32 = 1024;
-    /// Most shadow photons that are kept of one ray: what an invocation has registers for.
-    pub const MAX_SHADOW_PHOTONS: u32 = 64;
-    /// Most lights that all points ask by default. Of 16 small lamps a sample that asks eight takes half to a sixth of the time at
-    /// the same error (docs/decisions.md, many lights).
-    pub const MANY_LIGHTS: u32 = 16;
-    /// Most lights that a point asks where they are chosen: as many as a zone lists.
-    pub const MAX_SAMPLED_LIGHTS: u32 = 64;
-    /// Most photons of a light: a map of so many fills a storage buffer of 128 MiB several times.
-    pub const MAX_PHOTONS: u32 = 1 << 26;
-    /// Most cells along a side: 2^24 in all.
-    pub const MAX_CELLS: u32 = 256;
-    /// Most rays of a cell and a light: they are counted in half a word.
-    pub const MAX_CELL_RAYS: u32 = 4096;
-
-    /// Largest radius of a record, in distances of its surroundings.
-    pub const MAX_ACCURACY: f32 = 10.0;
-    /// Most rays of a record: what one invocation can sum up on software devices.
-    pub const MAX_GATHER_RAYS: u32 = 16_384;
-
-    /// The image goes to the truth as samples go on; of indirect light as near as photons and records come, of which there
-    /// are then more.
-    pub fn is_unbiased(&self) -> bool {
-        match self.technique {
-            Technique::Path | Technique::TwoPass => true,
-            Technique::ShadowPhotons => self.audit > 0.0,
-            Technique::WardAdaptive => self.shadow_tolerance == 0.0,
-            Technique::VisibilityEstimate | Technique::VisibilityCells | Technique::VoxelTags => false,
-            Technique::PhotonMap | Technique::NegativePhotons => false,
-        }
+    /// A builder that starts from the defaults.
+    pub fn builder() -> SettingsBuilder {
+        SettingsBuilder::default()
     }
 
-    /// Checks every range.
+    /// These settings after `change`. The ranges are not checked before [`Settings::check`].
+    #[must_use]
+    pub fn with(mut self, change: impl FnOnce(&mut Settings)) -> Settings {
+        change(&mut self);
+        self
+    }
+
+    /// Checks every range, and that the settings do not contradict each other.
     ///
     /// # Errors
-    /// [`Error::Usage`] naming the setting and its range.
+    /// [`Error::Setting`] with the setting and its range.
     pub fn check(&self) -> Result<()> {
-        let range = |name: &str, value: u32, least: u32, most: u32| {
-            if (least..=most).contains(&value) {
-                return Ok(());
-            }
-            Err(Error::Usage(format!("{name} is {value}; it must be from {least} to {most}")))
+        self.check_integers()?;
+        self.check_reals()?;
+        self.check_light_sampling()
+    }
+
+    fn check_integers(&self) -> Result<()> {
+        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, .. } = self;
+        let range = |name, value: u32, min: u32, max: u32| match (min..=max).contains(&value) {
+            true => Ok(()),
+            false => Err(Error::setting(name, format!("is {value}; it must be from {min} to {max}"))),
         };
-        range("--width", self.width, 1, Self::MAX_SIDE)?;
-        range("--height", self.height, 1, Self::MAX_SIDE)?;
-        range("--spp", self.spp, 1, u32::MAX)?;
-        range("--photons", self.photons, 1, Self::MAX_PHOTONS)?;
-        range("--flux-photons", self.flux_photons, 1, Self::MAX_PHOTONS)?;
-        range("--gather-rays", self.gather_rays, 1, Self::MAX_GATHER_RAYS)?;
-        if !(self.accuracy > 0.0 && self.accuracy <= Self::MAX_ACCURACY) {
-            let most = Self::MAX_ACCURACY;
-            return Err(Error::Usage(format!(
-                "--accuracy is {}; it must be more than 0, at most {most}",
-                self.accuracy
-            )));
+        range("image.width", image.width, 1, Self::MAX_SIDE)?;
+        range("image.height", image.height, 1, Self::MAX_SIDE)?;
+        range("image.spp", image.spp, 1, u32::MAX)?;
+        range("visibility_map.photons_per_light", visibility_map.photons_per_light, 1, Self::MAX_PHOTONS)?;
+        range("visibility_map.nearest", visibility_map.nearest, 1, Self::MAX_NEAREST)?;
+        let stored = visibility_map.shadow_photons_per_ray;
+        range("visibility_map.shadow_photons_per_ray", stored, 1, Self::MAX_SHADOW_PHOTONS)?;
+        range("visibility_map.dilate", visibility_map.dilate.unwrap_or(0), 0, 1)?;
+        range("shadow_rays.samples", shadow_rays.samples, 1, Self::MAX_SHADOW_SAMPLES)?;
+        range("light_sampling.sampled_lights", light_sampling.sampled_lights, 2, Self::MAX_SAMPLED_LIGHTS)?;
+        range("indirect.photons", indirect.photons, 1, Self::MAX_PHOTONS)?;
+        let gather_rays = indirect.irradiance_cache.gather_rays;
+        range("indirect.irradiance_cache.gather_rays", gather_rays, 1, Self::MAX_GATHER_RAYS)?;
+        range("cells.resolution", cells.resolution, 1, Self::MAX_CELLS)?;
+        range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)
+    }
+
+    fn check_reals(&self) -> Result<()> {
+        let refuse =
+            |name, value: f32, range: &str| Err(Error::setting(name, format!("is {value}; it must be {range}")));
+        let accuracy = self.indirect.irradiance_cache.accuracy;
+        if !(accuracy > 0.0 && accuracy <= Self::MAX_ACCURACY) {
+            let range = format!("more than 0, at most {}", Self::MAX_ACCURACY);
+            return refuse("indirect.irradiance_cache.accuracy", accuracy, &range);
         }
-        range("--nearest", self.nearest, 1, Self::MAX_NEAREST)?;
-        range("--shadow-photons-per-ray", self.shadow_photons_per_ray, 1, Self::MAX_SHADOW_PHOTONS)?;
-        range("--shadow-samples", self.shadow_samples, 1, Self::MAX_SHADOW_SAMPLES)?;
-        range("--dilate", self.dilate.unwrap_or(0), 0, 1)?;
-        range("--chosen-lights", self.sampled_lights, 2, Self::MAX_SAMPLED_LIGHTS)?;
-        self.check_light_sampling()?;
-        if !(0.0..=1.0).contains(&self.audit) {
-            return Err(Error::Usage(format!("--audit is {}; it must be from 0 to 1", self.audit)));
+        let audit = self.visibility_map.audit;
+        if !(0.0..=1.0).contains(&audit) {
+            return refuse("visibility_map.audit", audit, "from 0 to 1");
         }
-        range("--cells", self.cells, 1, Self::MAX_CELLS)?;
-        range("--cell-rays", self.cell_rays, 1, Self::MAX_CELL_RAYS)?;
-        if !(0.0..=1.0).contains(&self.shadow_tolerance) {
-            let given = self.shadow_tolerance;
-            return Err(Error::Usage(format!("--shadow-tolerance is {given}; it must be from 0 to 1")));
+        if !(0.0..=1.0).contains(&self.ward.tolerance) {
+            return refuse("ward.tolerance", self.ward.tolerance, "from 0 to 1");
         }
         if !(self.light_scale >= 0.0 && self.light_scale.is_finite()) {
-            return Err(Error::Usage(format!("--light-scale is {}; it must be 0 or more", self.light_scale)));
+            return refuse("light_scale", self.light_scale, "finite and 0 or more");
         }
         Ok(())
     }
 
     fn check_light_sampling(&self) -> Result<()> {
-        let refuse = |why: String| Err(Error::Usage(why));
-        match self.light_sampling {
-            Some(LightSampling::Zones) if !self.technique.uses_zones() => {
-                refuse(format!("--light-choice zones: {} asks no photons which lights reach a point", self.technique))
+        let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
+        let technique = self.technique;
+        let problem = match strategy {
+            LightSampling::Zones if !technique.uses_zones() => {
+                format!("{technique} has no visibility photons that tell which lights reach a zone")
             }
-            Some(LightSampling::All) if self.technique == Technique::Path => {
-                refuse("--light-choice all: paths ask one light at each vertex".to_owned())
-            }
-            Some(LightSampling::Uniform | LightSampling::Power)
-                if !self.technique.samples_lights() && self.technique != Technique::Path =>
+            LightSampling::All if technique.is_path_tracing() => "a path samples one light at each vertex".to_owned(),
+            LightSampling::Uniform | LightSampling::Power
+                if !technique.samples_lights() && !technique.is_path_tracing() =>
             {
-                refuse(format!("--light-choice: {} asks all lights", self.technique))
+                format!("{technique} uses all lights")
             }
-            Some(choice) if choice != LightSampling::All && self.aovs.contains(&Aov::Shadow) => {
-                refuse(format!("--light-choice {choice}: the AOV shadow is of all lights"))
+            LightSampling::Uniform | LightSampling::Power | LightSampling::Zones
+                if self.image.aovs.contains(&Aov::Shadow) =>
+            {
+                "the AOV shadow needs all lights".to_owned()
             }
-            _ => Ok(()),
-        }
+            _ => return Ok(()),
+        };
+        Err(Error::setting("light_sampling.strategy", format!("cannot be {strategy}: {problem}")))
     }
 }

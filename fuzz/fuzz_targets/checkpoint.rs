@@ -1,11 +1,11 @@
-//! The checkpoint: the file as it is, and with its digest set right, so that what lies behind is reached.
+//! Checkpoints: the input unchanged, and with a corrected digest, so that the data behind it is reached.
 #![no_main]
 
-use penumbra::fingerprint::digest;
-use penumbra::render::Checkpoint;
+use penumbra::internal::fingerprint::digest;
+use penumbra::internal::render::Checkpoint;
 use penumbra_fuzz::{bounded, check};
 
-/// Bytes of the first line, and of the digest that follows it.
+/// Lengths of the first line and of the digest that follows it, in bytes.
 const MAGIC: usize = 22;
 const DIGEST: usize = 32;
 
@@ -15,7 +15,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         head[MAGIC..].copy_from_slice(digest(rest).as_bytes());
     }
     for bytes in [bytes, whole.as_slice()] {
-        // 64 bytes are a value of JSON.
+        // A JSON value takes 64 bytes.
         let honest = bytes.len() + 64 * bytes.iter().filter(|byte| b",:[{".contains(byte)).count();
         match bounded(|| Checkpoint::from_bytes(bytes, "state"), |_| honest) {
             Ok(checkpoint) => _ = checkpoint.samples(),

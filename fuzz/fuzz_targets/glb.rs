@@ -1,4 +1,5 @@
-//! Import of a .glb whose container is right: JSON up to the first zero byte, the binary chunk after it.
+//! Import of a .glb with a valid container. The JSON is the input up to its first zero byte, the binary chunk is the
+//! rest.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -1,8 +1,8 @@
-//! The report's reference cache: two halves, of which the first four bytes say where the second begins.
+//! The reference cache of reports. The first four bytes are the length of the first half.
 #![no_main]
 
 use penumbra::Image;
-use penumbra::report::reference::Reference;
+use penumbra::internal::report::reference::Reference;
 use penumbra_fuzz::check;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -1,4 +1,4 @@
-//! Import of a file as it is: .gltf with data URIs, or .glb.
+//! Import of the input as a .gltf with data URIs or a .glb.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| penumbra_fuzz::import(bytes, bytes, "no folder/scene.gltf"));

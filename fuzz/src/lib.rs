@@ -1,20 +1,20 @@
-//! What the targets have in common: an allocator that counts, and what must hold of whatever import accepts.
+//! Shared code of the fuzz targets: a counting allocator, and the invariants of accepted scenes.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use penumbra::bvh::Bvh;
-use penumbra::error::Error;
-use penumbra::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::error::Error;
+use penumbra::internal::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Scene, Triangle, Vertex};
 
-/// Bytes in use and the most that ever were.
+/// Bytes in use, and their maximum.
 static USED: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
 struct Counting;
 
-// SAFETY: hands every call on to the system's allocator.
+// SAFETY: forwards every call to the system allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         PEAK.fetch_max(USED.fetch_add(layout.size(), Relaxed) + layout.size(), Relaxed);
@@ -35,35 +35,35 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Bytes that a reader may take whatever it reads: tables made once, buffers of decoders, stacks of threads.
-const ALWAYS: usize = 16 << 20;
+/// Number of bytes that a reader may use for any input: tables made once, buffers of decoders, stacks of threads.
+const BASE_BYTES: usize = 16 << 20;
 
-/// Runs a reader; `honest` says, of what it gave, the bytes that an honest file of these needs. At most four times as many
-/// may have been in use.
+/// Runs a reader and checks its peak memory: at most [`BASE_BYTES`] and four times the honest size, which `honest`
+/// computes from the result of the reader.
 pub fn bounded<T>(read: impl FnOnce() -> T, honest: impl FnOnce(&T) -> usize) -> T {
     let before = USED.load(Relaxed);
     PEAK.store(before, Relaxed);
     let outcome = read();
     let (peak, honest) = (PEAK.load(Relaxed).saturating_sub(before), honest(&outcome));
-    assert!(peak <= 4 * honest + ALWAYS, "{peak} bytes in use, {honest} are honest");
+    assert!(peak <= 4 * honest + BASE_BYTES, "{peak} bytes in use, the honest size is {honest}");
     outcome
 }
 
-/// An error is one line for people, about the input.
+/// Checks that an error is one printable line about the input.
 pub fn check(error: &Error) {
     assert!(matches!(error, Error::Input { .. }), "{error:?}");
     let text = error.to_string();
     assert!(!text.contains(char::is_control) && text.len() < 2048, "{text:?}");
 }
 
-/// Imports `bytes` and checks what comes of it. `json` is the part of them that is JSON, more or less.
+/// Imports `bytes` and checks the result. `json` is about the part of them that is JSON.
 pub fn import(bytes: &[u8], json: &[u8], path: &str) {
     let lenient = bytes.len() % 2 == 1;
     let options = ImportOptions { default_light: bytes.len() % 4 < 2, lenient };
     let outcome = bounded(
         || Scene::from_bytes(bytes, Path::new(path), &options),
         |outcome| {
-            // A value of JSON is 32 bytes in memory and a member as many more.
+            // A JSON value takes 32 bytes of memory, and a member 32 more.
             let values = json.iter().filter(|byte| b",:[{".contains(byte)).count();
             bytes.len() + 64 * values + outcome.as_ref().map_or(0, size)
         },
@@ -74,7 +74,7 @@ pub fn import(bytes: &[u8], json: &[u8], path: &str) {
     }
 }
 
-/// Bytes of a scene.
+/// The size of a scene in bytes.
 fn size(scene: &Scene) -> usize {
     let emitters: usize = scene
         .lights
@@ -94,10 +94,10 @@ fn size(scene: &Scene) -> usize {
         + scene.images.iter().map(|image| size_of_val(&*image.texels)).sum::<usize>()
 }
 
-/// What the renderer takes for granted of a scene.
+/// Checks the properties of a scene that the renderer relies on.
 fn check_scene(scene: &Scene) {
-    // What a fuzzer reaches; a hierarchy over more would take its time.
-    const FEW: usize = 10_000;
+    // Enough for the scenes of a fuzzer. Hierarchies over more triangles take long.
+    const MAX_TRIANGLES: usize = 10_000;
     for Vertex { position, normal, tangent, uv, colour } in &scene.vertices {
         assert!(position.is_finite() && position.length() <= 1.0 + 1e-5, "{position}");
         let unit = |length: f32| length == 0.0 || (length - 1.0).abs() < 1e-5;
@@ -111,7 +111,7 @@ fn check_scene(scene: &Scene) {
     }
     for material in &scene.materials {
         assert!(material.emissive.is_finite());
-        assert!(material.slots().all(|slot| (slot.texture as usize) < scene.textures.len()));
+        assert!(material.texture_infos().all(|info| (info.texture as usize) < scene.textures.len()));
     }
     assert!(scene.textures.iter().all(|texture| (texture.image as usize) < scene.images.len()));
     for image in &scene.images {
@@ -127,7 +127,7 @@ fn check_scene(scene: &Scene) {
             LightKind::Directional { direction, irradiance } => {
                 assert!(direction.is_finite() && irradiance.is_finite());
             }
-            LightKind::Environment { .. } => panic!("no glTF file has an environment"),
+            LightKind::Environment { .. } => panic!("glTF files have no environment"),
         }
     }
     for camera in &scene.cameras {
@@ -137,7 +137,7 @@ fn check_scene(scene: &Scene) {
         assert!(!note.contains(char::is_control), "{note:?}");
     }
     scene.frame_camera();
-    if (1..FEW).contains(&scene.triangles.len()) {
+    if (1..MAX_TRIANGLES).contains(&scene.triangles.len()) {
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         if let Err(error) = Bvh::build(&positions) {
             panic!("{error}");
@@ -145,14 +145,14 @@ fn check_scene(scene: &Scene) {
     }
 }
 
-/// Built as the test `fuzz` of the renderer too, so that it keeps up with it.
+/// Also built as the test `fuzz` of the renderer, so that it compiles with every change.
 #[cfg(test)]
 mod tests {
     use std::fs;
 
-    /// What must hold of the scenes that fuzzing makes holds of those that it begins with, whole or cut short.
+    /// The invariants hold for the seeds of the fuzzer, complete and truncated.
     #[test]
-    fn seeds_are_as_scenes_must_be() {
+    fn seeds_satisfy_the_invariants() {
         let seeds = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/seeds/scene");
         let mut imported = 0;
         for seed in fs::read_dir(seeds).unwrap() {

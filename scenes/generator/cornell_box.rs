@@ -1,9 +1,9 @@
-//! The paper's second scene (fig. 3): a cube in a room under a large square light. Every surface faces the room.
+//! The paper's second scene (fig. 3): a cube in a room under a large square light. All surfaces face the room.
 
 use glam::DVec3;
 use serde_json::json;
 
-use super::glb::{Glb, turn};
+use super::glb::{Glb, rotation_about};
 use super::mesh::Mesh;
 
 pub fn glb() -> Vec<u8> {
@@ -25,10 +25,14 @@ pub fn glb() -> Vec<u8> {
     }
 
     let cube = glb.mesh("cube", &Mesh::cuboid(DVec3::splat(0.35)), white);
-    let place = [0.3, -0.65, 0.1];
-    glb.push("nodes", json!({ "name": "cube", "mesh": cube, "translation": place, "rotation": turn(y, 20.0) }));
+    let position = [0.3, -0.65, 0.1];
+    glb.push(
+        "nodes",
+        json!({ "name": "cube", "mesh": cube, "translation": position, "rotation": rotation_about(y, 20.0) }),
+    );
 
-    // Radiance L gives the floor's middle an irradiance of about 0.64 L / 2^2 = 0.16 L: 0.46 reflected before any bounce.
+    // Radiance L causes an irradiance of about 0.64 L / 2^2 = 0.16 L at the centre of the floor: a reflected radiance
+    // of 0.46 without indirect light.
     let emitter = glb.push("materials", super::emitter("light", 12.0));
     let lamp = glb.mesh("light", &Mesh::quad(0.99 * y, 0.4 * x, 0.4 * z), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp }));

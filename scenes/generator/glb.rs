@@ -1,4 +1,4 @@
-//! A glTF 2.0 document in the making, and its binary form.
+//! A glTF 2.0 document under construction, and its binary form.
 
 use std::collections::BTreeSet;
 use std::io::Cursor;
@@ -18,7 +18,7 @@ const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// The document: its top-level arrays by name, and the one buffer.
+/// The document: its top-level arrays by name, and its single buffer.
 #[derive(Default)]
 pub struct Glb {
     lists: Map<String, Value>,
@@ -33,7 +33,7 @@ impl Glb {
         list.len() - 1
     }
 
-    /// A mesh of one primitive. Texture coordinates go into the file where the material has a texture.
+    /// Adds a mesh of one primitive. Texture coordinates are written only if the material has a texture.
     pub fn mesh(&mut self, name: &str, mesh: &Mesh, material: usize) -> usize {
         let mut attributes = Map::new();
         let position = self.floats("VEC3", mesh.positions.iter().map(|p| p.to_array()));
@@ -63,7 +63,7 @@ impl Glb {
         self.push("meshes", json!({ "name": name, "primitives": [primitive] }))
     }
 
-    /// A PNG image with a sampler of its own; returns the texture.
+    /// Adds a PNG image with its own sampler, and returns the texture.
     pub fn texture(&mut self, name: &str, image: impl Into<DynamicImage>, wrap: Wrap) -> usize {
         let image = image.into();
         let mut png = Cursor::new(Vec::new());
@@ -76,28 +76,28 @@ impl Glb {
         self.push("textures", json!({ "name": name, "source": source, "sampler": sampler }))
     }
 
-    /// A perspective camera at `eye` that looks along `direction`, +y up.
+    /// Adds a perspective camera at `eye` that looks along `direction`, with +y up.
     pub fn camera(&mut self, eye: DVec3, direction: DVec3, yfov_degrees: f64, aspect_ratio: f64) {
         let perspective = json!({ "yfov": yfov_degrees.to_radians(), "aspectRatio": aspect_ratio, "znear": 0.01 });
         let camera = self.push("cameras", json!({ "type": "perspective", "perspective": perspective }));
         self.push(
             "nodes",
-            json!({ "name": "camera", "camera": camera, "translation": eye.to_array(), "rotation": look(direction) }),
+            json!({ "name": "camera", "camera": camera, "translation": eye.to_array(), "rotation": rotation_towards(direction) }),
         );
     }
 
-    /// A KHR_lights_punctual light at `position`; spots shine along `direction`.
+    /// Adds a KHR_lights_punctual light at `position`. Spot lights emit along `direction`.
     pub fn punctual_light(&mut self, name: &str, light: Value, position: DVec3, direction: DVec3) {
         let lights = self.lists.entry("lights").or_insert_with(|| json!([])).as_array_mut().expect("an array");
         lights.push(light);
         let extension = json!({ "KHR_lights_punctual": { "light": lights.len() - 1 } });
         self.push(
             "nodes",
-            json!({ "name": name, "extensions": extension, "translation": position.to_array(), "rotation": look(direction) }),
+            json!({ "name": name, "extensions": extension, "translation": position.to_array(), "rotation": rotation_towards(direction) }),
         );
     }
 
-    /// The finished file.
+    /// The .glb file.
     pub fn finish(mut self, name: &str) -> Vec<u8> {
         if let Some(lights) = self.lists.remove("lights") {
             self.lists.insert("extensions".into(), json!({ "KHR_lights_punctual": { "lights": lights } }));
@@ -135,7 +135,7 @@ impl Glb {
     }
 
     fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
-        // Components of at most four bytes must be aligned to their size.
+        // Components have at most four bytes and must be aligned to their size.
         pad(&mut self.bin, 0);
         let mut view = json!({ "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len() });
         if let Some(target) = target {
@@ -153,7 +153,7 @@ impl Glb {
     }
 
     fn indices(&mut self, indices: &[u32]) -> usize {
-        // The largest index of a type restarts the primitive and is not allowed.
+        // The largest index of a type means primitive restart and is not allowed.
         let short = indices.iter().all(|&index| index < u16::MAX.into());
         let (bytes, kind): (Vec<u8>, u32) = if short {
             (indices.iter().flat_map(|&index| (index as u16).to_le_bytes()).collect(), UNSIGNED_SHORT)
@@ -166,7 +166,7 @@ impl Glb {
     }
 }
 
-/// glTF wrap modes, by their numbers in the file.
+/// Wrap modes, with their numbers in glTF.
 #[derive(Clone, Copy)]
 pub enum Wrap {
     Clamp = 33071,
@@ -175,12 +175,12 @@ pub enum Wrap {
 }
 
 /// The glTF rotation by `angle` degrees about an axis.
-pub fn turn(axis: DVec3, degrees: f64) -> [f64; 4] {
+pub fn rotation_about(axis: DVec3, degrees: f64) -> [f64; 4] {
     DQuat::from_axis_angle(axis, degrees.to_radians()).to_array().map(tidy)
 }
 
-/// The glTF rotation of a camera or light that looks along `direction`, +y as far up as can be.
-fn look(direction: DVec3) -> [f64; 4] {
+/// The glTF rotation of a camera or light along `direction`, with +y as close to up as possible.
+fn rotation_towards(direction: DVec3) -> [f64; 4] {
     let backward = -direction.normalize();
     let right = DVec3::Y.cross(backward).normalize_or(DVec3::X);
     DQuat::from_mat3(&DMat3::from_cols(right, backward.cross(right), backward)).to_array().map(tidy)

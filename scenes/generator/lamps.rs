@@ -1,5 +1,5 @@
-//! A thousand lamps of very different power in a hundred rooms without a ceiling, seen from above: most of them are hidden
-//! from most places.
+//! A thousand lamps of very different power in a hundred rooms without ceilings, seen from above. Most lamps are hidden
+//! from most points.
 
 use glam::{DVec3, IVec3};
 use serde_json::json;
@@ -8,11 +8,11 @@ use super::glb::Glb;
 use super::mesh::Mesh;
 use super::noise::hash;
 
-/// Rooms along either side, and edge of a room.
+/// Number of rooms per side, and edge length of a room.
 const ROOMS: i32 = 10;
 const ROOM: f64 = 2.0;
 const LAMPS_PER_ROOM: i32 = 10;
-/// Half the width of the doors in the middle of the walls, and the walls' height.
+/// Half the width of the doors in the middle of the walls, and the height of the walls.
 const DOOR: f64 = 0.3;
 const WALL: f64 = 1.3;
 
@@ -25,7 +25,7 @@ pub fn glb() -> Vec<u8> {
     let floor = glb.mesh("floor", &Mesh::quad(DVec3::ZERO, half * x, -half * z), grey);
     glb.push("nodes", json!({ "name": "floor", "mesh": floor }));
 
-    // Each wall in two pieces, with a door in between.
+    // Each wall has two parts with a door between them.
     let length = 0.25 * ROOM - 0.5 * DOOR;
     let across = DVec3::new(length, 0.5 * WALL, 0.03);
     let walls =
@@ -42,7 +42,8 @@ pub fn glb() -> Vec<u8> {
     }
 
     let pillar = glb.mesh("pillar", &Mesh::cuboid(DVec3::new(0.12, 0.4, 0.12)), brown);
-    // Squares that shine downwards, from one to a hundred and more times as strong, warm and cold.
+    // Square lamps that emit downwards in warm and cold colours. Their radiance varies by a factor of more than a
+    // hundred.
     let lamps: Vec<usize> = (0..6)
         .map(|i| {
             let mut emitter = super::emitter("lamp", 2.0 * 3f64.powi(i));
@@ -54,17 +55,17 @@ pub fn glb() -> Vec<u8> {
     for room in 0..ROOMS * ROOMS {
         let corner = DVec3::new(ROOM * f64::from(room % ROOMS) - half, 0.0, ROOM * f64::from(room / ROOMS) - half);
         let number = |item: i32, what: i32| f64::from(hash(IVec3::new(room, item, what)) >> 12) / f64::from(1 << 20);
-        let place = |item: i32, from_wall: f64| {
+        let position = |item: i32, from_wall: f64| {
             let inside = |what| from_wall + (ROOM - 2.0 * from_wall) * number(item, what);
             corner + DVec3::new(inside(0), 0.0, inside(1))
         };
         for item in 0..3 {
-            let at = place(item, 0.3) + 0.4 * y;
+            let at = position(item, 0.3) + 0.4 * y;
             glb.push("nodes", json!({ "mesh": pillar, "translation": at.to_array() }));
         }
         for item in 3..3 + LAMPS_PER_ROOM {
-            let at = place(item, 0.1) + (0.85 + 0.4 * number(item, 2)) * y;
-            // The strong ones are rare.
+            let at = position(item, 0.1) + (0.85 + 0.4 * number(item, 2)) * y;
+            // Strong lamps are rare.
             let strength = (6.0 * number(item, 3).powi(2)) as usize;
             glb.push("nodes", json!({ "mesh": lamps[strength], "translation": at.to_array() }));
         }

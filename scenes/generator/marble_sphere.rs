@@ -27,27 +27,27 @@ pub fn glb() -> Vec<u8> {
     glb.finish("Marble sphere")
 }
 
-/// What the sphere lies on and is lit by.
+/// The plane and the light.
 pub(super) fn plane_and_lamp(glb: &mut Glb) {
     let grey = glb.push("materials", super::lambertian("plane", [0.7, 0.7, 0.7]));
     let plane = glb.mesh("plane", &Mesh::quad(DVec3::ZERO, 6.0 * DVec3::X, -6.0 * DVec3::Z), grey);
     glb.push("nodes", json!({ "name": "plane", "mesh": plane }));
 
-    // Radiance L gives the plane under the sphere's centre, were the sphere away, an irradiance of
-    // L pi 0.15^2 (5 / d) / d^2 = 0.0015 L with d^2 = 38: a reflected 0.5.
+    // Without the sphere, radiance L causes an irradiance of L pi 0.15^2 (5 / d) / d^2 = 0.0015 L below its centre,
+    // with d^2 = 38: a reflected radiance of 0.5.
     let emitter = glb.push("materials", super::emitter("light", 1500.0));
     let lamp = glb.mesh("light", &Mesh::icosphere(0.15, 2), emitter);
     glb.push("nodes", json!({ "name": "light", "mesh": lamp, "translation": [-3, 5, 2] }));
 }
 
-/// White marble with grey veins, cut from a solid so that it has neither seam nor poles.
+/// White marble with grey veins, evaluated in space so that there are no seams or poles.
 fn marble() -> RgbImage {
     let (width, height) = (512, 256);
     RgbImage::from_fn(width, height, |x, y| {
         let p = on_sphere((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
         let warp = DVec3::new(3.0, 17.0, 29.0).map(|offset| noise::fractal(1.4 * p + offset, 5));
         let p = p + 0.45 * warp;
-        // Veins where bent planes cross zero, fading in and out along their way: some broad and faint, some fine and dark.
+        // Veins are zeros of distorted planes that fade in and out. Some are broad and faint, others fine and dark.
         let fade = |offset: f64| (0.45 + noise::fractal(1.7 * p + offset, 3)).clamp(0.0, 1.0);
         let broad = fade(41.0) * vein(1.3 * p.dot(DVec3::new(0.6, 0.7, 0.4)), 0.35);
         let fine = fade(53.0) * vein(1.9 * p.dot(DVec3::new(-0.7, 0.5, 0.5)), 0.10);
@@ -61,7 +61,7 @@ fn marble() -> RgbImage {
     })
 }
 
-/// 1 where `x` is whole, falling to 0 over `width`.
+/// 1 at integers `x`, falling to 0 over `width`.
 fn vein(x: f64, width: f64) -> f64 {
     let distance = (x - x.round()).abs();
     (1.0 - distance / width).max(0.0).powi(2)

@@ -1,11 +1,11 @@
-//! Indexed triangle meshes; counter-clockwise is the front.
+//! Indexed triangle meshes. Front faces are counter-clockwise.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3, DVec4};
 
-/// An attribute that is empty is absent from the file.
+/// A mesh. Empty attributes are not written to the file.
 #[derive(Default)]
 pub struct Mesh {
     pub positions: Vec<DVec3>,
@@ -18,7 +18,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// The parallelogram `centre` ± `u` ± `v` facing `u` x `v`; textures stand upright, their u along `u`.
+    /// The parallelogram `centre` ± `u` ± `v` with the normal `u` x `v`. Textures are upright, with their u along `u`.
     pub fn quad(centre: DVec3, u: DVec3, v: DVec3) -> Self {
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         Mesh {
@@ -30,7 +30,7 @@ impl Mesh {
         }
     }
 
-    /// The cuboid about the origin with these half edges, each face with the whole texture.
+    /// The cuboid about the origin with half edges `half`. Each face has the whole texture.
     pub fn cuboid(half: DVec3) -> Self {
         let [x, y, z] = [half.x * DVec3::X, half.y * DVec3::Y, half.z * DVec3::Z];
         let mut mesh = Mesh::default();
@@ -40,9 +40,9 @@ impl Mesh {
         mesh
     }
 
-    /// A smooth surface of `columns` x `rows` quads: `point` gives position and unit normal at (u, v), v running down
-    /// where u runs right seen from the front. A `closed` one joins its last column to its first, to the bit.
-    /// Triangles that shrink to nothing, as at poles, are left out.
+    /// A smooth surface of `columns` x `rows` quads. `point` returns the position and the unit normal at (u, v). Seen
+    /// from the front, u goes right and v goes down. The last column of a `closed` surface equals the first bit for
+    /// bit. Triangles without area, as at poles, are left out.
     pub fn surface(columns: u32, rows: u32, closed: bool, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> Self {
         let mut mesh = Mesh::default();
         for row in 0..=rows {
@@ -69,7 +69,7 @@ impl Mesh {
         mesh
     }
 
-    /// A sphere about the origin with exact normals; equirectangular textures.
+    /// A sphere about the origin with exact normals and equirectangular texture coordinates.
     pub fn sphere(radius: f64, columns: u32, rows: u32) -> Self {
         Mesh::surface(columns, rows, true, |u, v| {
             let normal = on_sphere(u, v);
@@ -77,10 +77,10 @@ impl Mesh {
         })
     }
 
-    /// The surface that a `profile` of (distance from the axis, height) sweeps about +y; its front lies left of the
-    /// profile's course with the axis to the left of the page: outside where it runs down.
+    /// The surface of revolution about +y of a `profile` of (distance from the axis, height). With the axis on the
+    /// left, the front is to the left of the profile's direction: outside where the profile goes down.
     pub fn lathe(columns: u32, rows: u32, profile: impl Fn(f64) -> DVec2) -> Self {
-        // The step of the difference: far above rounding, far below any feature.
+        // The step of the differences is much larger than rounding and much smaller than any feature.
         const STEP: f64 = 1e-5;
         Mesh::surface(columns, rows, true, |u, v| {
             let (sin, cos) = (TAU * u).sin_cos();
@@ -91,7 +91,7 @@ impl Mesh {
         })
     }
 
-    /// A sphere about the origin of 20 * 4^`level` flat triangles whose corners lie on it.
+    /// A sphere about the origin of 20 * 4^`level` flat triangles with their corners on the sphere.
     pub fn icosphere(radius: f64, level: u32) -> Self {
         let golden = (1.0 + 5f64.sqrt()) / 2.0;
         let mut points: Vec<DVec3> = [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)]
@@ -99,7 +99,7 @@ impl Mesh {
             .flat_map(|(a, b)| [DVec3::new(a, b, 0.0), DVec3::new(0.0, a, b), DVec3::new(b, 0.0, a)])
             .map(DVec3::normalize)
             .collect();
-        // The faces of the icosahedron: triples of corners that are all neighbours, in outward order.
+        // The faces of the icosahedron: triples of neighbouring corners, counter-clockwise from outside.
         let edge = points.iter().skip(1).map(|p| p.distance(points[0])).fold(f64::INFINITY, f64::min);
         let near = |a: usize, b: usize| points[a].distance(points[b]) < 1.1 * edge;
         let mut triangles = Vec::new();
@@ -136,13 +136,13 @@ impl Mesh {
         }
     }
 
-    /// Gives each vertex the colour (linear RGB) of its position.
+    /// Colours each vertex by its position, in linear RGB.
     pub fn coloured(mut self, colour: impl Fn(DVec3) -> DVec3) -> Self {
         self.colours = self.positions.iter().map(|&position| tidy3(colour(position))).collect();
         self
     }
 
-    /// Joins a mesh with the same attributes to this one.
+    /// Appends a mesh with the same attributes.
     fn append(&mut self, other: Mesh) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions);
@@ -151,7 +151,7 @@ impl Mesh {
         self.triangles.extend(other.triangles.into_iter().map(|corners| corners.map(|corner| first + corner)));
     }
 
-    /// Lower and upper corner of the bounding box of the positions as the file has them, in f32.
+    /// Lower and upper corner of the bounding box of the positions in f32, as in the file.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let low = self.positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = self.positions.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
@@ -159,13 +159,14 @@ impl Mesh {
     }
 }
 
-/// The point of the unit sphere at (u, v) of an equirectangular map, +y at its top, +z at its left edge.
+/// The point of the unit sphere at (u, v) of an equirectangular map with +y at the top and +z at the left edge.
 pub fn on_sphere(u: f64, v: f64) -> DVec3 {
     let ((sin_azimuth, cos_azimuth), (sin_polar, cos_polar)) = ((TAU * u).sin_cos(), (PI * v).sin_cos());
     DVec3::new(sin_polar * sin_azimuth, cos_polar, sin_polar * cos_azimuth)
 }
 
-/// Rounds to a billionth: finer than f32 at the size of these scenes, coarser than the last bits in which machines' sines differ.
+/// Rounds to 1e-9. This is finer than f32 at the size of these scenes, and coarser than the differences between
+/// implementations of sine.
 pub fn tidy(x: f64) -> f64 {
     // The sum turns -0 into 0.
     (x * 1e9).round() / 1e9 + 0.0

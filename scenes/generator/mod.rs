@@ -1,7 +1,7 @@
-//! The scenes that Penumbra made itself: geometry, textures and glTF from code alone.
+//! Generators of Penumbra's scenes: geometry, textures and glTF.
 //!
-//! The same bytes come out on every machine: coordinates are rounded to what every libm agrees on
-//! ([`mesh::tidy`]) and noise comes from an integer hash.
+//! The files are the same on every machine: coordinates are rounded to digits on which every libm agrees
+//! ([`mesh::tidy`]), and noise uses an integer hash.
 
 use serde_json::{Value, json};
 
@@ -29,7 +29,7 @@ pub fn scenes() -> [(&'static str, Vec<u8>); 7] {
     ]
 }
 
-/// A glTF material that reflects by Lambert's law alone; linear RGB.
+/// A Lambertian glTF material with a linear RGB colour.
 fn lambertian(name: &str, albedo: [f64; 3]) -> Value {
     let [r, g, b] = albedo;
     json!({
@@ -39,7 +39,7 @@ fn lambertian(name: &str, albedo: [f64; 3]) -> Value {
     })
 }
 
-/// A glTF material that reflects nothing and emits white `radiance` from its front, by the cosine law.
+/// A black glTF material that emits white `radiance` from its front face.
 fn emitter(name: &str, radiance: f64) -> Value {
     let mut material = lambertian(name, [0.0; 3]);
     material["emissiveFactor"] = json!([1, 1, 1]);

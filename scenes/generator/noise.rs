@@ -2,12 +2,12 @@
 
 use glam::{DVec3, IVec3};
 
-/// Fractal noise of `octaves` octaves, about -1 to 1, its largest features about 1 across.
+/// Fractal noise of `octaves` octaves in about -1 to 1. Its largest features have a size of about 1.
 pub fn fractal(p: DVec3, octaves: u32) -> f64 {
     (0..octaves).map(|octave| f64::from(1 << octave)).map(|frequency| value(p * frequency) / frequency).sum()
 }
 
-/// Value noise, -1 to 1: random values at whole coordinates, joined smoothly.
+/// Value noise in -1 to 1: random values at integer coordinates with smooth interpolation.
 fn value(p: DVec3) -> f64 {
     let cell = p.floor();
     let t = (p - cell).map(|x| x * x * (3.0 - 2.0 * x));
@@ -21,7 +21,7 @@ fn value(p: DVec3) -> f64 {
     sum
 }
 
-/// The 3D PCG of Jarzynski and Olano (Hash Functions for GPU Rendering, JCGT 9(3), 2020), its first component.
+/// The first component of the 3D PCG of Jarzynski and Olano (Hash Functions for GPU Rendering, JCGT 9(3), 2020).
 pub fn hash(p: IVec3) -> u32 {
     let mut v = p.as_uvec3().map(|x| x.wrapping_mul(1664525).wrapping_add(1013904223));
     for round in 0..2 {

@@ -1,9 +1,9 @@
-//! Objects that functions describe: the paper's marble sphere, exact and cut from a solid, and a fractal.
+//! Procedural objects: the marble sphere of the paper as an exact sphere of solid marble, and a fractal.
 
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::glb::{Glb, turn};
+use super::glb::{Glb, rotation_about};
 use super::marble_sphere;
 
 pub fn glb() -> Vec<u8> {
@@ -35,7 +35,7 @@ pub fn glb() -> Vec<u8> {
 
 fn place(glb: &mut Glb, name: &str, object: Value, at: DVec3, scale: f64, degrees: f64) {
     let extensions = json!({ "PENUMBRA_procedural": object });
-    let rotation = turn(DVec3::Y, degrees);
+    let rotation = rotation_about(DVec3::Y, degrees);
     let node = json!({
         "name": name, "extensions": extensions, "translation": at.to_array(), "rotation": rotation, "scale": [scale, scale, scale],
     });

@@ -1,4 +1,4 @@
-//! A panorama: a clear sky with the sun in it over grey ground.
+//! A panorama: a clear sky with the sun above grey ground.
 
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
@@ -12,13 +12,14 @@ use half::f16;
 const WIDTH: usize = 256;
 const HEIGHT: usize = 128;
 
-/// Towards the sun: 40 degrees above the horizon, in front and to the left of a camera that looks along -Z.
+/// Direction to the sun: 40 degrees above the horizon, in front of and to the left of a camera that looks along -Z.
 const SUN: DVec3 = DVec3::new(-0.54, 0.64, -0.55);
 
-/// Radiance of the sun's disc: it gives a surface across it an irradiance of about 9, the sky gives 2.
+/// Radiance of the sun's disc. A surface perpendicular to it receives an irradiance of about 9, and 2 from the sky.
 const SUNLIGHT: DVec3 = DVec3::new(1600.0, 1450.0, 1200.0);
 
-/// Cosines of the angles at which the disc begins to fade and is gone: 2.2 and 3 degrees, two texels, so that it is round.
+/// Cosines of the angles at which the disc starts to fade and ends: 2.2 and 3 degrees. The fade over two texels makes
+/// it round.
 const DISC: [f64; 2] = [0.99926, 0.99863];
 
 /// An OpenEXR file of 16-bit floats.
@@ -34,7 +35,7 @@ pub fn exr() -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Of a texel's middle.
+/// The radiance at the centre of a texel.
 fn direction(x: usize, y: usize) -> DVec3 {
     let azimuth = ((x as f64 + 0.5) / WIDTH as f64) * TAU - PI;
     let below = ((y as f64 + 0.5) / HEIGHT as f64) * PI;

@@ -1,5 +1,5 @@
-//! A table with many of the features that a glTF file can have: every kind of texture, alpha modes, vertex colours,
-//! a mirrored node, a hierarchy, and four lights of four kinds. Lengths in metres.
+//! A still life that covers many features of glTF: all kinds of textures, alpha modes, vertex colours, a mirrored node,
+//! a hierarchy, and four kinds of lights. Lengths are in metres.
 
 use std::f64::consts::PI;
 
@@ -7,11 +7,11 @@ use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::json;
 
-use super::glb::{Glb, Wrap, turn};
+use super::glb::{Glb, Wrap, rotation_about};
 use super::mesh::Mesh;
 use super::noise;
 
-/// Height of the cloth, on which most things stand.
+/// Height of the cloth, on which most objects stand.
 const CLOTH: f64 = 0.003;
 
 pub fn glb() -> Vec<u8> {
@@ -38,7 +38,7 @@ pub fn glb() -> Vec<u8> {
     glb.finish("Still life")
 }
 
-/// Wood, its grain turned and repeated by KHR_texture_transform.
+/// Wood, whose grain KHR_texture_transform rotates and repeats.
 fn table(glb: &mut Glb) {
     let wood = RgbImage::from_fn(256, 256, |x, y| {
         let (u, v) = (f64::from(x) / 256.0, f64::from(y) / 256.0);
@@ -68,10 +68,10 @@ fn table(glb: &mut Glb) {
 
 /// Glazed tiles in rough grout: base colour, metallic-roughness and normal textures.
 fn wall(glb: &mut Glb) {
-    // Texels along a texture, and the tiles on them.
+    // Width of the texture in texels and in tiles.
     const SIZE: u32 = 256;
     const TILES: u32 = 4;
-    // Height of the glaze above the grout in texels: 0 in the joint, 1.5 within, rounded between.
+    // Height of the glaze above the grout in texels: 0 in the joint, 1.5 on the tile, with a rounded edge.
     let height = |x: u32, y: u32| {
         let across = SIZE / TILES;
         let edge = |t: u32| (t % across).min(across - 1 - t % across);
@@ -92,7 +92,7 @@ fn wall(glb: &mut Glb) {
     let normal = RgbImage::from_fn(SIZE, SIZE, |x, y| {
         let beside = |dx: u32, dy: u32| height((x + dx) % SIZE, (y + dy) % SIZE);
         let slope_u = 0.5 * (beside(1, 0) - beside(SIZE - 1, 0));
-        // Green points up the image, against v.
+        // Green points to the top of the image, opposite to v.
         let slope_up = 0.5 * (beside(0, SIZE - 1) - beside(0, 1));
         let normal = DVec3::new(-slope_u, -slope_up, 1.0).normalize();
         shade(127.5 + 127.5 * normal)
@@ -113,14 +113,14 @@ fn wall(glb: &mut Glb) {
     );
     let half = DVec2::new(1.2, 0.8);
     let mut mesh = Mesh::quad(DVec3::ZERO, half.x * DVec3::X, half.y * DVec3::Y);
-    // One repeat of the texture, four tiles, every 0.4 m.
+    // The texture, which has four tiles, repeats every 0.4 m.
     mesh.uvs.iter_mut().for_each(|uv| *uv *= 2.0 * half / 0.4);
     mesh.tangents = [DVec3::X.extend(1.0); 4].into();
     let mesh = glb.mesh("wall", &mesh, tiles);
     glb.push("nodes", json!({ "name": "wall", "mesh": mesh, "translation": [0, 0.5, -0.5] }));
 }
 
-/// A checked cloth with a border of holes: alpha mask.
+/// A checked cloth with a border of holes (alpha mask).
 fn cloth(glb: &mut Glb) {
     let checks = RgbaImage::from_fn(320, 240, |x, y| {
         let woven = if (x + y) % 2 == 0 { 0.0 } else { -8.0 };
@@ -147,7 +147,7 @@ fn cloth(glb: &mut Glb) {
     );
     let mesh = Mesh::surface(32, 24, false, |u, v| {
         let p = DVec2::new(u - 0.5, v - 0.5) * DVec2::new(0.64, 0.48);
-        // Flat within, where things stand; ripples of this slope at the border.
+        // Flat in the middle, where objects stand, with ripples of this slope at the border.
         let ripple = |p: DVec2| {
             let border = ((p.x.abs() / 0.32).max(p.y.abs() / 0.24) - 0.7).max(0.0) / 0.3;
             0.006 * border * border * (0.5 + 0.5 * (40.0 * p.x).sin() * (35.0 * p.y + 1.0).cos())
@@ -157,14 +157,14 @@ fn cloth(glb: &mut Glb) {
         (DVec3::new(p.x, ripple(p), p.y), DVec3::new(-slope(DVec2::X), 1.0, -slope(DVec2::Y)).normalize())
     });
     let mesh = glb.mesh("cloth", &mesh, cloth);
-    let rotation = turn(DVec3::Y, 12.0);
+    let rotation = rotation_about(DVec3::Y, 12.0);
     glb.push(
         "nodes",
         json!({ "name": "cloth", "mesh": mesh, "translation": [-0.04, CLOTH, 0.07], "rotation": rotation }),
     );
 }
 
-/// A vase glazed by vertex colours, and in it, as child nodes, leaves cut out by an alpha mask.
+/// A vase with vertex colours. Its child nodes are leaves with an alpha mask.
 fn vase(glb: &mut Glb) {
     let glaze = glb.push(
         "materials",
@@ -172,7 +172,7 @@ fn vase(glb: &mut Glb) {
     );
     let (height, wall) = (0.24, 0.006);
     let outside = |y: f64| 0.034 + 0.036 * (PI * (y / height).powf(0.8)).sin().max(0.0) + 0.006 * (y / height).powi(6);
-    // Up the inside, over the rim and down the outside; the share of the way and what is there.
+    // The profile goes up the inside, over the rim and down the outside. `t` is the share of the way.
     let mesh = Mesh::lathe(64, 72, |t| match t {
         ..0.05 => DVec2::new((outside(wall) - wall) * t / 0.05, wall),
         ..0.45 => {
@@ -197,6 +197,27 @@ fn vase(glb: &mut Glb) {
     });
     let mesh = glb.mesh("vase", &mesh, glaze);
 
+    let leaf_mesh = leaf(glb);
+    let leaves: Vec<usize> = [(20.0, 1.0), (100.0, 0.85), (165.0, 0.95), (235.0, 0.8), (305.0, 1.05)]
+        .into_iter()
+        .map(|(degrees, scale)| {
+            glb.push(
+                "nodes",
+                json!({
+                    "name": "leaf", "mesh": leaf_mesh, "scale": [scale, scale, scale],
+                    "translation": [0, 0.17, 0], "rotation": rotation_about(DVec3::Y, degrees),
+                }),
+            )
+        })
+        .collect();
+    glb.push(
+        "nodes",
+        json!({ "name": "vase", "mesh": mesh, "translation": [-0.22, CLOTH, -0.06], "children": leaves }),
+    );
+}
+
+/// A leaf: a bent strip with an alpha mask. Returns the mesh.
+fn leaf(glb: &mut Glb) -> usize {
     let blade = RgbaImage::from_fn(96, 192, |x, y| {
         let (across, up) = ((f64::from(x) + 0.5) / 48.0 - 1.0, 1.0 - (f64::from(y) + 0.5) / 192.0);
         let outline = 0.9 * (PI * up.powf(0.8)).sin().max(0.0).powf(0.8);
@@ -208,7 +229,7 @@ fn vase(glb: &mut Glb) {
         Rgba([r, g, b, if across.abs() < outline || stalk { 255 } else { 0 }])
     });
     let blade = glb.texture("leaf", blade, Wrap::Clamp);
-    let leaf = glb.push(
+    let material = glb.push(
         "materials",
         json!({
             "name": "leaf",
@@ -218,9 +239,9 @@ fn vase(glb: &mut Glb) {
             "doubleSided": true,
         }),
     );
-    // A strip that rises from the origin and bends over towards +z, on an arc of this radius.
+    // A strip that rises from the origin and bends towards +z along an arc of this radius.
     let (radius, width) = (0.2, 0.045);
-    let mesh_leaf = Mesh::surface(6, 16, false, |u, v| {
+    let strip = Mesh::surface(6, 16, false, |u, v| {
         let (sin, cos) = (1.1 * (1.0 - v)).sin_cos();
         let fold = (u - 0.5).abs();
         let normal = DVec3::new(0.0, -sin, cos);
@@ -229,26 +250,10 @@ fn vase(glb: &mut Glb) {
         let facing = DVec3::new(-0.35 * (u - 0.5).signum() * if fold > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0) + normal;
         (position + 0.7 * width * fold * normal, facing.normalize())
     });
-    let mesh_leaf = glb.mesh("leaf", &mesh_leaf, leaf);
-    let leaves: Vec<usize> = [(20.0, 1.0), (100.0, 0.85), (165.0, 0.95), (235.0, 0.8), (305.0, 1.05)]
-        .into_iter()
-        .map(|(degrees, scale)| {
-            glb.push(
-                "nodes",
-                json!({
-                    "name": "leaf", "mesh": mesh_leaf, "scale": [scale, scale, scale],
-                    "translation": [0, 0.17, 0], "rotation": turn(DVec3::Y, degrees),
-                }),
-            )
-        })
-        .collect();
-    glb.push(
-        "nodes",
-        json!({ "name": "vase", "mesh": mesh, "translation": [-0.22, CLOTH, -0.06], "children": leaves }),
-    );
+    glb.mesh("leaf", &strip, material)
 }
 
-/// Two pears of one mesh coloured by its vertices; the second is mirrored.
+/// Two pears of one mesh with vertex colours. The second pear is mirrored.
 fn pears(glb: &mut Glb) {
     let skin = glb.push(
         "materials",
@@ -270,19 +275,19 @@ fn pears(glb: &mut Glb) {
     let bark = glb.push("materials", super::lambertian("bark", [0.07, 0.045, 0.025]));
     let stalk = glb.mesh("stalk", &Mesh::cuboid(DVec3::new(0.0015, 0.012, 0.0015)), bark);
     let mut stalk = |lean| {
-        let rotation = turn(DVec3::Z, lean);
+        let rotation = rotation_about(DVec3::Z, lean);
         glb.push("nodes", json!({ "name": "stalk", "mesh": stalk, "translation": [0, 0.108, 0], "rotation": rotation }))
     };
     let stalks = [stalk(14.0), stalk(-8.0)];
     glb.push(
         "nodes",
-        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": turn(DVec3::Y, 30.0) }),
+        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": rotation_about(DVec3::Y, 30.0) }),
     );
     glb.push(
         "nodes",
         json!({
             "name": "mirrored pear", "mesh": mesh, "children": [stalks[1]], "scale": [-0.92, 0.92, 0.92],
-            "translation": [-0.155, CLOTH, 0.14], "rotation": turn(DVec3::Y, 200.0),
+            "translation": [-0.155, CLOTH, 0.14], "rotation": rotation_about(DVec3::Y, 200.0),
         }),
     );
 }
@@ -300,7 +305,7 @@ fn metal_sphere(glb: &mut Glb) {
     glb.push("nodes", json!({ "name": "metal sphere", "mesh": mesh, "translation": [0.04, CLOTH + radius, 0.02] }));
 }
 
-/// A tinted pane that lets through 65 % of the rays: alpha blend.
+/// A tinted pane that transmits 65 % of the rays (alpha blend).
 fn pane(glb: &mut Glb) {
     let tint = glb.push(
         "materials",
@@ -314,11 +319,11 @@ fn pane(glb: &mut Glb) {
     let mesh = glb.mesh("pane", &Mesh::quad(DVec3::ZERO, 0.06 * DVec3::X, 0.08 * DVec3::Y), tint);
     glb.push(
         "nodes",
-        json!({ "name": "pane", "mesh": mesh, "translation": [0.17, 0.085, 0.1], "rotation": turn(DVec3::Y, -35.0) }),
+        json!({ "name": "pane", "mesh": mesh, "translation": [0.17, 0.085, 0.1], "rotation": rotation_about(DVec3::Y, -35.0) }),
     );
 }
 
-/// A screen that shows a sunset: a light with an emissive texture, in a frame that leans back.
+/// A screen that shows a sunset: a light with an emissive texture in a tilted frame.
 fn screen(glb: &mut Glb) {
     let sunset = RgbImage::from_fn(160, 120, |x, y| {
         let p = DVec2::new(f64::from(x) / 160.0, f64::from(y) / 120.0);
@@ -346,24 +351,24 @@ fn screen(glb: &mut Glb) {
     );
     let half = DVec3::new(0.14, 0.105, 0.006);
     let frame = glb.mesh("frame", &Mesh::cuboid(half), plastic);
-    // A millimetre before the frame.
+    // A millimetre in front of the frame.
     let image = Mesh::quad((half.z + 0.001) * DVec3::Z, 0.92 * half.x * DVec3::X, 0.92 * half.y * DVec3::Y);
     let image = glb.mesh("screen", &image, picture);
     let image = glb.push("nodes", json!({ "name": "screen", "mesh": image }));
     let frame = glb.push(
         "nodes",
-        json!({ "name": "frame", "mesh": frame, "rotation": turn(DVec3::X, -10.0), "children": [image] }),
+        json!({ "name": "frame", "mesh": frame, "rotation": rotation_about(DVec3::X, -10.0), "children": [image] }),
     );
     glb.push(
         "nodes",
         json!({
             "name": "tablet", "children": [frame],
-            "translation": [0.2, 0.107, -0.26], "rotation": turn(DVec3::Y, -18.0),
+            "translation": [0.2, 0.107, -0.26], "rotation": rotation_about(DVec3::Y, -18.0),
         }),
     );
 }
 
-/// A candle, its flame a point light.
+/// A candle whose flame is a point light.
 fn candle(glb: &mut Glb) {
     let wax = glb.push(
         "materials",
@@ -383,13 +388,13 @@ fn candle(glb: &mut Glb) {
         _ => DVec2::new(radius * (1.0 - t) / 0.2, 0.0),
     });
     let mesh = glb.mesh("candle", &mesh, wax);
-    let place = DVec3::new(0.33, 0.0, -0.02);
-    glb.push("nodes", json!({ "name": "candle", "mesh": mesh, "translation": place.to_array() }));
+    let position = DVec3::new(0.33, 0.0, -0.02);
+    glb.push("nodes", json!({ "name": "candle", "mesh": mesh, "translation": position.to_array() }));
     let flame = json!({ "type": "point", "name": "flame", "color": [1, 0.55, 0.2], "intensity": 0.06 });
-    glb.punctual_light("flame", flame, place + (height + 0.03) * DVec3::Y, -DVec3::Y);
+    glb.punctual_light("flame", flame, position + (height + 0.03) * DVec3::Y, -DVec3::Y);
 }
 
-/// A window's worth of cool light, out of view to the left.
+/// A window-sized light of a cool colour, out of view on the left.
 fn window(glb: &mut Glb) {
     let mut light = super::emitter("window", 9.0);
     light["emissiveFactor"] = json!([0.8, 0.92, 1]);
@@ -401,7 +406,7 @@ fn window(glb: &mut Glb) {
     glb.push("nodes", json!({ "name": "window", "mesh": mesh }));
 }
 
-/// An 8-bit colour from one of 0 to 255.
+/// An 8-bit colour from components in 0 to 255.
 fn shade(colour: DVec3) -> Rgb<u8> {
     Rgb(colour.to_array().map(|c| c.round().clamp(0.0, 255.0) as u8))
 }

@@ -1,9 +1,13 @@
-// White marble with grey veins, a solid. Parameters: how many features there are to a unit of length.
+// Solid white marble with grey veins. Parameter: number of features per unit of length.
 fn marble(base: vec3f, position: vec3f, parameters: vec4f) -> vec3f {
-    let place = parameters.x * position;
-    let warp = vec3f(fractal(1.4 * place + 3.0, 5u), fractal(1.4 * place + 17.0, 5u), fractal(1.4 * place + 29.0, 5u));
-    let p = place + 0.45 * warp;
-    // Veins where bent planes cross zero, fading in and out along their way: some broad and faint, some fine and dark.
+    let scaled = parameters.x * position;
+    let warp = vec3f(
+        fractal(1.4 * scaled + 3.0, 5u),
+        fractal(1.4 * scaled + 17.0, 5u),
+        fractal(1.4 * scaled + 29.0, 5u),
+    );
+    let p = scaled + 0.45 * warp;
+    // Veins are zeros of distorted planes that fade in and out. Some are broad and faint, others fine and dark.
     let broad = fade(p, 41.0) * vein(1.3 * dot(p, vec3f(0.6, 0.7, 0.4)), 0.35);
     let fine = fade(p, 53.0) * vein(1.9 * dot(p, vec3f(-0.7, 0.5, 0.5)), 0.1);
     let crossing = fade(p, 67.0) * vein(1.1 * dot(p, vec3f(0.2, -0.4, 0.9)) + 0.3, 0.06);
@@ -16,7 +20,7 @@ fn fade(p: vec3f, offset: f32) -> f32 {
     return clamp(0.45 + fractal(1.7 * p + offset, 3u), 0.0, 1.0);
 }
 
-// 1 where x is whole, falling to 0 over the width.
+// 1 at integers x, falling to 0 over the width.
 fn vein(x: f32, width: f32) -> f32 {
     let height = max(1.0 - abs(x - round(x)) / width, 0.0);
     return height * height;
@@ -32,13 +36,21 @@ fn fractal(p: vec3f, octaves: u32) -> f32 {
     return sum;
 }
 
-// Random values, -1 to 1, at whole coordinates, joined smoothly.
+// Random values in -1 to 1 at integer coordinates with smooth interpolation.
 fn noise(p: vec3f) -> f32 {
     let cell = floor(p);
     let t = smoothstep(vec3f(0.0), vec3f(1.0), p - cell);
     let at = vec3i(cell);
-    let low = mix(mix(value(at), value(at + vec3i(1, 0, 0)), t.x), mix(value(at + vec3i(0, 1, 0)), value(at + vec3i(1, 1, 0)), t.x), t.y);
-    let high = mix(mix(value(at + vec3i(0, 0, 1)), value(at + vec3i(1, 0, 1)), t.x), mix(value(at + vec3i(0, 1, 1)), value(at + vec3i(1, 1, 1)), t.x), t.y);
+    let low = mix(
+        mix(value(at), value(at + vec3i(1, 0, 0)), t.x),
+        mix(value(at + vec3i(0, 1, 0)), value(at + vec3i(1, 1, 0)), t.x),
+        t.y,
+    );
+    let high = mix(
+        mix(value(at + vec3i(0, 0, 1)), value(at + vec3i(1, 0, 1)), t.x),
+        mix(value(at + vec3i(0, 1, 1)), value(at + vec3i(1, 1, 1)), t.x),
+        t.y,
+    );
     return mix(low, high, t.z);
 }
 

@@ -1,8 +1,8 @@
-// The sphere about the origin, exact. Parameters: its radius.
+// An exact sphere about the origin. Parameter: its radius.
 fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {
     let radius = parameters.x;
-    // The point of the line that is nearest to the centre, and from there half the chord: the difference of squares loses
-    // digits where the usual discriminant does (Haines et al. 2019, Ray Tracing Gems, chapter 7).
+    // The point of the line nearest to the centre, and half the chord from there. The difference of squares is a
+    // product, because the usual discriminant loses digits (Haines et al. 2019, Ray Tracing Gems, chapter 7).
     let along = -dot(origin, direction);
     let across = origin + along * direction;
     let offset = length(across);

@@ -1,7 +1,7 @@
 // Alpha masks and blending, for rays, photons and light points alike (glTF 3.9.4): a masked texel is a hole, and a
 // blended surface stops a ray with the probability alpha.
 
-import package::lib::surface::alpha_at;
+import package::lib::material::alpha_at;
 import package::lib::rng::{hash3, uniform_from_bits};
 import package::lib::constants::{MATERIAL_MASK, MATERIAL_BLEND};
 

@@ -1,206 +1,210 @@
-// Rays through the hierarchy that src/bvh builds: four children a node, boxes of 8 bits a plane.
+// Traversal of the bounding volume hierarchy that src/bvh builds: four children a node, boxes of 8 bits a plane.
+// In: `bvh_nodes` and `bvh_triangles`; lengths in scene units after normalisation.
+// Out: the first hit of a ray, or whether the ray is occluded.
 //
-// A node is three texels (src/bvh/node.rs has the table of its bits), and so is a triangle: its corners, and in the
-// first texel's w the slot's word. Lanes of a software device walk in step and take each other's branches, so one turn
-// of the one loop there is does both kinds of work, a node and a triangle, for whichever lanes have it.
+// A node is BVH_NODE_TEXELS texels (src/bvh/node.rs has the table of its bits). A triangle is BVH_TRIANGLE_TEXELS texels:
+// its corners, and in the first texel's w the primitive's word. The lanes of a software device run in lockstep and execute
+// each other's branches. So there is one loop, and one iteration does both kinds of work, a node and a triangle, for the
+// lanes that have it.
 //
-// To do something else than trace_closest and trace_occluded, walk:
+// A kernel that needs something else than trace_closest and trace_occluded runs the traversal itself:
 //
-//     var walk = begin_walk(ray);
-//     while !walk.done {
-//         let slot = next_triangle(&walk, t_max);   // t_max may shrink from turn to turn
-//         if slot != NO_HIT { let hit = intersect_slot(&walk, slot); if meets(ray, hit) { ... } }
+//     var traversal = begin_traversal(ray);
+//     while !traversal.done {
+//         let primitive = next_triangle(&traversal, t_max);   // t_max may shrink from iteration to iteration
+//         if primitive != NO_HIT {
+//             let hit = intersect_primitive(&traversal, primitive);
+//             if stops(hit, t_min, t_max, seed) { ... }
+//         }
 //     }
 
-@if(texture_loads) import package::lib::table::table_place;
-import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, shear_ray, intersect_triangle};
+@if(texture_loads) import package::lib::table::table_texel;
+import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle};
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
-@if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal, procedural_spent, procedurals_occlude};
+@if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal};
+@if(procedurals) import package::lib::procedural::{procedural_ray_iterations, procedurals_occlude};
+import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_TEXELS, BVH_TRIANGLE_TEXELS};
+@if(!shallow_bvh) import package::lib::constants::BVH_STACK_SIZE;
+@if(alpha_test) import package::lib::constants::TRIANGLE_ALPHA;
 
 @if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
 @if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
 @if(!texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
-// Entries of the stack: one for each of the 28 levels that a balanced tree over the most triangles can have. Software
-// devices clear it before every traversal and write it lane by lane, so it is no larger than it must be, and that of a
-// hierarchy of at most five levels is four registers (traversals of 36 triangles take a tenth less time).
-const STACK_SIZE = 28;
+// Iterations after which a traversal gives up and sets `traversal_overrun`. Software devices end all loops of an
+// invocation without an error after 65,535 iterations in total. An alpha test may add one iteration for each of these.
+@if(alpha_test) const MAX_ITERATIONS: u32 = 30000u;
+@if(!alpha_test) const MAX_ITERATIONS: u32 = 60000u;
 
-// Turns of the loop after which a traversal gives up and says so: software devices end all loops of an invocation
-// in silence after 65,535 turns in all. With alpha tests there may be one more for each.
-@if(alpha_test) const MAX_TURNS: u32 = 30000u;
-@if(!alpha_test) const MAX_TURNS: u32 = 60000u;
-
-// Turns of this invocation so far, over all its traversals. A kernel of other loops may add theirs.
-var<private> traversal_turns: u32;
+// Iterations of this invocation so far, over all its traversals. A kernel with other loops may add theirs.
+var<private> traversal_iterations: u32;
 
 // Whether a traversal of this invocation gave up. Its results are then wrong, and the kernel must count an error.
 var<private> traversal_overrun: bool;
 
 fn node_texel(i: u32) -> vec4u {
-    @if(texture_loads) { return textureLoad(bvh_nodes, table_place(i)); }
+    @if(texture_loads) { return textureLoad(bvh_nodes, table_texel(i)); }
     @if(!texture_loads) { return bvh_nodes[i]; }
 }
 
 fn triangle_texel(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(bvh_triangles, table_place(i)); }
+    @if(texture_loads) { return textureLoad(bvh_triangles, table_texel(i)); }
     @if(!texture_loads) { return bvh_triangles[i]; }
 }
 
-// The word that the host gave a slot.
-fn triangle_word(slot: u32) -> u32 {
-    return bitcast<u32>(triangle_texel(3u * slot).w);
+// The word that the host gave a primitive (Bvh::set_word).
+fn triangle_word(primitive: u32) -> u32 {
+    return bitcast<u32>(triangle_texel(BVH_TRIANGLE_TEXELS * primitive).w);
 }
 
-// The corners of a slot.
-fn triangle_corners(slot: u32) -> array<vec3f, 3> {
-    return array(triangle_texel(3u * slot).xyz, triangle_texel(3u * slot + 1u).xyz, triangle_texel(3u * slot + 2u).xyz);
+fn triangle_corners(primitive: u32) -> array<vec3f, 3> {
+    let first = BVH_TRIANGLE_TEXELS * primitive;
+    return array(triangle_texel(first).xyz, triangle_texel(first + 1u).xyz, triangle_texel(first + 2u).xyz);
 }
 
-// What to visit next: a node by its index, or a run of triangles by the first slot and, above it, how many.
+// An entry says what to visit next: a node by its index, or a run of triangles by its first primitive index and, in the
+// bits above, the number of triangles.
 const ONE_TRIANGLE: u32 = 1u << 29u;
-const NO_PLACE: u32 = 0xffffffffu;
+const NO_ENTRY: u32 = 0xffffffffu;
 
-// A node some of whose children are yet to be visited: its index in bits 0-23, their numbers in bits 24-29, the next
-// one lowest, and how many they are in bits 30-31. A private array is written lane by lane on software devices, so the
-// stack holds one such word for a node instead of one for each child.
-const GROUP_NODE: u32 = 0x00ffffffu;
-const ONE_WAITING: u32 = 1u << 30u;
+// A group is a node with children that are still to be visited. Bits 0-23: index of the node. Bits 24-29: numbers of
+// these children, the next one lowest. Bits 30-31: how many there are. Software devices write a private array lane by
+// lane, so the stack holds one such word for a node instead of one for each child.
+const ONE_PENDING: u32 = 1u << 30u;
 
-// A traversal under way.
-struct Walk {
+// State of a traversal.
+//
+// The stack has an entry for each level that a balanced tree over the maximum number of triangles can have. Software
+// devices clear it before every traversal and write it lane by lane, so it is as small as possible. That of a hierarchy
+// of at most five levels is four registers: traversals of 36 triangles then take a tenth less time.
+struct Traversal {
     sheared: ShearedRay,
     inverse_direction: vec3f,
     t_min: f32,
-    place: u32,
+    entry: u32,
     group: u32,
     done: bool,
-    // The last group put there is x; 0 where there is none.
+    // x is the group pushed last; 0 where there is none.
     @if(shallow_bvh) stack: vec4u,
-    @if(!shallow_bvh) stack: array<u32, STACK_SIZE>,
+    @if(!shallow_bvh) stack: array<u32, BVH_STACK_SIZE>,
     @if(!shallow_bvh) height: u32,
 }
 
-// Keys that sort a node's children by where the ray enters: its bits, the last two of them replaced by the child's
-// number. Distances are not negative, so their bits sort as they do.
+// Keys sort a node's children by the distance at which the ray enters them: the bits of the distance, the last two of
+// them replaced by the child's number. Distances are not negative, so their bits sort as they do.
 const NO_KEY: u32 = 0xffffffffu;
 
-fn begin_walk(ray: Ray) -> Walk {
-    // A direction's component of 0 is taken for 2^-80 of the same sign, so nothing is infinite and nothing NaN; see
-    // MIN_EXPONENT in src/bvh/node.rs for why no box is missed.
-    let least = 8.2718061e-25;
-    let d = ray.direction;
-    let safe = select(d, select(vec3f(least), vec3f(-least), d < vec3f(0.0)), abs(d) < vec3f(least));
-    var walk: Walk;
-    walk.sheared = shear_ray(ray);
-    walk.inverse_direction = 1.0 / safe;
-    walk.t_min = ray.t_min;
-    walk.place = 0u;
-    walk.group = 0u;
-    walk.done = false;
-    @if(shallow_bvh) { walk.stack = vec4u(0u); }
-    @if(!shallow_bvh) { walk.height = 0u; }
-    // The traversals of a small scene end within their turns, and yet there may be too many of them.
-    traversal_overrun |= traversal_turns >= MAX_TURNS;
-    return walk;
+fn begin_traversal(ray: Ray) -> Traversal {
+    var traversal: Traversal;
+    traversal.sheared = shear_ray(ray);
+    traversal.inverse_direction = 1.0 / nonzero_direction(ray.direction);
+    traversal.t_min = ray.t_min;
+    traversal.entry = 0u;
+    traversal.group = 0u;
+    traversal.done = false;
+    @if(shallow_bvh) { traversal.stack = vec4u(0u); }
+    @if(!shallow_bvh) { traversal.height = 0u; }
+    // Each traversal of a small scene ends within its budget, yet an invocation may run too many of them.
+    traversal_overrun |= traversal_iterations >= MAX_ITERATIONS;
+    return traversal;
 }
 
-fn nothing_waits(walk: ptr<function, Walk>) -> bool {
-    @if(shallow_bvh) { return (*walk).stack.x == 0u; }
-    @if(!shallow_bvh) { return (*walk).height == 0u; }
+fn stack_is_empty(traversal: ptr<function, Traversal>) -> bool {
+    @if(shallow_bvh) { return (*traversal).stack.x == 0u; }
+    @if(!shallow_bvh) { return (*traversal).height == 0u; }
 }
 
-fn push_group(walk: ptr<function, Walk>) {
-    @if(shallow_bvh) { (*walk).stack = vec4u((*walk).group, (*walk).stack.xyz); }
+fn push_group(traversal: ptr<function, Traversal>) {
+    @if(shallow_bvh) { (*traversal).stack = vec4u((*traversal).group, (*traversal).stack.xyz); }
     @if(!shallow_bvh) {
-        (*walk).stack[(*walk).height] = (*walk).group;
-        (*walk).height++;
+        (*traversal).stack[(*traversal).height] = (*traversal).group;
+        (*traversal).height++;
     }
 }
 
-fn pop_group(walk: ptr<function, Walk>) {
+fn pop_group(traversal: ptr<function, Traversal>) {
     @if(shallow_bvh) {
-        (*walk).group = (*walk).stack.x;
-        (*walk).stack = vec4u((*walk).stack.yzw, 0u);
+        (*traversal).group = (*traversal).stack.x;
+        (*traversal).stack = vec4u((*traversal).stack.yzw, 0u);
     }
     @if(!shallow_bvh) {
-        (*walk).height--;
-        (*walk).group = (*walk).stack[(*walk).height];
+        (*traversal).height--;
+        (*traversal).group = (*traversal).stack[(*traversal).height];
     }
 }
 
-// Takes a turn: the slot of a triangle to be tested, or NO_HIT where this turn met none.
-fn next_triangle(walk: ptr<function, Walk>, t_max: f32) -> u32 {
-    if (*walk).place == NO_PLACE {
-        if (*walk).group < ONE_WAITING {
-            let ends = nothing_waits(walk);
-            if ends || traversal_turns >= MAX_TURNS {
+// Runs one iteration: the primitive index of a triangle to be tested, or NO_HIT where this iteration found none.
+fn next_triangle(traversal: ptr<function, Traversal>, t_max: f32) -> u32 {
+    if (*traversal).entry == NO_ENTRY {
+        if (*traversal).group < ONE_PENDING {
+            let ends = stack_is_empty(traversal);
+            if ends || traversal_iterations >= MAX_ITERATIONS {
                 traversal_overrun |= !ends;
-                (*walk).done = true;
+                (*traversal).done = true;
                 return NO_HIT;
             }
-            pop_group(walk);
+            pop_group(traversal);
         }
-        let group = (*walk).group;
-        let node = group & GROUP_NODE;
-        (*walk).place = child_place(node_texel(3u * node + 2u), (group >> 24u) & 3u);
-        (*walk).group = node | ((group >> 2u) & 0x0f000000u) | ((group - ONE_WAITING) & 0xc0000000u);
+        let group = (*traversal).group;
+        let node = group & BVH_NODE_INDEX_MASK;
+        (*traversal).entry = child_entry(node_texel(BVH_NODE_TEXELS * node + 2u), (group >> 24u) & 3u);
+        (*traversal).group = node | ((group >> 2u) & 0x0f000000u) | ((group - ONE_PENDING) & 0xc0000000u);
     }
-    traversal_turns++;
-    if (*walk).place < ONE_TRIANGLE {
-        let node = (*walk).place;
-        let tail = node_texel(3u * node + 2u);
-        let keys = open_node(walk, node, tail, t_max);
-        (*walk).place = NO_PLACE;
+    traversal_iterations++;
+    if (*traversal).entry < ONE_TRIANGLE {
+        let node = (*traversal).entry;
+        let tail = node_texel(BVH_NODE_TEXELS * node + 2u);
+        let keys = open_node(traversal, node, tail, t_max);
+        (*traversal).entry = NO_ENTRY;
         if keys.x != NO_KEY {
-            if (*walk).group >= ONE_WAITING { push_group(walk); }
-            (*walk).place = child_place(tail, keys.x & 3u);
-            // The nearest child is next, the others wait.
-            let waiting = select(vec3u(0u), vec3u(1u), keys.yzw != vec3u(NO_KEY));
+            if (*traversal).group >= ONE_PENDING { push_group(traversal); }
+            (*traversal).entry = child_entry(tail, keys.x & 3u);
+            // The nearest child is next, the others are pending.
+            let pending = select(vec3u(0u), vec3u(1u), keys.yzw != vec3u(NO_KEY));
             let numbers = (keys.y & 3u) | ((keys.z & 3u) << 2u) | ((keys.w & 3u) << 4u);
-            (*walk).group = node | (numbers << 24u) | ((waiting.x + waiting.y + waiting.z) * ONE_WAITING);
+            (*traversal).group = node | (numbers << 24u) | ((pending.x + pending.y + pending.z) * ONE_PENDING);
         }
     }
-    let place = (*walk).place;
-    if place < ONE_TRIANGLE || place == NO_PLACE { return NO_HIT; }
-    let rest = place + 1u - ONE_TRIANGLE;
-    (*walk).place = select(NO_PLACE, rest, rest >= ONE_TRIANGLE);
-    return place & (ONE_TRIANGLE - 1u);
+    let entry = (*traversal).entry;
+    if entry < ONE_TRIANGLE || entry == NO_ENTRY { return NO_HIT; }
+    let rest = entry + 1u - ONE_TRIANGLE;
+    (*traversal).entry = select(NO_ENTRY, rest, rest >= ONE_TRIANGLE);
+    return entry & (ONE_TRIANGLE - 1u);
 }
 
-// The place of a child by its number, from the node's last texel.
-fn child_place(tail: vec4u, child: u32) -> u32 {
+// The entry of a child by its number, from the node's last texel.
+fn child_entry(tail: vec4u, child: u32) -> u32 {
     let counts = leaf_counts(tail) & ((8u << (3u * child)) - 1u);
     let count = counts >> (3u * child);
     // Triangles of the leaves before: their counts in three bits each, summed.
     let before = counts & ~(7u << (3u * child));
-    let slot = (tail.w & 0x0fffffffu) + (before & 7u) + ((before >> 3u) & 7u) + ((before >> 6u) & 7u);
-    return select(count * ONE_TRIANGLE + slot, (tail.z & 0x0fffffffu) + child, child < ((tail.y >> 24u) & 15u));
+    let first = (tail.w & BVH_INDEX_MASK) + (before & 7u) + ((before >> 3u) & 7u) + ((before >> 6u) & 7u);
+    return select(count * ONE_TRIANGLE + first, (tail.z & BVH_INDEX_MASK) + child, child < ((tail.y >> 24u) & 15u));
 }
 
-// Triangles of the four children, three bits each; 0 for nodes and for places not used.
+// Number of triangles of each of the four children, three bits each; 0 for nodes and unused children.
 fn leaf_counts(tail: vec4u) -> u32 {
     return (tail.y >> 28u) | ((tail.z >> 24u) & 0xf0u) | ((tail.w >> 20u) & 0xf00u);
 }
 
-// The keys of a node's children that the ray meets before t_max, sorted; `tail` is the node's last texel.
+// The keys of the children that the ray meets before t_max, sorted; `tail` is the node's last texel.
 //
-// With a = (origin - ray's origin) / direction and b = step / direction, a plane is met at a + q b; the roundings of
-// b's terms are covered by the planes' margin (src/bvh/node.rs). Nothing may be missed that the test of a triangle
-// would call a hit. That test works with points which are off, across the ray, by their coordinates relative to its
-// origin times at most 9 * 2^-24: one rounding of the difference, three of the shear, its product, the sum and the edge
-// function. So do three roundings of a. Planes are moved outwards by 2^-20 of the farthest coordinate for both. What is
-// left is the rounding of 1 / direction, up to 2^-21 of t where division is inexact: a far plane may be met that much
-// earlier than a near one (Ize 2013).
-fn open_node(walk: ptr<function, Walk>, node: u32, tail: vec4u, t_max: f32) -> vec4u {
-    let texel_0 = node_texel(3u * node);
-    let texel_1 = node_texel(3u * node + 1u);
+// With a = (origin - ray's origin) / direction and b = step / direction, the ray meets a plane at t = a + q b. The
+// margin of the planes covers the rounding of b's terms (src/bvh/node.rs). A child must not be missed if the triangle
+// test could report a hit in it. Across the ray, that test uses points that are off by at most 9 * 2^-24 times their
+// coordinates relative to the ray's origin: one rounding of the difference, three of the shear, its product, the sum
+// and the edge function. Computing a takes three roundings too. Moving planes outwards by 2^-20 of the farthest
+// coordinate covers both. What remains is the rounding of 1 / direction, up to 2^-21 of t where division is inexact:
+// the ray may meet a far plane that much earlier than a near one (Ize 2013).
+fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max: f32) -> vec4u {
+    let texel_0 = node_texel(BVH_NODE_TEXELS * node);
+    let texel_1 = node_texel(BVH_NODE_TEXELS * node + 1u);
     let head = tail.y;
 
-    let inverse = (*walk).inverse_direction;
+    let inverse = (*traversal).inverse_direction;
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
-    let offset = bitcast<vec3f>(texel_0.xyz) - (*walk).sheared.origin;
+    let offset = bitcast<vec3f>(texel_0.xyz) - (*traversal).sheared.origin;
     let reach = abs(offset) + 255.0 * step;
     let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let a = offset * inverse;
@@ -212,15 +216,16 @@ fn open_node(walk: ptr<function, Walk>, node: u32, tail: vec4u, t_max: f32) -> v
     let forwards = inverse > vec3f(0.0);
     let near = select(upper, lower, forwards);
     let far = select(lower, upper, forwards);
-    // Compared as integers, which takes one instruction where floats take three for the sake of NaN: the order of
-    // positive floats is theirs, and among negative ones any will do, since all lie before t_min.
+    // Compared as integers: one instruction, where floats take three because of NaN. Positive floats sort as their bits
+    // do; the order of negative ones does not matter, since all lie before t_min.
     let enter_xy = max(bits(bytes(near.x) * b.x + a_near.x), bits(bytes(near.y) * b.y + a_near.y));
-    let enter = max(enter_xy, max(bits(bytes(near.z) * b.z + a_near.z), vec4i(bitcast<i32>((*walk).t_min))));
+    let enter = max(enter_xy, max(bits(bytes(near.z) * b.z + a_near.z), vec4i(bitcast<i32>((*traversal).t_min))));
     let leave_xy = min(bits(bytes(far.x) * b.x + a_far.x), bits(bytes(far.y) * b.y + a_far.y));
     let leave = min(leave_xy, min(bits(bytes(far.z) * b.z + a_far.z), vec4i(bitcast<i32>(t_max))));
 
     let number = vec4u(0u, 1u, 2u, 3u);
-    let used = (number < vec4u((head >> 24u) & 15u)) | (((vec4u(leaf_counts(tail)) >> (3u * number)) & vec4u(7u)) != vec4u(0u));
+    let triangles = (vec4u(leaf_counts(tail)) >> (3u * number)) & vec4u(7u);
+    let used = (number < vec4u((head >> 24u) & 15u)) | (triangles != vec4u(0u));
     let met = (bitcast<vec4f>(enter) <= bitcast<vec4f>(leave) * 1.00000095367432) & used;
     return sorted(select(vec4u(NO_KEY), (bitcast<vec4u>(enter) & vec4u(0xfffffffcu)) | number, met));
 }
@@ -241,111 +246,117 @@ fn sorted(keys: vec4u) -> vec4u {
     return vec4u(min(low.x, low.y), min(middle.x, middle.y), max(middle.x, middle.y), max(high.x, high.y));
 }
 
-// Where the ray's line meets the triangle in a slot; t is MISSED if nowhere.
-fn intersect_slot(walk: ptr<function, Walk>, slot: u32) -> Hit {
-    let corners = triangle_corners(slot);
-    let found = intersect_triangle((*walk).sheared, corners[0], corners[1], corners[2]);
-    return Hit(found.x, found.y, found.z, slot);
+// Where the ray's line meets a triangle; t is MISSED if nowhere.
+fn intersect_primitive(traversal: ptr<function, Traversal>, primitive: u32) -> Hit {
+    let corners = triangle_corners(primitive);
+    let found = intersect_triangle((*traversal).sheared, corners[0], corners[1], corners[2]);
+    return Hit(found.x, found.y, found.z, primitive);
 }
 
 fn within(hit: Hit, t_min: f32, t_max: f32) -> bool {
     return hit.t > t_min && hit.t <= t_max;
 }
 
-// Whether the surface at a hit asks `alpha_blocks` if it stops a ray.
-fn asks_alpha(hit: Hit) -> bool {
-    @if(alpha_test) { return (triangle_word(hit.triangle) & 1u) != 0u; }
+// Whether `alpha_blocks` decides if the surface at a hit stops a ray.
+fn has_alpha_test(hit: Hit) -> bool {
+    @if(alpha_test) { return (triangle_word(hit.triangle) & TRIANGLE_ALPHA) != 0u; }
     @if(!alpha_test) { return false; }
 }
 
-// Whether a hit lies within the ray, and its surface stops this one.
+// Whether a hit lies within the ray and its surface stops the ray.
 fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
     var stopped = within(hit, t_min, t_max);
     @if(alpha_test) {
-        if stopped && asks_alpha(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed); }
+        if stopped && has_alpha_test(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed); }
     }
     return stopped;
 }
 
-// A vector along the normal of what was hit, on the outer side.
+// A vector along the outer normal of the surface that was hit; not of unit length.
 fn hit_normal(hit: Hit) -> vec3f {
     @if(procedurals) { if is_procedural(hit.triangle) { return procedural_normal(hit); } }
     let corners = triangle_corners(hit.triangle);
     return cross(corners[1] - corners[0], corners[2] - corners[0]);
 }
 
-// Before which hit another one comes: the nearer, and of several at the same distance the one in the lowest slot.
+// Whether a hit comes before another: the nearer one, or at the same distance the one of the lower primitive index.
 fn before(hit: Hit, other: Hit) -> bool {
     return hit.t < other.t || hit.triangle < other.triangle;
 }
 
-// The first surface that the ray meets; of several at the same distance the one in the lowest slot, so that
-// coplanar surfaces do not flicker. `seed` decides by chance at surfaces that are partly let through.
+// The first surface that the ray meets; of several at the same distance the one of the lowest primitive index, so that
+// coplanar surfaces do not flicker. `seed` is for the random numbers of partly transparent surfaces (alpha blending).
 fn trace_closest(ray: Ray, seed: u32) -> Hit {
-    var walk = begin_walk(ray);
+    var traversal = begin_traversal(ray);
     var closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
     @if(!alpha_test) {
-        while !walk.done {
-            let slot = next_triangle(&walk, closest.t);
-            if slot != NO_HIT {
-                let hit = intersect_slot(&walk, slot);
+        while !traversal.done {
+            let primitive = next_triangle(&traversal, closest.t);
+            if primitive != NO_HIT {
+                let hit = intersect_primitive(&traversal, primitive);
                 if before(hit, closest) && within(hit, ray.t_min, closest.t) { closest = hit; }
             }
         }
     }
     @if(alpha_test) {
-        // Software devices run the body of an if for every lane, whatever its condition: the alpha test, with its
-        // textures, stands outside the loop over triangles. (Used without alpha tests too, the two loops were 5 to 10 %
-        // slower than the one above.)
-        while !walk.done {
-            var asking = Hit(0.0, 0.0, 0.0, NO_HIT);
-            while !walk.done && asking.triangle == NO_HIT {
-                let slot = next_triangle(&walk, closest.t);
-                if slot != NO_HIT {
-                    let hit = intersect_slot(&walk, slot);
+        // Software devices run the body of an `if` for every lane, whatever its condition. So the alpha test, with its
+        // textures, is outside the loop over triangles. (Without alpha tests these two loops were 5 to 10 % slower than
+        // the single one above.)
+        while !traversal.done {
+            var undecided = Hit(0.0, 0.0, 0.0, NO_HIT);
+            while !traversal.done && undecided.triangle == NO_HIT {
+                let primitive = next_triangle(&traversal, closest.t);
+                if primitive != NO_HIT {
+                    let hit = intersect_primitive(&traversal, primitive);
                     if before(hit, closest) && within(hit, ray.t_min, closest.t) {
-                        if asks_alpha(hit) { asking = hit; } else { closest = hit; }
+                        if has_alpha_test(hit) { undecided = hit; } else { closest = hit; }
                     }
                 }
             }
-            if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { closest = asking; }
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, seed) {
+                closest = undecided;
+            }
         }
     }
     @if(procedurals) {
         closest = closest_procedural(ray, closest);
-        traversal_turns += procedural_spent;
+        traversal_iterations += procedural_ray_iterations;
     }
     return closest;
 }
 
-// Whether any surface stops the ray.
+// Whether any surface stops the ray; `seed` as in trace_closest.
 fn trace_occluded(ray: Ray, seed: u32) -> bool {
-    var walk = begin_walk(ray);
+    var traversal = begin_traversal(ray);
     @if(!alpha_test) {
-        while !walk.done {
-            let slot = next_triangle(&walk, ray.t_max);
-            if slot != NO_HIT && within(intersect_slot(&walk, slot), ray.t_min, ray.t_max) { return true; }
+        while !traversal.done {
+            let primitive = next_triangle(&traversal, ray.t_max);
+            if primitive != NO_HIT && within(intersect_primitive(&traversal, primitive), ray.t_min, ray.t_max) {
+                return true;
+            }
         }
     }
     @if(alpha_test) {
-        while !walk.done {
-            var asking = Hit(0.0, 0.0, 0.0, NO_HIT);
-            while !walk.done && asking.triangle == NO_HIT {
-                let slot = next_triangle(&walk, ray.t_max);
-                if slot != NO_HIT {
-                    let hit = intersect_slot(&walk, slot);
+        while !traversal.done {
+            var undecided = Hit(0.0, 0.0, 0.0, NO_HIT);
+            while !traversal.done && undecided.triangle == NO_HIT {
+                let primitive = next_triangle(&traversal, ray.t_max);
+                if primitive != NO_HIT {
+                    let hit = intersect_primitive(&traversal, primitive);
                     if within(hit, ray.t_min, ray.t_max) {
-                        if !asks_alpha(hit) { return true; }
-                        asking = hit;
+                        if !has_alpha_test(hit) { return true; }
+                        undecided = hit;
                     }
                 }
             }
-            if asking.triangle != NO_HIT && alpha_blocks(asking.triangle, asking.u, asking.v, seed) { return true; }
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, seed) {
+                return true;
+            }
         }
     }
     @if(procedurals) {
         let occluded = procedurals_occlude(ray);
-        traversal_turns += procedural_spent;
+        traversal_iterations += procedural_ray_iterations;
         return occluded;
     }
     @else { return false; }

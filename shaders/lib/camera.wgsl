@@ -1,5 +1,8 @@
-// Camera rays (glTF 3.10): the camera looks along -z of its axes. Nothing here is an `if` on the camera: lavapipe makes such uniforms
-// constants of the kernel, which it then prepares anew for every dispatch (15 to 70 ms in `shade` and `path`).
+// Camera rays (glTF 3.10): the camera looks along -z of its axes.
+// In: `camera`; positions and lengths in scene units after normalisation. Out: rays, viewing directions, sizes of pixels.
+//
+// There is no `if` on a member of the camera: lavapipe turns such uniforms into constants of the kernel, and then compiles
+// it again for every dispatch (15 to 70 ms in `shade` and `path`).
 
 import package::lib::ray::Ray;
 
@@ -18,11 +21,11 @@ struct CameraUniform {
 
 struct CameraRay {
     ray: Ray,
-    // Cosine between the ray and the viewing direction: times the distance, the depth Z.
+    // Cosine between the ray and the viewing direction; times the distance it is the depth Z.
     cosine: f32,
 }
 
-// The ray through the film position (0 to 1 from the left and from the top), from the near to the far plane.
+// The ray through a position of the film (0 to 1 from the left and from the top), from the near to the far plane.
 fn camera_ray(film: vec2f) -> CameraRay {
     let offset = (2.0 * film.x - 1.0) * camera.right + (1.0 - 2.0 * film.y) * camera.up;
     let parallel = camera.orthographic == 1u;
@@ -38,7 +41,7 @@ fn view_direction(position: vec3f) -> vec3f {
     return select(normalize(camera.position - position), camera.backward, camera.orthographic == 1u);
 }
 
-// Height of a pixel of an image of `height` pixels, where the camera sees the position.
+// Height of a pixel at the distance of a position that the camera sees; the image has `height` pixels.
 fn pixel_size(position: vec3f, height: u32) -> f32 {
     let unit = 2.0 * length(camera.up) / f32(height);
     let distance = abs(dot(camera.position - position, camera.backward));

@@ -1,21 +1,21 @@
-// The environment: an equirectangular panorama infinitely far away. Radiance is interpolated between the middles of four
-// texels, over a patch; directions are chosen among cells of whole patches by what comes from there, and evenly within a cell.
-// Tables are made by src/tables/environment.rs.
+// The environment: an equirectangular panorama infinitely far away. Radiance is interpolated between the middles of
+// four texels, over a patch; directions are chosen among cells of whole patches by what comes from there, and evenly
+// within a cell. Tables are made by src/gpu_scene/environment.rs.
 
 import package::lib::constants::ENVIRONMENT_HEADER;
 import package::lib::math::{PI, safe_sqrt};
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 
-// Size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells, strength.
-// By row of cells: cumulative probability; height below the nearer pole where it begins, and by how much that changes to its end;
-// one over the solid angle of one patch of width, negative where the pole is the nadir.
-// By cell, four to a record: cumulative probability within the row. By texel: radiance.
-@if(texture_loads) @group(1) @binding(21) var environment_records: texture_storage_2d<rgba32float, read>;
-@if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_records: array<vec4f>;
+// Size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells, strength. By
+// row of cells: cumulative probability; height below the nearer pole where it begins, and by how much that changes to
+// its end; one over the solid angle of one patch of width, negative where the pole is the nadir. By cell, four to a
+// record: cumulative probability within the row. By texel: radiance.
+@if(texture_loads) @group(1) @binding(21) var environment_texels: texture_storage_2d<rgba32float, read>;
+@if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_texels: array<vec4f>;
 
-fn load_environment_record(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(environment_records, table_place(i)); }
-    @else { return environment_records[i]; }
+fn load_environment_texel(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(environment_texels, table_texel(i)); }
+    @else { return environment_texels[i]; }
 }
 
 struct EnvironmentShape {
@@ -27,15 +27,15 @@ struct EnvironmentShape {
 }
 
 fn environment_shape() -> EnvironmentShape {
-    let a = load_environment_record(0u);
-    let b = load_environment_record(1u);
+    let a = load_environment_texel(0u);
+    let b = load_environment_texel(1u);
     return EnvironmentShape(vec2u(a.xy), u32(a.z), a.w, vec2u(b.xy), b.z);
 }
 
 // Cumulative probability of a cell within its row.
 fn environment_cell(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
     let i = row * shape.cells.x + column;
-    return load_environment_record(ENVIRONMENT_HEADER + shape.cells.y + (i >> 2u))[i & 3u];
+    return load_environment_texel(ENVIRONMENT_HEADER + shape.cells.y + (i >> 2u))[i & 3u];
 }
 
 // Patches along the width of a column of cells.
@@ -45,9 +45,9 @@ fn environment_cell_width(shape: EnvironmentShape, column: u32) -> f32 {
 
 // By solid angle, within a cell.
 fn environment_density(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
-    let own = load_environment_record(ENVIRONMENT_HEADER + row);
+    let own = load_environment_texel(ENVIRONMENT_HEADER + row);
     var of_row = own.x;
-    if row > 0u { of_row -= load_environment_record(ENVIRONMENT_HEADER + row - 1u).x; }
+    if row > 0u { of_row -= load_environment_texel(ENVIRONMENT_HEADER + row - 1u).x; }
     var of_cell = environment_cell(shape, row, column);
     if column > 0u { of_cell -= environment_cell(shape, row, column - 1u); }
     return of_row * of_cell * abs(own.w) / environment_cell_width(shape, column);
@@ -77,15 +77,17 @@ fn environment_place(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPl
 fn environment_texel(shape: EnvironmentShape, column: u32, row: u32) -> vec3f {
     let cells = shape.cells.x * shape.cells.y;
     let base = ENVIRONMENT_HEADER + shape.cells.y + ((cells + 3u) >> 2u);
-    return load_environment_record(base + row * shape.size.x + column).xyz;
+    return load_environment_texel(base + row * shape.size.x + column).xyz;
 }
 
 fn environment_radiance_at(shape: EnvironmentShape, place: EnvironmentPlace) -> vec3f {
     let right = select(place.column + 1u, 0u, place.column + 1u == shape.size.x);
     let upper = max(place.row, 1u) - 1u;
     let lower = min(place.row, shape.size.y - 1u);
-    let above = mix(environment_texel(shape, place.column, upper), environment_texel(shape, right, upper), place.within.x);
-    let below = mix(environment_texel(shape, place.column, lower), environment_texel(shape, right, lower), place.within.x);
+    let upper_left = environment_texel(shape, place.column, upper);
+    let above = mix(upper_left, environment_texel(shape, right, upper), place.within.x);
+    let lower_left = environment_texel(shape, place.column, lower);
+    let below = mix(lower_left, environment_texel(shape, right, lower), place.within.x);
     return shape.strength * mix(above, below, place.within.y);
 }
 
@@ -113,12 +115,13 @@ struct EnvironmentSample {
 
 fn environment_sample(u: vec2f) -> EnvironmentSample {
     let shape = environment_shape();
-    // The first row and, within it, column whose cumulative probability exceeds the number; what is left of that is uniform.
+    // The first row and, within it, column whose cumulative probability exceeds the number; what is left of that is
+    // uniform.
     var row = 0u;
     var last = shape.cells.y - 1u;
     while row < last {
         let middle = (row + last) / 2u;
-        if load_environment_record(ENVIRONMENT_HEADER + middle).x > u.x { last = middle; } else { row = middle + 1u; }
+        if load_environment_texel(ENVIRONMENT_HEADER + middle).x > u.x { last = middle; } else { row = middle + 1u; }
     }
     var column = 0u;
     last = shape.cells.x - 1u;
@@ -126,9 +129,9 @@ fn environment_sample(u: vec2f) -> EnvironmentSample {
         let middle = (column + last) / 2u;
         if environment_cell(shape, row, middle) > u.y { last = middle; } else { column = middle + 1u; }
     }
-    let own = load_environment_record(ENVIRONMENT_HEADER + row);
+    let own = load_environment_texel(ENVIRONMENT_HEADER + row);
     var before = vec2f(0.0);
-    if row > 0u { before.y = load_environment_record(ENVIRONMENT_HEADER + row - 1u).x; }
+    if row > 0u { before.y = load_environment_texel(ENVIRONMENT_HEADER + row - 1u).x; }
     if column > 0u { before.x = environment_cell(shape, row, column - 1u); }
     let share = vec2f(environment_cell(shape, row, column), own.x) - before;
     let left = clamp((u.yx - before) / share, vec2f(0.0), vec2f(1.0));

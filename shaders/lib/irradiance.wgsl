@@ -1,40 +1,44 @@
-// Irradiance of all light at places that photons have reached, precomputed (Christensen 1999): the nearest such place
-// stands for a point.
+// Look-up of precomputed irradiance (Christensen 1999). Pass `irradiance` estimates the irradiance of all light at
+// positions of photons, the irradiance points; a surface point takes the value of the nearest one.
+// In: the irradiance points, sorted by cell in `photon_table`, and `irradiance_table`.
+// Out: irradiance in units of radiance times steradian, and the radius of the disc that it is the mean of, in scene units
+// after normalisation.
 
-@if(texture_loads) import package::lib::table::table_place;
+@if(texture_loads) import package::lib::table::table_texel;
 import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_cell_start, load_photon};
 
 @if(texture_loads) @group(1) @binding(15) var irradiance_table: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(15) var<storage, read> irradiance_table: array<vec4f>;
-// The grid of the places, which `photon_table` holds.
+// The grid of the irradiance points, which `photon_table` holds.
 @group(1) @binding(16) var<uniform> irradiance_grid: GridShape;
 
 struct Irradiance {
     // On the side of the normal.
     value: vec3f,
-    // Of the disc whose photons it is the mean of; FAR where there is none near enough to stand for the point.
+    // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough.
     radius: f32,
 }
 
 fn load_irradiance(i: u32) -> vec4f {
-    @if(texture_loads) { return textureLoad(irradiance_table, table_place(i)); }
+    @if(texture_loads) { return textureLoad(irradiance_table, table_texel(i)); }
     @else { return irradiance_table[i]; }
 }
 
-// Radius of a place's disc, and which part of it is clear of edges and walls: in the radius's eight last bits.
+// The radius of an irradiance point's disc. Its last eight bits hold the part of the radius, 0 to 1, within which there
+// are no edges or walls.
 fn encode_disc(radius: f32, clear: f32) -> f32 {
     return bitcast<f32>((bitcast<u32>(radius) & 0xffffff00u) | u32(clear * 255.0));
 }
 
-// The place nearest to the point among those of its surface in the eight cells about it: of all within half a cell none is
-// missed.
+// The irradiance at the nearest irradiance point of the same surface, among those in the eight cells around the
+// position. All those within half a cell are among them.
 fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     let size = vec3i(irradiance_grid.size);
     let corner = vec3i(floor((position - irradiance_grid.origin) * irradiance_grid.inverse_cell - 0.5));
     let low = max(corner, vec3i(0));
     let high = min(corner + 1, size - 1);
     var nearest_distance = FAR;
-    var nearest_place = 0u;
+    var nearest_point = 0u;
     if low.x <= high.x {
         for (var row = 0; row < 4; row++) {
             let y = corner.y + (row & 1);
@@ -46,14 +50,15 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
                 let distance = counted_distance(load_photon(p), position, normal);
                 if distance < nearest_distance {
                     nearest_distance = distance;
-                    nearest_place = p;
+                    nearest_point = p;
                 }
             }
         }
     }
     if nearest_distance >= FAR { return Irradiance(vec3f(0.0), FAR); }
-    let found = load_irradiance(nearest_place);
-    // Beyond an edge or a wall the place says nothing: behind a wall there may be no light, and so no place that is nearer.
+    let found = load_irradiance(nearest_point);
+    // The value does not hold beyond an edge or a wall: the surface there may be unlit, and so have no irradiance point
+    // of its own.
     let clear = found.w * f32(bitcast<u32>(found.w) & 255u) / 255.0;
     return Irradiance(found.xyz, select(FAR, found.w, nearest_distance <= clear * clear));
 }

@@ -1,4 +1,5 @@
-// Small mathematics that many kernels share.
+// Mathematics that many kernels share: finiteness by bits, angles, luminance, orthonormal bases and the octahedral map of
+// unit vectors (Cigolle et al. 2014). Angles are in radians. Nothing is bound here.
 
 const PI = 3.14159265358979;
 
@@ -15,14 +16,16 @@ fn is_finite3(v: vec3f) -> bool {
     return is_finite4(vec4f(v, 0.0));
 }
 
-// A NaN, whatever the bits: compilers refuse one that they can see. The film leaves out the sample that holds it.
-fn spoilt(bits: u32) -> f32 {
+// The value of a sample that must not count: a NaN, which the film leaves out and counts. `bits` may be anything that
+// the compiler does not know, as compilers reject a constant NaN.
+fn invalid_sample(bits: u32) -> f32 {
     return bitcast<f32>(bits | 0x7fc00000u);
 }
 
-// The angle, 0 to pi, of a vector (x, y) with the x axis, for y >= 0 that are not both 0. To two units in the last place,
-// where WGSL grants its own atan2 4096 of them and lavapipe takes 130: polygons seen from afar are sums of angles that
-// cancel. (Cephes' atanf: the polynomial is good to tan(pi / 8), all else is reflected there.)
+// The angle, 0 to pi, between a vector (x, y) and the x axis, for y >= 0; x and y must not both be 0. The error is at
+// most two units in the last place. WGSL allows its own atan2 4096 of them, and lavapipe's has 130: too many for the
+// closed form of a distant polygonal light, a sum of angles that cancel. (Cephes' atanf: the polynomial is good up to
+// tan(pi / 8), larger arguments are reflected.)
 fn angle_of(y: f32, x: f32) -> f32 {
     let low = min(y, abs(x));
     let high = max(y, abs(x));
@@ -40,7 +43,7 @@ fn luminance(colour: vec3f) -> f32 {
     return dot(colour, vec3f(0.2126, 0.7152, 0.0722));
 }
 
-// Columns: two tangents, and n (Duff et al. 2017).
+// Columns: two tangents, and the unit vector n (Duff et al. 2017).
 fn basis(n: vec3f) -> mat3x3f {
     let sign = select(-1.0, 1.0, n.z >= 0.0);
     let a = -1.0 / (sign + n.z);
@@ -63,14 +66,14 @@ fn oct_unwrap(p: vec2f) -> vec3f {
     return normalize(oct_unfold(p, 1.0));
 }
 
-// The point of the octahedron |x| + |y| + |z| = size that the map takes to p.
+// The point of the octahedron |x| + |y| + |z| = size that the octahedral map takes to p.
 fn oct_unfold(p: vec2f, size: f32) -> vec3f {
     let z = size - abs(p.x) - abs(p.y);
     let fold = max(-z, 0.0);
     return vec3f(p - select(vec2f(-fold), vec2f(fold), p >= vec2f(0.0)), z);
 }
 
-// A unit vector in 32 bits: within 7e-5 radians, by the same reckoning as below.
+// A unit vector in 32 bits, within 7e-5 radians; see oct_encode7 for the estimate.
 fn oct_encode16(n: vec3f) -> u32 {
     return pack2x16snorm(oct_wrap(n));
 }
@@ -79,8 +82,8 @@ fn oct_decode16(bits: u32) -> vec3f {
     return oct_unwrap(unpack2x16snorm(bits));
 }
 
-// A unit vector in 14 bits: within 0.034 radians: half a step of 1/63 each way,
-// stretched threefold where the coordinates are alike. 127 levels a coordinate, so that the axes are exact.
+// A unit vector in 14 bits, within 0.034 radians: half a step of 1/63 in each coordinate, which the map stretches
+// threefold where the coordinates are alike. A coordinate has 127 levels, so that the axes are exact.
 fn oct_encode7(n: vec3f) -> u32 {
     let q = vec2u(round(oct_wrap(n) * 63.0 + 63.0));
     return q.x | (q.y << 7u);
@@ -90,13 +93,13 @@ fn oct_decode7(bits: u32) -> vec3f {
     return normalize(oct_direction7(bits));
 }
 
-// The direction of the code's vector, in whole numbers.
+// The direction of the code's vector, with whole numbers as coordinates.
 fn oct_direction7(bits: u32) -> vec3f {
     return oct_unfold(vec2f(vec2i(vec2u(bits, bits >> 7u) & vec2u(127u)) - 63), 63.0);
 }
 
-// Whether the vector of a code is within an angle of the unit vector n, given the angle's cosine squared, below 90
-// degrees: without the root and the divisions of a unit vector, which took a quarter of a search.
+// Whether the vector of a code is within an angle, below 90 degrees, of the unit vector n; `cosine_squared` is that of
+// the angle. The vector is not normalised: the root and the divisions took a quarter of a photon search.
 fn oct_within7(bits: u32, n: vec3f, cosine_squared: f32) -> bool {
     let v = oct_direction7(bits);
     let along = dot(v, n);

@@ -1,7 +1,8 @@
-// Rays, what they meet, and the watertight test against one triangle.
+// Rays, hits, and the watertight test of a ray against one triangle (Woop, Benthin and Wald 2013).
+// In and out: positions and lengths in scene units after normalisation. Nothing is bound here.
 
-// The points origin + t direction with t_min < t <= t_max. The direction need not have unit length (a shadow ray
-// takes the whole way to its light, and t_max 1), but each length from 2^-20 to 2^20 keeps the tests watertight.
+// The points origin + t direction with t_min < t <= t_max. The direction need not have unit length: that of a shadow
+// ray reaches to its light, where t is 1. Lengths from 2^-20 to 2^20 keep the tests watertight.
 struct Ray {
     origin: vec3f,
     t_min: f32,
@@ -14,15 +15,23 @@ struct Hit {
     // Barycentric coordinates of the triangle's corners 1 and 2.
     u: f32,
     v: f32,
-    // Its slot in the hierarchy, or NO_HIT; of procedural objects lib/procedural says what is here.
+    // Primitive index in the hierarchy, or NO_HIT. For hits of procedural objects see lib/procedural.
     triangle: u32,
 }
 
 const NO_HIT: u32 = 0xffffffffu;
 
-// A point as an origin of rays that leave on the side of the normal n, clear of the surface itself. Each coordinate
-// moves by a number of representable steps, so by more where floats are coarser, and by a fixed distance near 0,
-// where steps shrink below the error of the point (after Waechter and Binder 2019; positions are of unit size).
+// The direction with each component of 0 replaced by 2^-80 of the same sign, so that no quotient is infinite or NaN.
+// No box of the hierarchy is missed by that: see MIN_EXPONENT in src/bvh/node.rs.
+fn nonzero_direction(d: vec3f) -> vec3f {
+    let smallest = 8.2718061e-25;
+    return select(d, select(vec3f(smallest), vec3f(-smallest), d < vec3f(0.0)), abs(d) < vec3f(smallest));
+}
+
+// The origin of rays that leave a surface at p on the side of the normal n, clear of the surface itself. Each
+// coordinate moves by a number of representable steps, so by more where floats are coarser, and near 0, where steps
+// shrink below the error of the point, by a fixed distance (after Waechter and Binder 2019; positions are of unit
+// size).
 fn offset_origin(p: vec3f, n: vec3f) -> vec3f {
     let near_zero = 1.0 / 32.0;
     let steps = vec3i(256.0 * n);
@@ -44,30 +53,31 @@ fn shear_ray(ray: Ray) -> ShearedRay {
     let size = abs(ray.direction);
     let along_x = size.x >= max(size.y, size.z);
     let along_y = !along_x && size.y >= size.z;
-    let d = turned(ray.direction, along_x, along_y);
+    let d = permuted(ray.direction, along_x, along_y);
     return ShearedRay(ray.origin, along_x, along_y, vec3f(d.xy, 1.0) / d.z);
 }
 
-// The coordinates turned until the one named is the last.
-fn turned(p: vec3f, along_x: bool, along_y: bool) -> vec3f {
+// The coordinates, rotated cyclically until the one named is the last.
+fn permuted(p: vec3f, along_x: bool, along_y: bool) -> vec3f {
     return select(select(p, p.zxy, along_y), p.yzx, along_x);
 }
 
 fn to_ray_frame(ray: ShearedRay, p: vec3f) -> vec3f {
-    let q = turned(p - ray.origin, ray.along_x, ray.along_y);
+    let q = permuted(p - ray.origin, ray.along_x, ray.along_y);
     return vec3f(q.xy - ray.shear.xy * q.z, ray.shear.z * q.z);
 }
 
-// a * b - c * d with the right sign, or 0, however products are rounded or contracted: rounding keeps order, so
-// unfused the difference of the rounded products has the sign of the exact one or is 0; fused, this is Kahan's
-// algorithm, exact to two units in the last place. Two triangles therefore agree on which side of their common
-// edge a ray passes, and no ray passes between them.
+// a * b - c * d with the right sign, or 0, whether or not the device fuses products and sums. Unfused, rounding keeps
+// the order, so the difference of the rounded products has the sign of the exact one or is 0. Fused, this is Kahan's
+// algorithm, exact to two units in the last place. Two triangles therefore agree on which side of their common edge a
+// ray passes, and no ray passes between them.
 fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
     let product = c * d;
     return fma(a, b, -product) + fma(-c, d, product);
 }
 
-// The hit of the ray's line with a triangle of those corners, either side; t is NaN-free, and infinite for a miss.
+// Where the ray's line meets a triangle, from either side: t, and the barycentric coordinates of corners 1 and 2. t is
+// MISSED where it does not meet it, and never NaN.
 fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_2: vec3f) -> vec3f {
     let a = to_ray_frame(ray, corner_0);
     let b = to_ray_frame(ray, corner_1);
@@ -83,21 +93,22 @@ fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_
     return select(vec3f(t, v * inverse, w * inverse), vec3f(MISSED, 0.0, 0.0), outside || determinant == 0.0);
 }
 
-// The distance t of a point of a triangle, in the ray's frame, moved along the triangle's plane to where the ray is. Where
-// products round by themselves, weights of the corners of a needle are off by as much as it is longer than it is wide,
-// and the point that they make lies that far along the needle: beside the ray, and, where the needle is inclined, at another
-// distance. The plane's inclination is off by as much, so what is left is the square of that.
+// Corrects the distance t of a hit of a needle (a triangle far longer than wide); corners are in the ray's frame. Where
+// products are not fused, the corner weights of a needle are off in proportion to its length over its width. Their
+// point then lies beside the ray, along the needle, and, if the needle is inclined to the ray, at another distance.
+// This moves the point along the needle's plane back to the ray. The plane's inclination is off by the same proportion,
+// so the error that remains is the square of the first one.
 @if(needles)
 fn on_plane(a: vec3f, b: vec3f, c: vec3f, weights: vec3f, t: f32) -> f32 {
-    let beside = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
+    let offset = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
     let normal = cross(b - a, c - a);
-    let moved = t + dot(normal.xy, beside) / normal.z;
-    // Seen edge-on it has any inclination; its points are between its corners all the same. (The sum is NaN where the ray
-    // lies in the plane, and numbers compare false with it.)
-    let least = min(a.z, min(b.z, c.z));
-    let most = max(a.z, max(b.z, c.z));
-    return select(t, clamp(moved, least, most), abs(moved) < MISSED);
+    let moved = t + dot(normal.xy, offset) / normal.z;
+    // A needle that is parallel to the ray has no certain inclination, but its points lie between its corners. (`moved`
+    // is NaN where the ray lies in the plane, and comparisons with NaN are false.)
+    let nearest_corner = min(a.z, min(b.z, c.z));
+    let farthest_corner = max(a.z, max(b.z, c.z));
+    return select(t, clamp(moved, nearest_corner, farthest_corner), abs(moved) < MISSED);
 }
 
-// Farther than anything: no WGSL constant is infinite.
+// Farther than any hit. WGSL has no infinite constant.
 const MISSED: f32 = 3.4028234e38;

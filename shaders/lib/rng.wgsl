@@ -1,4 +1,4 @@
-// Hashes, and uniform numbers made of them.
+// Random numbers: hashes of 32 bits, and uniform numbers in [0, 1) from them.
 
 // PCG's output permutation over one step of its generator (Jarzynski and Olano 2020).
 fn hash1(x: u32) -> u32 {

@@ -71,8 +71,8 @@ fn sample_cosine(u: vec2f) -> vec3f {
     return vec3f(p, safe_sqrt(1.0 - dot(p, p)));
 }
 
-// Uniform over the directions whose cosine to +z is no more than `height` below 1: a cap of that height, however narrow,
-// or of height 2 the whole sphere.
+// Uniform over the directions whose cosine to +z is no more than `height` below 1: a cap of that height, however
+// narrow, or of height 2 the whole sphere.
 fn sample_cap(u: vec2f, height: f32) -> vec3f {
     let below = u.x * height;
     let radius = safe_sqrt(below * (2.0 - below));
@@ -87,7 +87,7 @@ fn sample_triangle(u: vec2f) -> vec2f {
 }
 
 // A triangle as it is seen from the origin.
-struct SeenTriangle {
+struct SphericalTriangle {
     // Unit vectors to the corners, and one over their distances.
     a: vec3f,
     b: vec3f,
@@ -98,12 +98,14 @@ struct SeenTriangle {
     radius: f32,
 }
 
-// A corner that is nearer, in a scene of unit size, is taken for one as far as this: its cube, and one over it, are numbers.
+// A corner that is nearer, in a scene of unit size, is taken for one as far as this: its cube, and one over it, are
+// numbers.
 const NEAREST_CORNER = 1e-12;
 
-// The triangle of corner `a` and edges `e1` and `e2` from there, `across` being e1 x e2: the formula of Van Oosterom and
-// Strackee (1983). The volume is made of edges and not of the ways to the corners, so that small triangles keep their digits.
-fn seen_triangle(a: vec3f, e1: vec3f, e2: vec3f, across: vec3f) -> SeenTriangle {
+// The triangle of corner `a` and edges `e1` and `e2` from there, `across` being e1 x e2: the formula of Van Oosterom
+// and Strackee (1983). The volume is made of edges and not of the ways to the corners, so that small triangles keep
+// their digits.
+fn spherical_triangle(a: vec3f, e1: vec3f, e2: vec3f, across: vec3f) -> SphericalTriangle {
     let b = a + e1;
     let c = a + e2;
     let squares = vec3f(dot(a, a), dot(b, b), dot(c, c));
@@ -114,7 +116,7 @@ fn seen_triangle(a: vec3f, e1: vec3f, e2: vec3f, across: vec3f) -> SeenTriangle 
     // On an edge both are 0, and no angle is theirs.
     let volume = max(abs(dot(to_a, across)) * nearness.y * nearness.z, 1e-37);
     let rest = 1.0 + dot(to_a, to_b) + dot(to_a, to_c) + dot(to_b, to_c);
-    return SeenTriangle(to_a, to_b, to_c, nearness, angle_of(volume, rest), length(vec2f(volume, rest)));
+    return SphericalTriangle(to_a, to_b, to_c, nearness, angle_of(volume, rest), length(vec2f(volume, rest)));
 }
 
 // One plus the cosine between unit vectors; of nearly opposite ones, too, with most of its digits.
@@ -123,27 +125,28 @@ fn opening(a: vec3f, b: vec3f) -> f32 {
     return 0.5 * dot(sum, sum);
 }
 
-// Barycentric coordinates of b and c of a point, uniform over the directions in which the triangle is seen.
+// Barycentric coordinates of b and c of a point, uniform over the directions in which the triangle is triangle.
 //
 // As Arvo (1995): u.x cuts off a triangle of that share of the solid angle, by an arc from b to a point of the opposite
 // edge, and u.y chooses a point of the arc. The former in the form of Peters (2021, section 4), by half vectors, where
-// nothing needs an inverse cosine: the point p a + q c, where tan(half the angle) = q volume / (p (1 + ab) + q (ac + bc)),
-// halves the way from a to it. Here all that would cancel is gone: p - q = radius sin((1 - u.x) half_angle). So triangles
-// of any size and shape have all their directions; what is left are roundings of the barycentric coordinates.
-fn sample_seen_triangle(seen: SeenTriangle, u: vec2f) -> vec2f {
-    let ahead = seen.radius * sin((1.0 - u.x) * seen.half_angle);
-    let behind = opening(seen.a, seen.b) * sin(u.x * seen.half_angle);
+// nothing needs an inverse cosine: the point p a + q c, where tan(half the angle) = q volume / (p (1 + ab) + q (ac +
+// bc)), halves the way from a to it. Here all that would cancel is gone: p - q = radius sin((1 - u.x) half_angle). So
+// triangles of any size and shape have all their directions; what is left are roundings of the barycentric coordinates.
+fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
+    let ahead = triangle.radius * sin((1.0 - u.x) * triangle.half_angle);
+    let behind = opening(triangle.a, triangle.b) * sin(u.x * triangle.half_angle);
     // In units of p.
     let q = behind / (ahead + behind);
     let m = ahead / (ahead + behind);
-    let wide = opening(seen.a, seen.c);
+    let wide = opening(triangle.a, triangle.c);
     // The end of the arc, by unit vectors: so much of a and of c.
     let end = vec2f(m * (1.0 + q), 2.0 * q * (m + q * wide)) / max(m * m + 2.0 * q * wide, 1e-20);
     // One plus the cosine of the arc, and one less it. Seen from near a triangle's plane arcs are half circles.
-    let back = max(opening(seen.b, end.x * seen.a + end.y * seen.c), 1e-12);
+    let back = max(opening(triangle.b, end.x * triangle.a + end.y * triangle.c), 1e-12);
     let arc = max(2.0 - back, 0.0);
     let along = sqrt(u.y * (2.0 - u.y * arc) / back);
-    let weights = max(vec3f(along * end.x, (1.0 - along) + arc * (along - u.y), along * end.y), vec3f(0.0)) * seen.nearness;
+    let uneven = vec3f(along * end.x, (1.0 - along) + arc * (along - u.y), along * end.y);
+    let weights = max(uneven, vec3f(0.0)) * triangle.nearness;
     return weights.yz / (weights.x + weights.y + weights.z);
 }
 

@@ -1,7 +1,8 @@
-// Where a record of a table is, where tables are textures.
+// Tables: arrays of vectors that kernels read through textures where the device is a software one.
+// In: the index of a vector. Out: the texel that holds it.
 
 import package::lib::constants::TABLE_WIDTH_LOG2;
 
-fn table_place(i: u32) -> vec2u {
+fn table_texel(i: u32) -> vec2u {
     return vec2u(i & ((1u << TABLE_WIDTH_LOG2) - 1u), i >> TABLE_WIDTH_LOG2);
 }

@@ -1,5 +1,5 @@
-// Which pixel and sample a point is. A tile is some whole rows of the image, several samples of each pixel at once:
-// the samples are layers of `pixel_count` points, one after the other.
+// Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, with several samples of each
+// pixel: the samples are layers of `pixel_count` points, one after the other.
 
 import package::lib::rng::hash2;
 
@@ -12,7 +12,7 @@ struct Tile {
     pixel_count: u32,
     // Points in it: pixels times layers.
     point_count: u32,
-    // Sample of the first layer, and the render's seed.
+    // Sample index of the first layer, and the render's seed.
     first_sample: u32,
     seed: u32,
     // 1: through the middle of the pixel (a render of one sample), 0: anywhere in it (box filter).
@@ -25,12 +25,12 @@ fn tile_pixel(tile: Tile, i: u32) -> vec2u {
     return vec2u(pixel % tile.width, tile.first_row + pixel / tile.width);
 }
 
-// Index of the sample that point i is.
+// Sample index of point i.
 fn tile_sample(tile: Tile, i: u32) -> u32 {
     return tile.first_sample + i / tile.pixel_count;
 }
 
-// The seed of a pixel's sample sequences: the same however the image is cut into tiles.
+// The seed of a pixel's sample sequences. It does not depend on the tiles.
 fn pixel_seed(tile: Tile, i: u32) -> u32 {
     let pixel = tile_pixel(tile, i);
     return hash2(pixel.x + pixel.y * tile.width, tile.seed);

@@ -1,23 +1,25 @@
-//! A binary BVH by binned surface-area heuristic, its depth bounded by construction.
+//! A binary BVH built with the binned surface-area heuristic. Its depth is bounded by construction.
 
-use super::Aabb;
+use super::aabb::Aabb;
 use glam::Vec3;
 
-/// Bins along each axis. More gain less than 1 % of the SAH cost on the scenes that were tried.
+/// Number of bins per axis. More bins lower the SAH cost of the scenes that were tried by less than 1 %.
 const BINS: usize = 32;
-/// Below this many triangles every split is tried instead: bins would be wider than the gaps between centroids.
-const SWEEP: usize = 32;
-/// Below this many triangles a subtree is built by one thread: a task costs about as much as sorting so many.
-const SERIAL: usize = 2048;
+/// Up to this number of triangles every split is tried instead, because bins would be wider than the gaps between
+/// centroids.
+const MAX_SWEEP: usize = 32;
+/// From this number of triangles on, the children of a node are built in parallel. A task costs about as much as
+/// sorting so many.
+const MIN_PARALLEL: usize = 2048;
 
-/// A node of the binary tree, in pre-order: a node of `count` triangles takes `2 count - 1` places, its left
-/// child follows it, and its right child follows the left one's last.
+/// A node of the binary tree. Nodes are stored in pre-order: a subtree of `count` triangles has `2 count - 1` nodes,
+/// the left child follows its parent, and the right child follows the subtree of the left one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Node {
     pub bounds: Aabb,
-    /// Triangles below.
+    /// Number of triangles in the subtree.
     pub count: u32,
-    /// Triangles below the left child; 0 in a leaf, which holds one triangle.
+    /// Number of triangles below the left child. 0 for a leaf, which holds one triangle.
     pub left_count: u32,
 }
 
@@ -26,13 +28,13 @@ impl Node {
         self.left_count == 0
     }
 
-    /// The places of the children of the node at `at`.
+    /// The indices of the children of the node with index `at`.
     pub fn children(&self, at: usize) -> [usize; 2] {
         [at + 1, at + 2 * self.left_count as usize]
     }
 }
 
-/// A triangle while the tree is built.
+/// A triangle during the build.
 #[derive(Clone, Copy)]
 pub(super) struct Item {
     pub bounds: Aabb,
@@ -45,8 +47,8 @@ impl Item {
     }
 }
 
-/// Builds the tree over `items`, which are put in the order of its leaves. No leaf is deeper than `max_depth`
-/// levels below the root, or than a balanced tree needs where that is more.
+/// Builds the tree over `items` and sorts them in the order of its leaves. No leaf is more than `max_depth` levels
+/// below the root, or than the depth of a balanced tree if that is larger.
 pub(super) fn build(items: &mut [Item], max_depth: u32) -> Vec<Node> {
     let mut nodes = vec![Node::default(); (2 * items.len()).saturating_sub(1)];
     if !items.is_empty() {
@@ -55,31 +57,31 @@ pub(super) fn build(items: &mut [Item], max_depth: u32) -> Vec<Node> {
     nodes
 }
 
-/// Levels below the root of a balanced tree over `count` triangles.
+/// Number of levels below the root of a balanced tree over `count` triangles.
 fn levels(count: usize) -> u32 {
     count.next_power_of_two().trailing_zeros()
 }
 
 fn build_node(items: &mut [Item], nodes: &mut [Node], depth_left: u32) {
     let bounds = items.iter().fold(Aabb::EMPTY, |all, item| all.union(&item.bounds));
-    let (node, below) = nodes.split_first_mut().expect("2 count - 1 places were made");
+    let (node, below) = nodes.split_first_mut().expect("there are 2 count - 1 nodes");
     let count = items.len();
     *node = Node { bounds, count: count as u32, left_count: 0 };
     if count == 1 {
         return;
     }
-    // A split is taken only if both sides can still be finished by halving within the depth that is left; halving
-    // by index always can. This alone decides where centroids coincide or triangles are stacked.
+    // A split is allowed only if both sides fit in the remaining depth when their items are halved by index. Halving
+    // always fits, and is the only split if all centroids coincide.
     let fits = |left: usize| {
         left > 0 && left < count && levels(left) < depth_left.max(1) && levels(count - left) < depth_left.max(1)
     };
-    let left_count = if count <= SWEEP { split_by_sweep(items, fits) } else { split_by_bins(items, fits) };
+    let left_count = if count <= MAX_SWEEP { split_by_sweep(items, fits) } else { split_by_bins(items, fits) };
     let left_count = left_count.unwrap_or(count / 2);
     node.left_count = left_count as u32;
     let (left_items, right_items) = items.split_at_mut(left_count);
     let (left_nodes, right_nodes) = below.split_at_mut(2 * left_count - 1);
     let depth_left = depth_left.saturating_sub(1);
-    if count < SERIAL {
+    if count < MIN_PARALLEL {
         build_node(left_items, left_nodes, depth_left);
         build_node(right_items, right_nodes, depth_left);
     } else {
@@ -90,11 +92,11 @@ fn build_node(items: &mut [Item], nodes: &mut [Node], depth_left: u32) {
     }
 }
 
-/// The cheapest of all splits of the sorted centroids. Leaves `items` sorted along its axis and returns how many
-/// go left.
+/// The split of the sorted centroids with the minimum cost. Sorts `items` along its axis and returns the number of
+/// items on the left.
 fn split_by_sweep(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usize> {
     let mut best: Option<(f32, usize, usize)> = None;
-    let mut right_costs = [0.0; SWEEP];
+    let mut right_costs = [0.0; MAX_SWEEP];
     for axis in 0..3 {
         sort_along(items, axis);
         let mut right = Aabb::EMPTY;
@@ -106,7 +108,7 @@ fn split_by_sweep(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<us
         for count in 1..items.len() {
             left = left.union(&items[count - 1].bounds);
             let cost = left.half_area() * count as f32 + right_costs[count];
-            if fits(count) && best.is_none_or(|(least, ..)| cost < least) {
+            if fits(count) && best.is_none_or(|(min, ..)| cost < min) {
                 best = Some((cost, axis, count));
             }
         }
@@ -116,19 +118,19 @@ fn split_by_sweep(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<us
     Some(count)
 }
 
-/// Sorts by centroid, ties by triangle, so that the tree does not depend on the order of `items`.
+/// Sorts by centroid, then by triangle, so that the tree does not depend on the order of `items`.
 fn sort_along(items: &mut [Item], axis: usize) {
     items.sort_unstable_by(|a, b| a.centroid()[axis].total_cmp(&b.centroid()[axis]).then(a.triangle.cmp(&b.triangle)));
 }
 
-/// The cheapest split between bins of equal width over the centroids. Leaves `items` partitioned and returns how
-/// many went left; none where all centroids fall into one bin or no split fits.
+/// The split between bins of equal width with the minimum cost. Partitions `items` and returns the number of items on
+/// the left. None if all centroids are in one bin or no split fits.
 fn split_by_bins(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usize> {
     let centroids = items.iter().fold(Aabb::EMPTY, |all, item| all.extended(item.centroid()));
     let extent = centroids.max - centroids.min;
     let bin_of = |item: &Item, axis: usize| {
-        let place = (item.centroid()[axis] - centroids.min[axis]) / extent[axis];
-        ((place * BINS as f32) as usize).min(BINS - 1)
+        let position = (item.centroid()[axis] - centroids.min[axis]) / extent[axis];
+        ((position * BINS as f32) as usize).min(BINS - 1)
     };
     let axes = (0..3).filter(|&axis| extent[axis] > 0.0);
     let mut bins = [[(Aabb::EMPTY, 0usize); BINS]; 3];
@@ -154,7 +156,7 @@ fn split_by_bins(items: &mut [Item], fits: impl Fn(usize) -> bool) -> Option<usi
             left = left.union(bounds);
             left_count += count;
             let cost = left.half_area() * left_count as f32 + right_costs[at];
-            if fits(left_count) && best.is_none_or(|(least, ..)| cost < least) {
+            if fits(left_count) && best.is_none_or(|(min, ..)| cost < min) {
                 best = Some((cost, axis, at));
             }
         }

@@ -1,37 +1,40 @@
-//! The node that kernels read: three texels, 48 bytes.
+//! The node layout that kernels read: three texels, 48 bytes.
 //!
-//! | word | bits | holds |
+//! | word | bits | content |
 //! | --- | --- | --- |
 //! | 0 to 2 | 32 | origin of the node's grid, x y z, f32 |
 //! | 3 to 5 | 4 x 8 | lower planes of the four children, x, y, z: `origin + q * step` |
 //! | 6 to 8 | 4 x 8 | upper planes |
 //! | 9 | 3 x 8 | exponents of the steps, x, y, z: `step` is the f32 with that exponent field and no mantissa |
-//! | 9 | 24 to 27 | how many children are nodes; they come first, leaves follow, places not used are last |
-//! | 10 | 0 to 27 | the first child node; the others follow it |
-//! | 11 | 0 to 27 | the first triangle of the first leaf; those of the other leaves follow it |
-//! | 9, 10, 11 | 28 to 31 | triangles of each child, 3 bits a child, child 0 lowest; 0 for nodes and for places not used |
+//! | 9 | 24 to 27 | number of children that are nodes; nodes come first, then leaves, then unused children |
+//! | 10 | 0 to 27 | index of the first child node; the others follow it |
+//! | 11 | 0 to 27 | primitive index of the first triangle of the first leaf; those of the other leaves follow it |
+//! | 9, 10, 11 | 28 to 31 | triangles of each child, 3 bits per child, child 0 lowest; 0 if it is a node or unused |
 
-use super::{Aabb, WIDTH};
+use super::aabb::Aabb;
 #[cfg(test)]
 use glam::DVec3;
 use glam::Vec3;
 
-/// Most triangles: what 28 bits can name.
+/// Maximum number of children of a node.
+pub(super) const WIDTH: usize = 4;
+
+/// Limit on the number of triangles, whose indices have 28 bits.
 pub(super) const MAX_INDEX: usize = 1 << 28;
 
-/// Most nodes: what the 24 bits of a word on a kernel's stack can name.
+/// Maximum number of nodes, whose indices have 24 bits on the stack of a kernel.
 pub(super) const MAX_NODES: usize = 1 << 24;
 
 /// Words of a node.
 pub(super) const WORDS: usize = 12;
 
-/// How far, in steps, a child's planes lie outside its bounds at least. The kernel scales a plane's `q * step` by
-/// the inverse direction with three roundings, each of at most 255 steps * 2^-24: less than 2^-14 steps in all.
+/// Minimum distance, in steps, of a child's planes from its bounds. The kernel scales a plane's `q * step` by the
+/// inverse direction with three roundings, each of at most 255 steps * 2^-24: less than 2^-14 steps in total.
 const MARGIN: f64 = 1.0 / 4096.0;
 
-/// Least exponent of a step. The kernel takes a direction's component to be at least 2^-80, so a ray that stands
-/// still along an axis seems to move by at most 2^-80 times its length; with steps of 2^-40 the margin of 2^-52
-/// covers lengths up to 2^28.
+/// Minimum exponent of a step. The kernel clamps the components of a direction to at least 2^-80, so a ray
+/// perpendicular to an axis seems to move along it by at most 2^-80 times its length. With steps of 2^-40 the margin of
+/// 2^-52 covers lengths up to 2^28.
 const MIN_EXPONENT: i32 = -40;
 
 /// A node before it is packed.
@@ -42,16 +45,16 @@ pub(super) struct Node {
     pub step: Vec3,
     pub lower: [[u8; 3]; WIDTH],
     pub upper: [[u8; 3]; WIDTH],
-    /// The first children are nodes.
+    /// Number of children that are nodes. They come first.
     pub node_count: u32,
     pub first_node: u32,
     pub first_triangle: u32,
-    /// Triangles of each child that is a leaf.
+    /// Number of triangles of each child that is a leaf.
     pub leaf_counts: [u32; WIDTH],
 }
 
 impl Node {
-    /// A node without children, its grid laid so that every box of `children` can be held with its margin.
+    /// A node whose grid holds the boxes of `children` with their margins. Its links are not set.
     pub fn around(children: &[Aabb]) -> Node {
         let bounds = children.iter().fold(Aabb::EMPTY, |all, child| all.union(child));
         let mut node = Node {
@@ -81,15 +84,15 @@ impl Node {
             node.origin[axis] = origin;
             node.step[axis] = step as f32;
             for (child, bounds) in children.iter().enumerate() {
-                let place = |plane: f64| (plane - f64::from(origin)) / step;
-                node.lower[child][axis] = place(f64::from(bounds.min[axis]) - MARGIN * step).floor() as u8;
-                node.upper[child][axis] = place(f64::from(bounds.max[axis]) + MARGIN * step).ceil() as u8;
+                let in_steps = |plane: f64| (plane - f64::from(origin)) / step;
+                node.lower[child][axis] = in_steps(f64::from(bounds.min[axis]) - MARGIN * step).floor() as u8;
+                node.upper[child][axis] = in_steps(f64::from(bounds.max[axis]) + MARGIN * step).ceil() as u8;
             }
         }
         node
     }
 
-    /// The box of a child as the node holds it, exactly.
+    /// The exact box of a child, as the node stores it.
     #[cfg(test)]
     pub fn child_bounds(&self, child: usize) -> [DVec3; 2] {
         let plane = |steps: [u8; 3]| self.origin.as_dvec3() + DVec3::from(steps.map(f64::from)) * self.step.as_dvec3();

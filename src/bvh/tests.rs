@@ -1,62 +1,66 @@
-//! What every hierarchy must be, checked by decoding the nodes as the kernels do.
+//! Invariants of hierarchies, checked by decoding the nodes as the kernels do.
 
-use super::*;
-use glam::{DVec3, vec3};
+use glam::{DVec3, Vec3, vec3};
+
+use super::aabb::Aabb;
+use super::binary;
+use super::hierarchy::{Bvh, STACK_SIZE};
+use super::node::{Node, WIDTH};
 
 type Triangle = [Vec3; 3];
 
-/// Decodes the hierarchy and returns the first thing that is wrong with it.
+/// Decodes the hierarchy and returns the first violation of its invariants.
 fn fault(bvh: &Bvh, triangles: &[Triangle]) -> Option<String> {
     let mut order = bvh.order.clone();
     order.sort_unstable();
     if !order.iter().copied().eq(0..triangles.len() as u32) {
-        return Some("the order is no permutation".into());
+        return Some("the order is not a permutation".into());
     }
-    let mut met_slots = vec![false; triangles.len()];
-    let mut met_nodes = vec![false; bvh.nodes.len() / 3];
-    // Nodes to visit, with the boxes they must keep to and their level.
+    let mut visited_triangles = vec![false; triangles.len()];
+    let mut visited_nodes = vec![false; bvh.nodes.len() / 3];
+    // Nodes to visit, with the boxes that contain them and their level.
     let mut open: Vec<(usize, Vec<[DVec3; 2]>, u32)> = vec![(0, Vec::new(), 1)];
     let mut depth = 0;
     while let Some((index, boxes, level)) = open.pop() {
-        if std::mem::replace(&mut met_nodes[index], true) {
+        if std::mem::replace(&mut visited_nodes[index], true) {
             return Some(format!("node {index} has two parents"));
         }
         let node = Node::unpack(&bvh.nodes[3 * index..3 * index + 3]);
         depth = depth.max(level);
-        let mut slot = node.first_triangle as usize;
+        let mut primitive = node.first_triangle as usize;
         for child in 0..WIDTH {
             let mut boxes = boxes.clone();
             boxes.push(node.child_bounds(child));
-            // Less a hair for the roundings of double precision where corners are far smaller than a step.
+            // Slightly less than the margin, for the rounding of f64 where corners are much smaller than a step.
             let margin = node.step.as_dvec3() * (0.999_999 / 4096.0);
             if child < node.node_count as usize {
                 open.push((node.first_node as usize + child, boxes, level + 1));
                 continue;
             }
             for _ in 0..node.leaf_counts[child] {
-                if std::mem::replace(&mut met_slots[slot], true) {
-                    return Some(format!("slot {slot} is in two leaves"));
+                if std::mem::replace(&mut visited_triangles[primitive], true) {
+                    return Some(format!("triangle {primitive} is in two leaves"));
                 }
-                let corners = triangles[bvh.order[slot] as usize];
+                let corners = triangles[bvh.order[primitive] as usize];
                 let texels = corners.map(|corner| corner.extend(0.0).to_array());
-                if bvh.triangles[3 * slot..3 * slot + 3] != texels {
-                    return Some(format!("slot {slot} does not hold its triangle"));
+                if bvh.triangles[3 * primitive..3 * primitive + 3] != texels {
+                    return Some(format!("primitive {primitive} does not hold its triangle"));
                 }
                 for corner in corners.map(|corner| corner.as_dvec3()) {
                     let inside = |[low, high]: &[DVec3; 2]| corner.cmpge(*low).all() && corner.cmple(*high).all();
                     let [low, high] = boxes[boxes.len() - 1];
                     if !boxes.iter().all(inside) || !inside(&[low + margin, high - margin]) {
-                        return Some(format!("slot {slot} reaches out of its boxes"));
+                        return Some(format!("triangle {primitive} reaches out of its boxes"));
                     }
                 }
-                slot += 1;
+                primitive += 1;
             }
         }
     }
-    if let Some(slot) = met_slots.iter().position(|met| !met) {
-        return Some(format!("slot {slot} is in no leaf"));
+    if let Some(primitive) = visited_triangles.iter().position(|visited| !visited) {
+        return Some(format!("triangle {primitive} is in no leaf"));
     }
-    if let Some(index) = met_nodes.iter().position(|met| !met) {
+    if let Some(index) = visited_nodes.iter().position(|visited| !visited) {
         return Some(format!("node {index} has no parent"));
     }
     if depth != bvh.depth || depth > STACK_SIZE + 1 {
@@ -65,7 +69,7 @@ fn fault(bvh: &Bvh, triangles: &[Triangle]) -> Option<String> {
     None
 }
 
-/// A repeatable number in 0..1.
+/// A deterministic number in 0..1.
 fn number(seed: usize) -> f32 {
     let mixed = (seed as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
     let mixed = (mixed ^ mixed >> 15).wrapping_mul(0x2c1b_3c6d);
@@ -80,8 +84,8 @@ fn soup(count: usize, size: f32) -> Vec<Triangle> {
 
 const UNIT: Triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
 
-/// Every triangle lies in one leaf and inside all boxes above it, with the margin that the kernels count on, and the
-/// hierarchy is as deep as stated: for scenes of every small size and for those that break builders.
+/// Every triangle is in one leaf and inside all boxes above it, with the margin that the kernels rely on, and the
+/// stated depth is right. The scenes have every small number of triangles, or are hard for builders.
 #[test]
 fn hierarchies_hold_their_triangles() {
     let scaled = |scale: f32| UNIT.map(|corner| corner * scale);
@@ -110,7 +114,7 @@ fn centred(triangle: Triangle) -> Triangle {
     triangle.map(|corner| corner - 0.5 * (bounds.min + bounds.max))
 }
 
-/// The check sees a plane one step too far in, a leaf that lost a triangle and a wrong depth.
+/// The check detects a plane that is one step too far in, a leaf that lost a triangle and a wrong depth.
 #[test]
 fn planted_faults_are_found() {
     let triangles = soup(500, 0.1);
@@ -126,11 +130,11 @@ fn planted_faults_are_found() {
     for (number, plant) in faults.iter().enumerate() {
         let mut bvh = bvh.clone();
         plant(&mut bvh);
-        assert!(fault(&bvh, &triangles).is_some(), "fault {number} goes unseen");
+        assert!(fault(&bvh, &triangles).is_some(), "fault {number} is not detected");
     }
 }
 
-/// A tree that may not be deep is as shallow as a balanced one, whatever the triangles.
+/// A low limit makes the tree as shallow as a balanced one for any triangles.
 #[test]
 fn depth_is_bounded() {
     let triangles: Vec<Triangle> = (0..1000).map(|i| UNIT.map(|p| p * 0.9f32.powi(i))).collect();
@@ -146,13 +150,13 @@ fn depth_is_bounded() {
         }
         levels.into_iter().max().unwrap()
     };
-    assert!(build(1000) > 40, "the scene is no trial");
+    assert!(build(1000) > 40, "the scene does not test the limit");
     for max_depth in [0, 10, 12, 20] {
         assert!(build(max_depth) <= max_depth.max(10), "{max_depth}");
     }
 }
 
-/// The number of threads does not show.
+/// The hierarchy does not depend on the number of threads.
 #[test]
 fn hierarchies_do_not_depend_on_threads() {
     let triangles = soup(30_000, 0.02);
@@ -164,7 +168,7 @@ fn hierarchies_do_not_depend_on_threads() {
     assert!(one.nodes == four.nodes && one.order == four.order);
 }
 
-/// Nodes survive packing.
+/// Packing and unpacking preserves a node.
 #[test]
 fn nodes_are_packed_without_loss() {
     let mut node = Node::around(&soup(4, 0.3).iter().map(Aabb::of).collect::<Vec<_>>());
@@ -175,7 +179,8 @@ fn nodes_are_packed_without_loss() {
     assert_eq!(Node::unpack(&node.pack()), node);
 }
 
-/// Corners that are no numbers, or too large for the kernels' arithmetic, are refused by the triangle's index.
+/// Corners that are not finite, or too large for the arithmetic of the kernels, are refused. The error states the
+/// triangle.
 #[test]
 fn corners_out_of_range_are_refused() {
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e20, f32::MIN] {

@@ -1,32 +1,37 @@
-//! The binary tree collapsed to four children a node at the least expected cost.
+//! Collapses the binary tree to four children per node at the minimum expected cost.
 
-use super::{Aabb, MAX_LEAF, WIDTH, binary};
+use super::aabb::Aabb;
+use super::binary;
+use super::node::WIDTH;
 
-/// Cost of testing a triangle over that of visiting a node: both fetch three texels, and a node is followed by a sort. On
-/// lavapipe 0.35 to 1 make no difference that shows.
+/// Maximum number of triangles in a leaf.
+const MAX_LEAF: u32 = 4;
+
+/// Cost of a triangle test over the cost of a node visit. Both fetch three texels, and a node visit ends with a sort.
+/// On lavapipe no value from 0.35 to 1 makes a measurable difference.
 const TRIANGLE_COST: f32 = 0.6;
 
-/// A child of a wide node: a wide node or a leaf, by the place of the binary node that it stands for.
+/// A child of a wide node: a wide node or a leaf that replaces a subtree of the binary tree.
 #[derive(Clone, Copy)]
 pub(super) struct Child {
     pub bounds: Aabb,
-    /// Place of the binary node.
+    /// Index of the root of that subtree.
     pub at: usize,
-    /// Triangles of a leaf; 0 for a wide node.
+    /// Number of triangles of a leaf, 0 for a wide node.
     pub leaf_count: u32,
 }
 
-/// For each binary node, the least cost of putting its triangles below at most 1, 2 or 3 children of a wide node,
-/// and how that is done (Ylitie, Karras and Laine 2017, section 3.1, for four children).
+/// For each binary node, the minimum cost of representing its triangles by at most 1, 2 or 3 children of a wide node,
+/// and how that cost is reached (Ylitie, Karras and Laine 2017, section 3.1, for four children).
 pub(super) struct Collapse<'a> {
     nodes: &'a [binary::Node],
-    choices: Vec<[LightSampler; WIDTH - 1]>,
-    /// How many of the four children the left binary child gets, where the node is made a wide one.
+    choices: Vec<[Choice; WIDTH - 1]>,
+    /// If the node becomes a wide node: the number of its four children that represent the left binary child.
     left_shares: Vec<u8>,
 }
 
 #[derive(Clone, Copy)]
-struct LightSampler {
+struct Choice {
     cost: f32,
     kind: Kind,
 }
@@ -35,18 +40,18 @@ struct LightSampler {
 enum Kind {
     Leaf,
     Wide,
-    /// The left binary child takes so many of the places, the right one the rest.
+    /// The left binary child gets this number of children, the right one the rest.
     Split(u8),
-    /// As with one place fewer.
+    /// The same as with one child fewer.
     Fewer,
 }
 
 impl<'a> Collapse<'a> {
     pub fn new(nodes: &'a [binary::Node]) -> Self {
-        let none = LightSampler { cost: f32::INFINITY, kind: Kind::Leaf };
+        let none = Choice { cost: f32::INFINITY, kind: Kind::Leaf };
         let mut choices = vec![[none; WIDTH - 1]; nodes.len()];
         let mut left_shares = vec![0; nodes.len()];
-        // Children lie behind their parents, so this meets them first.
+        // Children follow their parents, so the reverse order visits them first.
         for (at, node) in nodes.iter().enumerate().rev() {
             let area = node.bounds.half_area();
             let mut leaf = none;
@@ -58,39 +63,39 @@ impl<'a> Collapse<'a> {
                 continue;
             }
             let [left, right] = node.children(at);
-            let split = |places: usize| {
-                // Even shares first: they are kept where costs are equal, and keep the tree shallow.
+            let split = |budget: usize| {
+                // The even share comes first, so that it is kept at equal costs. This keeps the tree shallow.
                 [2, 1, 3]
                     .into_iter()
-                    .filter(|&share| share < places)
+                    .filter(|&share| share < budget)
                     .map(|share| {
-                        let cost = cost_below(&choices, left, share) + cost_below(&choices, right, places - share);
-                        LightSampler { cost, kind: Kind::Split(share as u8) }
+                        let cost = cost_below(&choices, left, share) + cost_below(&choices, right, budget - share);
+                        Choice { cost, kind: Kind::Split(share as u8) }
                     })
                     .min_by(|a, b| a.cost.total_cmp(&b.cost))
-                    .expect("two places or more")
+                    .expect("the budget is at least two")
             };
             let wide = split(WIDTH);
             let Kind::Split(share) = wide.kind else { unreachable!("split only splits") };
             left_shares[at] = share;
-            let wide = LightSampler { cost: wide.cost + area, kind: Kind::Wide };
+            let wide = Choice { cost: wide.cost + area, kind: Kind::Wide };
             let mut best = [if node.count <= MAX_LEAF && leaf.cost <= wide.cost { leaf } else { wide }; WIDTH - 1];
-            for places in 2..WIDTH {
-                let fewer = LightSampler { cost: best[places - 2].cost, kind: Kind::Fewer };
-                let split = split(places);
-                best[places - 1] = if split.cost < fewer.cost { split } else { fewer };
+            for budget in 2..WIDTH {
+                let fewer = Choice { cost: best[budget - 2].cost, kind: Kind::Fewer };
+                let split = split(budget);
+                best[budget - 1] = if split.cost < fewer.cost { split } else { fewer };
             }
             choices[at] = best;
         }
         Collapse { nodes, choices, left_shares }
     }
 
-    /// The children of the wide node that stands for the binary node at `at`: one to four.
+    /// The one to four children of the wide node that replaces the binary node with index `at`.
     pub fn children(&self, at: usize) -> Vec<Child> {
         let mut children = Vec::with_capacity(WIDTH);
         let node = &self.nodes[at];
         if node.is_leaf() {
-            // The root of a tree of one triangle is a wide node all the same.
+            // The root is a wide node even if the tree has a single triangle.
             children.push(Child { bounds: node.bounds, at, leaf_count: node.count });
         } else {
             let [left, right] = node.children(at);
@@ -101,21 +106,21 @@ impl<'a> Collapse<'a> {
         children
     }
 
-    fn gather(&self, at: usize, places: usize, children: &mut Vec<Child>) {
+    fn gather(&self, at: usize, budget: usize, children: &mut Vec<Child>) {
         let node = &self.nodes[at];
-        match self.choices[at][places - 1].kind {
+        match self.choices[at][budget - 1].kind {
             Kind::Leaf => children.push(Child { bounds: node.bounds, at, leaf_count: node.count }),
             Kind::Wide => children.push(Child { bounds: node.bounds, at, leaf_count: 0 }),
-            Kind::Fewer => self.gather(at, places - 1, children),
+            Kind::Fewer => self.gather(at, budget - 1, children),
             Kind::Split(share) => {
                 let [left, right] = node.children(at);
                 self.gather(left, share as usize, children);
-                self.gather(right, places - share as usize, children);
+                self.gather(right, budget - share as usize, children);
             }
         }
     }
 }
 
-fn cost_below(choices: &[[LightSampler; WIDTH - 1]], at: usize, places: usize) -> f32 {
-    choices[at][places - 1].cost
+fn cost_below(choices: &[[Choice; WIDTH - 1]], at: usize, budget: usize) -> f32 {
+    choices[at][budget - 1].cost
 }

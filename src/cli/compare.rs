@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use penumbra::report::metrics::Measures;
+use penumbra::internal::report::metrics::Measures;
 use penumbra::{Error, Image, Result};
 
 use super::options::finite;
@@ -17,7 +17,7 @@ pub struct Arguments {
     /// The reference, of the same size
     reference: PathBuf,
 
-    /// Exit with code 5 where relMSE is above X
+    /// Exit with code 5 if relMSE is above X
     #[arg(long, value_name = "X", value_parser = limit)]
     max_relmse: Option<f64>,
 
@@ -57,12 +57,12 @@ pub fn text(measures: &Measures) -> String {
 }
 
 impl Arguments {
-    /// The metrics know images, not files: puts the paths into their errors.
+    /// Puts paths into the errors of the metrics, which know no files.
     fn name_files(&self, error: Error) -> Error {
         match error {
-            Error::Input { file, place, problem } => {
+            Error::Input { file, location, problem } => {
                 let path = if file.as_os_str() == "reference" { &self.reference } else { &self.image };
-                Error::Input { file: path.clone(), place, problem }
+                Error::Input { file: path.clone(), location, problem }
             }
             other => other,
         }

@@ -1,9 +1,9 @@
 //! `penumbra devices`.
 
+use kernel_kit::{DeviceChoice, Gpu};
 use std::fmt::Write;
 
 use penumbra::Result;
-use penumbra::gpu::{DeviceChoice, Gpu};
 
 use super::{Ending, print, print_json};
 
@@ -17,7 +17,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let devices = Gpu::list();
     if devices.is_empty() {
-        // Its error says what to do.
+        // The error of `open` tells how to get a driver.
         Gpu::open(&DeviceChoice::Best)?;
     }
     if arguments.json {

@@ -1,16 +1,16 @@
-//! Ctrl-C and termination: they end the process at once while there is nothing to save, and are a question that the render
-//! loop asks from then on. A second one ends it at once whatever it does. No half-written file is left.
+//! Ctrl-C and SIGTERM. Before there is an image to save they end the process at once; after [`Interrupt::defer`] they set a flag
+//! that the render loop reads. A second signal always ends the process at once. No half-written file is left.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use penumbra::render::film;
+use penumbra::internal::render::film;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::low_level;
 
-/// What signals have come, and what is to become of the next.
+/// The signals received so far.
 pub struct Interrupt(Arc<State>);
 
 #[derive(Default)]
@@ -20,10 +20,10 @@ struct State {
 }
 
 impl Interrupt {
-    /// Listens from now on, in a thread of its own: a signal handler could not tidy up.
+    /// Listens to signals in a thread of its own: a signal handler could not remove temporary files.
     pub fn listen() -> Self {
         let state = Arc::new(State::default());
-        // Where no handler can be set, the signal ends the process as it would have without us.
+        // If no handler can be set, a signal ends the process by its default action.
         if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
             let state = state.clone();
             thread::spawn(move || {
@@ -39,11 +39,12 @@ impl Interrupt {
         Interrupt(state)
     }
 
-    /// From now on there is something to save: the first signal only raises the question.
+    /// From now on there is an image to save: the first signal only sets the flag.
     pub fn defer(&self) {
         self.0.deferred.store(true, Ordering::SeqCst);
     }
 
+    /// A signal has arrived.
     pub fn raised(&self) -> bool {
         self.0.raised.load(Ordering::SeqCst)
     }

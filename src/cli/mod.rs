@@ -1,9 +1,10 @@
 //! The command line: the one place that prints, listens to signals and sets the exit code.
 //!
-//! What was asked for (a plan, devices, measures) goes to stdout; everything said about it to stderr.
+//! Results (a plan, devices, measures) go to stdout; errors, notes and progress to stderr.
 
 mod compare;
 mod devices;
+mod flags;
 mod interrupt;
 mod options;
 mod plan;
@@ -21,6 +22,8 @@ use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
 use penumbra::{Error, Result};
 
+use flags::with_flags;
+
 /// Render glTF scenes with shadow photons, on a Vulkan device
 #[derive(Parser)]
 #[command(name = "penumbra", version, after_help = EXIT_CODES)]
@@ -33,17 +36,17 @@ struct CommandLine {
 enum Command {
     /// Render a scene to images
     Render(Box<render::Arguments>),
-    /// Say what a scene needs, what is left out and why, without rendering it
+    /// Print what a scene needs, what is left out and why, without rendering it
     Plan(plan::Arguments),
     /// List the Vulkan devices
     Devices(devices::Arguments),
-    /// Measure how far an image is from a reference
+    /// Measure the error of an image against a reference
     Compare(compare::Arguments),
-    /// Compare techniques: error against run time, against a reference
+    /// Compare techniques: error over run time, against a reference
     Report(Box<report::Arguments>),
-    /// Render the paper's two scenes by its four techniques, and print its table beside what they took
+    /// Render the two scenes of the paper by its four techniques, and print its table 1 beside the measured one
     Table1(table1::Arguments),
-    /// Push small scenes to extremes, and say where their images are no longer what they should be
+    /// Push small scenes to extremes, and print where their images leave the error bound
     Stress(stress::Arguments),
 }
 
@@ -52,18 +55,18 @@ Exit codes:
   0    done
   1    the render failed
   2    wrong usage
-  3    a file that cannot be read, understood or written
+  3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost
-  5    compare: the difference is above the limit
-  130  stopped with Ctrl-C or SIGTERM, after writing what there was; at once where there was nothing, or by a second signal
-  143  stopped with SIGTERM, likewise at once";
+  5    compare: the error is above the limit
+  130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or by a second signal
+  143  stopped by SIGTERM at once";
 
-/// How a command ended that did not fail.
+/// How a command ended without an error.
 enum Ending {
     Done,
-    /// `compare`: the difference is above the limit.
+    /// `compare`: the error is above the limit.
     AboveLimit,
-    /// Stopped by a signal, after writing what there was.
+    /// Stopped by a signal, with the image so far written.
     Stopped,
 }
 
@@ -94,11 +97,11 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Help and version as clap has them; wrong usage on one line, as every other error.
+/// Prints help and version as clap does, and wrong usage on one line, as every other error.
 fn answer(error: &clap::Error) -> ExitCode {
     let help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
     if help || !error.use_stderr() {
-        // Nobody reads what cannot be written.
+        // Nobody reads output that cannot be written.
         let _ = error.print();
     } else {
         say(format_args!("penumbra: error: {}; try --help", one_line(&error.to_string())));
@@ -106,34 +109,34 @@ fn answer(error: &clap::Error) -> ExitCode {
     ExitCode::from(if error.use_stderr() { 2 } else { 0 })
 }
 
-/// The paragraphs of a message of clap's that say what is wrong, without those on usage and help.
+/// A message of clap's without its paragraphs on usage and help, on one line.
 fn one_line(message: &str) -> String {
     let paragraphs = message.trim_start_matches("error: ").split("\n\n");
-    let telling = paragraphs.take_while(|text| !text.starts_with("Usage:") && !text.starts_with("For more"));
-    let joined = telling.map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
+    let problems = paragraphs.take_while(|text| !text.starts_with("Usage:") && !text.starts_with("For more"));
+    let joined = problems.map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
     joined.collect::<Vec<_>>().join("; ")
 }
 
-/// A line to the user, on stderr.
+/// Writes a line to stderr. As all output, it names flags where the library names settings.
 fn say(line: impl Display) {
-    // Where stderr is closed there is nobody to tell.
-    let _ = writeln!(io::stderr(), "{line}");
+    // Nobody reads a closed stderr.
+    let _ = writeln!(io::stderr(), "{}", with_flags(&line.to_string()));
 }
 
-/// What a program or a user asked for, on stdout. A reader that has seen enough (`| head`) is no error.
+/// Writes the result of a command to stdout. A reader that has seen enough (`| head`) is no error.
 fn print(text: &str) -> Result<()> {
     let mut stdout = io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+    match stdout.write_all(with_flags(text).as_bytes()).and_then(|()| stdout.flush()) {
         Err(problem) if problem.kind() != io::ErrorKind::BrokenPipe => Err(Error::output("stdout", problem)),
         _ => Ok(()),
     }
 }
 
-/// As [`print`], for programs.
+/// Writes a value to stdout as JSON.
 fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print(&(json(value).map_err(|problem| Error::output("stdout", problem))? + "\n"))
 }
 
 fn json(value: &impl serde::Serialize) -> serde_json::Result<String> {
-    serde_json::to_string_pretty(value)
+    serde_json::to_string_pretty(value).map(|text| with_flags(&text).into_owned())
 }

@@ -1,15 +1,15 @@
-//! Options that several commands share. Every default is that of [`Settings`], so no number is written twice.
+//! Options that several commands share. The defaults are those of [`Settings`].
 
+use kernel_kit::{DeviceChoice, Gpu};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use penumbra::gpu::{DeviceChoice, Gpu};
-use penumbra::gpu_scene::camera::CameraUniform;
-use penumbra::report::reference::Reference;
-use penumbra::scene::{ImportOptions, Panorama};
+use penumbra::internal::gpu_scene::camera::CameraUniform;
+use penumbra::internal::report::reference::Reference;
+use penumbra::internal::scene::{ImportOptions, Panorama};
 use penumbra::settings::LightSampling;
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 
@@ -18,7 +18,7 @@ pub struct SceneOptions {
     /// The scene, .gltf or .glb
     pub scene: PathBuf,
 
-    /// Camera, by its name or its index [default: the file's first, or one that frames the scene]
+    /// Camera, by name or index [default: the first of the file, or one that frames the scene]
     #[arg(long, value_name = "NAME|INDEX", help_heading = "Scene")]
     camera: Option<String>,
 
@@ -26,16 +26,16 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop a primitive with NaN or infinite numbers instead of refusing the file; take such texels of a panorama as 0
+    /// Drop primitives with NaN or infinite numbers instead of refusing the file; set such texels of a panorama to 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
-    /// Panorama around the scene, equirectangular .exr or .hdr: linear Rec.709 radiance, its middle seen along +X and what is
-    /// a quarter of its width to the left of that along -Z, as in Blender and the Khronos viewers
+    /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X, the
+    /// column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     environment: Option<PathBuf>,
 
-    /// Turn the panorama about +Y, counter-clockwise seen from above
+    /// Rotation of the panorama about +Y, counter-clockwise seen from above
     #[arg(
         long,
         value_name = "DEGREES",
@@ -94,7 +94,7 @@ impl SceneOptions {
 
 #[derive(Args)]
 pub struct DeviceOptions {
-    /// Device: best, software, an index or a part of a name of `penumbra devices`
+    /// Device: best, software, or the index or a part of the name that `penumbra devices` prints
     #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
     device: DeviceChoice,
 }
@@ -102,7 +102,7 @@ pub struct DeviceOptions {
 impl DeviceOptions {
     /// As [`Gpu::open`].
     pub fn open(&self) -> Result<Gpu> {
-        Gpu::open(&self.device)
+        Ok(Gpu::open(&self.device)?)
     }
 }
 
@@ -117,7 +117,7 @@ pub struct RenderOptions {
     #[arg(
         long,
         value_name = "SAMPLES",
-        help = format!("Samples a pixel [default: {}]", Settings::default().spp)
+        help = format!("Samples per pixel [default: {}]", Settings::default().image.spp)
     )]
     pub spp: Option<u32>,
 
@@ -142,13 +142,11 @@ impl RenderOptions {
         Ok(settings)
     }
 
-    fn complete(&self, settings: Settings) -> Settings {
-        Settings {
-            technique: self.technique,
-            spp: self.spp.unwrap_or(settings.spp),
-            aovs: self.aov.clone().unwrap_or_default().0,
-            ..settings
-        }
+    fn complete(&self, mut settings: Settings) -> Settings {
+        settings.technique = self.technique;
+        settings.image.spp = self.spp.unwrap_or(settings.image.spp);
+        settings.image.aovs = self.aov.clone().unwrap_or_default().0;
+        settings
     }
 
     /// As [`Settings::is_unbiased`].
@@ -156,12 +154,12 @@ impl RenderOptions {
         self.complete(self.settings.settings_of_aspect(1.0)).is_unbiased()
     }
 
-    /// Channels beside the picture are asked for.
+    /// The user wants channels beside the picture.
     pub fn has_aovs(&self) -> bool {
         self.aov.is_some()
     }
 
-    /// These are.
+    /// The user wants this group of channels.
     pub fn has_aov(&self, aov: Aov) -> bool {
         self.aov.as_ref().is_some_and(|list| list.0.contains(&aov))
     }
@@ -178,110 +176,33 @@ pub struct SettingsOptions {
     #[arg(
         long,
         value_name = "PIXELS",
-        help = format!("Height in pixels [default: {}, or the width over the aspect ratio]", Settings::default().height)
+        help = format!("Height in pixels [default: {}, or the width over the aspect ratio]", Settings::default().image.height)
     )]
     height: Option<u32>,
 
-    /// Seed of all random choices: the same seed on the same device gives the same bits
-    #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
+    /// Seed of all random numbers: the same seed on the same device gives the same bits
+    #[arg(long, value_name = "N", default_value_t = Settings::default().image.seed)]
     seed: u32,
-
-    /// Most bounces of indirect light; 0 for direct light alone
-    #[arg(long, value_name = "N", default_value_t = Settings::default().max_bounces)]
-    max_bounces: u32,
-
-    /// Rays from all lights together whose photons carry flux: the global map
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = Settings::default().flux_photons,
-        help_heading = "Indirect light"
-    )]
-    flux_photons: u32,
-
-    /// Radius of an irradiance record over the distance of its surroundings: smaller is more accurate, and slower
-    #[arg(long, value_name = "A", default_value_t = Settings::default().accuracy, help_heading = "Indirect light")]
-    accuracy: f32,
-
-    /// Rays of the final gather at each irradiance record
-    #[arg(long, value_name = "N", default_value_t = Settings::default().gather_rays, help_heading = "Indirect light")]
-    gather_rays: u32,
-
-    /// Gather along one ray from every point, instead of interpolating between irradiance records
-    #[arg(long, help_heading = "Indirect light")]
-    no_cache: bool,
 
     /// Factor on the power of every light
     #[arg(long, value_name = "X", default_value_t = Settings::default().light_scale)]
     light_scale: f32,
 
-    /// Visibility photons emitted from each light
-    #[arg(long, value_name = "N", default_value_t = Settings::default().photons, help_heading = "Visibility map")]
-    photons: u32,
+    #[command(flatten)]
+    indirect: IndirectOptions,
 
-    /// Photons that classify a point (k of the paper)
-    #[arg(long, value_name = "K", default_value_t = Settings::default().nearest, help_heading = "Visibility map")]
-    nearest: u32,
+    #[command(flatten)]
+    visibility_map: VisibilityMapOptions,
 
-    /// Shadow photons that are kept of one ray
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = Settings::default().shadow_photons_per_ray,
-        help_heading = "Visibility map"
-    )]
-    shadow_photons_per_ray: u32,
+    #[command(flatten)]
+    light_sampling: LightSamplingOptions,
 
-    /// Light points, and so shadow rays, of a boundary point
-    #[arg(
-        long,
-        value_name = "N",
-        default_value_t = Settings::default().shadow_samples,
-        help_heading = "Visibility map"
-    )]
-    shadow_samples: u32,
-
-    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, else 0]
-    #[arg(long, value_name = "PIXELS", help_heading = "Visibility map")]
-    dilate: Option<u32>,
-
-    /// Lights that a point asks, and by what they are chosen [default: zones of many lights where there are photons, else all;
-    /// power of paths]
-    #[arg(long, value_name = "CHOICE", value_parser = light_samplings(), help_heading = "Many lights")]
-    light_sampling: Option<LightSampling>,
-
-    /// Lights that a point asks where they are chosen
-    #[arg(long, value_name = "N", default_value_t = Settings::default().sampled_lights, help_heading = "Many lights")]
-    sampled_lights: u32,
-
-    /// Probability of a shadow ray where the photons decide: keeps the image unbiased; 0 is the paper, and biased
-    #[arg(long, value_name = "P", default_value_t = Settings::default().audit, help_heading = "Visibility map")]
-    audit: f32,
-
-    /// Count photons without regard to their normals, as the paper does
-    #[arg(long, help_heading = "Visibility map")]
-    paper_counting: bool,
-
-    /// Cells along the longest side of the scene: visibility-cells, voxel-tags
-    #[arg(long, value_name = "N", default_value_t = Settings::default().cells, help_heading = "Earlier methods")]
-    cells: u32,
-
-    /// Rays from each cell to each light: visibility-cells, voxel-tags
-    #[arg(long, value_name = "N", default_value_t = Settings::default().cell_rays, help_heading = "Earlier methods")]
-    cell_rays: u32,
-
-    /// Share of a point's light below which the lights that are left are guessed: ward-adaptive; 0 tests all
-    #[arg(
-        long,
-        value_name = "X",
-        default_value_t = Settings::default().shadow_tolerance,
-        help_heading = "Earlier methods"
-    )]
-    shadow_tolerance: f32,
+    #[command(flatten)]
+    earlier: EarlierOptions,
 }
 
 impl SettingsOptions {
-    /// Says what is out of range before a file is opened.
+    /// Checks the settings before a file is opened.
     ///
     /// # Errors
     /// As [`Settings::check`].
@@ -300,80 +221,177 @@ impl SettingsOptions {
     }
 
     fn settings_of_aspect(&self, aspect: f32) -> Settings {
-        let defaults = Settings::default();
+        let mut settings = Settings::default();
         let side = |length: f64| (length.round() as u32).max(1);
         let aspect = f64::from(aspect);
         let (width, height) = match (self.width, self.height) {
             (Some(width), Some(height)) => (width, height),
             (Some(width), None) => (width, side(f64::from(width) / aspect)),
             (None, height) => {
-                let height = height.unwrap_or(defaults.height);
+                let height = height.unwrap_or(settings.image.height);
                 (side(f64::from(height) * aspect), height)
             }
         };
-        Settings {
-            width,
-            height,
-            seed: self.seed,
-            photons: self.photons,
-            nearest: self.nearest,
-            shadow_photons_per_ray: self.shadow_photons_per_ray,
-            shadow_samples: self.shadow_samples,
-            dilate: self.dilate,
-            light_sampling: self.light_sampling,
-            sampled_lights: self.sampled_lights,
-            audit: self.audit,
-            paper_counting: self.paper_counting,
-            cells: self.cells,
-            cell_rays: self.cell_rays,
-            shadow_tolerance: self.shadow_tolerance,
-            max_bounces: self.max_bounces,
-            flux_photons: self.flux_photons,
-            cache: !self.no_cache,
-            accuracy: self.accuracy,
-            gather_rays: self.gather_rays,
-            light_scale: self.light_scale,
-            ..defaults
-        }
+        (settings.image.width, settings.image.height) = (width, height);
+        settings.image.seed = self.seed;
+        settings.light_scale = self.light_scale;
+        self.indirect.apply(&mut settings);
+        self.visibility_map.apply(&mut settings);
+        self.light_sampling.apply(&mut settings);
+        self.earlier.apply(&mut settings);
+        settings
+    }
+}
+
+/// Options of [`IndirectSettings`](penumbra::settings::IndirectSettings).
+#[derive(Args)]
+#[command(next_help_heading = "Indirect light")]
+struct IndirectOptions {
+    /// Maximum number of bounces of indirect light; 0 for direct light alone
+    #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
+    max_bounces: u32,
+
+    /// Photons emitted for the global map, from all lights together
+    #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.photons)]
+    flux_photons: u32,
+
+    /// Radius of an irradiance record over the distance of the surfaces around it: smaller is more accurate, and slower
+    #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
+    accuracy: f32,
+
+    /// Gather rays per irradiance record
+    #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.irradiance_cache.gather_rays)]
+    gather_rays: u32,
+
+    /// Trace one gather ray from every point instead of interpolating between irradiance records
+    #[arg(long)]
+    no_cache: bool,
+}
+
+impl IndirectOptions {
+    fn apply(&self, settings: &mut Settings) {
+        let indirect = &mut settings.indirect;
+        indirect.max_bounces = self.max_bounces;
+        indirect.photons = self.flux_photons;
+        indirect.irradiance_cache.enabled = !self.no_cache;
+        indirect.irradiance_cache.accuracy = self.accuracy;
+        indirect.irradiance_cache.gather_rays = self.gather_rays;
+    }
+}
+
+/// Options of [`VisibilityMapSettings`](penumbra::settings::VisibilityMapSettings) and of shadow rays.
+#[derive(Args)]
+#[command(next_help_heading = "Visibility map")]
+struct VisibilityMapOptions {
+    /// Visibility photons emitted from each light
+    #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.photons_per_light)]
+    photons: u32,
+
+    /// Nearest photons that classify a point (k of the paper)
+    #[arg(long, value_name = "K", default_value_t = Settings::default().visibility_map.nearest)]
+    nearest: u32,
+
+    /// Maximum number of shadow photons stored along one photon ray
+    #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.shadow_photons_per_ray)]
+    shadow_photons_per_ray: u32,
+
+    /// Light points sampled at a boundary point, each with a shadow ray
+    #[arg(long, value_name = "N", default_value_t = Settings::default().shadow_rays.samples)]
+    shadow_samples: u32,
+
+    /// Pixels by which boundaries are widened, 0 or 1 [default: 1 for lights with wide penumbrae, else 0]
+    #[arg(long, value_name = "PIXELS")]
+    dilate: Option<u32>,
+
+    /// Probability that a lit or shadowed point traces a shadow ray all the same, which keeps the image unbiased; 0 is the
+    /// paper's method, which is biased
+    #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
+    audit: f32,
+
+    /// Count photons whatever their normals, as the paper does
+    #[arg(long)]
+    paper_counting: bool,
+}
+
+impl VisibilityMapOptions {
+    fn apply(&self, settings: &mut Settings) {
+        let map = &mut settings.visibility_map;
+        map.photons_per_light = self.photons;
+        map.nearest = self.nearest;
+        map.shadow_photons_per_ray = self.shadow_photons_per_ray;
+        map.dilate = self.dilate;
+        map.audit = self.audit;
+        map.paper_counting = self.paper_counting;
+        settings.shadow_rays.samples = self.shadow_samples;
+    }
+}
+
+/// Options of [`LightSamplingSettings`](penumbra::settings::LightSamplingSettings).
+#[derive(Args)]
+#[command(next_help_heading = "Many lights")]
+struct LightSamplingOptions {
+    /// How lights are sampled at a point [default: zones for shadow-photons in scenes of many lights, power for path, else all]
+    #[arg(long, value_name = "STRATEGY", value_parser = light_samplings())]
+    light_sampling: Option<LightSampling>,
+
+    /// Lights sampled at a point, unless all are used
+    #[arg(long, value_name = "N", default_value_t = Settings::default().light_sampling.sampled_lights)]
+    sampled_lights: u32,
+}
+
+impl LightSamplingOptions {
+    fn apply(&self, settings: &mut Settings) {
+        settings.light_sampling.strategy = self.light_sampling;
+        settings.light_sampling.sampled_lights = self.sampled_lights;
+    }
+}
+
+/// Options of the methods before the paper's.
+#[derive(Args)]
+#[command(next_help_heading = "Earlier methods")]
+struct EarlierOptions {
+    /// Cells along the longest side of the scene, for visibility-cells and voxel-tags
+    #[arg(long, value_name = "N", default_value_t = Settings::default().cells.resolution)]
+    cells: u32,
+
+    /// Rays from each cell to each light, for visibility-cells and voxel-tags
+    #[arg(long, value_name = "N", default_value_t = Settings::default().cells.rays_per_light)]
+    cell_rays: u32,
+
+    /// Share of a point's light below which the remaining lights are estimated without shadow rays, for ward-adaptive; 0 tests
+    /// all lights
+    #[arg(long, value_name = "X", default_value_t = Settings::default().ward.tolerance)]
+    shadow_tolerance: f32,
+}
+
+impl EarlierOptions {
+    fn apply(&self, settings: &mut Settings) {
+        settings.cells.resolution = self.cells;
+        settings.cells.rays_per_light = self.cell_rays;
+        settings.ward.tolerance = self.shadow_tolerance;
     }
 }
 
 /// One of the techniques, by name.
 pub fn techniques() -> impl TypedValueParser<Value = Technique> {
-    let values = Technique::ALL.map(|technique| {
-        PossibleValue::new(technique.name()).help(match technique {
-            Technique::Path => "path tracing with next-event estimation: the reference",
-            Technique::TwoPass => "the two-pass method with all shadow rays",
-            Technique::ShadowPhotons => "shadow rays only where the photons do not decide",
-            Technique::VisibilityEstimate => "no shadow rays: the photons' own visibility, equation 1 of the paper",
-            Technique::WardAdaptive => "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
-            Technique::VisibilityCells => {
-                "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)"
-            }
-            Technique::VoxelTags => {
-                "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)"
-            }
-            Technique::PhotonMap => "the photon map shown directly, by density estimation",
-            Technique::NegativePhotons => "everything taken as lit, shadow photons take their energy away",
-        })
-    });
+    let values = Technique::all().map(|technique| PossibleValue::new(technique.name()).help(technique.help()));
     PossibleValuesParser::new(values).try_map(|name| name.parse())
 }
 
-/// One of the choices of lights, by name.
+/// One of the strategies of light sampling, by name.
 fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
-    let values = LightSampling::ALL.map(|choice| {
-        PossibleValue::new(choice.name()).help(match choice {
+    let values = LightSampling::ALL.map(|strategy| {
+        PossibleValue::new(strategy.name()).help(match strategy {
             LightSampling::All => "all lights",
-            LightSampling::Uniform => "a few, each as likely as the other",
-            LightSampling::Power => "a few, half by power and half alike",
-            LightSampling::Zones => "a few of those that reach the zone, as photons tell",
+            LightSampling::Uniform => "a few lights, with equal probability",
+            LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
+            LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())
 }
 
-/// Groups of channels, as a list with commas.
+/// A list of groups of channels, with commas.
 #[derive(Clone, Default)]
 struct AovList(Vec<Aov>);
 
@@ -409,10 +427,10 @@ pub fn positive(text: &str) -> std::result::Result<f64, String> {
     finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "it must be a finite number, more than 0".into())
 }
 
-/// The image to compare with, which must be of the settings' size.
+/// The reference image, which must have the size of the settings.
 pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let reference = Reference::read(path)?;
-    let (Image { width, height, .. }, own) = (&reference.image, [settings.width, settings.height]);
+    let (Image { width, height, .. }, own) = (&reference.image, [settings.image.width, settings.image.height]);
     if [*width, *height] != own {
         let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
         return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));

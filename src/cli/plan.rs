@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use penumbra::specialisation::{Item, Specialisation};
+use penumbra::internal::specialisation::{Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
@@ -18,12 +18,12 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Print JSON: kept and left_out, each with name, reason and cost
+    /// Print JSON: the lists kept and left_out of items with name, reason and cost
     #[arg(long, help_heading = "Output")]
     json: bool,
 }
 
-/// What is printed; `docs/statistics.md` describes the JSON form.
+/// The output; `docs/statistics.md` describes the JSON form.
 #[derive(Serialize)]
 struct Plan {
     scene: Counts,
@@ -73,21 +73,24 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 impl Plan {
     fn text(&self) -> String {
         let Counts { triangles, vertices, materials, images, lights, cameras } = self.scene;
-        let Settings { width, height, technique, .. } = self.settings;
+        let Settings { technique, ref image, .. } = self.settings;
         let mut text = format!(
-            "{width} x {height} pixels, technique {technique}\n\
+            "{} x {} pixels, technique {technique}\n\
              triangles {triangles}, vertices {vertices}, materials {materials}, images {images}, lights {lights}, \
-             cameras {cameras}\n"
+             cameras {cameras}\n",
+            image.width, image.height
         );
         for note in &self.notes {
             let _ = writeln!(text, "note: {note}");
         }
         let items = || self.kept.iter().chain(&self.left_out);
-        let name_width = items().map(|item| item.name.len()).max().unwrap_or(0);
+        let name_width = items().map(|item| item.name().len()).max().unwrap_or(0);
         let reason_width = items().map(|item| item.reason.chars().count()).max().unwrap_or(0);
         for (title, items) in [("kept", &self.kept), ("left out", &self.left_out)] {
             let _ = writeln!(text, "\n{title}");
-            for Item { name, reason, cost } in items {
+            for item in items {
+                let Item { reason, cost, .. } = item;
+                let name = item.name();
                 let _ = writeln!(text, "  {name:name_width$}  {reason:reason_width$}  {cost}");
             }
         }

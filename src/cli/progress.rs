@@ -1,4 +1,4 @@
-//! How far a render is: a bar on a terminal, a line now and then elsewhere.
+//! The progress of a render: a bar on a terminal, otherwise a line now and then.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
@@ -8,20 +8,20 @@ use penumbra::Progress;
 
 use super::say;
 
-/// What a render is heading for.
+/// When a render ends.
 pub struct Goal {
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub spp: u32,
-    /// When its time is spent.
+    /// End of its time.
     pub deadline: Option<Instant>,
 }
 
 impl Goal {
-    /// Time left, were it to go on as since `started`.
+    /// Time left at the speed since `started`.
     fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Duration {
         let so_far = (now - started).as_secs_f64();
         let samples_left = f64::from(self.spp.saturating_sub(samples)) / f64::from(samples.max(1));
-        // The most that a Duration of some use holds: a century.
+        // A century: longer times would overflow a Duration.
         let by_samples = Duration::from_secs_f64((so_far * samples_left).min(3.2e9));
         self.deadline.map_or(by_samples, |deadline| by_samples.min(deadline.saturating_duration_since(now)))
     }
@@ -32,7 +32,7 @@ pub struct Display {
     target: Target,
     goal: Goal,
     started: Instant,
-    /// When the last batch was done, and rays until then.
+    /// End of the last batch, and the number of rays until then.
     last: (Instant, u64),
 }
 
@@ -43,7 +43,7 @@ enum Target {
     Nothing,
 }
 
-/// Steps of the bar: finer than a terminal is wide.
+/// Steps of the bar: more than a terminal has columns.
 const STEPS: u64 = 1000;
 
 impl Display {
@@ -63,7 +63,7 @@ impl Display {
         Display { target, goal, started, last: (started, 0) }
     }
 
-    /// Shows what there is after a batch.
+    /// Shows the progress after a batch.
     pub fn update(&mut self, progress: &Progress) {
         let now = Instant::now();
         let left = self.goal.time_left(progress.samples, self.started, now);
@@ -101,12 +101,12 @@ impl Drop for Display {
     }
 }
 
-/// Millions a second.
+/// Millions per second.
 pub fn mega(count: u64, seconds: f64) -> f64 {
     if seconds > 0.0 { count as f64 / seconds / 1e6 } else { 0.0 }
 }
 
-/// A time as people read it.
+/// A duration for users.
 fn seconds(time: Duration) -> String {
     match time.as_secs() {
         0..60 => format!("{:.1} s", time.as_secs_f64()),

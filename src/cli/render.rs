@@ -1,18 +1,18 @@
 //! `penumbra render`.
 
+use kernel_kit::Gpu;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
-use penumbra::gpu::Gpu;
-use penumbra::render::Checkpoint;
-use penumbra::render::film::{self, View};
-use penumbra::render::recovery::{self, Failure, Salvage};
-use penumbra::report::estimate;
-use penumbra::report::metrics::Measures;
-use penumbra::report::reference::Reference;
+use penumbra::internal::render::Checkpoint;
+use penumbra::internal::render::film::{self, View};
+use penumbra::internal::render::recovery::{self, Failure, Salvage};
+use penumbra::internal::report::estimate;
+use penumbra::internal::report::metrics::Measures;
+use penumbra::internal::report::reference::Reference;
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::interrupt::Interrupt;
@@ -26,11 +26,11 @@ pub struct Arguments {
     #[command(flatten)]
     scene: SceneOptions,
 
-    /// Image to write: .exr (scene-linear, all channels) or .png (tone-mapped); may be given several times
+    /// Output image: .exr (scene-linear, all channels) or .png (tone-mapped); may be given several times
     #[arg(short, long, value_name = "FILE", required = true, help_heading = "Output")]
     output: Vec<PathBuf>,
 
-    /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear)
+    /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear values)
     #[arg(long, value_name = "VIEW", default_value_t = View::default(), help_heading = "Output")]
     view: View,
 
@@ -42,31 +42,32 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     stats: Option<PathBuf>,
 
-    /// Image to compare with: prints what `penumbra compare` prints
+    /// Reference image: the error is printed as by `penumbra compare`
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     reference: Option<PathBuf>,
 
-    /// Write what --resume needs, every minute and at the end
+    /// Write a checkpoint for --resume, every minute and at the end
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     checkpoint: Option<PathBuf>,
 
-    /// Go on where the render stood that wrote --checkpoint, bit for bit as if it had not stopped
+    /// Continue the render that wrote the --checkpoint file; the image has the same bits as without the interruption
     #[arg(long, requires = "checkpoint", help_heading = "Output")]
     resume: bool,
 
-    /// Print errors only
+    /// Print only errors
     #[arg(long, help_heading = "Output")]
     quiet: bool,
 
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Take samples until the run has lasted so long; --spp is then only a limit, and has no default
+    /// Render for so long; --spp is then only an upper limit, without a default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Take samples until relMSE is estimated to be T or less, by variance and audits (what all samples share of the photons
-    /// of indirect light, it does not know); --spp is as for --time
+    /// Render until the estimated relMSE is T or less. The estimate comes from the variance of the samples and from audits; it
+    /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an upper
+    /// limit, without a default
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     noise: Option<f64>,
 
@@ -78,11 +79,11 @@ fn budget(text: &str) -> std::result::Result<Duration, String> {
     Duration::try_from_secs_f64(positive(text)?).map_err(|problem| problem.to_string())
 }
 
-/// A checkpoint is written this often: so much is lost at most.
+/// Time between checkpoints: the maximum that a crash can lose.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 
-/// The variance of fewer samples says little where light is rare.
-const LEAST_SAMPLES: u32 = 8;
+/// Minimum number of samples for an estimate of the error: the variance of fewer says little where light is rare.
+const MIN_SAMPLES: u32 = 8;
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
@@ -92,8 +93,17 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
-    let mut session =
-        Session { arguments, interrupt, started, import, start, spp: settings.spp, said: false, notes, stopped: false };
+    let mut session = Session {
+        arguments,
+        interrupt,
+        started,
+        import,
+        start,
+        spp: settings.image.spp,
+        announced: false,
+        notes,
+        stopped: false,
+    };
     let open = || arguments.device.open();
     let rendered = recovery::render(
         gpu,
@@ -105,11 +115,11 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let image = match rendered {
         Ok(image) => image,
         Err(Failure { error, salvage }) => {
-            // What went wrong with files was after the image, or is told before there is one.
+            // A fault of a file occurs before the first sample or after the image was written.
             if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
                 session.stopped = true;
                 let Salvage { image, statistics, checkpoint } = *salvage;
-                // The error that ended the render is the one to report.
+                // The error to report is the one that ended the render.
                 let _ = session.finish(image, statistics, Some(&checkpoint));
             }
             return Err(error);
@@ -121,7 +131,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     Ok(if session.stopped { Ending::Stopped } else { Ending::Done })
 }
 
-/// A render from its first sample to its files, whatever becomes of the devices that it runs on.
+/// A render from its first sample to its files, on one device or, after a loss, on several.
 struct Session<'a> {
     arguments: &'a Arguments,
     interrupt: Interrupt,
@@ -130,35 +140,36 @@ struct Session<'a> {
     import: f64,
     start: f64,
     spp: u32,
-    /// The user knows that it renders.
-    said: bool,
+    /// The user has been told that the render has begun.
+    announced: bool,
     notes: Notes,
-    /// By a signal, or a fault.
+    /// The render was stopped by a signal or a fault.
     stopped: bool,
 }
 
 impl Session<'_> {
-    /// Takes samples until there are enough, and writes what there is.
+    /// Renders until there are enough samples or a signal stops it, and writes the files.
     fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
         let arguments = self.arguments;
         self.notes.say(renderer.notes());
         // Before this there is nothing to save.
         self.interrupt.defer();
         let deadline = arguments.time.map(|time| self.started + time);
-        if !arguments.quiet && !self.said {
-            let Settings { width, height, technique, .. } = renderer.settings();
-            say(format_args!("rendering {width} x {height} pixels, {technique}, on {}", renderer.gpu().info.name));
-            self.said = true;
+        if !arguments.quiet && !self.announced {
+            let Settings { technique, image, .. } = renderer.settings();
+            let device = &renderer.gpu().info.name;
+            say(format_args!("rendering {} x {} pixels, {technique}, on {device}", image.width, image.height));
+            self.announced = true;
         }
         let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
         let mut batch = Instant::now();
         let mut written = Instant::now();
-        let mut noise = Noise { limit: arguments.noise, due: LEAST_SAMPLES, estimate: None };
+        let mut noise = Noise { limit: arguments.noise, due: MIN_SAMPLES, estimate: None };
         while renderer.samples() < self.spp {
             display.update(&renderer.render_batch()?);
             let took = batch.elapsed();
             batch = Instant::now();
-            // Another batch, were it to take as long, would end too late.
+            // Another batch of the same length would end too late.
             let late = deadline.is_some_and(|deadline| batch + took > deadline);
             if self.interrupt.raised() || late || noise.is_reached(renderer)? {
                 break;
@@ -177,14 +188,17 @@ impl Session<'_> {
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
         let (image, statistics) = (renderer.image()?, renderer.statistics()?);
         if let Some(estimate) = noise.estimate.filter(|_| !arguments.quiet) {
-            let rest =
-                if statistics.indirect.photons > 0 { " but for what all samples share of the photons" } else { "" };
+            let rest = if statistics.indirect.photons > 0 {
+                ", without the error of the photon map of indirect light"
+            } else {
+                ""
+            };
             say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
         }
         self.finish(image, statistics, checkpoint.as_ref())
     }
 
-    /// Says what was rendered and writes every file that was asked for, also after one that fails.
+    /// Prints a summary and writes all files; a file that fails does not stop the others.
     fn finish(&mut self, image: Image, mut statistics: Statistics, checkpoint: Option<&Checkpoint>) -> Result<Image> {
         let arguments = self.arguments;
         let image = arguments.finished(image);
@@ -206,7 +220,7 @@ impl Session<'_> {
     }
 }
 
-/// Writes a file. A folder that was there at the start and is gone is made anew.
+/// Writes a file. If its folder has been removed since the start, it is created again.
 fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
     write().or_else(|problem| match path.parent() {
         Some(folder) if !folder.exists() && fs::create_dir_all(folder).is_ok() => write(),
@@ -214,7 +228,7 @@ fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
     })
 }
 
-/// What a render starts from, and the seconds that it took.
+/// The inputs of a render, and the seconds that it took to load them.
 struct Opened {
     scene: Scene,
     camera: Camera,
@@ -226,7 +240,7 @@ struct Opened {
 }
 
 impl Arguments {
-    /// Everything that can be known to be wrong before the scene is read.
+    /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
         let is_exr = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
@@ -238,25 +252,23 @@ impl Arguments {
         }
         if self.noise.is_some() && !self.settings.is_unbiased() {
             let problem =
-                "--noise needs a technique without bias, and audits where photons decide: nothing else tells the error";
+                "--noise needs an unbiased technique, and audits where photons classify points, to estimate the error";
             return Err(Error::Usage(problem.into()));
         }
         self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
-        // None of them may take the place of another, or of the scene.
+        // No file may overwrite another, or the scene.
         let mut named = BTreeSet::new();
         for path in [&self.scene.scene].into_iter().chain(&self.output).chain(&self.stats).chain(&self.checkpoint) {
             let whole = fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.clone());
             if !named.insert(whole) {
                 let file = path.display();
-                return Err(Error::Usage(format!(
-                    "{file} is named twice: each file that is written needs its own name"
-                )));
+                return Err(Error::Usage(format!("{file} is named twice: each output file needs its own name")));
             }
         }
         Ok(())
     }
 
-    /// Imports the scene while the device opens. A bad file is the error to report, whatever the device says.
+    /// Imports the scene while the device opens. The error of a bad file comes before that of the device.
     fn load_and_open(&self) -> Result<Opened> {
         let timed = |start: Instant| start.elapsed().as_secs_f64();
         thread::scope(|scope| {
@@ -269,10 +281,10 @@ impl Arguments {
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
-                settings.spp = Settings::UNLIMITED_SPP;
+                settings.image.spp = Settings::UNLIMITED_SPP;
             }
             if self.adds_variance() {
-                settings.aovs.push(Aov::Variance);
+                settings.image.aovs.push(Aov::Variance);
             }
             let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
@@ -280,12 +292,12 @@ impl Arguments {
         })
     }
 
-    /// `--noise` asks for the variance, and the user does not.
+    /// `--noise` needs the variance, and the user has not requested it.
     fn adds_variance(&self) -> bool {
         self.noise.is_some() && !self.settings.has_aov(Aov::Variance)
     }
 
-    /// The image without what only the estimate of its error needed.
+    /// The image without the channels that only the estimate of its error needed.
     fn finished(&self, mut image: Image) -> Image {
         if self.adds_variance() {
             image.channels.retain(|channel| !channel.name.starts_with("variance."));
@@ -293,8 +305,8 @@ impl Arguments {
         image
     }
 
-    /// Writes every output, also after one that fails. Where one fails the image is kept in the folder for temporary files, as
-    /// a render is not lost because one disk is full.
+    /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full disk does not
+    /// lose the render.
     fn write(&self, image: &Image) -> Result<()> {
         let mut result = Ok(());
         for path in &self.output {
@@ -324,10 +336,11 @@ impl Arguments {
     }
 }
 
-/// One line on what was rendered.
+/// A summary of the render in one line.
 fn summary(statistics: &Statistics, stopped: bool) -> String {
     let Statistics { samples, settings, rays, points, time, .. } = statistics;
-    let samples = if stopped { format!("stopped after {samples} of {}", settings.spp) } else { samples.to_string() };
+    let samples =
+        if stopped { format!("stopped after {samples} of {}", settings.image.spp) } else { samples.to_string() };
     format!(
         "{samples} spp in {:.2} s, {:.1} Mrays/s, {:.1} % boundary points",
         time.render,
@@ -336,10 +349,10 @@ fn summary(statistics: &Statistics, stopped: bool) -> String {
     )
 }
 
-/// What `--noise` watches.
+/// The stop condition of `--noise`.
 struct Noise {
     limit: Option<f64>,
-    /// The samples at which to look next: a look costs the time of reading the film.
+    /// Number of samples at which the error is estimated next: an estimate costs the time of reading the film.
     due: u32,
     estimate: Option<f64>,
 }
@@ -355,7 +368,7 @@ impl Noise {
     }
 }
 
-/// Notes, each said once.
+/// Notes, each printed once.
 struct Notes {
     quiet: bool,
     said: Vec<String>,

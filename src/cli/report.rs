@@ -1,22 +1,23 @@
 //! `penumbra report`.
 
+use kernel_kit::Gpu;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use penumbra::gpu::Gpu;
-use penumbra::render::film;
-use penumbra::render::recovery;
-use penumbra::report::classes::{Classes, Truth};
-use penumbra::report::document::{LEAST_REPEATS, Overhead, Report, TechniqueReport};
-use penumbra::report::page::page;
-use penumbra::report::plot;
-use penumbra::report::reference::{Goal, Making, Reference, cache_folder};
-use penumbra::report::run::{Run, Subject, warm_up};
-use penumbra::report::sweep::{self, Sweep};
+use penumbra::internal::render::film;
+use penumbra::internal::render::recovery;
+use penumbra::internal::report::classes::{Classes, Truth};
+use penumbra::internal::report::document::{MIN_REPEATS, Overhead, Report, TechniqueReport};
+use penumbra::internal::report::page::page;
+use penumbra::internal::report::plot;
+use penumbra::internal::report::reference::{Goal, Reference, ReferenceProgress, cache_folder};
+use penumbra::internal::report::run::{Run, Subject, warm_up};
+use penumbra::internal::report::sweep::{self, Sweep};
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
+use super::flags::with_flags;
 use super::interrupt::Interrupt;
 use super::options::{DeviceOptions, SceneOptions, SettingsOptions, positive, read_reference, techniques};
 use super::{Ending, json, say};
@@ -27,44 +28,46 @@ pub struct Arguments {
     #[command(flatten)]
     scene: SceneOptions,
 
-    /// Folder to write to: report.html, report.json, report.csv, the plots as .svg, and reference.exr
+    /// Folder for report.html, report.json, report.csv, the plots as .svg, and reference.exr
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     output: PathBuf,
 
-    /// Print errors only
+    /// Print only errors
     #[arg(long, help_heading = "Output")]
     quiet: bool,
 
-    /// Techniques to compare, with commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Technique::ALL, value_parser = techniques(), help_heading = "Report")]
+    /// Techniques to compare, separated by commas
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Technique::all(), value_parser = techniques(), help_heading = "Report")]
     techniques: Vec<Technique>,
 
-    /// Seconds after which images are compared, with commas; set-up counts, opening the device and the file does not
+    /// Seconds of run time at which images are compared, separated by commas; set-up counts, opening the device and reading the
+    /// file do not
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [0.5, 1.0, 2.0, 5.0, 10.0, 30.0], value_parser = positive, help_heading = "Report")]
     budgets: Vec<f64>,
 
-    /// Runs of each technique, with seeds from --seed on: at least 3, as intervals come from their differences. All runs of all
-    /// techniques last as long as the longest budget [default: 5, or as few as 3 where the report would take more than 3 minutes]
+    /// Runs of each technique, with consecutive seeds from --seed on: at least 3, as confidence intervals come from their
+    /// differences. Each run lasts as long as the longest budget [default: 5, or as few as 3 where the report would take more
+    /// than 3 minutes]
     #[arg(long, value_name = "N", help_heading = "Report")]
     repeats: Option<usize>,
 
-    /// Setting of the visibility map to sweep, photons or nearest, like photons=1e3..1e6; may be given several times
+    /// Range of a setting to sweep, photons or nearest, such as photons=1e3..1e6; may be given several times
     #[arg(long, value_name = "RANGE", help_heading = "Report")]
     sweep: Vec<sweep::Range>,
 
-    /// Image to compare with, with its variance in .exr if it has that (--aov variance) [default: made by path tracing]
+    /// Reference image; an .exr may hold its own variance (--aov variance) [default: made by path tracing]
     #[arg(long, value_name = "FILE", help_heading = "Reference")]
     reference: Option<PathBuf>,
 
-    /// Standard error of the reference that is made, over its mean radiance
+    /// Standard error at which the path-traced reference is good enough, over its mean radiance
     #[arg(long, value_name = "X", default_value_t = 0.01, value_parser = positive, help_heading = "Reference")]
     reference_error: f64,
 
-    /// Seconds that it may take in all, after which it is used as it is, with the error that it has by then
+    /// Maximum time for the path-traced reference in seconds; it is then used with the error that it has
     #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = positive, help_heading = "Reference")]
     reference_time: f64,
 
-    /// Folder where references are kept, and taken up again after an interruption [default: the user's cache folder]
+    /// Folder that keeps references, also unfinished ones [default: the user's cache folder]
     #[arg(long, value_name = "DIR", help_heading = "Reference")]
     cache: Option<PathBuf>,
 
@@ -75,13 +78,14 @@ pub struct Arguments {
     device: DeviceOptions,
 }
 
-/// Runs of each technique where nothing else is said and time allows: Student's factor on intervals falls by little from here on.
+/// Default number of runs of each technique, where time allows: Student's factor on intervals falls by little from here on.
 const REPEATS: usize = 5;
 
-/// Seconds that a report is to take where the number of runs is not given, and the share of them that is left for what comes beside the
-/// runs: first runs, classes, measures.
+/// Seconds that a report takes at most by default.
 const LENGTH: f64 = 180.0;
-const BESIDE: f64 = 0.1;
+
+/// Share of [`LENGTH`] left for the first runs, classes and measures.
+const SHARE_BESIDE_RUNS: f64 = 0.1;
 
 const FILES: [&str; 7] =
     ["report.json", "report.csv", "report.html", "error.svg", "rays.svg", "passes.svg", "reference.exr"];
@@ -101,91 +105,27 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
     interrupt.defer();
     let stop = || interrupt.raised();
-    let tell = |line: String| arguments.tell(line);
-    let (techniques, budgets) = (arguments.techniques(), arguments.budgets());
-    let longest = budgets.last().copied().unwrap_or(0.0);
-    let repeats = arguments.repeats(longest);
-    let count = techniques.len() * repeats;
-    tell(format!(
-        "{count} runs of {longest} s: {}, and before that the reference where there is none, and a first run of each technique",
-        duration(count as f64 * longest)
-    ));
-    if arguments.repeats.is_none() && repeats < REPEATS {
-        tell(format!(
-            "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: --repeats {REPEATS} takes {}",
-            duration((techniques.len() * REPEATS) as f64 * longest)
-        ));
-    }
-    let goal = Goal { standard_error: arguments.reference_error, seconds: arguments.reference_time };
-    let reference = match given {
-        Some(reference) => Some(reference),
-        None => bench.on(|subject| {
-            Reference::make(subject, &folder, goal, &stop, &mut |making| {
-                let Making { samples, standard_error } = making;
-                tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
-            })
-        })?,
-    };
-    let Some(reference) = reference else {
-        tell(format!("stopped; the reference so far is in {}", folder.display()));
+    let schedule = Schedule::new(arguments);
+    schedule.announce(arguments);
+    let Some(reference) = bench.reference(given, &folder, &stop)? else {
+        arguments.tell(format!("stopped; the reference so far is in {}", folder.display()));
         return Ok(Ending::Stopped);
     };
-    if reference.is_short() {
-        tell(format!(
-            "note: the reference has a standard error of {:.1} % after {}, not the {:.1} % asked for, and no error below that can be \
-             told: --reference-time gives it longer",
-            100.0 * reference.standard_error().unwrap_or(0.0),
-            duration(goal.seconds),
-            100.0 * goal.standard_error
-        ));
-    }
-    let nothing = || {
-        tell("stopped; nothing is written".to_owned());
-        Ok(Ending::Stopped)
-    };
-    let asks = !arguments.sweep.is_empty() || techniques.iter().any(|technique| technique.classifies());
-    let truth = if asks { bench.on(|subject| Truth::make(subject, &folder))? } else { None };
-    if truth.is_none() && !arguments.sweep.is_empty() {
-        return Err(Error::Usage("--sweep: there are too many lights and pixels to tell true visibility".into()));
-    }
-    let mut warm_ups = Vec::new();
-    for &technique in &techniques {
-        if stop() {
-            return nothing();
-        }
-        let seconds = bench.on(|subject| warm_up(subject, technique, longest))?;
-        tell(format!("{technique}: ready after {seconds:.2} s"));
-        warm_ups.push((technique, seconds));
-    }
+    let truth = bench.truth(&schedule, &folder)?;
+    let Some(warm_ups) = bench.warm_ups(&schedule, &stop)? else { return Ok(arguments.nothing()) };
 
     let started = Instant::now();
-    let mut classes = Vec::new();
-    if let Some(truth) = &truth {
-        for technique in techniques.iter().filter(|technique| technique.classifies()) {
-            classes.extend(bench.on(|subject| Classes::new(subject, *technique, truth))?);
-        }
+    let classes = bench.classes(&schedule, truth.as_ref())?;
+    let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, &schedule, &stop);
+    if whole < MIN_REPEATS {
+        return end.map(|_| arguments.nothing());
     }
-    let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, repeats, &techniques, &budgets, &stop);
-    if whole < LEAST_REPEATS {
-        return end.and_then(|_| nothing());
+    if whole < schedule.repeats {
+        arguments.tell(format!("the report is of {whole} of {} runs", schedule.repeats));
     }
-    if whole < repeats {
-        tell(format!("the report is of {whole} of {repeats} runs"));
-    }
-    let counted = started.elapsed();
-    let mut sweeps = Vec::new();
-    if let Some(truth) = &truth {
-        for range in &arguments.sweep {
-            if !matches!(end, Ok(Ending::Done)) {
-                break;
-            }
-            match bench.on(|subject| Sweep::new(subject, range, &reference, truth, &stop)) {
-                Ok(Some(sweep)) => sweeps.push(sweep),
-                Ok(None) => end = Ok(Ending::Stopped),
-                Err(error) => end = Err(error),
-            }
-        }
-    }
+    let measured = started.elapsed();
+    let sweeps = bench.sweeps(&reference, truth.as_ref(), &stop, &mut end);
+
     let resumed = Instant::now();
     let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
     let mut report = Report::new(&name, &bench.gpu.info, &reference, &runs, classes)?;
@@ -195,27 +135,55 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         time.warm_up = own.map_or(0.0, |(_, seconds)| *seconds);
     }
     let timed: f64 = runs.iter().map(|run| run.spent).sum();
-    report.overhead = Overhead::new(timed, (counted + resumed.elapsed()).as_secs_f64());
-
-    // It was there at the start.
-    fs::create_dir_all(&arguments.output).map_err(|problem| Error::output(&arguments.output, problem))?;
-    let [document, csv, html, error, rays, passes, image] = FILES.map(|name| arguments.output.join(name));
-    let text = json(&report).map_err(|problem| Error::output(&document, problem))?;
-    write(&document, &(text + "\n"))?;
-    write(&csv, &report.csv())?;
-    write(&html, &page(&report, &reference, &runs)?)?;
-    write(&error, &plot::error_over_time(&report)?)?;
-    write(&rays, &plot::error_over_rays(&report)?)?;
-    write(&passes, &plot::time_by_pass(&report)?)?;
-    for sweep in &report.sweeps {
-        write(&arguments.output.join(format!("sweep-{}.svg", sweep.setting.name())), &plot::sweep(sweep)?)?;
-    }
-    reference.image.write_exr(&image)?;
-    tell(format!("{}\nwrote {}", report.advice, html.display()));
+    report.overhead = Overhead::new(timed, (measured + resumed.elapsed()).as_secs_f64());
+    arguments.write(&report, &reference, &runs)?;
     end
 }
 
-/// The folder of the report. One that was made for it goes again where no report comes into it.
+/// The runs that are to be made.
+struct Schedule {
+    /// In the order of [`Technique::all()`], each once.
+    techniques: Vec<Technique>,
+    /// In ascending order, each once.
+    budgets: Vec<f64>,
+    /// Seconds of a run: the longest budget.
+    longest: f64,
+    /// Runs of each technique.
+    repeats: usize,
+}
+
+impl Schedule {
+    fn new(arguments: &Arguments) -> Self {
+        let wanted = |technique: &Technique| arguments.techniques.contains(technique);
+        let techniques: Vec<Technique> = Technique::all().filter(wanted).collect();
+        let mut budgets = arguments.budgets.clone();
+        budgets.sort_by(f64::total_cmp);
+        budgets.dedup();
+        let longest = budgets.last().copied().unwrap_or(0.0);
+        let affordable = ((1.0 - SHARE_BESIDE_RUNS) * LENGTH / (techniques.len() as f64 * longest)) as usize;
+        let repeats = arguments.repeats.unwrap_or(affordable.clamp(MIN_REPEATS, REPEATS));
+        Schedule { techniques, budgets, longest, repeats }
+    }
+
+    fn announce(&self, arguments: &Arguments) {
+        let Schedule { longest, repeats, .. } = *self;
+        let length = |repeats| duration((self.techniques.len() * repeats) as f64 * longest);
+        arguments.tell(format!(
+            "{} runs of {longest} s: {}, and before that the reference where there is none, and a first run of each technique",
+            self.techniques.len() * repeats,
+            length(repeats)
+        ));
+        if arguments.repeats.is_none() && repeats < REPEATS {
+            arguments.tell(format!(
+                "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: --repeats {REPEATS} \
+                 takes {}",
+                length(REPEATS)
+            ));
+        }
+    }
+}
+
+/// The folder of the report. If it was made for the report and stays empty, it is removed.
 struct Folder<'a> {
     path: &'a Path,
     made: bool,
@@ -224,13 +192,13 @@ struct Folder<'a> {
 impl Drop for Folder<'_> {
     fn drop(&mut self) {
         if self.made {
-            // Refused where there is something in it.
+            // Fails if there is something in it.
             let _ = fs::remove_dir(self.path);
         }
     }
 }
 
-/// What is measured, on the device that was opened or one like it that took its place.
+/// What is measured, and the device: the one opened at the start, or one of the same name in its place.
 struct Bench<'a> {
     arguments: &'a Arguments,
     scene: &'a Scene,
@@ -244,7 +212,7 @@ impl Bench<'_> {
         Subject { gpu: &self.gpu, scene: self.scene, camera: self.camera, settings: self.settings }
     }
 
-    /// Has `work` done, anew where the device is lost.
+    /// Does `work`, again from its start on another device where one is lost.
     fn on<T>(&mut self, mut work: impl FnMut(&Subject<'_>) -> Result<T>) -> Result<T> {
         let Bench { arguments, scene, camera, settings, gpu } = self;
         let lost = gpu.info.clone();
@@ -254,36 +222,122 @@ impl Bench<'_> {
                 return Err(Error::NoDevice(format!("times on {} are not comparable", gpu.info.name)));
             }
             arguments
-                .tell(format!("note: the device was lost; what was under way begins anew on another {}", lost.name));
+                .tell(format!("note: the device was lost; the current step starts again on another {}", lost.name));
             Ok(gpu)
         };
         recovery::anew(gpu, open, |gpu| work(&Subject { gpu, scene, camera, settings }))
     }
+
+    /// The reference: `given`, or one made by path tracing and kept in `folder`. `None` after a signal.
+    fn reference(
+        &mut self,
+        given: Option<Reference>,
+        folder: &Path,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Reference>> {
+        let arguments = self.arguments;
+        let goal = Goal { standard_error: arguments.reference_error, seconds: arguments.reference_time };
+        let show = |making: ReferenceProgress| {
+            let ReferenceProgress { samples, standard_error } = making;
+            arguments.tell(format!("reference: {samples} spp, standard error {:.2} %", 100.0 * standard_error));
+        };
+        let reference = match given {
+            Some(reference) => Some(reference),
+            None => self.on(|subject| Reference::make(subject, folder, goal, &stop, &mut { show }))?,
+        };
+        if let Some(reference) = reference.as_ref().filter(|reference| reference.is_short()) {
+            arguments.tell(format!(
+                "note: the reference has a standard error of {:.1} % after {}, above the goal of {:.1} %, and smaller errors \
+                 cannot be measured against it: --reference-time gives it more time",
+                100.0 * reference.standard_error().unwrap_or(0.0),
+                duration(goal.seconds),
+                100.0 * goal.standard_error
+            ));
+        }
+        Ok(reference)
+    }
+
+    /// True visibility, where sweeps or techniques that classify points are compared with it.
+    fn truth(&mut self, schedule: &Schedule, folder: &Path) -> Result<Option<Truth>> {
+        let sweeps = !self.arguments.sweep.is_empty();
+        if !sweeps && !schedule.techniques.iter().any(|technique| technique.classifies()) {
+            return Ok(None);
+        }
+        let truth = self.on(|subject| Truth::make(subject, folder))?;
+        if truth.is_none() && sweeps {
+            return Err(Error::Usage(
+                "--sweep: there are too many lights and pixels to compute true visibility".into(),
+            ));
+        }
+        Ok(truth)
+    }
+
+    /// The first run of each technique, which compiles its kernels: seconds until it was ready. `None` after a signal.
+    fn warm_ups(&mut self, schedule: &Schedule, stop: &dyn Fn() -> bool) -> Result<Option<Vec<(Technique, f64)>>> {
+        let mut warm_ups = Vec::new();
+        for &technique in &schedule.techniques {
+            if stop() {
+                return Ok(None);
+            }
+            let seconds = self.on(|subject| warm_up(subject, technique, schedule.longest))?;
+            self.arguments.tell(format!("{technique}: ready after {seconds:.2} s"));
+            warm_ups.push((technique, seconds));
+        }
+        Ok(Some(warm_ups))
+    }
+
+    /// The classes of each technique that classifies points, against `truth`.
+    fn classes(&mut self, schedule: &Schedule, truth: Option<&Truth>) -> Result<Vec<Classes>> {
+        let mut classes = Vec::new();
+        if let Some(truth) = truth {
+            for technique in schedule.techniques.iter().filter(|technique| technique.classifies()) {
+                classes.extend(self.on(|subject| Classes::new(subject, *technique, truth))?);
+            }
+        }
+        Ok(classes)
+    }
+
+    /// The sweeps until one is stopped or fails, which sets `end`.
+    fn sweeps(
+        &mut self,
+        reference: &Reference,
+        truth: Option<&Truth>,
+        stop: &dyn Fn() -> bool,
+        end: &mut Result<Ending>,
+    ) -> Vec<Sweep> {
+        let mut sweeps = Vec::new();
+        let Some(truth) = truth else { return sweeps };
+        for range in &self.arguments.sweep {
+            if !matches!(end, Ok(Ending::Done)) {
+                break;
+            }
+            match self.on(|subject| Sweep::new(subject, range, reference, truth, &stop)) {
+                Ok(Some(sweep)) => sweeps.push(sweep),
+                Ok(None) => *end = Ok(Ending::Stopped),
+                Err(error) => *end = Err(error),
+            }
+        }
+        sweeps
+    }
 }
 
-/// The runs of whole rounds of all techniques.
+/// The runs of all complete rounds.
 struct Rounds {
     runs: Vec<Run>,
-    /// How many rounds are whole.
+    /// Number of complete rounds.
     whole: usize,
-    /// Whether they are all; else what ended them.
+    /// [`Ending::Done`] after all rounds; else what ended them.
     end: Result<Ending>,
 }
 
 impl Rounds {
-    fn take(
-        bench: &mut Bench<'_>,
-        repeats: usize,
-        techniques: &[Technique],
-        budgets: &[f64],
-        stop: &dyn Fn() -> bool,
-    ) -> Rounds {
+    fn take(bench: &mut Bench<'_>, schedule: &Schedule, stop: &dyn Fn() -> bool) -> Rounds {
         let mut rounds = Rounds { runs: Vec::new(), whole: 0, end: Ok(Ending::Done) };
-        let mut techniques = techniques.to_vec();
-        while rounds.whole < repeats {
-            match Rounds::round(bench, [rounds.whole, repeats], &techniques, budgets, stop) {
+        let mut techniques = schedule.techniques.clone();
+        while rounds.whole < schedule.repeats {
+            match Rounds::round(bench, schedule, rounds.whole, &techniques, stop) {
                 Ok(Some(runs)) => {
-                    // No further run could help who has no image in one: none is shown that not all runs have.
+                    // A technique without an image in one run is not shown: further runs cannot help it.
                     techniques.retain(|technique| {
                         let own = |run: &&Run| run.settings.technique == *technique;
                         runs.iter().find(own).is_some_and(|run| !run.snapshots.is_empty())
@@ -298,16 +352,17 @@ impl Rounds {
         rounds
     }
 
-    /// A run of each, in turn, so that a machine that grows slow is slow for all techniques.
+    /// One run of each technique, so that a machine that slows down is slow for all of them.
     fn round(
         bench: &mut Bench<'_>,
-        [index, repeats]: [usize; 2],
+        schedule: &Schedule,
+        index: usize,
         techniques: &[Technique],
-        budgets: &[f64],
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<Run>>> {
         let Bench { arguments, settings, .. } = *bench;
-        let seed = settings.seed.wrapping_add(index as u32);
+        let Schedule { budgets, repeats, .. } = schedule;
+        let seed = settings.image.seed.wrapping_add(index as u32);
         let mut runs = Vec::new();
         for &technique in techniques {
             let Some(run) = bench.on(|subject| Run::new(subject, technique, seed, budgets, stop))? else {
@@ -323,7 +378,7 @@ impl Rounds {
     }
 }
 
-/// Seconds in words.
+/// A duration for users.
 fn duration(seconds: f64) -> String {
     let whole = seconds.round() as u64;
     match (whole / 3600, whole / 60 % 60, whole % 60) {
@@ -334,20 +389,20 @@ fn duration(seconds: f64) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
-    film::write_atomically(path, |file| Ok(file.write_all(text.as_bytes())?))
+    film::write_atomically(path, |file| Ok(file.write_all(with_flags(text).as_bytes())?))
 }
 
 impl Arguments {
-    /// Everything that can be known to be wrong before the scene is read.
+    /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
-        if let Some(repeats) = self.repeats.filter(|repeats| *repeats < LEAST_REPEATS) {
-            return Err(Error::Usage(format!("--repeats is {repeats}; it must be {LEAST_REPEATS} or more")));
+        if let Some(repeats) = self.repeats.filter(|repeats| *repeats < MIN_REPEATS) {
+            return Err(Error::Usage(format!("--repeats is {repeats}; it must be {MIN_REPEATS} or more")));
         }
         Ok(())
     }
 
-    /// The folder, in which a report can be written.
+    /// The folder of the report, in which all files can be written.
     fn folder(&self) -> Result<Folder<'_>> {
         let folder = Folder { path: &self.output, made: !self.output.exists() };
         fs::create_dir_all(folder.path).map_err(|problem| Error::output(folder.path, problem))?;
@@ -355,11 +410,30 @@ impl Arguments {
         Ok(folder)
     }
 
-    /// Runs of each technique: as many as are asked for, or as there is time for.
-    fn repeats(&self, longest: f64) -> usize {
-        let round = self.techniques().len() as f64 * longest;
-        let whole = ((1.0 - BESIDE) * LENGTH / round) as usize;
-        self.repeats.unwrap_or(whole.clamp(LEAST_REPEATS, REPEATS))
+    /// Writes all files of the report.
+    fn write(&self, report: &Report, reference: &Reference, runs: &[Run]) -> Result<()> {
+        // It may have been removed since the start.
+        fs::create_dir_all(&self.output).map_err(|problem| Error::output(&self.output, problem))?;
+        let [document, csv, html, error, rays, passes, image] = FILES.map(|name| self.output.join(name));
+        let text = json(report).map_err(|problem| Error::output(&document, problem))?;
+        write(&document, &(text + "\n"))?;
+        write(&csv, &report.csv())?;
+        write(&html, &page(report, reference, runs)?)?;
+        write(&error, &plot::error_over_time(report)?)?;
+        write(&rays, &plot::error_over_rays(report)?)?;
+        write(&passes, &plot::time_by_pass(report)?)?;
+        for sweep in &report.sweeps {
+            write(&self.output.join(format!("sweep-{}.svg", sweep.setting.name())), &plot::sweep(sweep)?)?;
+        }
+        reference.image.write_exr(&image)?;
+        self.tell(format!("{}\nwrote {}", report.advice, html.display()));
+        Ok(())
+    }
+
+    /// Stopped before there was anything to report.
+    fn nothing(&self) -> Ending {
+        self.tell("stopped; nothing is written".to_owned());
+        Ending::Stopped
     }
 
     fn tell(&self, line: String) {
@@ -370,19 +444,9 @@ impl Arguments {
 
     fn cache(&self) -> Result<PathBuf> {
         let own = || dirs::cache_dir().map(|folder| folder.join("penumbra"));
-        self.cache.clone().or_else(own).ok_or_else(|| Error::Usage("no cache folder is known: give --cache".into()))
-    }
-
-    /// In the order of [`Technique::ALL`], each once.
-    fn techniques(&self) -> Vec<Technique> {
-        Technique::ALL.into_iter().filter(|technique| self.techniques.contains(technique)).collect()
-    }
-
-    /// In order, each once.
-    fn budgets(&self) -> Vec<f64> {
-        let mut budgets = self.budgets.clone();
-        budgets.sort_by(f64::total_cmp);
-        budgets.dedup();
-        budgets
+        self.cache
+            .clone()
+            .or_else(own)
+            .ok_or_else(|| Error::Usage("the user has no cache folder: --cache names one".into()))
     }
 }

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use penumbra::Result;
-use penumbra::render::film;
-use penumbra::report::plot;
-use penumbra::stress::{FAMILIES, Family, Reading, breakdown};
+use penumbra::internal::render::film;
+use penumbra::internal::report::plot;
+use penumbra::internal::stress::{FAMILIES, Family, Reading, breakdown};
 
 use super::options::DeviceOptions;
 use super::{Ending, print, say};
@@ -18,7 +18,7 @@ pub struct Arguments {
     #[arg(value_name = "FAMILY", value_parser = families())]
     families: Vec<&'static Family>,
 
-    /// Write a chart of each family to this folder, as SVG
+    /// Folder for a chart of each family, as .svg
     #[arg(short, long, value_name = "DIR", help_heading = "Output")]
     output: Option<PathBuf>,
 

@@ -1,11 +1,11 @@
 //! `penumbra table1`.
 
+use kernel_kit::{DeviceChoice, Gpu};
 use std::io::Write;
 use std::path::PathBuf;
 
-use penumbra::gpu::{DeviceChoice, Gpu};
-use penumbra::render::film;
-use penumbra::report::table1::{Comparison, Options, SCENES, TECHNIQUES, notes, page};
+use penumbra::internal::render::film;
+use penumbra::internal::report::table1::{Comparison, Options, SCENES, TECHNIQUES, notes, page};
 use penumbra::{Result, Technique};
 
 use super::progress::{Display, Goal};
@@ -14,27 +14,27 @@ use super::{Ending, print, say};
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
 pub struct Arguments {
-    /// Write a page with the images side by side, which needs no other file
+    /// Write a self-contained HTML page with the images side by side
     #[arg(long, value_name = "FILE", help_heading = "Output")]
     html: Option<PathBuf>,
 
-    /// Print the table and errors only
+    /// Print only the table and errors
     #[arg(long, help_heading = "Output")]
     quiet: bool,
 
-    /// Width and height in pixels [default: about the paper's]
+    /// Width and height in pixels [default: about those of the paper]
     #[arg(long, value_name = "PIXELS", help_heading = "Image")]
     width: Option<u32>,
 
-    /// Samples a pixel, of every technique [default: about the paper's]
+    /// Samples per pixel of every technique [default: about those of the paper]
     #[arg(long, value_name = "SAMPLES", help_heading = "Image")]
     spp: Option<u32>,
 
-    /// Count photons without regard to their normals, as the paper does
+    /// Count photons whatever their normals, as the paper does
     #[arg(long, help_heading = "Visibility map")]
     paper_counting: bool,
 
-    /// Device: best, software, an index or a part of a name of `penumbra devices`
+    /// Device: best, software, or the index or a part of the name that `penumbra devices` prints
     #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
     device: DeviceChoice,
 }
@@ -42,7 +42,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let Arguments { width, spp, paper_counting, .. } = *arguments;
     let options = Options { width, spp, paper_counting };
-    SCENES[0].settings(Technique::Path, &options).check()?;
+    SCENES[0].settings(Technique::PATH, &options).check()?;
     arguments.html.iter().try_for_each(film::check_target)?;
     let gpu = Gpu::open(&arguments.device)?;
     let mut comparisons = Vec::new();
@@ -50,12 +50,12 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         let render = |technique| {
             let settings = scene.settings(technique, &options);
             if !arguments.quiet {
-                say(format_args!("{}: {technique}, {} spp, on {}", scene.title, settings.spp, gpu.info.name));
+                say(format_args!("{}: {technique}, {} spp, on {}", scene.title, settings.image.spp, gpu.info.name));
             }
             let mut display = None;
             scene.render(&gpu, &settings, |progress| {
-                // Not before: its clock would count the time that compiling takes.
-                let goal = Goal { spp: settings.spp, deadline: None };
+                // Created by the first batch, so that its clock does not count compile time.
+                let goal = Goal { spp: settings.image.spp, deadline: None };
                 display.get_or_insert_with(|| Display::new(goal, arguments.quiet)).update(progress);
             })
         };

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::scene::{Camera, Projection};
 
-crate::shared_struct! {
+kernel_kit::shared_struct! {
     /// A camera: pixel (x, y) of a film of unit square looks from `position` (moved by `right` and `up` where
     /// orthographic) along `-backward` plus (2 x - 1) `right` plus (1 - 2 y) `up`.
     pub struct CameraUniform {

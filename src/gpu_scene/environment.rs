@@ -1,36 +1,34 @@
 //! The environment as `shaders/lib/environment.wgsl` reads it: a table by which directions are chosen, and the texels.
 //!
 //! Radiance is interpolated between the middles of four texels: over a *patch*. The sampling table is made of the same
-//! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches more than of texels, as
-//! the first and the last are half as high, from the pole to the middle of the texels there.
+//! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches
+//! more than of texels, as the first and the last are half as high, from the pole to the middle of the texels there.
 
+use kernel_kit::{Gpu, Table, TableFormat};
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::gpu::buffer::TableFormat;
-use crate::gpu::{Gpu, Table};
+use crate::kernels::scene_texels::ENVIRONMENT_HEADER;
 use crate::scene::Panorama;
 
-/// Most cells along the width and, but for one, along the height: a table of 2 MiB, and twenty steps to search it.
-const MOST_CELLS: [u32; 2] = [1024, 512];
+/// Maximum number of cells along the width and, but for one, along the height: a table of 2 MiB, and twenty steps to
+/// search it.
+const MAX_CELLS: [u32; 2] = [1024, 512];
 
-/// Most texels on the device: half a GiB, a panorama of 8192 x 4096.
-const MOST_TEXELS: u64 = 1 << 25;
+/// Maximum number of texels on the device: half a GiB, a panorama of 8192 x 4096.
+const MAX_TEXELS: u64 = 1 << 25;
 
-/// Least probability of what has any within its row, and of a row: 16 steps of the cumulative probabilities, which are f32, so
-/// that their rounding leaves nothing out.
-const LEAST_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
-
-/// Records before those of the rows of cells.
-pub(crate) const HEADER: u32 = 2;
+/// Minimum probability of what has any within its row, and of a row: 16 steps of the cumulative probabilities, which
+/// are f32, so that their rounding leaves nothing out.
+const MIN_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
 
 /// The panorama on the device.
 pub struct GpuEnvironment {
     /// Header, rows of cells, cells, texels.
-    pub(super) records: Table,
+    pub(super) table: Table,
     /// Radiance, mean of the three channels, times solid angle.
     pub(super) irradiance: f64,
     /// Bytes of the table.
@@ -46,20 +44,20 @@ impl GpuEnvironment {
     /// As [`Gpu::table`].
     pub fn new(gpu: &Gpu, panorama: &Panorama, turn: f32, strength: f32) -> Result<GpuEnvironment> {
         // What the sampling table may take beside the texels.
-        let others = u64::from(HEADER + (MOST_CELLS[0] / 4 + 1) * (MOST_CELLS[1] + 2));
-        let fitting = fitting(panorama, MOST_TEXELS.min(gpu.max_table_records().saturating_sub(others)).max(1));
-        let Records { records, irradiance } = Records::new(&fitting, turn, strength);
+        let others = u64::from(ENVIRONMENT_HEADER + (MAX_CELLS[0] / 4 + 1) * (MAX_CELLS[1] + 2));
+        let fitting = fitting(panorama, MAX_TEXELS.min(gpu.max_table_records().saturating_sub(others)).max(1));
+        let EnvironmentTexels { texels, irradiance } = EnvironmentTexels::new(&fitting, turn, strength);
         let reduced = matches!(fitting, Cow::Owned(_)).then_some([fitting.width, fitting.height]);
-        let bytes = size_of_val(records.as_slice()) as u64;
-        let records = gpu.table("penumbra/scene/environment_records", &records, TableFormat::Float)?;
-        Ok(GpuEnvironment { records, irradiance: irradiance * f64::from(strength), bytes, reduced })
+        let bytes = size_of_val(texels.as_slice()) as u64;
+        let table = gpu.table("penumbra/scene/environment_texels", &texels, TableFormat::Float)?;
+        Ok(GpuEnvironment { table, irradiance: irradiance * f64::from(strength), bytes, reduced })
     }
 }
 
 /// The panorama, or one of at most so many texels that has the same means over solid angle.
-fn fitting(panorama: &Panorama, most: u64) -> Cow<'_, Panorama> {
+fn fitting(panorama: &Panorama, max_texels: u64) -> Cow<'_, Panorama> {
     let [width, height] = [panorama.width, panorama.height].map(f64::from);
-    let scale = (most as f64 / (width * height)).sqrt();
+    let scale = (max_texels as f64 / (width * height)).sqrt();
     if scale >= 1.0 {
         return Cow::Borrowed(panorama);
     }
@@ -91,16 +89,16 @@ fn covered(i: usize, count: u32, size: u32) -> impl Iterator<Item = (usize, [f64
     texels.map(move |k| (k, [low.max(k as f64), high.min(k as f64 + 1.0)])).filter(|(_, [a, b])| b > a)
 }
 
-struct Records {
-    records: Vec<[f32; 4]>,
+struct EnvironmentTexels {
+    texels: Vec<[f32; 4]>,
     irradiance: f64,
 }
 
-impl Records {
-    fn new(panorama: &Panorama, turn: f32, strength: f32) -> Records {
+impl EnvironmentTexels {
+    fn new(panorama: &Panorama, turn: f32, strength: f32) -> EnvironmentTexels {
         let Panorama { width, height, texels } = panorama;
         // Cells are squares of whole patches; the last of a row or column may be cut off.
-        let step = width.div_ceil(MOST_CELLS[0]).max(height.div_ceil(MOST_CELLS[1]));
+        let step = width.div_ceil(MAX_CELLS[0]).max(height.div_ceil(MAX_CELLS[1]));
         let [columns, rows] = [width.div_ceil(step), (height + 1).div_ceil(step)];
         let brightness = |x: u32, y: u32| {
             let texel = texels[y as usize * *width as usize + (x % width) as usize];
@@ -124,7 +122,7 @@ impl Records {
         let weights: Vec<Vec<f64>> = (0..rows).into_par_iter().map(weigh).collect();
         let row_weights: Vec<f64> = weights.iter().map(|row| row.iter().sum()).collect();
 
-        let mut records =
+        let mut table =
             vec![[*width as f32, *height as f32, step as f32, turn], [columns as f32, rows as f32, strength, 0.0]];
         for (row, cumulative) in (0..rows).zip(cumulative(&row_weights)) {
             let ends = [angle(row * step), angle(((row + 1) * step).min(height + 1))];
@@ -137,21 +135,21 @@ impl Records {
             // One over the solid angle of one column of patches; its sign says from which pole heights are.
             let density = f64::from(*width) / (TAU * (last - first).abs());
             let density = if above { density } else { -density };
-            records.push([cumulative, first as f32, (last - first) as f32, density as f32]);
+            table.push([cumulative, first as f32, (last - first) as f32, density as f32]);
         }
         let cells: Vec<f32> = weights.iter().flat_map(|row| cumulative(row)).collect();
-        records.extend(cells.chunks(4).map(|four| std::array::from_fn(|i| four.get(i).copied().unwrap_or(1.0))));
-        records.extend(texels.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]));
-        Records { records, irradiance: row_weights.iter().sum() }
+        table.extend(cells.chunks(4).map(|four| std::array::from_fn(|i| four.get(i).copied().unwrap_or(1.0))));
+        table.extend(texels.iter().map(|[r, g, b]| [*r, *g, *b, 0.0]));
+        EnvironmentTexels { texels: table, irradiance: row_weights.iter().sum() }
     }
 }
 
 /// Cumulative probabilities by weight, the last being 1; all alike where nothing weighs anything.
 fn cumulative(weights: &[f64]) -> Vec<f32> {
-    let least = weights.iter().sum::<f64>() * LEAST_PROBABILITY;
+    let min = weights.iter().sum::<f64>() * MIN_PROBABILITY;
     let raised = |weight: &f64| match *weight {
-        _ if least <= 0.0 => 1.0,
-        weight if weight > 0.0 => weight.max(least),
+        _ if min <= 0.0 => 1.0,
+        weight if weight > 0.0 => weight.max(min),
         _ => 0.0,
     };
     let sums = || {

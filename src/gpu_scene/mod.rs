@@ -1,26 +1,28 @@
 //! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
 
-pub mod aim;
+mod bounds;
 pub mod camera;
 pub mod environment;
 pub mod lights;
+pub mod receivers;
 pub mod sheen;
 pub mod sobol;
 pub mod surfaces;
 pub mod textures;
 
-pub use aim::Receivers;
 pub use camera::CameraUniform;
 pub use lights::GpuLights;
+pub use receivers::ReceiverBounds;
 pub use surfaces::GpuSurfaces;
 pub use textures::GpuTextures;
 
 use crate::Result;
 use crate::bvh::Bvh;
-use crate::gpu::buffer::TableFormat;
-use crate::gpu::{Binding, Bindings, Buffer, Features, Gpu, Table};
+use crate::kernels::scene_texels::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
 
 /// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
 pub struct GpuScene {
@@ -33,16 +35,13 @@ pub struct GpuScene {
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
-    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was none.
+    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was
+    /// none.
     pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
     pub bytes: u64,
 }
-
-/// Bits of a triangle's word in the BVH.
-pub(crate) const TRIANGLE_ALPHA: u32 = 1;
-pub(crate) const TRIANGLE_DOUBLE_SIDED: u32 = 2;
 
 impl GpuScene {
     /// Uploads a scene whose triangles are in the order of `bvh`.
@@ -57,20 +56,21 @@ impl GpuScene {
         size: [u32; 2],
         features: &Features,
     ) -> Result<GpuScene> {
-        for (slot, triangle) in scene.triangles.iter().enumerate() {
+        for (index, triangle) in scene.triangles.iter().enumerate() {
             let material = &scene.materials[triangle.material as usize];
             let alpha = if material.alpha == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
             let sides = if material.double_sided { TRIANGLE_DOUBLE_SIDED } else { 0 };
-            bvh.set_triangle_word(slot as u32, alpha | sides);
+            bvh.set_triangle_word(index as u32, alpha | sides);
         }
-        let (textures, slots) = GpuTextures::new(gpu, scene)?;
-        let surfaces = GpuSurfaces::new(gpu, scene, &slots, features)?;
+        let (textures, material_textures) = GpuTextures::new(gpu, scene)?;
+        let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
-        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.records(double_sided(o))).collect();
-        let records =
+        let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
+        let texels =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to another.
-        let receivers = if features.has("visibility_estimate") { None } else { Receivers::of(scene) };
+        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to
+        // another.
+        let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
         Ok(GpuScene {
@@ -78,11 +78,11 @@ impl GpuScene {
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
-            sheen_albedos: features.has("sheen").then(|| sheen::upload(gpu)).transpose()?,
-            bytes: records as u64 * 16 + textures.bytes + panorama,
+            sheen_albedos: features.has(Feature::Sheen).then(|| sheen::upload(gpu)).transpose()?,
+            bytes: texels as u64 * 16 + textures.bytes + panorama,
             surfaces,
             textures,
-            procedurals: gpu.table("penumbra/scene/procedural_records", &procedurals, TableFormat::Float)?,
+            procedurals: gpu.table("penumbra/scene/procedural_texels", &procedurals, TableFormat::Float)?,
             procedural_count: scene.procedurals.len(),
             procedural_misses: gpu.buffer::<u32>("penumbra/scene/procedural_misses", 2)?,
         })
@@ -101,12 +101,12 @@ impl Bindings for GpuScene {
         Some(match name {
             "bvh_nodes" => (&self.nodes).into(),
             "bvh_triangles" => (&self.triangles).into(),
-            "surface_records" => (&self.surfaces.surfaces).into(),
-            "material_records" => (&self.surfaces.materials).into(),
-            "texture_slots" => (&self.textures.slots).into(),
+            "surface_texels" => (&self.surfaces.surfaces).into(),
+            "material_texels" => (&self.surfaces.materials).into(),
+            "texture_infos" => (&self.textures.infos).into(),
             "colour_texels" => (&self.textures.colour).into(),
             "data_texels" => (&self.textures.data).into(),
-            "procedural_records" => (&self.procedurals).into(),
+            "procedural_texels" => (&self.procedurals).into(),
             "procedural_misses" => (&self.procedural_misses).into(),
             "camera" => (&self.camera).into(),
             "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),

@@ -1,7 +1,7 @@
 //! Direction numbers of the Sobol sequence.
 
 use crate::Result;
-use crate::gpu::{Buffer, Gpu};
+use kernel_kit::{Buffer, Gpu};
 
 /// Primitive polynomials of dimensions 2 to 4 and their first direction numbers: degree, inner coefficients as bits,
 /// odd numbers m (Joe and Kuo 2008, new-joe-kuo-6).
@@ -34,5 +34,5 @@ pub fn directions() -> [[u32; 4]; 32] {
 /// # Errors
 /// As [`Gpu::upload`].
 pub fn upload(gpu: &Gpu) -> Result<Buffer> {
-    gpu.upload("penumbra/scene/sobol_directions", &directions())
+    Ok(gpu.upload("penumbra/scene/sobol_directions", &directions())?)
 }

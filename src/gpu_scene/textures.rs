@@ -1,14 +1,14 @@
-//! Texels of all images in two texture arrays (one sRGB, one linear), and the slots that materials look up.
+//! Texels of all images in two texture arrays (one sRGB, one linear), and the texture infos of materials.
 
 use crate::Result;
-use crate::gpu::buffer::{TABLE_WIDTH, TableFormat};
-use crate::gpu::{Gpu, Table};
-use crate::scene::{ColourSpace, Filter, Material, Scene, TextureSlot, Wrap};
+use crate::kernels::scene_texels::{TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1};
+use crate::scene::{ColourSpace, Filter, Material, Scene, TEXTURE_USES, TextureInfo, Wrap};
+use kernel_kit::{Gpu, TABLE_WIDTH, Table, TableFormat};
 
-/// The tables behind `texture_slots`, `colour_texels` and `data_texels`.
+/// The tables behind `texture_infos`, `colour_texels` and `data_texels`.
 pub struct GpuTextures {
-    /// Three records a slot; see `shaders/lib/surface.wgsl`.
-    pub slots: Table,
+    /// Three texels a texture info; see `shaders/lib/texture.wgsl`.
+    pub infos: Table,
     /// sRGB texels, decoded by the device.
     pub colour: wgpu::TextureView,
     /// Linear texels.
@@ -17,30 +17,8 @@ pub struct GpuTextures {
     pub bytes: u64,
 }
 
-/// Where the slots of a material are: index + 1, or 0 for none.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct MaterialSlots {
-    pub(super) base_colour: u32,
-    pub(super) metallic_roughness: u32,
-    pub(super) normal: u32,
-    pub(super) emissive: u32,
-    pub(super) specular: u32,
-    pub(super) specular_colour: u32,
-    pub(super) transmission: u32,
-    pub(super) clearcoat: u32,
-    pub(super) clearcoat_roughness: u32,
-    pub(super) clearcoat_normal: u32,
-    pub(super) anisotropy: u32,
-    pub(super) sheen_colour: u32,
-    pub(super) sheen_roughness: u32,
-}
-
-/// Records a slot.
-pub(crate) const SLOT_RECORDS: u32 = 3;
-/// Bits of a slot's flags, above two bits of wrap mode for each axis.
-pub(crate) const NEAREST: u32 = 16;
-pub(crate) const SRGB: u32 = 32;
-pub(crate) const UV1: u32 = 64;
+/// For each use of a texture that a material may have, the number of its texture info (counted from 1), or 0 for none.
+pub type MaterialTextures = [u32; TEXTURE_USES];
 
 /// Side of a layer of texels.
 const LAYER: u32 = TABLE_WIDTH;
@@ -50,52 +28,49 @@ impl GpuTextures {
     ///
     /// # Errors
     /// As [`Gpu::table`]; a device has at most 2,048 layers of 16 Mtexel, which no scene that imports exceeds.
-    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<(GpuTextures, Vec<MaterialSlots>)> {
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<(GpuTextures, Vec<MaterialTextures>)> {
         let mut atlas = Atlas::default();
-        let mut records: Vec<[u32; 4]> = Vec::new();
-        let mut slot = |slot: &Option<TextureSlot>| -> u32 {
-            let Some(slot) = slot else { return 0 };
-            let texture = &scene.textures[slot.texture as usize];
-            let image = &scene.images[texture.image as usize];
-            let base = atlas.place(texture.image, texture.space, image.texels.len() as u32);
-            let wrap = texture.wrap.map(|w| match w {
-                Wrap::Repeat => 0,
-                Wrap::Mirror => 1,
-                Wrap::Clamp => 2,
-            });
-            let bit = |bit: u32, on: bool| if on { bit } else { 0 };
-            records.push(slot.matrix.to_cols_array().map(f32::to_bits));
-            let flags = wrap[0]
-                | wrap[1] << 2
-                | bit(NEAREST, texture.filter == Filter::Nearest)
-                | bit(SRGB, texture.space == ColourSpace::Srgb)
-                | bit(UV1, slot.uv_set == 1);
-            records.push([slot.offset.x.to_bits(), slot.offset.y.to_bits(), flags, 0]);
-            records.push([base, image.width, image.height, 0]);
-            records.len() as u32 / SLOT_RECORDS
+        let mut texels: Vec<[u32; 4]> = Vec::new();
+        let mut push = |info: &TextureInfo| {
+            texels.extend(info_texels(scene, &mut atlas, info));
+            texels.len() as u32 / TEXTURE_INFO_TEXELS
         };
-        let slots = |m: &Material, slot: &mut dyn FnMut(&Option<TextureSlot>) -> u32| MaterialSlots {
-            base_colour: slot(&m.base_colour_texture),
-            metallic_roughness: slot(&m.metallic_roughness_texture),
-            normal: slot(&m.normal_texture),
-            emissive: slot(&m.emissive_texture),
-            specular: slot(&m.specular_texture),
-            specular_colour: slot(&m.specular_colour_texture),
-            transmission: slot(&m.transmission_texture),
-            clearcoat: slot(&m.clearcoat_texture),
-            clearcoat_roughness: slot(&m.clearcoat_roughness_texture),
-            clearcoat_normal: slot(&m.clearcoat_normal_texture),
-            anisotropy: slot(&m.anisotropy_texture),
-            sheen_colour: slot(&m.sheen_colour_texture),
-            sheen_roughness: slot(&m.sheen_roughness_texture),
+        let mut numbers = |material: &Material| {
+            let mut numbers = [0; TEXTURE_USES];
+            for (number, info) in numbers.iter_mut().zip(material.texture_uses()) {
+                *number = info.as_ref().map_or(0, &mut push);
+            }
+            numbers
         };
-        let materials = scene.materials.iter().map(|m| slots(m, &mut slot)).collect();
-        let slots = gpu.table("penumbra/scene/texture_slots", &records, TableFormat::Uint)?;
+        let materials = scene.materials.iter().map(&mut numbers).collect();
+        let infos = gpu.table("penumbra/scene/texture_infos", &texels, TableFormat::Uint)?;
         let colour = atlas.upload(gpu, scene, ColourSpace::Srgb);
         let data = atlas.upload(gpu, scene, ColourSpace::Linear);
         let bytes = u64::from(atlas.texels[0] + atlas.texels[1]) * 4;
-        Ok((GpuTextures { slots, colour, data, bytes }, materials))
+        Ok((GpuTextures { infos, colour, data, bytes }, materials))
     }
+}
+
+fn info_texels(scene: &Scene, atlas: &mut Atlas, info: &TextureInfo) -> [[u32; 4]; TEXTURE_INFO_TEXELS as usize] {
+    let texture = &scene.textures[info.texture as usize];
+    let image = &scene.images[texture.image as usize];
+    let base = atlas.place(texture.image, texture.space, image.texels.len() as u32);
+    let wrap = texture.wrap.map(|w| match w {
+        Wrap::Repeat => 0,
+        Wrap::Mirror => 1,
+        Wrap::Clamp => 2,
+    });
+    let bit = |bit: u32, on: bool| if on { bit } else { 0 };
+    let flags = wrap[0]
+        | wrap[1] << 2
+        | bit(TEXTURE_NEAREST, texture.filter == Filter::Nearest)
+        | bit(TEXTURE_SRGB, texture.space == ColourSpace::Srgb)
+        | bit(TEXTURE_UV1, info.uv_set == 1);
+    [
+        info.matrix.to_cols_array().map(f32::to_bits),
+        [info.offset.x.to_bits(), info.offset.y.to_bits(), flags, 0],
+        [base, image.width, image.height, 0],
+    ]
 }
 
 /// Images one after the other, a list for each colour space.

@@ -1,27 +1,27 @@
-//! The caustic map: photons that focusing surfaces alone have sent on, shown directly where they arrive (Jensen 1996). Samples
-//! have maps of their own, with discs that shrink, so that both their noise and their blur go to nothing (Knaus and Zwicker
-//! 2011, with their alpha of 2/3).
+//! The caustic map: photons that left focusing surfaces alone, shown directly where they arrive (Jensen 1996). Every
+//! few samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus
+//! and Zwicker 2011, with their alpha of 2/3).
 
+use crate::specialisation::features::Features;
 use glam::Vec3;
+use kernel_kit::{Frame, Gpu};
 
 use crate::Result;
-use crate::gpu::{Features, Frame, Gpu};
 use crate::passes::Tile;
-use crate::passes::flux::Flux;
+use crate::passes::flux::{Flux, FluxSettings};
 use crate::passes::grid::{GridShape, Photon};
-use crate::passes::irradiance::BoundShow;
+use crate::passes::irradiance::{BoundShow, ShownMap};
 use crate::settings::Settings;
 use crate::statistics::Counter;
-
-use super::TILE_SAMPLES;
-use super::direct_light::Shared;
-use super::global_map::GlobalMapKernels;
 use crate::statistics::totals::Totals;
 
-/// Rays of a caustic map for one of the global map: few of them meet a focusing surface first.
+use super::global_map::GlobalMapKernels;
+use super::shared::{Shared, TILE_SAMPLES};
+
+/// Rays of a caustic map for one of the global map: few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
-/// Cells of the grid, about: light is focused on little of what the grid spans.
+/// Approximate number of cells of the grid: light is focused on little of what the grid spans.
 const CELLS: u32 = 1 << 19;
 
 pub(crate) struct CausticKernels {
@@ -42,7 +42,7 @@ pub(crate) struct CausticMap {
 }
 
 impl CausticMap {
-    /// Which map shows its light to samples from that one on.
+    /// Which map serves samples from that one on.
     pub fn number_at(first_sample: u32) -> u32 {
         first_sample.div_ceil(TILE_SAMPLES)
     }
@@ -62,11 +62,12 @@ impl CausticMap {
         totals: &mut Totals,
     ) -> Result<CausticMap> {
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
-        let rays = settings.flux_photons.saturating_mul(RAYS_PER_FLUX_RAY);
+        let rays = settings.indirect.photons.saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
-        let seed = settings.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
-        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, settings.max_bounces, seed)?;
-        // A render that is taken up again traces the map of its next samples once more.
+        let seed = settings.image.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
+        let flux = FluxSettings { rays, max_bounces: settings.indirect.max_bounces, seed };
+        let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, flux)?;
+        // A resumed render traces the map of its next samples once more.
         if number >= totals.caustic_maps {
             totals.caustic_maps = number + 1;
             totals.photon_rays += traced.rays;
@@ -82,16 +83,17 @@ impl CausticMap {
         let corner = Vec3::splat(f32::INFINITY);
         let bounds = positions.fold((corner, -corner), |(low, high), p| (low.min(p), high.max(p)));
         let extent = bounds.1 - bounds.0;
-        let shape = GridShape::with_cells_of(1.0, bounds, extent.length_squared(), CELLS, 1);
+        let shape = GridShape::with_photons_per_cell(1.0, bounds, extent.length_squared(), CELLS, 1);
         let sorted = map.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
         // Knaus and Zwicker 2011, equation 20: the square of the radius falls as the power -1/3 of the maps so far.
         let shrink = f64::from(number + 1).powf(-1.0 / 6.0);
-        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &sorted, traced.step, shrink)?;
+        let shown = ShownMap { map: &sorted, step: traced.step, shrink };
+        let show = map.irradiance.bind_caustics(gpu, tile, gpu_scene, &shown)?;
         Ok(CausticMap { number, show: Some(show) })
     }
 
     /// Adds its light at the tile's points.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+    pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(show) = &self.show {
             show.record(frame, tile);
         }

@@ -1,50 +1,57 @@
-//! Direct light by cells of space that are judged before the first sample: the techniques `visibility-cells` and
-//! `voxel-tags`, which shadow photons are compared with.
+//! What the points of each cell of a grid see of each light, told by rays before the first sample: for the techniques
+//! `visibility-cells` and `voxel-tags`.
 //!
-//! *visibility-cells* is Zimmerman and Shirley's source visibility preprocess (1995): up to 100 rays from each cell to
-//! points of each light; where all of them are blocked, nothing in the cell is thought to see the light, and no shadow ray
-//! is traced. That is wrong where a small part of a cell is lit, and shows as jagged edges. The share of rays that were
-//! seen weighs the lights' chances in the original, which samples one of many; here, where each light is sampled, it is
-//! the control variate of pass `shade`.
-//!
-//! *voxel-tags* is Woo and Amanatides' voxel occlusion testing (1990): each voxel is tagged lit, shadowed or neither for
-//! each light, and shadow rays are for the last kind alone. They tag by scanning the shadow volumes of polygons into the
-//! grid, which finds no shadow that several polygons cast together; rays find them all but what falls between them. So
-//! a tag stands only where the 26 voxels around have it too.
-//!
-//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a cell
-//! on a floor is below the floor, and tells nothing about its points.
+//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a
+//! cell on a floor is below the floor, and tells nothing about its points.
 
 use glam::DVec3;
+use kernel_kit::Frame;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::gpu::Gpu;
-use crate::gpu_scene::GpuScene;
-use crate::passes::cells::{BATCH_RAYS, CellGrid, CellPoint, CellTable, Cells, grid_of};
-use crate::passes::grid::GridShape;
+use crate::kernels::GridShape;
+use crate::passes::Tile;
+use crate::passes::cells::{BATCH_RAYS, BoundCells, CellGrid, CellPoint, CellTable, Cells};
+use crate::passes::classify::Chunk;
 use crate::scene::Scene;
 use crate::settings::Settings;
-
 use crate::statistics::totals::Totals;
 
-/// Traces the rays of all cells.
-pub(crate) fn table(
-    gpu: &Gpu,
-    kernel: &Cells,
-    scene: &Scene,
-    gpu_scene: &GpuScene,
-    settings: &Settings,
-    totals: &mut Totals,
-) -> Result<CellTable> {
-    let shape = grid_of(scene, settings.cells);
-    let surfaces = Surfaces::new(scene, &shape);
-    let (rays, seed) = (settings.cell_rays, settings.seed);
-    let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
-    let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
-    totals.cell_rays += table.rays;
-    totals.photon_bytes += table.bytes;
-    Ok(table)
+use super::direct_light::DirectLight;
+use super::shared::Shared;
+
+/// The class words of all cells, bound to give points those of their cells.
+pub(crate) struct CellVisibility {
+    /// Kept for the buffers that are bound.
+    _table: CellTable,
+    bound: BoundCells,
+}
+
+impl CellVisibility {
+    /// Traces the rays of all cells, and binds the classes of direct light.
+    pub fn new(
+        shared: &Shared<'_>,
+        kernel: &Cells,
+        direct: &DirectLight,
+        settings: &Settings,
+        totals: &mut Totals,
+    ) -> Result<CellVisibility> {
+        let Shared { gpu, scene, gpu_scene, tile } = *shared;
+        let shape = GridShape::over_scene(scene, settings.cells.resolution);
+        let surfaces = Surfaces::new(scene, &shape);
+        let (rays, seed) = (settings.cells.rays_per_light, settings.image.seed);
+        let grid = CellGrid { shape, lights: scene.lights.len() as u32, rays, seed };
+        let table = kernel.trace(gpu, gpu_scene, &grid, surfaces.points(rays, seed))?;
+        totals.cell_rays += table.rays;
+        totals.photon_bytes += table.bytes;
+        let bound = kernel.bind(gpu, tile, &table, &direct.classify_buffers().classes, gpu_scene)?;
+        Ok(CellVisibility { _table: table, bound })
+    }
+
+    /// Gives the tile's points the classes of their cells.
+    pub fn classify(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.record(frame, tile, chunk);
+    }
 }
 
 /// A triangle that lies in one cell, a part of a triangle of the scene.
@@ -122,9 +129,9 @@ fn slabs(polygon: &[DVec3], shape: &GridShape, axis: usize, each: &mut dyn FnMut
     let (origin, cell) = (f64::from(shape.origin[axis]), f64::from(shape.cell));
     let last = shape.size[axis] - 1;
     let index = |x: f64| (((x - origin) / cell).max(0.0) as u32).min(last);
-    let places = || polygon.iter().map(|p| p[axis]);
-    let first = index(places().fold(f64::INFINITY, f64::min));
-    let end = index(places().fold(f64::NEG_INFINITY, f64::max));
+    let coordinates = || polygon.iter().map(|p| p[axis]);
+    let first = index(coordinates().fold(f64::INFINITY, f64::min));
+    let end = index(coordinates().fold(f64::NEG_INFINITY, f64::max));
     for slab in first..=end {
         let mut part = polygon.to_vec();
         if slab > first {
@@ -176,8 +183,8 @@ mod tests {
 
     use super::*;
 
-    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the triangle, in
-    /// their cell, as many in each as were asked for, and spread over it by area.
+    /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the
+    /// triangle, in their cell, the given number in each, and spread over it by area.
     #[test]
     fn triangles_are_cut_at_cells() {
         let mut random = Random(7);
@@ -188,7 +195,7 @@ mod tests {
             scene.vertices.extend(corners.map(|position| Vertex { position, ..Vertex::default() }));
             scene.triangles.push(Triangle { vertices: [3 * i, 3 * i + 1, 3 * i + 2], material: 0, light: NO_LIGHT });
         }
-        let shape = grid_of(&scene, 7);
+        let shape = GridShape::over_scene(&scene, 7);
         let cell_of = |p: DVec3| {
             let at = (p - Vec3::from(shape.origin).as_dvec3()) / f64::from(shape.cell);
             (at, [at.x, at.y, at.z].map(|x| x.floor() as u32))
@@ -225,10 +232,10 @@ mod tests {
             }
         }
 
-        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end, and
-        // the middle of its points is its own within five standard errors of independent ones.
+        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end,
+        // and the middle of its points is its own within five standard errors of independent ones.
         let rays = 4000;
-        let surfaces = Surfaces::new(&scene, &grid_of(&scene, 1));
+        let surfaces = Surfaces::new(&scene, &GridShape::over_scene(&scene, 1));
         let total: f64 = surfaces.0.iter().map(Piece::area).sum();
         let points: Vec<_> = surfaces.points(rays, 1).flatten().collect();
         assert_eq!((surfaces.0.len(), points.len()), (scene.triangles.len(), rays as usize));

@@ -1,19 +1,21 @@
 //! The global map: photons that carry flux, and the irradiance that they bring, precomputed.
 
 use crate::Result;
-use crate::gpu::{Binding, Bindings, Features, Frame, Gpu};
 use crate::passes::Tile;
-use crate::passes::flux::{Flux, FluxPhotons};
+use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
 use crate::passes::grid::{Grid, GridShape};
 use crate::passes::irradiance::{
-    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_PLACE_RAY, place_grid,
+    BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, ShownMap,
+    irradiance_point_grid,
 };
 use crate::settings::Settings;
-use crate::statistics::{Counter, Indirect};
-
-use super::direct_light::Shared;
-use super::visibility_map::extent;
+use crate::specialisation::features::Features;
+use crate::specialisation::kernels::sorting_grid;
 use crate::statistics::totals::Totals;
+use crate::statistics::{Counter, Indirect};
+use kernel_kit::{Binding, Bindings, Frame, Gpu};
+
+use super::shared::{Shared, extent};
 
 pub(crate) struct GlobalMapKernels {
     flux: Flux,
@@ -23,17 +25,18 @@ pub(crate) struct GlobalMapKernels {
 
 impl GlobalMapKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<GlobalMapKernels> {
+        let sorting = sorting_grid(features);
         let (flux, (grid, irradiance)) = rayon::join(
             || Flux::new(gpu, features, constants),
-            || rayon::join(|| Grid::sorting_only(gpu, features), || Irradiance::new(gpu, features, constants)),
+            || rayon::join(|| Grid::sorting_only(gpu, &sorting), || Irradiance::new(gpu, features, constants)),
         );
         Ok(GlobalMapKernels { flux: flux?, grid: grid?, irradiance: irradiance? })
     }
 }
 
-/// What a render asks of the global map.
+/// What a render reads of the global map.
 pub(crate) struct GlobalMap {
-    /// Irradiance at places, for paths and gathers.
+    /// Irradiance at some of its photons, for paths and gathers.
     irradiance: Option<IrradianceMap>,
     /// The map shown at the points of a tile.
     show: Option<BoundShow>,
@@ -46,7 +49,7 @@ impl Bindings for GlobalMap {
 }
 
 impl GlobalMap {
-    /// Traces the photons, sorts them, and estimates the irradiance at some places where `paths` end.
+    /// Traces the photons, sorts them, and estimates the irradiance at some of them for `paths`.
     pub fn new(
         shared: &Shared<'_>,
         kernels: &GlobalMapKernels,
@@ -56,12 +59,14 @@ impl GlobalMap {
     ) -> Result<GlobalMap> {
         let Shared { gpu, scene, gpu_scene, tile } = *shared;
         let shown = settings.technique.shows_map();
-        // What a look-up tells is seen after one bounce.
-        let max_bounces = if shown { settings.max_bounces } else { settings.max_bounces.saturating_sub(1) };
-        let Settings { flux_photons, seed, .. } = *settings;
+        // A look-up happens after one bounce.
+        let max_bounces =
+            if shown { settings.indirect.max_bounces } else { settings.indirect.max_bounces.saturating_sub(1) };
+        let (flux_photons, seed) = (settings.indirect.photons, settings.image.seed);
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
-            let traced = kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, rays, max_bounces, seed)?;
+            let traced =
+                kernels.flux.trace(gpu, gpu_scene, &gpu_scene.lights, FluxSettings { rays, max_bounces, seed })?;
             totals.photon_rays += traced.rays;
             totals.count(Counter::Overrun, traced.overruns);
             totals.count(Counter::NotFiniteFlux, traced.not_finite);
@@ -76,15 +81,15 @@ impl GlobalMap {
             caustics,
             ..Indirect::default()
         };
-        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
+        let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, extent.0, extent.1, photons.count, 1);
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {
-            let places = trace(flux_photons.div_ceil(RAYS_PER_PLACE_RAY), !seed)?;
-            let shape = place_grid(extent, places.count);
+            let places = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
+            let shape = irradiance_point_grid(extent, places.count);
             let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
             let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, places, photons.step)?;
-            counts.places = u64::from(precomputed.places.count);
+            counts.places = u64::from(precomputed.points.count);
             totals.indirect_bytes += precomputed.bytes;
             totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
             irradiance = Some(precomputed);
@@ -92,14 +97,15 @@ impl GlobalMap {
         let mut show = None;
         if shown {
             totals.indirect_bytes += map.bytes;
-            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &map, photons.step)?);
+            let shown = ShownMap { map: &map, step: photons.step, shrink: 1.0 };
+            show = Some(kernels.irradiance.bind_show(gpu, tile, gpu_scene, &shown)?);
         }
         totals.indirect = counts;
         Ok(GlobalMap { irradiance, show })
     }
 
     /// Shows the map at the tile's points, where the technique does.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+    pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(show) = &self.show {
             show.record(frame, tile);
         }

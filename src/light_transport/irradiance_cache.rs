@@ -1,26 +1,26 @@
-//! The irradiance cache: records placed where the view needs them, from coarse to fine, before the first sample. They hold for
-//! all samples.
+//! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
+//! sample. All samples share them.
 
+use crate::specialisation::features::Features;
 use glam::Vec3;
+use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use crate::Result;
-use crate::gpu::{Bindings, Buffer, Features, Frame, Gpu};
 use crate::gpu_scene::CameraUniform;
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, LEAST_RADIUS_PIXELS, RecordHead};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, MIN_RADIUS_PIXELS, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;
 use crate::statistics::Counter;
-
 use crate::statistics::totals::Totals;
 
-/// Pixels between the points that are asked for records, pass by pass. Points of one pass do not see each other's records, so
-/// the steps are small: a factor f gives up to f squared times the records that are needed.
+/// Pixels between the points that may get a record, pass by pass. Points of one pass do not see each other's records,
+/// so the steps are small: a factor f gives up to f squared times the records that are needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
-/// Largest radius of a record in pixels: farther apart the gradients leave out what lies between.
-const LARGEST_RADIUS_PIXELS: f32 = 20.0;
+/// Largest radius of a record in pixels: farther away gradients miss what lies between.
+const MAX_RADIUS_PIXELS: f32 = 20.0;
 
 pub(crate) struct CacheKernels {
     gather: Gather,
@@ -73,17 +73,17 @@ impl IrradianceCache {
             }
         }
         totals.indirect.records = records.heads.len() as u64;
-        totals.least_records = records.least(with.settings.accuracy);
+        totals.least_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
         totals.indirect_bytes += records.values.bytes;
         Ok(IrradianceCache { buffers, bound })
     }
 
     /// Lights the points of the tile by the records.
-    pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
+    pub fn interpolate(&self, frame: &mut Frame<'_>, tile: &Tile) {
         self.bound.record_interpolate(frame, &self.buffers, tile);
     }
 
-    /// The points that no record speaks for.
+    /// Its buffers, with the queue of points that no record covers.
     pub fn buffers(&self) -> &CacheBuffers {
         &self.buffers
     }
@@ -95,7 +95,7 @@ impl IrradianceCache {
 }
 
 impl Records {
-    /// Adds records where the points of an image of one pixel for `spacing` have too few; whether there were such.
+    /// Adds records where the points of an image of one pixel for `spacing` have too few. Returns whether it added any.
     fn fill(
         &mut self,
         with: &Filling<'_>,
@@ -105,7 +105,13 @@ impl Records {
         totals: &mut Totals,
     ) -> Result<bool> {
         let Filling { gpu, tile, primary, .. } = *with;
-        let Settings { width, height, seed, max_bounces, gather_rays, .. } = *with.settings;
+        let (width, height, seed, max_bounces, gather_rays) = (
+            with.settings.image.width,
+            with.settings.image.height,
+            with.settings.image.seed,
+            with.settings.indirect.max_bounces,
+            with.settings.indirect.irradiance_cache.gather_rays,
+        );
         let [columns, rows] = [width, height].map(|side| side.div_ceil(spacing));
         let rows_at_once = (tile.capacity() / columns).min(rows);
         let before = self.heads.len();
@@ -125,7 +131,7 @@ impl Records {
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);
             primary.record(&mut frame, &part);
-            cache.record_place(&mut frame, buffers, &part);
+            cache.record_requests(&mut frame, buffers, &part);
             frame.submit()?;
             let wanted = wanted(gpu, buffers)?;
             if !wanted.is_empty() {
@@ -148,13 +154,13 @@ impl Records {
         Ok(self.heads.len() > before)
     }
 
-    /// Records of the least radius: those whose surroundings ask for less.
-    fn least(&self, accuracy: f32) -> u64 {
-        let least = |head: &&RecordHead| accuracy * head.distance <= LEAST_RADIUS_PIXELS as f32 * head.size;
-        self.heads.iter().filter(least).count() as u64
+    /// Number of records of the smallest radius: those whose surroundings are nearer than it allows for.
+    fn smallest(&self, accuracy: f32) -> u64 {
+        let is_smallest = |head: &&RecordHead| accuracy * head.distance <= MIN_RADIUS_PIXELS as f32 * head.size;
+        self.heads.iter().filter(is_smallest).count() as u64
     }
 
-    /// Makes room for `more` records; whether there was none.
+    /// Makes room for `more` records. Returns whether the buffer had to grow.
     fn grow(&mut self, with: &Filling<'_>, more: u32) -> Result<bool> {
         let needed = self.heads.len() as u32 + more;
         if needed <= self.room {
@@ -169,10 +175,11 @@ impl Records {
         Ok(true)
     }
 
-    /// Binds the pass to tables of all records, with radii by what their neighbours have met.
+    /// Binds the pass to tables of all records, with radii that respect the distances of their neighbours.
     fn bind(&self, with: &Filling<'_>, buffers: &CacheBuffers) -> Result<BoundCache> {
         let Filling { gpu, camera, .. } = *with;
-        let Settings { width, height, accuracy, .. } = *with.settings;
+        let (width, height, accuracy) =
+            (with.settings.image.width, with.settings.image.height, with.settings.indirect.irradiance_cache.accuracy);
         let distances = neighbour_distances(&self.heads, accuracy);
         let mut heads = self.heads.clone();
         for (head, distance) in heads.iter_mut().zip(distances) {
@@ -185,11 +192,11 @@ impl Records {
 
 /// The radius of a record, from its distance and the size of a pixel.
 fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
-    (accuracy * distance).clamp(LEAST_RADIUS_PIXELS as f32 * pixel, LARGEST_RADIUS_PIXELS * pixel)
+    (accuracy * distance).clamp(MIN_RADIUS_PIXELS as f32 * pixel, MAX_RADIUS_PIXELS * pixel)
 }
 
-/// Distances of the records such that none is farther from its surroundings than a neighbour's distance and the way to it allow
-/// (neighbour clamping, Krivanek et al. 2006): what one has missed between its rays another has met.
+/// Distances of the records such that none exceeds a neighbour's distance plus the distance to that neighbour
+/// (neighbour clamping, Krivanek et al. 2006): one record may have hit what another missed between its rays.
 fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
     let mut distances: Vec<f32> = heads.iter().map(|head| head.distance).collect();
     let radii: Vec<f32> = heads.iter().map(|head| radius(head.distance, head.size, accuracy)).collect();
@@ -220,7 +227,7 @@ fn seen_part(camera: &CameraUniform, head: &RecordHead) -> Option<[[f32; 2]; 2]>
     let offset = Vec3::from(head.position) - Vec3::from(camera.position);
     let depth = -offset.dot(Vec3::from(camera.backward));
     let radius = head.size;
-    // A record that came out as no number; see shaders/gather.wgsl.
+    // An invalid record; see shaders/gather.wgsl.
     if radius <= 0.0 {
         return None;
     }

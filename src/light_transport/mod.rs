@@ -1,14 +1,17 @@
-//! What techniques share: direct light, the visibility map and its rivals, the global map, the caustic map, the irradiance
-//! cache, the light sampler.
+//! What techniques share: light sampler, visibility map, cells, adaptive shadow testing, direct light, global map,
+//! irradiance cache, caustic map; and the first and the second pass that they write their steps into.
 
+pub(crate) mod adaptive_testing;
 pub(crate) mod caustic_map;
-mod cell_visibility;
+pub(crate) mod cell_visibility;
 pub(crate) mod direct_light;
-mod earlier;
+pub(crate) mod first_pass;
 pub(crate) mod global_map;
+pub(crate) mod indirect_light;
 pub(crate) mod irradiance_cache;
-mod light_sampler;
+pub(crate) mod kernels;
+pub(crate) mod light_sampler;
+pub(crate) mod lighting;
+pub(crate) mod second_pass;
+pub(crate) mod shared;
 pub(crate) mod visibility_map;
-
-/// Most samples of a pixel in one tile, so that audits mend the map early and a render can stop soon.
-pub(crate) const TILE_SAMPLES: u32 = 8;

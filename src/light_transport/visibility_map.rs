@@ -1,26 +1,26 @@
-//! The visibility map: photons of every light, sorted into a grid, and mended by audits.
+//! The visibility map: illumination and shadow photons of every light, sorted into a grid, and repaired by audits.
 
 use crate::Result;
-use crate::gpu::{Buffer, Features, Gpu};
-use crate::gpu_scene::GpuScene;
 use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
-use crate::passes::photons::{Photons, Traced};
-use crate::scene::{Light, Scene};
+use crate::passes::photons::Photons;
 use crate::settings::Settings;
-use crate::statistics::{Counter, LightPhotons};
-
+use crate::specialisation::features::Features;
+use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
+use kernel_kit::{Buffer, Gpu};
+
+use super::shared::{Shared, extent, photons_by_light};
 
 /// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
-/// thousand of one in 64 points. Where there are more, which of them have a place depends on chance, so none is taken;
+/// thousand of one in 64 points. Where there are more, chance decides which of them fit, so none is taken;
 /// they are counted as wrong all the same, and found again.
-const HEAL_BATCH: u32 = 1 << 16;
+const REPAIR_BATCH: u32 = 1 << 16;
 
 /// Photons that audits can add to a map in all.
-const HEAL_ROOM: u32 = 1 << 18;
+const REPAIR_ROOM: u32 = 1 << 18;
 
-/// Rays of all lights together: what a map of the smallest storage binding that devices offer (128 MiB, eight million
-/// photons) holds where rays meet two surfaces on average.
+/// Maximum number of rays of all lights together: what a map of the smallest storage binding that devices offer (128
+/// MiB, eight million photons) holds where rays hit two surfaces on average.
 const MAX_RAYS: u32 = 1 << 22;
 
 pub(crate) struct MapKernels {
@@ -31,36 +31,39 @@ pub(crate) struct MapKernels {
 impl MapKernels {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], settings: &Settings) -> Result<MapKernels> {
         let (photons, grid) = rayon::join(
-            || Photons::new(gpu, features, constants, settings.shadow_photons_per_ray),
-            || Grid::new(gpu, features, settings.nearest),
+            || Photons::new(gpu, features, constants, settings.visibility_map.shadow_photons_per_ray),
+            || Grid::new(gpu, features, settings.visibility_map.nearest),
         );
         Ok(MapKernels { photons: photons?, grid: grid? })
     }
 }
 
 pub(crate) struct VisibilityMap {
-    /// None between [`VisibilityMap::take_healed`] and [`VisibilityMap::sort`].
+    /// None between [`VisibilityMap::take_repairs`] and [`VisibilityMap::sort`].
     grid: Option<PhotonGrid>,
     kernel: Grid,
     shape: GridShape,
     lights: u32,
     photons: Buffer,
     count: u32,
+    /// Photons that audits can still add.
     room: u32,
-    heal_photons: Buffer,
-    heal_count: Buffer,
+    /// Photons that audits have left since the map was sorted, and their number.
+    repair_photons: Buffer,
+    repair_count: Buffer,
 }
 
-/// What samples have left in the map.
+/// What samples have left in the map, or in what another technique has instead of it.
 #[derive(Default)]
 pub(crate) struct MapState {
-    /// Photons that were added to the map.
+    /// Photons that audits added to the map.
     pub added: Vec<Photon>,
-    /// Photons that came since.
+    /// Number of photons that audits left since.
     pub left: u32,
     /// Those of them that there was room for.
     pub kept: Vec<Photon>,
-    /// See [`PhotonGrid::asked_state`], nothing where no point has asked yet; or what stands in for the map has left.
+    /// [`PhotonGrid::requested_cells_state`], empty where no cell was requested yet; or what was seen of each light
+    /// ([`super::adaptive_testing`]).
     pub rest: Vec<u32>,
 }
 
@@ -70,14 +73,14 @@ impl MapState {
         [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.rest].concat()
     }
 
-    /// From [`MapState::words`]; none where there are too few, or more photons than audits leave.
+    /// From [`MapState::words`]; none where there are too few, or more photons than audits can leave.
     pub fn from_words(words: &[u32], added: usize, left: u32) -> Option<MapState> {
-        if added > HEAL_ROOM as usize {
+        if added > REPAIR_ROOM as usize {
             return None;
         }
         let size = size_of::<Photon>() / 4;
         let (first, rest) = words.split_at_checked(added * size)?;
-        let (then, rest) = rest.split_at_checked(left.min(HEAL_BATCH) as usize * size)?;
+        let (then, rest) = rest.split_at_checked(left.min(REPAIR_BATCH) as usize * size)?;
         let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
         Some(MapState { added: photons(first), left, kept: photons(then), rest: rest.to_vec() })
     }
@@ -86,21 +89,20 @@ impl MapState {
 impl VisibilityMap {
     /// Traces the photons of every light and sorts them.
     pub fn new(
-        gpu: &Gpu,
+        shared: &Shared<'_>,
         kernels: MapKernels,
-        scene: &Scene,
-        gpu_scene: &GpuScene,
         settings: &Settings,
         totals: &mut Totals,
     ) -> Result<VisibilityMap> {
+        let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let lights = scene.placed_lights().len() as u32;
-        let rays = settings.photons.min(MAX_RAYS / lights);
-        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.seed, HEAL_ROOM)?;
+        let rays = settings.visibility_map.photons_per_light.min(MAX_RAYS / lights);
+        let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, REPAIR_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);
-        totals.photons = by_light(scene, &traced);
+        totals.photons = photons_by_light(scene, &traced);
         let (bounds, area) = extent(scene);
-        let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.nearest);
+        let shape = GridShape::new(bounds, area, traced.count / lights, lights, settings.visibility_map.nearest);
         let grid = kernels.grid.build(gpu, &traced.photons, traced.count, lights, shape)?;
         totals.photon_bytes += traced.photons.bytes + grid.bytes;
         Ok(VisibilityMap {
@@ -110,39 +112,39 @@ impl VisibilityMap {
             lights,
             photons: traced.photons,
             count: traced.count,
-            room: HEAL_ROOM,
-            heal_photons: gpu.buffer::<Photon>("penumbra/shadow/heal_photons", HEAL_BATCH as usize)?,
-            heal_count: gpu.buffer::<u32>("penumbra/shadow/heal_count", 1)?,
+            room: REPAIR_ROOM,
+            repair_photons: gpu.buffer::<Photon>("penumbra/shadow/repair_photons", REPAIR_BATCH as usize)?,
+            repair_count: gpu.buffer::<u32>("penumbra/shadow/repair_count", 1)?,
         })
     }
 
-    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more; whether the map
-    /// is to be sorted anew. Its tables are then gone.
-    pub fn take_healed(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
-        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
-        if left == 0 || !(due || left > HEAL_BATCH / 2) {
+    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more. Returns whether
+    /// the map must be sorted anew: its tables are then gone.
+    pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
+        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
+        if left == 0 || !(due || left > REPAIR_BATCH / 2) {
             return Ok(self.grid.is_none());
         }
-        let added = if left > HEAL_BATCH.min(self.room) { 0 } else { left };
-        let mut frame = gpu.frame("heal");
+        let added = if left > REPAIR_BATCH.min(self.room) { 0 } else { left };
+        let mut frame = gpu.frame("repair");
         if added > 0 {
-            let words: Vec<Photon> = gpu.read(&self.heal_photons, added as usize)?;
-            for photon in words {
+            let photons: Vec<Photon> = gpu.read(&self.repair_photons, added as usize)?;
+            for photon in photons {
                 totals.photons[photon.light() as usize].healed += 1;
             }
             let size = size_of::<Photon>() as u64;
-            frame.copy(&self.heal_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+            frame.copy(&self.repair_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
             self.grid = None;
         }
-        frame.clear(&self.heal_count);
+        frame.clear(&self.repair_count);
         frame.submit()?;
         self.count += added;
         self.room -= added;
         Ok(self.grid.is_none())
     }
 
-    /// Sorts the map after [`VisibilityMap::take_healed`] has asked for it. Who still has the old tables bound should let
-    /// go of them before: they are among the largest things of a render.
+    /// Sorts the map, where [`VisibilityMap::take_repairs`] says so. Passes that still have the old tables bound must
+    /// be unbound before: the tables are among the largest buffers of a render.
     pub fn sort(&mut self, gpu: &Gpu) -> Result<()> {
         self.grid = Some(self.kernel.build(gpu, &self.photons, self.count, self.lights, self.shape)?);
         Ok(())
@@ -150,18 +152,18 @@ impl VisibilityMap {
 
     /// What samples have left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
-        let added = (HEAL_ROOM - self.room) as usize;
-        let left = gpu.read::<u32>(&self.heal_count, 1)?[0];
+        let added = (REPAIR_ROOM - self.room) as usize;
+        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
         Ok(MapState {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
-            kept: gpu.read(&self.heal_photons, left.min(HEAL_BATCH) as usize)?,
-            rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.asked_state(gpu))?,
+            kept: gpu.read(&self.repair_photons, left.min(REPAIR_BATCH) as usize)?,
+            rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.requested_cells_state(gpu))?,
         })
     }
 
-    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. It is sorted anew, so
-    /// nobody should have its tables bound: see [`VisibilityMap::sort`].
+    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. The map is
+    /// sorted anew, so no pass may have its tables bound: see [`VisibilityMap::sort`].
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let of_this_map = |photon: &Photon| {
             photon.light() < self.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
@@ -169,57 +171,32 @@ impl VisibilityMap {
         if !state.added.iter().chain(&state.kept).all(of_this_map) {
             return Ok(false);
         }
-        for batch in state.added.chunks(HEAL_BATCH as usize) {
-            gpu.write(&self.heal_photons, batch);
-            gpu.write(&self.heal_count, &[batch.len() as u32]);
-            self.take_healed(gpu, true, totals)?;
+        for batch in state.added.chunks(REPAIR_BATCH as usize) {
+            gpu.write(&self.repair_photons, batch);
+            gpu.write(&self.repair_count, &[batch.len() as u32]);
+            self.take_repairs(gpu, true, totals)?;
         }
         if self.grid.is_none() {
             self.sort(gpu)?;
         }
-        gpu.write(&self.heal_photons, &state.kept);
-        gpu.write(&self.heal_count, &[state.left]);
-        Ok(state.rest.is_empty() || self.grid.as_ref().is_some_and(|grid| grid.restore_asked(gpu, &state.rest)))
+        gpu.write(&self.repair_photons, &state.kept);
+        gpu.write(&self.repair_count, &[state.left]);
+        Ok(state.rest.is_empty()
+            || self.grid.as_ref().is_some_and(|grid| grid.restore_requested_cells(gpu, &state.rest)))
     }
 
+    /// The sorted photons; none while the map must be sorted anew.
     pub fn grid(&self) -> Option<&PhotonGrid> {
         self.grid.as_ref()
     }
 
-    pub fn heal_capacity(&self) -> u32 {
-        HEAL_BATCH
+    /// Photons that audits can leave between two sortings.
+    pub fn repair_capacity(&self) -> u32 {
+        REPAIR_BATCH
     }
 
-    pub fn heal_buffers(&self) -> [&Buffer; 2] {
-        [&self.heal_photons, &self.heal_count]
+    /// The photons that audits leave, and their number.
+    pub fn repair_buffers(&self) -> [&Buffer; 2] {
+        [&self.repair_photons, &self.repair_count]
     }
-}
-
-/// What was traced of each light.
-pub(crate) fn by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhotons> {
-    let counts = traced.emitted.iter().zip(&traced.stored);
-    let of_light = |(light, (emitted, [illumination, shadow])): (&Light, (&u32, &[u32; 2]))| LightPhotons {
-        light: light.name.clone(),
-        emitted: u64::from(*emitted),
-        illumination: u64::from(*illumination),
-        shadow: u64::from(*shadow),
-        healed: 0,
-    };
-    scene.placed_lights().iter().zip(counts).map(of_light).collect()
-}
-
-/// Bounds and area of the scene's surfaces, of procedural objects those of their boxes.
-pub(crate) fn extent(scene: &Scene) -> ((glam::Vec3, glam::Vec3), f32) {
-    let mut bounds = (glam::Vec3::INFINITY, glam::Vec3::NEG_INFINITY);
-    let mut area = 0.0f64;
-    for i in 0..scene.triangles.len() {
-        let [a, b, c] = scene.triangle_positions(i);
-        bounds = (bounds.0.min(a).min(b).min(c), bounds.1.max(a).max(b).max(c));
-        area += f64::from((b - a).cross(c - a).length()) * 0.5;
-    }
-    for object in &scene.procedurals {
-        bounds = object.corners().iter().fold(bounds, |(low, high), p| (low.min(*p), high.max(*p)));
-        area += f64::from(object.box_area());
-    }
-    (bounds, area as f32)
 }

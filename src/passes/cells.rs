@@ -1,11 +1,10 @@
-//! Pass `cells`: rays from the surfaces in each cell of a grid to each light, and the classes of points by their cells.
+//! Pass `cells`: shadow rays from the surfaces in each cell of a grid to each light, and the classes of points by their
+//! cells.
 
-use glam::{DVec3, UVec3, Vec3};
-
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::scene::Scene;
+use crate::specialisation::features::Features;
 use crate::statistics::Counter;
-use crate::{Error, Result, shared_struct};
+use crate::{Error, Result};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::classify::Chunk;
 use super::grid::GridShape;
@@ -20,7 +19,7 @@ shared_struct! {
         point_count: u32,
         rays: u32,
         cell_count: u32,
-        slot_count: u32,
+        candidate_count: u32,
         seed: u32,
         padding: [u32; 2],
     }
@@ -31,59 +30,49 @@ shared_struct! {
     pub struct CellPoint {
         /// On the triangle.
         pub position: [f32; 3],
-        /// BVH slot of the triangle.
+        /// Primitive index of the triangle.
         pub triangle: u32,
     }
 }
 
-/// Most cells of all lights together: 8 bytes each. Where lights are many, cells are larger.
-const MAX_CELLS: f64 = (1u32 << 22) as f64;
-
-/// A grid of cubes over the scene, `cells` of them along its longest side, or fewer where lights are many.
-pub fn grid_of(scene: &Scene, cells: u32) -> GridShape {
-    let [low, high] = scene.bounds().unwrap_or([Vec3::ZERO; 2]);
-    // Surfaces on the scene's hull lie in cells, and not on their faces.
-    let border = 1e-3f32.max((high - low).max_element() * 1e-3);
-    let (low, high) = ((low - border).as_dvec3(), (high + border).as_dvec3());
-    let most = MAX_CELLS / (scene.lights.len().max(1) as f64);
-    let shape = |cells: u32| {
-        let cell = (high - low).max_element() / f64::from(cells);
-        // A hair less, so that rounding gives the longest side no cell more.
-        let size = ((high - low) / cell - 1e-6).ceil().max(DVec3::ONE);
-        (cell, size)
-    };
-    let (cell, size) =
-        (1..=cells).rev().map(shape).find(|(_, size)| size.element_product() <= most).unwrap_or(shape(1));
-    GridShape {
-        origin: low.as_vec3().to_array(),
-        cell: cell as f32,
-        size: size.as_uvec3().max(UVec3::ONE).to_array(),
-        inverse_cell: 1.0 / cell as f32,
-    }
+bindings! {
+    /// What rays read and write beside the scene.
+    struct TraceBindings { pub cell_points: &Buffer, pub cell_counts: &Buffer, pub counters: &Buffer}
 }
 
-/// Rays of a dispatch: some tenths of a second on a software device, and no danger to a desktop's watchdog.
+bindings! {
+    /// What the classification of cells reads and writes.
+    struct CellClassBindings { pub cell_counts: &Buffer, pub cell_words: &Buffer}
+}
+
+bindings! {
+    /// What the look-up of points' classes reads and writes.
+    struct PointClassBindings { pub points: &Buffer, pub cell_words: &Buffer, pub classes: &Buffer}
+}
+
+/// Maximum number of rays of a dispatch: some tenths of a second on a software device, and safe from a desktop's
+/// watchdog.
 pub const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/cells.wgsl`.
 pub struct Cells(Kernel);
 
-/// What is asked of which cells.
+/// The cells to classify, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct CellGrid {
-    /// The grid; each light's is alike.
+    /// The grid; all lights have the same.
     pub shape: GridShape,
     /// Lights.
     pub lights: u32,
     /// Rays from each cell to each light.
     pub rays: u32,
-    /// Of the light points.
+    /// Seed of the sampled points of lights.
     pub seed: u32,
 }
 
-/// What the rays of all cells have seen.
+/// The classes of all cells.
 pub struct CellTable {
-    /// The grid; each light's is alike.
+    /// The grid; all lights have the same.
     pub shape: GridShape,
     /// Rays that were traced.
     pub rays: u64,
@@ -98,15 +87,15 @@ impl Cells {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Cells> {
-        let own = ["cell_points", "cell_counts", "cell_words", "counters", "points", "classes"];
-        Ok(Cells(kernel(gpu, "cells", features, constants, &own)?))
+        let names = [TraceBindings::DECLARED, CellClassBindings::DECLARED, PointClassBindings::DECLARED];
+        Ok(Cells(kernel(gpu, "cells", features, constants, &names)?))
     }
 
-    /// Traces a ray from each of the points to each light, and judges the cells. They come in batches of no more than
-    /// [`BATCH_RAYS`]; in each, every [`CellGrid::rays`] points that follow each other are of one cell.
+    /// Traces a ray from each of the points to each light, and classifies the cells. The points come in batches of at
+    /// most [`BATCH_RAYS`], cell by cell, [`CellGrid::rays`] of each cell.
     ///
     /// # Errors
-    /// [`Error::Computation`] where a traversal gave up, else as [`Kernel::bind`] and [`Gpu::check`].
+    /// [`Error::Computation`] where a traversal met the loop budget, else as [`Kernel::bind`] and [`Gpu::check`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -119,18 +108,12 @@ impl Cells {
         let counts = gpu.buffer::<u32>("penumbra/cells/counts", cells)?;
         let words = gpu.buffer::<u32>("penumbra/cells/words", cells)?;
         let counters = gpu.buffer::<u32>("penumbra/cells/counters", Counter::COUNT)?;
-        let own = |points: &Buffer| -> Result<[BoundKernel; 2]> {
-            let own = Resources::new()
-                .with("cell_points", points)
-                .with("cell_counts", &counts)
-                .with("cell_words", &words)
-                .with("counters", &counters);
-            Ok([self.0.bind(gpu, "trace", &[&own, scene])?, self.0.bind(gpu, "judge", &[&own, scene])?])
-        };
         let parameters =
             CellParameters { grid: shape, rays, cell_count: cells as u32, seed, ..CellParameters::default() };
         for points in points {
-            let [trace, _] = own(&gpu.upload("penumbra/cells/points", &points)?)?;
+            let cell_points = gpu.upload("penumbra/cells/points", &points)?;
+            let own = TraceBindings { cell_points: &cell_points, cell_counts: &counts, counters: &counters };
+            let trace = self.0.bind(gpu, "trace", &[&own, scene])?;
             for light in 0..lights {
                 let point_count = points.len() as u32;
                 let mut frame = gpu.frame("cells");
@@ -138,9 +121,10 @@ impl Cells {
                 frame.submit()?;
             }
         }
-        let [_, judge] = own(&words)?;
+        let own = CellClassBindings { cell_counts: &counts, cell_words: &words };
+        let classify = self.0.bind(gpu, "classify_cells", &[&own, scene])?;
         let mut frame = gpu.frame("cells");
-        frame.run(&judge, cells as u32, &parameters);
+        frame.run(&classify, cells as u32, &parameters);
         frame.submit()?;
         let overruns = gpu.read::<u32>(&counters, Counter::COUNT)?[Counter::Overrun as usize];
         if overruns > 0 {
@@ -152,7 +136,7 @@ impl Cells {
         Ok(CellTable { shape, rays, bytes: counts.bytes + words.bytes, words })
     }
 
-    /// Binds what gives points the classes of their cells.
+    /// Binds the look-up of points' classes.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -164,26 +148,26 @@ impl Cells {
         classes: &Buffer,
         scene: &dyn Bindings,
     ) -> Result<BoundCells> {
-        let own =
-            Resources::new().with("points", &tile.points).with("classes", classes).with("cell_words", &table.words);
-        Ok(BoundCells { shape: table.shape, look: self.0.bind(gpu, "look", &[&own, scene])? })
+        let own = PointClassBindings { points: &tile.points, cell_words: &table.words, classes };
+        let classify = self.0.bind(gpu, "classify_points", &[&own, scene])?;
+        Ok(BoundCells { shape: table.shape, classify })
     }
 }
 
 /// The pass, bound.
 pub struct BoundCells {
     shape: GridShape,
-    look: BoundKernel,
+    classify: BoundKernel,
 }
 
 impl BoundCells {
     /// Writes the class words of a tile's points for a chunk of lights.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        let slot_count = tile.point_count * chunk.lights;
+        let candidate_count = tile.point_count * chunk.lights;
         let light = chunk.first_light;
         let parameters =
-            CellParameters { grid: self.shape, tile: *tile, light, slot_count, ..CellParameters::default() };
-        frame.run(&self.look, slot_count, &parameters);
+            CellParameters { grid: self.shape, tile: *tile, light, candidate_count, ..CellParameters::default() };
+        frame.run(&self.classify, candidate_count, &parameters);
     }
 }
 
@@ -193,6 +177,6 @@ impl CellTable {
     /// # Errors
     /// As [`Gpu::read`].
     pub fn words(&self, gpu: &Gpu, lights: u32) -> Result<Vec<u32>> {
-        gpu.read(&self.words, (self.shape.cells() * lights) as usize)
+        Ok(gpu.read(&self.words, (self.shape.cells() * lights) as usize)?)
     }
 }

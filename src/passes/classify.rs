@@ -1,73 +1,36 @@
-//! Pass `classify`: the class of every point for every light, and the queues of those that need shadow rays.
+//! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and
+//! audits are traced for.
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, compose};
-use crate::{Error, Result, bindings, shared_struct};
+use super::new_kernel;
+use crate::Result;
+use crate::kernels::compose;
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::{GridShape, JudgeAsked, MAX_NEAREST, PhotonGrid};
+pub use crate::kernels::{Class, Classified, Queue};
+
+use super::grid::{ClassifyRequestedCells, GridShape, PhotonGrid};
 use super::{Tile, TileBuffers};
 
-/// What the photons say of a point and a light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Class {
-    /// The whole light is behind the surface's plane, or emits away from it.
-    Dark = 0,
-    /// The nearest k photons are illumination photons.
-    Lit = 1,
-    /// The nearest k photons are shadow photons.
-    Shadowed = 2,
-    /// There are both among the nearest k.
-    Boundary = 3,
-    /// Fewer than k photons within the largest search radius, or too many to look at.
-    Unknown = 4,
-}
-
-/// A class word, taken apart.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Classified {
-    /// The class.
-    pub class: Class,
-    /// Illumination photons among the nearest k.
-    pub n_i: u32,
-    /// Shadow photons among the nearest k.
-    pub n_s: u32,
-    /// n_i over the hits that all k stand for, in steps of 1/2047.
-    pub visibility: f32,
-}
-
-impl Classified {
-    /// Takes a class word apart.
-    pub fn new(word: u32) -> Classified {
-        let class = match word & 7 {
-            0 => Class::Dark,
-            1 => Class::Lit,
-            2 => Class::Shadowed,
-            3 => Class::Boundary,
-            _ => Class::Unknown,
-        };
-        Classified { class, n_i: (word >> 3) & 511, n_s: (word >> 12) & 511, visibility: (word >> 21) as f32 / 2047.0 }
-    }
-}
-
-/// Lights that are worked on together, and what is decided about them.
+/// Lights that the passes of direct light work on together.
 #[derive(Clone, Copy, Debug)]
 pub struct Chunk {
-    /// First light of the chunk.
+    /// First light of the chunk, or first sampled light index.
     pub first_light: u32,
     /// Lights of the chunk.
     pub lights: u32,
-    /// Pixels by which boundaries are widened, 0 or 1.
+    /// Pixels by which boundaries are dilated, 0 or 1.
     pub dilate: u32,
-    /// Probability with which a lit or shadowed point is audited.
+    /// Probability with which a lit or shadowed candidate is audited.
     pub audit_probability: f32,
 }
 
 shared_struct! {
-    /// Parameters of the classification's kernels.
+    /// Immediates of the pass; see `shaders/classify.wgsl`.
     pub struct ClassifyParameters {
         grid: GridShape,
         tile: Tile,
-        slot_count: u32,
+        candidate_count: u32,
         first_light: u32,
         dilate_radius: u32,
         audit_probability: f32,
@@ -78,65 +41,45 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write.
+    /// What the kernels read and write beside the visibility map.
     struct ClassifyBindings {
-        points, classes, query_queue, queue_lengths, queue_arguments, dilated_classes, boundary_queue, audit_queue,
-        counters,
-    }
+        pub points: &Buffer, pub classes: &Buffer, pub query_queue: &Buffer, pub queue_lengths: &Buffer, pub queue_arguments: &Buffer, pub dilated_classes: &Buffer, pub boundary_queue: &Buffer, pub audit_queue: &Buffer,
+        pub counters: &Buffer,
+}
 }
 
-/// A queue of a tile's sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Queue {
-    /// Slots that no verdict settles; the pass itself consumes it.
-    Query = 0,
-    /// Boundary and unknown points.
-    Boundary = 1,
-    /// Lit and shadowed points that are audited.
-    Audit = 2,
-    /// Points, not slots, that light points are for; pass `shade` fills it and consumes it.
-    Sampled = 3,
-}
-
-impl Queue {
-    /// Byte offset of the queue's indirect arguments in [`ClassifyBuffers::queue_arguments`].
-    pub fn arguments_offset(self) -> u64 {
-        self as u64 * 16
-    }
-}
-
-/// The buffers of the pass, for up to so many slots: (light of the chunk, point) pairs, light by light.
+/// The buffers of the pass. Candidates are (light of the chunk, point) pairs, light by light.
 pub struct ClassifyBuffers {
-    /// Class words as the photons have them.
+    /// Class words before dilation.
     pub classes: Buffer,
     /// Class words after dilation.
     pub dilated_classes: Buffer,
-    /// Slots of boundary and unknown points.
+    /// Boundary and unknown candidates.
     pub boundary_queue: Buffer,
-    /// Slots that are audited.
+    /// Candidates to audit.
     pub audit_queue: Buffer,
-    /// Lengths of the queues by [`Queue`], of this sample.
+    /// Lengths of this sample's queues, by [`Queue`].
     pub queue_lengths: Buffer,
-    /// Indirect arguments by [`Queue::arguments_offset`].
+    /// Indirect arguments, by [`Queue::arguments_offset`].
     pub queue_arguments: Buffer,
     query_queue: Buffer,
 }
 
 impl ClassifyBuffers {
-    /// Buffers for `slots` slots.
+    /// Buffers for `candidates` candidates.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
-    pub fn new(gpu: &Gpu, slots: u32) -> Result<ClassifyBuffers> {
-        let words = |label: &str| gpu.buffer::<u32>(label, slots as usize);
+    pub fn new(gpu: &Gpu, candidates: u32) -> Result<ClassifyBuffers> {
+        let words = |label: &str| gpu.buffer::<u32>(label, candidates as usize);
+        let argument_words = Queue::COUNT * Queue::ARGUMENT_WORDS as usize;
         Ok(ClassifyBuffers {
             classes: words("penumbra/classify/classes")?,
             dilated_classes: words("penumbra/classify/dilated_classes")?,
             boundary_queue: words("penumbra/classify/boundary_queue")?,
             audit_queue: words("penumbra/classify/audit_queue")?,
-            queue_lengths: gpu.buffer::<u32>("penumbra/classify/queue_lengths", 4)?,
-            queue_arguments: gpu.buffer::<u32>("penumbra/classify/queue_arguments", 16)?,
+            queue_lengths: gpu.buffer::<u32>("penumbra/classify/queue_lengths", Queue::COUNT)?,
+            queue_arguments: gpu.buffer::<u32>("penumbra/classify/queue_arguments", argument_words)?,
             query_queue: words("penumbra/classify/query_queue")?,
         })
     }
@@ -145,16 +88,16 @@ impl ClassifyBuffers {
 /// The pass; see `shaders/classify.wgsl`.
 pub struct Classify {
     kernel: Kernel,
-    /// There is a visibility map to ask.
+    /// There is a visibility map.
     map: bool,
 }
 
-/// The pass with its resources bound.
+/// The pass, bound.
 pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    /// What decides the points that no verdict settles, where there is a map.
-    undecided: Option<Undecided>,
+    /// The search where no cell class decides; none without a visibility map.
+    search: Option<Search>,
     dilate: BoundKernel,
     compact: BoundKernel,
     compact_undilated: BoundKernel,
@@ -162,30 +105,28 @@ pub struct BoundClassify {
     query_group: u32,
 }
 
-struct Undecided {
-    ask: BoundKernel,
-    judge_asked: JudgeAsked,
+struct Search {
+    request_cells: BoundKernel,
+    classify_requested_cells: ClassifyRequestedCells,
     query: BoundKernel,
 }
 
 impl Classify {
-    /// Makes the pass. With `exact_counts` n_i and n_s of boundary points are those of the nearest k; without, they
-    /// may be those of photons about the point: enough for a control variate, and cheaper. Classes are exact in
-    /// both.
+    /// Compiles the kernels. With `exact_counts` n_i and n_s of boundary candidates are those of the nearest k.
+    /// Without, they may be those of photons about the point: enough for a control variate, and cheaper. Classes are
+    /// exact in both.
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a `nearest` out of range.
+    /// As [`Kernel::new`]; [`crate::Error::Setting`] for a `nearest` out of range.
     pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
-        if !(1..=MAX_NEAREST).contains(&nearest) {
-            return Err(Error::Usage(format!("--nearest {nearest}: it must be between 1 and {MAX_NEAREST}")));
-        }
-        let composed = compose::compose("classify", features)?;
+        super::grid::check_nearest(nearest)?;
+        let composed = compose("classify", features)?;
         let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];
-        let kernel = Kernel::new(gpu, &composed, &composed.overrides(&constants), ClassifyBindings::NAMES)?;
-        Ok(Classify { kernel, map: features.has("visibility_map") })
+        let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &[ClassifyBindings::DECLARED])?;
+        Ok(Classify { kernel, map: features.has(Feature::VisibilityMap) })
     }
 
-    /// Binds the pass to a tile's points, the map (where there is one) and the lights' tables.
+    /// Binds the pass to a tile's points, the visibility map (where there is one) and the scene.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -216,10 +157,10 @@ impl Classify {
         Ok(BoundClassify {
             shape: grid.map_or(GridShape::default(), |grid| grid.shape),
             classify: bind("classify", dilated)?,
-            undecided: match grid {
-                Some(grid) if self.map => Some(Undecided {
-                    ask: bind("ask", dilated)?,
-                    judge_asked: grid.judge_asked(),
+            search: match grid {
+                Some(grid) if self.map => Some(Search {
+                    request_cells: bind("request_cells", dilated)?,
+                    classify_requested_cells: grid.classify_requested_cells(),
                     query: bind("query", dilated)?,
                 }),
                 _ => None,
@@ -234,8 +175,8 @@ impl Classify {
 }
 
 impl BoundClassify {
-    /// Records the classification of a tile's points for a chunk of lights, dilation, and the queues with their
-    /// indirect arguments for workgroups of `queue_group` invocations.
+    /// Records all steps for a tile's points and a chunk of lights, in order. The queues get indirect arguments for
+    /// workgroups of `queue_group` invocations.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -244,39 +185,59 @@ impl BoundClassify {
         chunk: &Chunk,
         queue_group: u32,
     ) {
-        let slots = tile.point_count * chunk.lights;
-        let arguments = &buffers.queue_arguments;
-        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        frame.clear(&buffers.queue_lengths);
-        frame.run(&self.classify, slots, &query);
-        if let Some(Undecided { ask, judge_asked, query: search }) = &self.undecided {
-            frame.run(&self.arrange, 1, &query);
-            frame.run_indirect(ask, arguments, Queue::Query.arguments_offset(), &query);
-            judge_asked.record(frame);
-            frame.run_indirect(search, arguments, Queue::Query.arguments_offset(), &query);
-        }
-        self.record_queues(frame, buffers, tile, chunk, queue_group);
+        self.classify(frame, buffers, tile, chunk);
+        self.request_cells(frame, buffers, tile, chunk);
+        self.classify_requested_cells(frame);
+        self.query(frame, buffers, tile, chunk);
+        self.dilate(frame, buffers, tile, chunk);
+        self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// The part of [`BoundClassify::record`] that follows the classes, whoever wrote them: dilation, counts and queues. The
-    /// lengths of the queues must be 0.
-    pub fn record_queues(
-        &self,
-        frame: &mut Frame<'_>,
-        buffers: &ClassifyBuffers,
-        tile: &Tile,
-        chunk: &Chunk,
-        queue_group: u32,
-    ) {
-        let slots = tile.point_count * chunk.lights;
-        let query = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        if chunk.dilate > 0 {
-            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(slots) * 4);
-            frame.run(&self.dilate, slots, &query);
-            frame.run(&self.compact, slots, &query);
-        } else {
-            frame.run(&self.compact_undilated, slots, &query);
+    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued for
+    /// [`BoundClassify::query`].
+    pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let candidates = tile.point_count * chunk.lights;
+        frame.clear(&buffers.queue_lengths);
+        frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+    }
+
+    /// Requests a class for the cells of the queued points that have none yet.
+    pub fn request_cells(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let Some(Search { request_cells, .. }) = &self.search else { return };
+        self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run_indirect(request_cells, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+    }
+
+    /// Classifies the requested cells.
+    pub fn classify_requested_cells(&self, frame: &mut Frame<'_>) {
+        if let Some(Search { classify_requested_cells, .. }) = &self.search {
+            classify_requested_cells.record(frame);
         }
+    }
+
+    /// Classifies the queued points: by their cells, or by a search for their nearest photons.
+    pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let Some(Search { query, .. }) = &self.search else { return };
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+    }
+
+    /// Widens boundaries, where the chunk asks for that.
+    pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        if chunk.dilate > 0 {
+            let candidates = tile.point_count * chunk.lights;
+            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(candidates) * 4);
+            frame.run(&self.dilate, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+        }
+    }
+
+    /// Counts the classes, whichever pass wrote them, and queues the points that need shadow rays. The queues must be
+    /// empty.
+    pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue_group: u32) {
+        let compact = if chunk.dilate > 0 { &self.compact } else { &self.compact_undilated };
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        frame.run(compact, tile.point_count * chunk.lights, &parameters);
         self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
         self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
     }
@@ -290,7 +251,7 @@ impl BoundClassify {
         ClassifyParameters {
             grid: self.shape,
             tile: *tile,
-            slot_count: tile.point_count * chunk.lights,
+            candidate_count: tile.point_count * chunk.lights,
             first_light: chunk.first_light,
             dilate_radius: chunk.dilate,
             audit_probability: chunk.audit_probability,
@@ -308,7 +269,7 @@ impl ClassifyBuffers {
         words.into_iter().map(|b| b.bytes).sum()
     }
 
-    /// Room for a queue of all points once the classes are known: nothing reads the queries then.
+    /// Room for [`Queue::Sampled`], a queue of all points: nothing reads the query queue once the classes are known.
     pub fn sampled_points(&self) -> &Buffer {
         &self.query_queue
     }

@@ -1,22 +1,28 @@
-//! film: compensated sums of the samples of each pixel.
+//! Pass `film`: compensated sums of the samples of each pixel.
 
+use crate::specialisation::features::Features;
 use glam::{DVec4, Vec4};
+use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use crate::gpu::{BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
 
 use super::{Tile, kernel};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/film.wgsl`.
     pub struct FilmParameters {
-        /// Pixels of the tile.
+        /// Number of pixels of the tile.
         pub pixel_count: u32,
-        /// Points to sum.
+        /// Number of points to sum.
         pub point_count: u32,
-        /// The first of them among the samples.
+        /// Index of the first of them among the samples.
         pub first_point: u32,
     }
+}
+
+bindings! {
+    /// Everything that the kernel reads and writes.
+    struct FilmBindings { pub samples: &Buffer, pub other_samples: &Buffer, pub sums: &Buffer, pub compensations: &Buffer, pub counters: &Buffer}
 }
 
 /// The pass; see `shaders/film.wgsl`.
@@ -36,13 +42,7 @@ impl Film {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features) -> Result<Film> {
-        Ok(Film(kernel(
-            gpu,
-            "film",
-            features,
-            &[],
-            &["samples", "sums", "compensations", "counters", "other_samples"],
-        )?))
+        Ok(Film(kernel(gpu, "film", features, &[], &[FilmBindings::DECLARED])?))
     }
 
     /// An empty plane of `pixels` pixels that sums `samples`.
@@ -50,15 +50,15 @@ impl Film {
     /// # Errors
     /// As [`Gpu::buffer`] and [`Kernel::bind`].
     pub fn plane(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate", samples, samples, counters)
+        self.any_plane(gpu, pixels, "accumulate", [samples, samples], counters)
     }
 
-    /// An empty plane that sums the squares of the sum of two parts.
+    /// An empty plane that sums the squares of the whole radiance, which is the sum of two parts.
     ///
     /// # Errors
     /// As [`Film::plane`].
     pub fn plane_of_squares(&self, gpu: &Gpu, pixels: u32, parts: [&Buffer; 2], counters: &Buffer) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate_squares", parts[0], parts[1], counters)
+        self.any_plane(gpu, pixels, "accumulate_squares", parts, counters)
     }
 
     fn any_plane(
@@ -66,18 +66,12 @@ impl Film {
         gpu: &Gpu,
         pixels: u32,
         entry: &str,
-        samples: &Buffer,
-        other_samples: &Buffer,
+        [samples, other_samples]: [&Buffer; 2],
         counters: &Buffer,
     ) -> Result<Plane> {
         let sums = gpu.buffer::<[f32; 4]>("penumbra/film/sums", pixels as usize)?;
         let compensations = gpu.buffer::<[f32; 4]>("penumbra/film/compensations", pixels as usize)?;
-        let own = Resources::new()
-            .with("samples", samples)
-            .with("other_samples", other_samples)
-            .with("sums", &sums)
-            .with("compensations", &compensations)
-            .with("counters", counters);
+        let own = FilmBindings { samples, other_samples, sums: &sums, compensations: &compensations, counters };
         let bound = self.0.bind(gpu, entry, &[&own])?;
         Ok(Plane { sums, compensations, bound, pixels })
     }
@@ -89,14 +83,14 @@ impl Plane {
         self.record_from(frame, tile, 0);
     }
 
-    /// Adds the samples of the tile's points, the first of which is number `first_point` among the samples.
+    /// Adds the samples of the tile's points; the first one has the index `first_point` among the samples.
     pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
         let Tile { pixel_count, point_count, .. } = *tile;
         let parameters = FilmParameters { pixel_count, point_count, first_point };
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
-    /// The mean over the samples of each pixel, of which `samples` were added and those that were not finite left out.
+    /// The mean of each pixel's samples. `samples` of them were recorded; those that were not finite are left out.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -104,14 +98,14 @@ impl Plane {
         Ok(Plane::means_of(&self.state(gpu)?, samples))
     }
 
-    /// As [`Plane::means`], of what [`Plane::state`] gave.
+    /// As [`Plane::means`], for a state that [`Plane::state`] returned.
     pub fn means_of(state: &[u32], samples: u32) -> Vec<DVec4> {
         let (sums, compensations) = state.split_at(state.len() / 2);
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
         let (sums, compensations) = (vectors(sums), vectors(compensations));
         let mean = |(sum, lost): (&[f32; 4], &[f32; 4])| {
-            // w of the compensations counts the samples that were left out; w of the sums is exact without one, a sum
-            // of zeros and ones.
+            // w of the compensations is the number of samples that were left out. w of the sums needs no compensation:
+            // it is a sum of zeros and ones, and exact.
             let kept = f64::from(samples) - f64::from(lost[3]);
             let total = Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4();
             if kept > 0.0 { total / kept } else { DVec4::ZERO }
@@ -119,7 +113,7 @@ impl Plane {
         sums.iter().zip(compensations).map(mean).collect()
     }
 
-    /// Everything that was summed, as words: sums, then compensations.
+    /// The state of the plane as words: sums, then compensations.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -129,12 +123,12 @@ impl Plane {
         Ok(words)
     }
 
-    /// Words of [`Plane::state`].
+    /// Number of words of [`Plane::state`].
     pub fn state_words(&self) -> usize {
         2 * 4 * self.pixels as usize
     }
 
-    /// Puts back what [`Plane::state`] gave.
+    /// Restores a state that [`Plane::state`] returned.
     pub fn restore(&self, gpu: &Gpu, state: &[u32]) {
         let (sums, compensations) = state.split_at(self.state_words() / 2);
         gpu.write(&self.sums, sums);

@@ -1,9 +1,12 @@
-//! Pass `flux`: photons that carry flux, the global map: rays from the lights by their power, stored at every diffuse
-//! surface, going on by Russian roulette on the BSDF.
+//! Pass `flux`: traces the photons that carry flux, for the global map and the caustic map. Rays leave the lights in
+//! proportion to their power, photons are stored at every diffuse surface, and Russian roulette on the BSDF ends the
+//! rays.
 
-use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
+use crate::Result;
 use crate::gpu_scene::GpuLights;
-use crate::{Result, bindings, shared_struct};
+use crate::kernels::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STEPS, FLUX_STORED, FLUX_TRACED};
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::Photon;
 use super::kernel;
@@ -23,40 +26,63 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads and writes beside the scene.
-    struct FluxBindings { flux_photons, flux_counts, flux_rays }
+    /// Everything that the kernel reads and writes except the scene.
+    struct FluxBindings { pub flux_photons: &Buffer, pub flux_counts: &Buffer, pub flux_rays: &Buffer}
 }
 
-/// Rays of a dispatch: some tens of milliseconds on a software device, and no danger to a desktop's watchdog.
+/// Rays of a dispatch: some tens of milliseconds on a software device, and short enough for a desktop's watchdog.
 const BATCH_RAYS: u32 = 1 << 15;
 
-/// Photons that are made room for at first, by ray: a room of albedo 0.7 stores 3.
+/// Photons per ray that the first buffer has room for: a room of albedo 0.7 stores 3.
 const PHOTONS_PER_RAY: usize = 4;
-
-/// Steps of a photon's word to a unit of flux, as the kernels have it.
-const FLUX_STEPS: f64 = 31.0;
 
 /// The pass; see `shaders/flux.wgsl`.
 pub struct Flux(Kernel);
 
-/// Photons on the device, in any order; their set depends on nothing but the scene, the settings and the seed.
+/// How many photons to trace, and how far.
+#[derive(Clone, Copy, Debug)]
+pub struct FluxSettings {
+    /// Rays from all lights together, distributed by power; each light that emits has at least one.
+    pub rays: u32,
+    /// Maximum number of bounces before a photon is stored.
+    pub max_bounces: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+}
+
+/// Photons on the device, in any order. Their set depends only on the scene, the settings and the seed.
 pub struct FluxPhotons {
     /// [`Photon`]s.
     pub photons: Buffer,
-    /// How many.
+    /// Number of photons.
     pub count: u32,
-    /// Rays that left the lights: fewer than asked for where the photons of more do not fit into one binding of the device.
+    /// Rays that left the lights: fewer than requested where the photons would not fit into one binding of the device.
     pub emitted: u32,
-    /// Rays traced, from surfaces too.
+    /// Rays traced, those from surfaces included.
     pub rays: u64,
-    /// Power of one step of a photon's word, in the scene's units over normalised lengths squared.
+    /// Power of one step of a photon's encoded flux, in the scene's units over normalised lengths squared.
     pub step: f64,
-    /// Photons that carry more than their word holds, and lost the rest.
+    /// Photons whose flux exceeded [`MAX_FLUX`](crate::kernels::MAX_FLUX) units and was clipped to it.
     pub cut: u64,
-    /// Photons that were not stored, as what they carry is not finite.
+    /// Photons not stored because their flux is not finite.
     pub not_finite: u64,
-    /// Rays that met the loop budget: their photons from there on are missing.
+    /// Rays that exceeded the loop budget: their photons from there on are missing.
     pub overruns: u64,
+}
+
+/// The batches of a trace: its buffers and what they hold so far.
+struct Batches<'a> {
+    gpu: &'a Gpu,
+    settings: FluxSettings,
+    light_count: u32,
+    /// Largest flux of a ray that leaves a light: the unit of flux in the photons' words.
+    unit: f64,
+    ray_table: Buffer,
+    counts: Buffer,
+    /// Photons that `traced.photons` has room for, and the maximum that one binding of the device holds.
+    room: usize,
+    limit: usize,
+    traced: FluxPhotons,
 }
 
 impl Flux {
@@ -68,7 +94,8 @@ impl Flux {
         Self::with_caustic_photons(gpu, features, constants, false)
     }
 
-    /// As [`Flux::new`], for the photons of the caustic map: those that focusing surfaces alone have sent on.
+    /// As [`Flux::new`], for the photons of the caustic map: those that only focusing surfaces have reflected or
+    /// transmitted.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -79,12 +106,11 @@ impl Flux {
     fn with_caustic_photons(gpu: &Gpu, features: &Features, constants: &[(&str, f64)], on: bool) -> Result<Flux> {
         let mut constants = constants.to_vec();
         constants.push(("caustic_photons", f64::from(u8::from(on))));
-        Ok(Flux(kernel(gpu, "flux", features, &constants, FluxBindings::NAMES)?))
+        Ok(Flux(kernel(gpu, "flux", features, &constants, &[FluxBindings::DECLARED])?))
     }
 
-    /// Traces `rays` rays from all lights together, by their power, each light at least one. Photons are stored after at
-    /// most `max_bounces` bounces. Where they outgrow the device's largest binding, half as many rays are traced in
-    /// their stead.
+    /// Traces photons from all lights. Where they would outgrow the device's largest binding, half as many rays are
+    /// traced instead.
     ///
     /// # Errors
     /// As [`Gpu::check`] and [`Kernel::bind`].
@@ -93,94 +119,121 @@ impl Flux {
         gpu: &Gpu,
         scene: &dyn Bindings,
         lights: &GpuLights,
-        mut rays: u32,
-        max_bounces: u32,
-        seed: u32,
+        mut settings: FluxSettings,
     ) -> Result<FluxPhotons> {
+        let powers: Vec<f64> = lights.lights.iter().map(|light| light.received_share * light.power).collect();
         loop {
-            if let Some(photons) = self.try_trace(gpu, scene, lights, rays, max_bounces, seed)? {
+            if let Some(photons) = Batches::new(gpu, &powers, settings)?.trace(&self.0, scene)? {
                 return Ok(photons);
             }
-            rays /= 2;
+            settings.rays /= 2;
         }
     }
+}
 
-    fn try_trace(
-        &self,
-        gpu: &Gpu,
-        scene: &dyn Bindings,
-        lights: &GpuLights,
-        rays: u32,
-        max_bounces: u32,
-        seed: u32,
-    ) -> Result<Option<FluxPhotons>> {
-        let powers: Vec<f64> = lights.lights.iter().map(|light| light.aimed * light.power).collect();
-        let first_rays = first_rays(&powers, rays);
+impl<'a> Batches<'a> {
+    fn new(gpu: &'a Gpu, powers: &[f64], settings: FluxSettings) -> Result<Batches<'a>> {
+        let first_rays = first_rays(powers, settings.rays);
         let emitted = first_rays[powers.len()];
         let by_light = powers.iter().zip(first_rays.windows(2)).filter(|(_, ends)| ends[1] > ends[0]);
         let unit = by_light.map(|(power, ends)| power / f64::from(ends[1] - ends[0])).fold(0.0, f64::max);
-        let ray_table = gpu.upload("penumbra/flux/rays", &first_rays)?;
-        let counts = gpu.buffer::<u32>("penumbra/flux/counts", 5)?;
         let limit = (gpu.max_buffer_bytes() / size_of::<Photon>() as u64) as usize;
-        let mut room = (PHOTONS_PER_RAY * emitted as usize).clamp(1, limit);
-        let new_buffer = |room| gpu.buffer::<Photon>("penumbra/flux/photons", room);
-        let mut photons = new_buffer(room)?;
-        let mut traced = FluxPhotons {
-            photons: new_buffer(0)?,
+        let room = (PHOTONS_PER_RAY * emitted as usize).clamp(1, limit);
+        let traced = FluxPhotons {
+            photons: photon_buffer(gpu, room)?,
             count: 0,
             emitted,
             rays: 0,
-            step: unit / FLUX_STEPS,
+            step: unit / f64::from(FLUX_STEPS),
             cut: 0,
             not_finite: 0,
             overruns: 0,
         };
-        let mut done = 0;
-        while done < emitted && unit > 0.0 {
-            let own = FluxBindings { flux_photons: &photons, flux_counts: &counts, flux_rays: &ray_table };
-            let bound = self.0.bind(gpu, "flux", &[&own, scene])?;
-            let ray_count = BATCH_RAYS.min(emitted - done);
-            let parameters = FluxParameters {
-                first_ray: done,
-                ray_count,
-                light_count: powers.len() as u32,
-                seed,
-                max_bounces,
-                stored: traced.count,
-                inverse_unit: (1.0 / unit) as f32,
-                padding: 0,
-            };
-            let mut frame = gpu.frame("flux");
-            frame.clear(&counts);
-            frame.run(&bound, ray_count, &parameters);
-            frame.submit()?;
-            let [more, overruns, rays, cut, not_finite]: [u32; 5] = gpu.read::<[u32; 5]>(&counts, 1)?[0];
-            let needed = traced.count as usize + more as usize;
-            if needed > limit {
+        Ok(Batches {
+            gpu,
+            settings,
+            light_count: powers.len() as u32,
+            unit,
+            ray_table: gpu.upload("penumbra/flux/rays", &first_rays)?,
+            counts: gpu.buffer::<u32>("penumbra/flux/counts", FLUX_COUNTS as usize)?,
+            room,
+            limit,
+            traced,
+        })
+    }
+
+    /// All photons, or None where they would outgrow the device's largest binding.
+    fn trace(mut self, kernel: &Kernel, scene: &dyn Bindings) -> Result<Option<FluxPhotons>> {
+        let mut first_ray = 0;
+        while first_ray < self.traced.emitted && self.unit > 0.0 {
+            let ray_count = BATCH_RAYS.min(self.traced.emitted - first_ray);
+            let counts = self.run(kernel, scene, first_ray, ray_count)?;
+            let needed = self.traced.count as usize + counts[FLUX_STORED as usize] as usize;
+            if needed > self.limit {
                 return Ok(None);
             }
-            if needed > room {
-                // The batch is traced again: which of its photons found room depends on chance.
-                room = (2 * room).max(needed).min(limit);
-                let larger = new_buffer(room)?;
-                let mut frame = gpu.frame("flux");
-                frame.copy(&photons, &larger, 0, u64::from(traced.count) * size_of::<Photon>() as u64);
-                frame.submit()?;
-                photons = larger;
+            if needed > self.room {
+                // The batch is traced again: which of its photons found room is not deterministic.
+                self.grow(needed)?;
                 continue;
             }
-            traced.count += more;
-            traced.rays += u64::from(rays);
-            traced.cut += u64::from(cut);
-            traced.not_finite += u64::from(not_finite);
-            traced.overruns += u64::from(overruns);
-            done += ray_count;
+            self.traced.count += counts[FLUX_STORED as usize];
+            self.traced.rays += u64::from(counts[FLUX_TRACED as usize]);
+            self.traced.cut += u64::from(counts[FLUX_CLIPPED as usize]);
+            self.traced.not_finite += u64::from(counts[FLUX_NOT_FINITE as usize]);
+            self.traced.overruns += u64::from(counts[FLUX_OVERRUNS as usize]);
+            first_ray += ray_count;
         }
-        Ok(Some(FluxPhotons { photons, ..traced }))
+        Ok(Some(self.traced))
+    }
+
+    /// Traces one batch, whose photons follow those of the batches before; the kernel's counts.
+    fn run(
+        &self,
+        kernel: &Kernel,
+        scene: &dyn Bindings,
+        first_ray: u32,
+        ray_count: u32,
+    ) -> Result<[u32; FLUX_COUNTS as usize]> {
+        let own =
+            FluxBindings { flux_photons: &self.traced.photons, flux_counts: &self.counts, flux_rays: &self.ray_table };
+        let bound = kernel.bind(self.gpu, "flux", &[&own, scene])?;
+        let parameters = FluxParameters {
+            first_ray,
+            ray_count,
+            light_count: self.light_count,
+            seed: self.settings.seed,
+            max_bounces: self.settings.max_bounces,
+            stored: self.traced.count,
+            inverse_unit: (1.0 / self.unit) as f32,
+            padding: 0,
+        };
+        let mut frame = self.gpu.frame("flux");
+        frame.clear(&self.counts);
+        frame.run(&bound, ray_count, &parameters);
+        frame.submit()?;
+        Ok(self.gpu.read::<[u32; FLUX_COUNTS as usize]>(&self.counts, 1)?[0])
+    }
+
+    /// Moves the photons to a buffer that has room for `needed` of them.
+    fn grow(&mut self, needed: usize) -> Result<()> {
+        self.room = (2 * self.room).max(needed).min(self.limit);
+        let larger = photon_buffer(self.gpu, self.room)?;
+        let mut frame = self.gpu.frame("flux");
+        let bytes = u64::from(self.traced.count) * size_of::<Photon>() as u64;
+        frame.copy(&self.traced.photons, &larger, 0, bytes);
+        frame.submit()?;
+        self.traced.photons = larger;
+        Ok(())
     }
 }
 
-/// The first ray of each light, and the end: `rays` of them by power, at least one of each light that has some.
+fn photon_buffer(gpu: &Gpu, room: usize) -> Result<Buffer> {
+    Ok(gpu.buffer::<Photon>("penumbra/flux/photons", room)?)
+}
+
+/// Index of the first ray of each light, and the total at the end. The rays are distributed by power; each light that
+/// emits has at least one.
 fn first_rays(powers: &[f64], rays: u32) -> Vec<u32> {
     let total: f64 = powers.iter().sum();
     let mut first = vec![0];

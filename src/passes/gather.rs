@@ -1,7 +1,10 @@
 //! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Gpu, Kernel, Resources};
-use crate::{Result, bindings, shared_struct};
+use crate::Result;
+pub use crate::kernels::MIN_RADIUS_PIXELS;
+use crate::kernels::RECORD_HEAD_TEXELS;
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::{TileBuffers, kernel};
 
@@ -20,31 +23,31 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads and writes beside the tile, the scene and the global map.
+    /// Everything that the kernel reads and writes except the scene and the global map.
     struct GatherBindings {
-        wanted, gathered, follow_count, follow_arguments, follow_rays, follow_hits, record_heads, record_values,
-    }
+        pub points: &Buffer, pub surfaces: &Buffer, pub counters: &Buffer, pub wanted: &Buffer, pub gathered: &Buffer, pub follow_count: &Buffer, pub follow_arguments: &Buffer, pub follow_rays: &Buffer, pub follow_hits: &Buffer,
+        pub record_heads: &Buffer, pub record_values: &Buffer,
+}
 }
 
 shared_struct! {
-    /// Where a record is and how far its surroundings are; see `shaders/lib/record.wgsl`.
+    /// Head of an irradiance record; see `shaders/lib/record.wgsl`. Lengths are normalised.
     pub struct RecordHead {
-        /// Position, normalised.
+        /// Position.
         pub position: [f32; 3],
-        /// Size of a pixel there; in the table that points are interpolated from, the record's radius. 0 where the record is
-        /// not finite, and tells nothing.
+        /// Size of a pixel at the position; in the table that points are interpolated from, the record's radius. 0
+        /// where the record is not finite: it is not used.
         pub size: f32,
         /// Unit normal.
         pub normal: [f32; 3],
-        /// Harmonic mean distance of what its rays met, or less where the irradiance falls off faster.
+        /// Harmonic mean of the distances of its rays' hits, or less where the irradiance falls off faster.
         pub distance: f32,
     }
 }
 
-/// Least radius of a record in pixels: closer together records cost more than they tell.
-pub const LEAST_RADIUS_PIXELS: u32 = 3;
+const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Rays of a dispatch: 4 MiB of what they bring, and no danger to a desktop's watchdog.
+/// Rays of a dispatch: 4 MiB of results, and short enough for a desktop's watchdog.
 const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/gather.wgsl`.
@@ -69,12 +72,10 @@ impl Gather {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Gather> {
-        let own = ["points", "surfaces", "counters"];
-        let own: Vec<&str> = own.iter().chain(GatherBindings::NAMES).copied().collect();
-        Ok(Gather(kernel(gpu, "gather", features, constants, &own)?))
+        Ok(Gather(kernel(gpu, "gather", features, constants, &[GatherBindings::DECLARED])?))
     }
 
-    /// Binds it for records of about `rays` rays at points of a tile, whose values go to `values`.
+    /// Binds it to a tile's buffers, for records of about `rays` rays whose values go to `values`.
     ///
     /// # Errors
     /// As [`Kernel::bind`] and [`Gpu::buffer`].
@@ -94,6 +95,9 @@ impl Gather {
         let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
         let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
         let own = GatherBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            counters: &tile.counters,
             wanted: &wanted,
             gathered: &gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
             follow_count: &follow_count,
@@ -103,11 +107,7 @@ impl Gather {
             record_heads: &heads,
             record_values: values,
         };
-        let tile = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("counters", &tile.counters);
-        let mut sets: Vec<&dyn Bindings> = vec![&own, &tile];
+        let mut sets: Vec<&dyn Bindings> = vec![&own];
         sets.extend(scene);
         let entry = |name: &str| self.0.bind(gpu, name, &sets);
         Ok(BoundGather {
@@ -124,10 +124,10 @@ impl Gather {
     }
 }
 
-/// What all gathers of a render have in common.
+/// Parameters of all gathers of a render.
 #[derive(Clone, Copy, Debug)]
 pub struct GatherSettings {
-    /// Most bounces of indirect light.
+    /// Maximum number of bounces of indirect light.
     pub max_bounces: u32,
     /// Seed of the render.
     pub seed: u32,
@@ -136,12 +136,13 @@ pub struct GatherSettings {
 }
 
 impl BoundGather {
-    /// Rays of a record: those of whole strata.
+    /// Rays of a record: one for each stratum.
     pub fn rays(&self) -> u32 {
         self.strata[0] * self.strata[1]
     }
 
-    /// Makes records at the tile's points `wanted`; their values follow those of `before` records. Their heads.
+    /// Gathers records at the tile's points `wanted`; their values follow those of `before` earlier records. Returns
+    /// their heads.
     ///
     /// # Errors
     /// As [`Gpu::check`].
@@ -164,11 +165,12 @@ impl BoundGather {
             frame.run(&self.record, count, &parameters);
             frame.submit()?;
         }
-        gpu.read(&self.heads, wanted as usize)
+        Ok(gpu.read(&self.heads, wanted as usize)?)
     }
 }
 
-/// Rings and sectors of about `rays` strata that are as wide as they are high (Ward and Heckbert 1992: pi to 1).
+/// Rings and sectors that divide the hemisphere into about `rays` strata, each as wide as it is high (Ward and Heckbert
+/// 1992: pi sectors to a ring).
 fn strata(rays: u32) -> [u32; 2] {
     let rings = (f64::from(rays) / std::f64::consts::PI).sqrt().round().max(1.0);
     let sectors = (f64::from(rays) / rings).round().max(1.0);

@@ -1,11 +1,13 @@
-//! Pass `irradiance`: density estimates on the global map, precomputed at places all over the scene (Christensen 1999), so
-//! that a ray of the final gather costs one look-up.
+//! Pass `irradiance`: density estimation on the global map. Precomputes the irradiance at irradiance points all over
+//! the scene (Christensen 1999), so that a ray of the final gather costs one look-up; shows the map at the points of a
+//! tile; adds the light of the caustic map there.
 
 use crate::Result;
-use crate::gpu::buffer::{TableFormat, whole_rows};
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources, Table};
+use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Counter;
-use crate::{bindings, shared_struct};
+use kernel_kit::{
+    Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
+};
 
 use super::grid::{GridShape, SortedPhotons};
 use super::{Tile, TileBuffers, kernel};
@@ -22,48 +24,53 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads and writes beside the scene and the global map.
-    struct IrradianceBindings { places, irradiances, counters }
+    /// Everything that the entry point `irradiance` reads and writes except the scene and the global map.
+    struct IrradianceBindings { pub irradiance_points: &Buffer, pub irradiances: &Buffer, pub counters: &Buffer}
 }
 
-/// Photons of an estimate (k). At 64 the noise of one is an eighth; a gather takes the mean of some hundred of them.
+bindings! {
+    /// Everything that the entry points `show` and `caustics` read and write except the scene and the map.
+    struct ShowBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_indirect: &Buffer, pub counters: &Buffer}
+}
+
+/// Photons of an estimate (k). With 64 its noise is an eighth; a gather takes the mean of some hundred estimates.
 pub const IRRADIANCE_NEAREST: u32 = 64;
 
-/// Photons that a cell of the global map holds on an evenly covered surface: the disc of an estimate, of radius
-/// sqrt(k / (pi density)), must not be wider than a cell: k / pi, and a tenth more.
+/// Photons in a cell of the global map, on an evenly covered surface. The disc of an estimate, of radius sqrt(k / (pi
+/// density)), must not be wider than a cell: k / pi, and a tenth more.
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
-/// Rays of the global map for one whose photons are the places: four places lie in a disc, and more would say nearly the
-/// same. Photons of the map itself would not do: they keep their distance from each other, so that about a photon there are
-/// fewer than elsewhere (1 % in the box of the paper).
-pub const RAYS_PER_PLACE_RAY: u32 = 16;
+/// Rays of the global map for each ray whose photons become irradiance points. A disc then holds four irradiance
+/// points; more would be nearly equal. They are not photons of the map itself: those keep a distance from each other,
+/// so that around a photon there are fewer than elsewhere (1 % in the paper's box).
+pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 16;
 
-/// Places in a cell of their grid, on an evenly covered surface. Look-ups ask 2 x 2 cells of it.
-const PLACES_PER_CELL: f32 = 3.0;
+/// Irradiance points in a cell of their grid, on an evenly covered surface. A look-up reads 2 x 2 cells of the surface.
+const POINTS_PER_CELL: f32 = 3.0;
 
 /// The pass; see `shaders/irradiance.wgsl`.
 pub struct Irradiance {
     kernel: Kernel,
 }
 
-/// Irradiance at places all over the scene; see `shaders/lib/irradiance.wgsl`.
+/// Precomputed irradiance all over the scene; see `shaders/lib/irradiance.wgsl`.
 pub struct IrradianceMap {
-    /// The places, sorted by cell.
-    pub places: SortedPhotons,
+    /// The irradiance points, sorted by cell.
+    pub points: SortedPhotons,
     irradiances: Table,
     shape: Buffer,
     /// Bytes on the device.
     pub bytes: u64,
-    /// Places whose irradiance is not finite: no path ends there.
+    /// Irradiance points whose irradiance is not finite: no path ends there.
     pub not_finite: u64,
 }
 
 impl Bindings for IrradianceMap {
-    fn get(&self, name: &str) -> Option<crate::gpu::Binding<'_>> {
+    fn get(&self, name: &str) -> Option<kernel_kit::Binding<'_>> {
         match name {
             "irradiance_table" => Some((&self.irradiances).into()),
             "irradiance_grid" => Some((&self.shape).into()),
-            _ => self.places.get(name),
+            _ => self.points.get(name),
         }
     }
 }
@@ -76,10 +83,13 @@ impl Irradiance {
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Irradiance> {
         let mut constants = constants.to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
-        Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, IrradianceBindings::NAMES)? })
+        let shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
+        let mut own = vec![IrradianceBindings::DECLARED];
+        own.extend(shown.then_some(ShowBindings::DECLARED));
+        Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, &own)? })
     }
 
-    /// Estimates the irradiance at the positions of `places` by the photons of `map`, whose words count flux in steps of `step`.
+    /// Estimates the irradiance at `points` by the photons of `map`, whose words count flux in steps of `step`.
     ///
     /// # Errors
     /// As [`Gpu::buffer`] and [`Kernel::bind`].
@@ -88,30 +98,41 @@ impl Irradiance {
         gpu: &Gpu,
         scene: &dyn Bindings,
         map: &SortedPhotons,
-        places: SortedPhotons,
+        points: SortedPhotons,
         step: f64,
     ) -> Result<IrradianceMap> {
         let irradiances =
-            gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(places.count as usize))?;
+            gpu.buffer::<[f32; 4]>("penumbra/irradiance/irradiances", whole_rows(points.count as usize))?;
         let counters = gpu.buffer::<u32>("penumbra/irradiance/counters", Counter::COUNT)?;
-        let own = IrradianceBindings { places: &places.sorted, irradiances: &irradiances, counters: &counters };
+        let own =
+            IrradianceBindings { irradiance_points: &points.sorted, irradiances: &irradiances, counters: &counters };
         let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, scene])?;
         let parameters =
-            IrradianceParameters { grid: map.shape, count: places.count, step: step as f32, shrink: 1.0, padding: 0 };
+            IrradianceParameters { grid: map.shape, count: points.count, step: step as f32, shrink: 1.0, padding: 0 };
         let mut frame = gpu.frame("irradiance");
-        frame.run(&bound, places.count, &parameters);
-        let bytes = places.bytes + irradiances.bytes;
+        frame.run(&bound, points.count, &parameters);
+        let bytes = points.bytes + irradiances.bytes;
         let irradiances = gpu.kernel_table(&mut frame, irradiances, TableFormat::Float)?;
         frame.submit()?;
         let not_finite = gpu.read::<u32>(&counters, Counter::COUNT)?[Counter::NotFiniteIrradiance as usize];
         Ok(IrradianceMap {
             not_finite: u64::from(not_finite),
-            shape: gpu.upload("penumbra/irradiance/grid", &[places.shape])?,
-            places,
+            shape: gpu.upload("penumbra/irradiance/grid", &[points.shape])?,
+            points,
             irradiances,
             bytes,
         })
     }
+}
+
+/// Photons that an estimate at the points of a tile uses.
+pub struct ShownMap<'a> {
+    /// The global map or the caustic map.
+    pub map: &'a SortedPhotons,
+    /// Power of one step of a photon's encoded flux.
+    pub step: f64,
+    /// Radius of a disc, relative to that of one that holds [`IRRADIANCE_NEAREST`] photons.
+    pub shrink: f64,
 }
 
 /// Entry point `show` or `caustics`, bound to a tile.
@@ -123,7 +144,7 @@ pub struct BoundShow {
 }
 
 impl Irradiance {
-    /// Binds `show` to a tile's buffers and a global map; as [`Irradiance::precompute`].
+    /// Binds `show` to a tile's buffers and the global map.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -132,13 +153,12 @@ impl Irradiance {
         gpu: &Gpu,
         tile: &TileBuffers,
         scene: &dyn Bindings,
-        map: &SortedPhotons,
-        step: f64,
+        shown: &ShownMap<'_>,
     ) -> Result<BoundShow> {
-        self.bind_entry(gpu, "show", tile, scene, map, [step, 1.0])
+        self.bind_entry(gpu, "show", tile, scene, shown)
     }
 
-    /// Binds `caustics` likewise; the radius of a disc is `shrink` times that of one that holds [`IRRADIANCE_NEAREST`] photons.
+    /// Binds `caustics` to a tile's buffers and the caustic map.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -147,11 +167,9 @@ impl Irradiance {
         gpu: &Gpu,
         tile: &TileBuffers,
         scene: &dyn Bindings,
-        map: &SortedPhotons,
-        step: f64,
-        shrink: f64,
+        shown: &ShownMap<'_>,
     ) -> Result<BoundShow> {
-        self.bind_entry(gpu, "caustics", tile, scene, map, [step, shrink])
+        self.bind_entry(gpu, "caustics", tile, scene, shown)
     }
 
     fn bind_entry(
@@ -160,23 +178,21 @@ impl Irradiance {
         entry: &str,
         tile: &TileBuffers,
         scene: &dyn Bindings,
-        map: &SortedPhotons,
-        [step, shrink]: [f64; 2],
+        shown: &ShownMap<'_>,
     ) -> Result<BoundShow> {
-        let mut own = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("counters", &tile.counters);
-        if let Some(indirect) = &tile.radiance_indirect {
-            own = own.with("radiance_indirect", indirect);
-        }
-        let kernel = self.kernel.bind(gpu, entry, &[&own, map, scene])?;
-        Ok(BoundShow { kernel, shape: map.shape, step: step as f32, shrink: shrink as f32 })
+        let own = ShowBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            radiance_indirect: tile.required_indirect("irradiance")?,
+            counters: &tile.counters,
+        };
+        let kernel = self.kernel.bind(gpu, entry, &[&own, shown.map, scene])?;
+        Ok(BoundShow { kernel, shape: shown.map.shape, step: shown.step as f32, shrink: shown.shrink as f32 })
     }
 }
 
 impl BoundShow {
-    /// The light that the map tells at the tile's points.
+    /// Estimates the light of the map at the tile's points.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         let count = tile.point_count;
         let Self { shape: grid, step, shrink, .. } = *self;
@@ -185,7 +201,7 @@ impl BoundShow {
     }
 }
 
-/// The grid of `count` places on surfaces of those bounds and that area.
-pub fn place_grid((bounds, area): ((glam::Vec3, glam::Vec3), f32), count: u32) -> GridShape {
-    GridShape::with_cells_of(PLACES_PER_CELL, bounds, area, count, 1)
+/// The grid of `count` irradiance points on surfaces of those bounds and that area, both normalised.
+pub fn irradiance_point_grid((bounds, area): ((glam::Vec3, glam::Vec3), f32), count: u32) -> GridShape {
+    GridShape::with_photons_per_cell(POINTS_PER_CELL, bounds, area, count, 1)
 }

@@ -17,11 +17,14 @@ pub mod shadow;
 pub mod ward;
 pub mod zones;
 
-use crate::gpu::{Buffer, Features, Gpu, Kernel, compose};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::kernels::compose;
+use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::surface_vectors;
+use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
 
 shared_struct! {
-    /// Some whole rows of the image, several samples of each pixel at once; see `shaders/lib/tile.wgsl`.
+    /// A number of whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
     pub struct Tile {
         /// Width of the image in pixels.
         pub width: u32,
@@ -37,7 +40,7 @@ shared_struct! {
         pub first_sample: u32,
         /// Seed of the render.
         pub seed: u32,
-        /// 1 where rays go through the middles of the pixels.
+        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
         pub centred: u32,
     }
 }
@@ -45,30 +48,64 @@ shared_struct! {
 shared_struct! {
     /// A point to be lit; see `shaders/lib/point.wgsl`.
     pub struct Point {
-        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it stands for.
+        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it approximates.
         pub position: [f32; 3],
         /// Octahedral geometric normal on the viewer's side, or [`INVALID_POINT`].
         pub normal: u32,
     }
 }
 
-/// [`Point::normal`] where nothing is to be lit: the ray left the scene, or met an unlit surface. No normal has this
-/// code, as -32768 is no signed 16-bit fraction.
-pub const INVALID_POINT: u32 = 0x8000_8000;
+pub use crate::kernels::INVALID_POINT;
 
-/// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for.
+/// The structs that host and kernels share. A kernel is compared with them member by member when it is compiled.
+pub const SHARED: &[&SharedStruct] = &[
+    &Point::SHARED,
+    &Tile::SHARED,
+    &cache::CacheParameters::SHARED,
+    &cells::CellParameters::SHARED,
+    &cells::CellPoint::SHARED,
+    &classify::ClassifyParameters::SHARED,
+    &film::FilmParameters::SHARED,
+    &flux::FluxParameters::SHARED,
+    &gather::GatherParameters::SHARED,
+    &grid::RequestedCell::SHARED,
+    &grid::GridParameters::SHARED,
+    &crate::kernels::GridShape::SHARED,
+    &grid::Photon::SHARED,
+    &irradiance::IrradianceParameters::SHARED,
+    &photons::PhotonParameters::SHARED,
+    &path::PathParameters::SHARED,
+    &sample_lights::SampleLightsParameters::SHARED,
+    &shade::ShadeParameters::SHARED,
+    &shadow::ShadowParameters::SHARED,
+    &ward::WardParameters::SHARED,
+    &zones::ZoneParameters::SHARED,
+    &ward::WardState::SHARED,
+    &crate::gpu_scene::CameraUniform::SHARED,
+];
+
+/// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for. `own` are
+/// the pass's own bindings.
 pub(crate) fn kernel(
     gpu: &Gpu,
     stem: &str,
     features: &Features,
     constants: &[(&str, f64)],
-    own: &[&str],
+    own: &[Declared],
 ) -> Result<Kernel> {
-    let composed = compose::compose(stem, features)?;
-    Kernel::new(gpu, &composed, &composed.overrides(constants), own)
+    let composed = compose(stem, features)?;
+    new_kernel(gpu, &composed, &composed.overrides(constants), own)
 }
 
-/// What the passes of a tile hand to each other: buffers for [`Tile::point_count`] points.
+/// Compiles the entry points of a composed kernel. `own` are the pass's own bindings.
+///
+/// # Errors
+/// As [`Kernel::new`].
+pub fn new_kernel(gpu: &Gpu, composed: &Composed, constants: &[(&str, f64)], own: &[Declared]) -> Result<Kernel> {
+    Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, own, common: None })?)
+}
+
+/// The buffers that the passes of a tile share, for [`Tile::point_count`] points.
 pub struct TileBuffers {
     /// [`Point`]s.
     pub points: Buffer,
@@ -78,15 +115,15 @@ pub struct TileBuffers {
     pub radiance_direct: Buffer,
     /// Light after one bounce and more; none where the technique computes none.
     pub radiance_indirect: Option<Buffer>,
-    /// Base colour, where asked for.
+    /// Base colour, where the AOV is written.
     pub albedo_samples: Option<Buffer>,
-    /// Shading normal, where asked for.
+    /// Shading normal, where the AOV is written.
     pub normal_samples: Option<Buffer>,
-    /// Position and depth, where asked for.
+    /// Position and depth, where the AOV is written.
     pub position_samples: Option<Buffer>,
-    /// One zero vector, for the part of a sum that a technique does not have.
+    /// One zero vector, for a part of the radiance that a technique does not compute.
     pub zeros: Buffer,
-    /// What the kernels count: a word for each [`crate::statistics::Counter`].
+    /// Counts: a word for each [`crate::statistics::Counter`].
     pub counters: Buffer,
 }
 
@@ -97,28 +134,31 @@ impl TileBuffers {
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, features: &Features, points: u32, indirect: bool) -> Result<TileBuffers> {
         let points = points as usize;
-        let parts = [("glossy", 2), ("transmission", 1), ("clearcoat", 1), ("anisotropy", 1), ("sheen", 1)];
-        let mut vectors: usize = 1 + parts.iter().filter(|(name, _)| features.has(name)).map(|(_, n)| n).sum::<usize>();
-        // Coat and anisotropy share one.
-        vectors -= usize::from(features.has("clearcoat") && features.has("anisotropy"));
-        vectors += usize::from(features.has("chains"));
-        let photons_shown = features.has("photon_map") || features.has("caustics");
-        vectors += usize::from(features.has("smooth_normals") && photons_shown);
+        let vectors = surface_vectors(features) as usize;
         let samples = |on: bool, name: &str| on.then(|| gpu.buffer::<[f32; 4]>(name, points)).transpose();
         Ok(TileBuffers {
             points: gpu.buffer::<Point>("penumbra/primary/points", points)?,
             surfaces: gpu.buffer::<[f32; 4]>("penumbra/primary/surfaces", points * vectors)?,
             radiance_direct: gpu.buffer::<[f32; 4]>("penumbra/shade/radiance_direct", points)?,
             radiance_indirect: samples(indirect, "penumbra/shade/radiance_indirect")?,
-            albedo_samples: samples(features.has("aov_albedo"), "penumbra/primary/albedo_samples")?,
-            normal_samples: samples(features.has("aov_normal"), "penumbra/primary/normal_samples")?,
-            position_samples: samples(features.has("aov_position"), "penumbra/primary/position_samples")?,
+            albedo_samples: samples(features.has(Feature::AovAlbedo), "penumbra/primary/albedo_samples")?,
+            normal_samples: samples(features.has(Feature::AovNormal), "penumbra/primary/normal_samples")?,
+            position_samples: samples(features.has(Feature::AovPosition), "penumbra/primary/position_samples")?,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
         })
     }
 
-    /// Points that they have room for, at least.
+    /// The buffer for indirect light, which `kernel` requires.
+    ///
+    /// # Errors
+    /// [`Error::Kernel`](crate::Error::Kernel) where the technique computes no indirect light.
+    pub(crate) fn required_indirect(&self, kernel: &str) -> Result<&Buffer> {
+        let missing = || crate::Error::kernel(kernel, "nothing is bound to the variable 'radiance_indirect'");
+        self.radiance_indirect.as_ref().ok_or_else(missing)
+    }
+
+    /// Minimum number of points that they have room for.
     pub fn capacity(&self) -> u32 {
         (self.points.bytes / size_of::<Point>() as u64) as u32
     }

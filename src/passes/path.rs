@@ -1,8 +1,9 @@
-//! path: a path tracer with next-event estimation, multiple importance sampling and Russian roulette: the reference, and
-//! the indirect light of the other techniques.
+//! Pass `path`: a path tracer with next-event estimation, multiple importance sampling and Russian roulette. It is the
+//! reference, and the indirect light of the other techniques.
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
 
@@ -11,15 +12,18 @@ shared_struct! {
     pub struct PathParameters {
         /// The tile.
         pub tile: Tile,
-        /// Most bounces of indirect light: 0 for direct light alone.
+        /// Maximum number of bounces of indirect light; 0 gives direct light alone.
         pub max_bounces: u32,
         /// Light points that `shade` takes of each light, where it does.
         pub light_samples: u32,
     }
 }
 
-/// Invocations of a workgroup, as the kernel declares it: what a queue of points is dispatched by.
-pub const GROUP: u32 = 64;
+bindings! {
+    /// Everything that the kernel reads and writes except the scene, the global map and the queue of the irradiance
+    /// cache.
+    struct PathBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_direct: &Buffer, pub radiance_indirect: &Buffer, pub counters: &Buffer}
+}
 
 /// The pass; see `shaders/path.wgsl`.
 pub struct Path(Kernel);
@@ -30,24 +34,22 @@ impl Path {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Path> {
-        let own = ["points", "surfaces", "radiance_direct", "radiance_indirect", "counters"];
-        Ok(Path(kernel(gpu, "path", features, constants, &own)?))
+        Ok(Path(kernel(gpu, "path", features, constants, &[PathBindings::DECLARED])?))
     }
 
-    /// Binds it to a tile's buffers, which must have one for indirect light, the scene, and the global
-    /// map where the kernel asks it.
+    /// Binds it to a tile's buffers, which must have one for indirect light, to the scene, and to the global map where
+    /// the kernel reads it.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &[&dyn Bindings]) -> Result<BoundPath> {
-        let mut own = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("radiance_direct", &tile.radiance_direct)
-            .with("counters", &tile.counters);
-        if let Some(indirect) = &tile.radiance_indirect {
-            own = own.with("radiance_indirect", indirect);
-        }
+        let own = PathBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            radiance_direct: &tile.radiance_direct,
+            radiance_indirect: tile.required_indirect("path")?,
+            counters: &tile.counters,
+        };
         let mut sets: Vec<&dyn Bindings> = vec![&own];
         sets.extend(scene);
         Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))

@@ -1,8 +1,11 @@
-//! photons: rays from the lights through everything they meet; what they leave is the visibility map's photons.
+//! Pass `photons`: rays from the lights, straight on through everything they hit, leave the photons of the visibility
+//! map.
 
-use crate::gpu::{Bindings, Buffer, Features, Gpu, Kernel};
+use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
 use crate::settings::Settings;
-use crate::{Error, Result, bindings, shared_struct};
+use crate::specialisation::features::Features;
+use crate::{Error, Result};
+use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::{MAX_LIGHTS, Photon};
 use super::kernel;
@@ -19,14 +22,12 @@ shared_struct! {
 
 bindings! {
     /// What the kernel writes.
-    struct PhotonBindings { traced_photons, traced_counts }
+    struct PhotonBindings { pub traced_photons: &Buffer, pub traced_counts: &Buffer}
 }
 
-/// Rays of a dispatch: some tens of milliseconds on a software device, and no danger to a desktop's watchdog.
+/// Maximum number of rays of a dispatch: some tens of milliseconds on a software device, and safe from a desktop's
+/// watchdog.
 const BATCH_RAYS: u32 = 1 << 16;
-
-/// The counts' words before those of the lights, as the kernel has them.
-const COUNT_HEADER: usize = 2;
 
 /// The pass; see `shaders/photons.wgsl`.
 pub struct Photons {
@@ -36,11 +37,11 @@ pub struct Photons {
 
 /// Photons on the device, in any order; their set depends on nothing but the scene, the settings and the seed.
 pub struct Traced {
-    /// [`Photon`]s, with room for as many more as were asked to be spared.
+    /// [`Photon`]s, with the spare room that [`Photons::trace`] was given.
     pub photons: Buffer,
     /// How many.
     pub count: u32,
-    /// Rays of each light: fewer than asked for where more photons do not fit into one binding of the device.
+    /// Rays of each light: fewer than requested where more photons do not fit into one binding of the device.
     pub emitted: Vec<u32>,
     /// Illumination and shadow photons stored, of each light.
     pub stored: Vec<[u32; 2]>,
@@ -49,33 +50,33 @@ pub struct Traced {
 }
 
 impl Photons {
-    /// Compiles the kernel. At most `shadow_photons_per_ray` shadow photons are kept of one ray.
+    /// Compiles the kernel, which keeps at most `shadow_photons_per_ray` shadow photons of one ray.
     ///
     /// # Errors
-    /// As [`Kernel::new`]; [`Error::Usage`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
+    /// As [`Kernel::new`]; [`Error::Setting`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
     pub fn new(
         gpu: &Gpu,
         features: &Features,
         constants: &[(&str, f64)],
         shadow_photons_per_ray: u32,
     ) -> Result<Photons> {
-        let most = Settings::MAX_SHADOW_PHOTONS;
-        if !(1..=most).contains(&shadow_photons_per_ray) {
-            let given = format!("--shadow-photons-per-ray {shadow_photons_per_ray}");
-            return Err(Error::Usage(format!("{given}: it must be between 1 and {most}")));
+        let max = Settings::MAX_SHADOW_PHOTONS;
+        if !(1..=max).contains(&shadow_photons_per_ray) {
+            let problem = format!("is {shadow_photons_per_ray}; it must be from 1 to {max}");
+            return Err(Error::setting("visibility_map.shadow_photons_per_ray", problem));
         }
         let mut constants = constants.to_vec();
         constants.push(("shadow_photons_per_ray", f64::from(shadow_photons_per_ray)));
-        let kernel = kernel(gpu, "photons", features, &constants, PhotonBindings::NAMES)?;
+        let kernel = kernel(gpu, "photons", features, &constants, &[PhotonBindings::DECLARED])?;
         Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces `rays` rays of each of `lights` lights, batch by batch; the buffer grows as they need, up to what the
-    /// device can bind. Photons that no longer fit there end the tracing: all lights are then short by the same.
-    /// `spare` photons more than were traced fit in the buffer.
+    /// Traces `rays` rays of each of `lights` lights, batch by batch. The buffer grows with the photons, up to what the
+    /// device can bind; tracing ends where they no longer fit, and all lights then have the same number of rays, give
+    /// or take one. The buffer has room for `spare` photons more.
     ///
     /// # Errors
-    /// [`Error::Usage`] for lights or rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
+    /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -88,12 +89,14 @@ impl Photons {
         if !(1..=MAX_LIGHTS).contains(&lights) {
             return Err(Error::Usage(format!("a photon map is for 1 to {MAX_LIGHTS} lights, not {lights}")));
         }
-        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights))
-            .map_err(|_| Error::Usage(format!("--photons {rays}: 2^32 or more of all lights together")))?;
+        let all_rays = u32::try_from(u64::from(rays) * u64::from(lights)).map_err(|_| {
+            let problem = format!("is {rays}: all lights together would emit 2^32 photons or more");
+            Error::setting("visibility_map.photons_per_light", problem)
+        })?;
         let batch_rays = BATCH_RAYS.min(all_rays.max(1));
         let batch_photons = (batch_rays * (1 + self.shadow_photons_per_ray)) as usize;
         let batch = gpu.buffer::<Photon>("penumbra/photons/batch", batch_photons)?;
-        let words = COUNT_HEADER + 2 * lights as usize;
+        let words = (PHOTON_COUNT_HEADER + PHOTON_COUNTS_PER_LIGHT * lights) as usize;
         let counts = gpu.buffer::<u32>("penumbra/photons/counts", words)?;
         let own = PhotonBindings { traced_photons: &batch, traced_counts: &counts };
         let bound = self.kernel.bind(gpu, "photons", &[&own, scene])?;
@@ -127,7 +130,8 @@ impl Photons {
             count += more;
             done += ray_count;
             overruns += u64::from(counted[1]);
-            for (sum, new) in stored.iter_mut().zip(counted[COUNT_HEADER..].chunks_exact(2)) {
+            let by_light = counted[PHOTON_COUNT_HEADER as usize..].chunks_exact(PHOTON_COUNTS_PER_LIGHT as usize);
+            for (sum, new) in stored.iter_mut().zip(by_light) {
                 *sum = [sum[0] + new[0], sum[1] + new[1]];
             }
         }

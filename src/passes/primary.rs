@@ -1,9 +1,15 @@
-//! primary: camera rays to points and surfaces.
+//! Pass `primary`: traces camera rays to the points and surfaces that are visible.
 
 use crate::Result;
-use crate::gpu::{Bindings, BoundKernel, Features, Frame, Gpu, Kernel, Resources};
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Resources, bindings};
 
 use super::{Tile, TileBuffers, kernel};
+
+bindings! {
+    /// Everything that the kernel reads and writes in every specialisation, except the scene.
+    struct PrimaryBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_direct: &Buffer, pub counters: &Buffer}
+}
 
 /// The pass; see `shaders/primary.wgsl`.
 pub struct Primary(Kernel);
@@ -14,8 +20,7 @@ impl Primary {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Primary> {
-        let own = ["points", "surfaces", "radiance_direct", "counters"];
-        Ok(Primary(kernel(gpu, "primary", features, constants, &own)?))
+        Ok(Primary(kernel(gpu, "primary", features, constants, &[PrimaryBindings::DECLARED])?))
     }
 
     /// Binds it to a tile's buffers and the scene.
@@ -23,11 +28,13 @@ impl Primary {
     /// # Errors
     /// As [`Kernel::bind`].
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &dyn Bindings) -> Result<BoundPrimary> {
-        let mut own = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("radiance_direct", &tile.radiance_direct)
-            .with("counters", &tile.counters);
+        let own = PrimaryBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            radiance_direct: &tile.radiance_direct,
+            counters: &tile.counters,
+        };
+        let mut aovs = Resources::new();
         let optional = [
             ("albedo_samples", &tile.albedo_samples),
             ("normal_samples", &tile.normal_samples),
@@ -35,10 +42,10 @@ impl Primary {
         ];
         for (name, buffer) in optional {
             if let Some(buffer) = buffer {
-                own = own.with(name, buffer);
+                aovs = aovs.with(name, buffer);
             }
         }
-        Ok(BoundPrimary(self.0.bind(gpu, "primary", &[&own, scene])?))
+        Ok(BoundPrimary(self.0.bind(gpu, "primary", &[&own, &aovs, scene])?))
     }
 }
 
@@ -46,7 +53,7 @@ impl Primary {
 pub struct BoundPrimary(BoundKernel);
 
 impl BoundPrimary {
-    /// One camera ray for each point of the tile.
+    /// Traces one camera ray for each point of the tile.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         frame.run(&self.0, tile.point_count, tile);
     }

@@ -1,33 +1,35 @@
-//! Pass `choose`: the few of many lights that each point of a tile asks.
+//! Pass `sample_lights`: the few of many lights that each point of a tile is lit by.
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::GridShape;
 use super::zones::ZoneTable;
 use super::{Tile, TileBuffers, kernel};
 
 shared_struct! {
-    /// Immediates of the pass; see `shaders/choose.wgsl`.
+    /// Immediates of the pass; see `shaders/sample_lights.wgsl`.
     pub struct SampleLightsParameters {
         tile: Tile,
         zones: GridShape,
     }
 }
 
-/// The light of a slot that has none: fewer were chosen than there is room for.
-pub const NO_LIGHT: u32 = u32::MAX;
+bindings! {
+    /// What the kernel reads, and the candidates that it writes.
+    struct SampleLightsBindings { pub points: &Buffer, pub sampled_lights: &Buffer}
+}
 
-/// The pass; see `shaders/choose.wgsl`.
+/// The pass; see `shaders/sample_lights.wgsl`.
 pub struct SampleLights {
     kernel: Kernel,
-    /// Slots of a point.
-    chosen: u32,
+    lights_per_point: u32,
 }
 
 impl SampleLights {
-    /// Compiles the kernel, for `chosen` slots a point, at least 1; where zones are `audited` the last of them is for lights that
-    /// are not in the zone's list, and there must be 2.
+    /// Compiles the kernel for `lights_per_point` candidates a point, at least 1. Where zones are `audited`, the last
+    /// one is for lights that are not in the zone's list, and there must be 2.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -35,21 +37,22 @@ impl SampleLights {
         gpu: &Gpu,
         features: &Features,
         constants: &[(&str, f64)],
-        chosen: u32,
+        lights_per_point: u32,
         audited: bool,
     ) -> Result<SampleLights> {
-        let mut constants = constants.to_vec();
-        constants.extend([("chosen", f64::from(chosen)), ("zones_audited", f64::from(u8::from(audited)))]);
-        let kernel = kernel(gpu, "sample_lights", features, &constants, &["points", "sampled_lights"])?;
-        Ok(SampleLights { kernel, chosen })
+        let own = [("lights_per_point", f64::from(lights_per_point)), ("zones_audited", f64::from(u8::from(audited)))];
+        let constants = [constants, &own].concat();
+        let kernel = kernel(gpu, "sample_lights", features, &constants, &[SampleLightsBindings::DECLARED])?;
+        Ok(SampleLights { kernel, lights_per_point })
     }
 
-    /// Slots of a point.
-    pub fn slots(&self) -> u32 {
-        self.chosen
+    /// Candidates of a point.
+    pub fn lights_per_point(&self) -> u32 {
+        self.lights_per_point
     }
 
-    /// Binds it. Of each slot `sampled_lights` takes the light and the bits of what it stands for.
+    /// Binds the pass. `sampled_lights` takes the light of each candidate and the bits of its weight, the inverse of
+    /// the probability.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -61,7 +64,7 @@ impl SampleLights {
         zones: Option<&ZoneTable>,
         scene: &dyn Bindings,
     ) -> Result<BoundSampleLights> {
-        let own = Resources::new().with("points", &tile.points).with("sampled_lights", sampled_lights);
+        let own = SampleLightsBindings { points: &tile.points, sampled_lights };
         let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
         sets.extend(zones.map(|zones| zones as &dyn Bindings));
         let kernel = self.kernel.bind(gpu, "sample_lights", &sets)?;
@@ -76,7 +79,7 @@ pub struct BoundSampleLights {
 }
 
 impl BoundSampleLights {
-    /// Chooses the lights of all points of a tile.
+    /// Samples the lights of all points of a tile.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
         frame.run(&self.kernel, tile.point_count, &SampleLightsParameters { tile: *tile, zones: self.zones });
     }

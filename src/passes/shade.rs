@@ -1,7 +1,8 @@
-//! shade: direct light by the class of each point and light.
+//! Pass `shade`: direct light by the class of each candidate (a point and a light).
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
 
@@ -10,52 +11,66 @@ shared_struct! {
     pub struct ShadeParameters {
         /// The tile.
         pub tile: Tile,
-        /// First light of the chunk.
+        /// First light of the chunk, or first sampled light index.
         pub first_light: u32,
         /// Lights of the chunk.
         pub lights_in_chunk: u32,
-        /// Light points of a slot.
+        /// Light points of a candidate.
         pub light_samples: u32,
-        /// Words of visibilities of a slot.
+        /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Probability that a decided point is audited.
+        /// Probability that a decided candidate is audited.
         pub audit_probability: f32,
         /// To a multiple of eight bytes.
         pub padding: u32,
     }
 }
 
+bindings! {
+    /// What the kernels read and write in any case.
+    struct ShadeBindings { pub points: &Buffer, pub surfaces: &Buffer, pub classes: &Buffer, pub visibility: &Buffer, pub radiance_direct: &Buffer, pub counters: &Buffer}
+}
+
+bindings! {
+    /// The queue of the points whose lights are sampled, where few are.
+    struct SampledBindings { pub sampled_points: &Buffer, pub queue_lengths: &Buffer}
+}
+
+bindings! {
+    /// What the kernels write for the AOV.
+    struct ShadowSampleBindings { pub shadow_samples: &Buffer}
+}
+
 /// The pass; see `shaders/shade.wgsl`.
 pub struct Shade(Kernel);
 
-/// What the kernel reads of the passes before it, and its own queue.
+/// What the kernels read of the passes before, and their own queue.
 pub struct ShadeBuffers<'a> {
-    /// Class words of the slots.
+    /// Class words of the candidates.
     pub classes: &'a Buffer,
-    /// Words of visibilities of the slots.
+    /// Words of visibilities of the candidates.
     pub visibility: &'a Buffer,
-    /// Written where the AOV is asked for: class, visibility, n_i and n_s of each slot.
+    /// Class, visibility, n_i and n_s of each candidate, for the AOV.
     pub shadow_samples: Option<&'a Buffer>,
     /// Room for every point of the tile.
     pub sampled_points: &'a Buffer,
-    /// Lengths of the tile's queues, that of [`super::classify::Queue::Sampled`] 0.
+    /// Lengths of the tile's queues; that of [`crate::kernels::Queue::Sampled`] must be 0.
     pub queue_lengths: &'a Buffer,
 }
 
 impl Shade {
-    /// Compiles the kernel.
+    /// Compiles the kernels.
     ///
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Shade> {
-        let mut own = vec!["points", "surfaces", "classes", "visibility", "radiance_direct", "counters"];
-        if features.has("few_sampled") {
-            own.extend(["sampled_points", "queue_lengths"]);
-        }
+        let mut own = vec![ShadeBindings::DECLARED];
+        own.extend(features.has(Feature::FewSampled).then_some(SampledBindings::DECLARED));
+        own.extend(features.has(Feature::AovShadow).then_some(ShadowSampleBindings::DECLARED));
         Ok(Shade(kernel(gpu, "shade", features, constants, &own)?))
     }
 
-    /// Binds it.
+    /// Binds the pass.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -66,22 +81,21 @@ impl Shade {
         buffers: &ShadeBuffers<'_>,
         scene: &dyn Bindings,
     ) -> Result<BoundShade> {
-        let mut own = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("radiance_direct", &tile.radiance_direct)
-            .with("counters", &tile.counters)
-            .with("classes", buffers.classes)
-            .with("visibility", buffers.visibility);
-        if let Some(samples) = buffers.shadow_samples {
-            own = own.with("shadow_samples", samples);
-        }
+        let own = ShadeBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            classes: buffers.classes,
+            visibility: buffers.visibility,
+            radiance_direct: &tile.radiance_direct,
+            counters: &tile.counters,
+        };
+        let queue = SampledBindings { sampled_points: buffers.sampled_points, queue_lengths: buffers.queue_lengths };
+        let aov = buffers.shadow_samples.map(|shadow_samples| ShadowSampleBindings { shadow_samples });
+        let mut sets: Vec<&dyn Bindings> = vec![&own, &queue, scene];
+        sets.extend(aov.as_ref().map(|aov| aov as &dyn Bindings));
+        let bind = |entry| self.0.bind(gpu, entry, &sets);
         let sampled_group = self.0.workgroup_size("shade_sampled");
-        if sampled_group.is_some() {
-            own = own.with("sampled_points", buffers.sampled_points).with("queue_lengths", buffers.queue_lengths);
-        }
-        let bind = |entry| self.0.bind(gpu, entry, &[&own, scene]);
-        let sampled = sampled_group.map(|group| Ok((bind("shade_sampled")?, group))).transpose()?;
+        let sampled = sampled_group.map(|group| bind("shade_sampled").map(|bound| (bound, group))).transpose()?;
         Ok(BoundShade { shade: bind("shade")?, sampled })
     }
 }
@@ -94,8 +108,9 @@ pub struct BoundShade {
 }
 
 impl BoundShade {
-    /// Adds the light of the chunk's lights to every point of the tile. Where the kernel has a queue, `arrange` is asked to make
-    /// its length into an indirect dispatch's arguments for workgroups of so many invocations: those are at byte `offset` of `arguments`.
+    /// Adds the light of the chunk's lights to every point of the tile. Where the kernels have a queue, `arrange` makes
+    /// its length into indirect arguments for workgroups of the given number of invocations, at byte `offset` of
+    /// `arguments`.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

@@ -1,7 +1,8 @@
-//! shadow: shadow rays for the points that the photons do not decide, and audits of those that they do.
+//! Pass `shadow`: shadow rays for the candidates that the photons do not decide, and audits of those that they do.
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
 
@@ -10,15 +11,25 @@ shared_struct! {
     pub struct ShadowParameters {
         /// The tile.
         pub tile: Tile,
-        /// First light of the chunk.
+        /// First light of the chunk, or first sampled light index.
         pub first_light: u32,
-        /// Light points of a slot.
+        /// Light points of a candidate.
         pub light_samples: u32,
-        /// Words of visibilities of a slot: 32 light points each.
+        /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Photons that audits can add to the map.
-        pub heal_capacity: u32,
+        /// Maximum number of photons that audits add to the map.
+        pub repair_capacity: u32,
     }
+}
+
+bindings! {
+    /// What shadow rays read and write.
+    struct ShadowBindings { pub points: &Buffer, pub boundary_queue: &Buffer, pub queue_lengths: &Buffer, pub visibility: &Buffer, pub counters: &Buffer, pub radiance_direct: &Buffer}
+}
+
+bindings! {
+    /// What audits read and write beside that.
+    struct AuditBindings { pub classes: &Buffer, pub audit_queue: &Buffer, pub repair_photons: &Buffer, pub repair_count: &Buffer}
 }
 
 /// The pass; see `shaders/shadow.wgsl`.
@@ -29,34 +40,30 @@ pub struct Shadow {
 
 /// What the pass reads and writes beside the tile's buffers.
 pub struct ShadowBuffers<'a> {
-    /// Class words of the slots.
+    /// Class words of the candidates.
     pub classes: &'a Buffer,
-    /// Slots to trace, and how many.
+    /// Candidates to trace.
     pub boundary_queue: &'a Buffer,
-    /// Slots to audit.
+    /// Candidates to audit.
     pub audit_queue: &'a Buffer,
-    /// Lengths of the queues.
+    /// Lengths of the queues, by [`crate::kernels::Queue`].
     pub queue_lengths: &'a Buffer,
-    /// Visibility bits of the slots.
+    /// Visibility bits of the candidates.
     pub visibility: &'a Buffer,
     /// Photons that audits add to the map, and how many; none where nothing is audited.
-    pub heal: Option<[&'a Buffer; 2]>,
+    pub repair: Option<[&'a Buffer; 2]>,
 }
 
 impl Shadow {
-    /// Compiles the kernel.
+    /// Compiles the kernels.
     ///
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Shadow> {
-        let kernel = kernel(
-            gpu,
-            "shadow",
-            features,
-            constants,
-            &["points", "boundary_queue", "visibility", "counters", "radiance_direct"],
-        )?;
-        Ok(Shadow { kernel, audits: features.has("audit") })
+        let audits = features.has(Feature::Audit);
+        let mut own = vec![ShadowBindings::DECLARED];
+        own.extend(audits.then_some(AuditBindings::DECLARED));
+        Ok(Shadow { kernel: kernel(gpu, "shadow", features, constants, &own)?, audits })
     }
 
     /// Invocations in a workgroup, for the arguments of the indirect dispatches.
@@ -64,7 +71,7 @@ impl Shadow {
         self.kernel.workgroup_size("shadow").expect("the kernel has this entry point")
     }
 
-    /// Binds it.
+    /// Binds the pass.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -75,19 +82,23 @@ impl Shadow {
         buffers: &ShadowBuffers<'_>,
         scene: &dyn Bindings,
     ) -> Result<BoundShadow> {
-        let mut own = Resources::new()
-            .with("points", &tile.points)
-            .with("counters", &tile.counters)
-            .with("radiance_direct", &tile.radiance_direct)
-            .with("classes", buffers.classes)
-            .with("boundary_queue", buffers.boundary_queue)
-            .with("audit_queue", buffers.audit_queue)
-            .with("queue_lengths", buffers.queue_lengths)
-            .with("visibility", buffers.visibility);
-        if let Some([photons, count]) = buffers.heal {
-            own = own.with("heal_photons", photons).with("heal_count", count);
-        }
-        let bind = |entry| self.kernel.bind(gpu, entry, &[&own, scene]);
+        let own = ShadowBindings {
+            points: &tile.points,
+            boundary_queue: buffers.boundary_queue,
+            queue_lengths: buffers.queue_lengths,
+            visibility: buffers.visibility,
+            counters: &tile.counters,
+            radiance_direct: &tile.radiance_direct,
+        };
+        let audit = buffers.repair.map(|[repair_photons, repair_count]| AuditBindings {
+            classes: buffers.classes,
+            audit_queue: buffers.audit_queue,
+            repair_photons,
+            repair_count,
+        });
+        let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
+        sets.extend(audit.as_ref().map(|audit| audit as &dyn Bindings));
+        let bind = |entry| self.kernel.bind(gpu, entry, &sets);
         Ok(BoundShadow { shadow: bind("shadow")?, audit: self.audits.then(|| bind("audit")).transpose()? })
     }
 }
@@ -99,8 +110,8 @@ pub struct BoundShadow {
 }
 
 impl BoundShadow {
-    /// Traces the queued slots: as many as `arguments` says, an indirect dispatch's three words for the boundary
-    /// queue at byte `boundary`, for the audits at byte `audit`.
+    /// Traces the queued candidates: `arguments` has the indirect arguments of [`crate::kernels::Queue::Boundary`] at
+    /// byte `boundary`, those of [`crate::kernels::Queue::Audit`] at byte `audit`.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -109,9 +120,19 @@ impl BoundShadow {
         audit: u64,
         parameters: &ShadowParameters,
     ) {
-        frame.run_indirect(&self.shadow, arguments, boundary, parameters);
+        self.trace(frame, arguments, boundary, parameters);
+        self.audit(frame, arguments, audit, parameters);
+    }
+
+    /// Traces the shadow rays of the boundary queue, whose indirect arguments are at byte `offset`.
+    pub fn trace(&self, frame: &mut Frame<'_>, arguments: &Buffer, offset: u64, parameters: &ShadowParameters) {
+        frame.run_indirect(&self.shadow, arguments, offset, parameters);
+    }
+
+    /// Traces the shadow rays of the audit queue, where there are audits.
+    pub fn audit(&self, frame: &mut Frame<'_>, arguments: &Buffer, offset: u64, parameters: &ShadowParameters) {
         if let Some(kernel) = &self.audit {
-            frame.run_indirect(kernel, arguments, audit, parameters);
+            frame.run_indirect(kernel, arguments, offset, parameters);
         }
     }
 }

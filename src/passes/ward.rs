@@ -1,7 +1,9 @@
-//! Pass `ward`: the lights of each point in the order of what they could contribute, and guesses of those not tested.
+//! Pass `ward`: tests the lights of each point in the order of what they could contribute, and estimates those not
+//! tested.
 
-use crate::gpu::{Bindings, BoundKernel, Buffer, Features, Frame, Gpu, Kernel, Resources};
-use crate::{Result, shared_struct};
+use crate::Result;
+use crate::specialisation::features::Features;
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::classify::ClassifyBuffers;
 use super::{Tile, TileBuffers, kernel};
@@ -13,15 +15,15 @@ shared_struct! {
         pub tile: Tile,
         /// Lights, all of them in one chunk.
         pub light_count: u32,
-        /// First light that `order` adds; the pass sets it, and the next.
+        /// First light that `order` adds; set by [`BoundWard::record`].
         pub first_light: u32,
-        /// End of those.
+        /// End of the lights that `order` adds; set by [`BoundWard::record`].
         pub end_light: u32,
-        /// Light points of a slot.
+        /// Light points of a candidate.
         pub light_samples: u32,
-        /// Words of visibilities of a slot.
+        /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Share of the light found below which the rest is not tested, 0 to 1.
+        /// Share of the light found so far below which the rest is not tested, 0 to 1.
         pub tolerance: f32,
         /// To a multiple of sixteen bytes.
         pub padding: [u32; 2],
@@ -29,25 +31,33 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// Where a point is in its list of lights; see `shaders/ward.wgsl`.
+    /// How far the test of a point's lights is; see `shaders/ward.wgsl`.
     pub struct WardState {
         rest: f32,
         found: f32,
-        seen: f32,
+        visible: f32,
         expected: f32,
         waiting: u32,
         current: u32,
     }
 }
 
-/// Lights whose potentials one invocation works out: with the light points of each, and the search for an emitter triangle
-/// of each of those, well below the 65,535 iterations that lavapipe grants it.
+bindings! {
+    /// What the kernels read and write.
+    struct WardBindings {
+        pub points: &Buffer, pub surfaces: &Buffer, pub classes: &Buffer, pub visibility: &Buffer, pub queue_lengths: &Buffer, pub boundary_queue: &Buffer, pub light_keys: &Buffer, pub ward_states: &Buffer, pub light_rates: &Buffer,
+        pub light_tests: &Buffer,
+}
+}
+
+/// Lights whose potentials one invocation computes: with the light points of each, and the search for an emitter
+/// triangle of each of those, well below the 65,535 iterations that lavapipe grants it.
 const LIGHTS_AT_ONCE: u32 = 64;
 
 /// The pass; see `shaders/ward.wgsl`.
 pub struct Ward(Kernel);
 
-/// What points and tiles leave to the next: how far a point is, and what was seen of each light so far.
+/// What rounds and tiles leave to the next: the state of each point, and how much of each light was visible so far.
 pub struct WardBuffers {
     keys: Buffer,
     states: Buffer,
@@ -56,7 +66,7 @@ pub struct WardBuffers {
 }
 
 impl WardBuffers {
-    /// Buffers for so many points and lights.
+    /// Buffers for `points` points and `lights` lights.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].
@@ -64,21 +74,21 @@ impl WardBuffers {
         Ok(WardBuffers {
             keys: gpu.buffer::<u32>("penumbra/ward/keys", points as usize * lights as usize)?,
             states: gpu.buffer::<WardState>("penumbra/ward/states", points as usize)?,
-            // As if each had been seen once: where nothing is known, nothing is in between.
+            // As if each had been visible once: where nothing is known, nothing blocks it.
             rates: gpu.upload("penumbra/ward/rates", &vec![[1u32; 2]; lights as usize])?,
             tests: gpu.buffer::<[u32; 2]>("penumbra/ward/tests", lights as usize)?,
         })
     }
 
-    /// By light: light points that were seen so far, and that were asked for.
+    /// By light: light points that were visible so far, and that were tested.
     ///
     /// # Errors
     /// As [`Gpu::read`].
     pub fn rates(&self, gpu: &Gpu) -> Result<Vec<u32>> {
-        gpu.read(&self.rates, (self.rates.bytes / 4) as usize)
+        Ok(gpu.read(&self.rates, (self.rates.bytes / 4) as usize)?)
     }
 
-    /// Puts back what [`WardBuffers::rates`] gave; false, and nothing done, where it is not of so many lights.
+    /// Restores what [`WardBuffers::rates`] gave; false, with nothing done, where it is for another number of lights.
     pub fn restore(&self, gpu: &Gpu, rates: &[u32]) -> bool {
         let fits = rates.len() as u64 * 4 == self.rates.bytes;
         if fits {
@@ -94,16 +104,15 @@ impl WardBuffers {
 }
 
 impl Ward {
-    /// Compiles the kernel.
+    /// Compiles the kernels.
     ///
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Ward> {
-        let own = ["points", "surfaces", "classes", "visibility", "light_keys", "ward_states", "light_rates"];
-        Ok(Ward(kernel(gpu, "ward", features, constants, &own)?))
+        Ok(Ward(kernel(gpu, "ward", features, constants, &[WardBindings::DECLARED])?))
     }
 
-    /// Binds it. The classes are those before dilation.
+    /// Binds the pass. The classes are those before dilation.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -116,17 +125,18 @@ impl Ward {
         buffers: &WardBuffers,
         scene: &dyn Bindings,
     ) -> Result<BoundWard> {
-        let own = Resources::new()
-            .with("points", &tile.points)
-            .with("surfaces", &tile.surfaces)
-            .with("classes", &classify.classes)
-            .with("visibility", visibility)
-            .with("queue_lengths", &classify.queue_lengths)
-            .with("boundary_queue", &classify.boundary_queue)
-            .with("light_keys", &buffers.keys)
-            .with("ward_states", &buffers.states)
-            .with("light_rates", &buffers.rates)
-            .with("light_tests", &buffers.tests);
+        let own = WardBindings {
+            points: &tile.points,
+            surfaces: &tile.surfaces,
+            classes: &classify.classes,
+            visibility,
+            queue_lengths: &classify.queue_lengths,
+            boundary_queue: &classify.boundary_queue,
+            light_keys: &buffers.keys,
+            ward_states: &buffers.states,
+            light_rates: &buffers.rates,
+            light_tests: &buffers.tests,
+        };
         let bind = |entry| self.0.bind(gpu, entry, &[&own, scene]);
         Ok(BoundWard { order: bind("order")?, next: bind("next")?, guess: bind("guess")?, learn: bind("learn")? })
     }
@@ -142,7 +152,8 @@ pub struct BoundWard {
 
 impl BoundWard {
     /// Writes the classes of a tile's points for all lights: unknown where a light is tested, else boundary with the
-    /// visibility that is guessed. `test` records the shadow rays of the slots in the boundary queue, once for each light.
+    /// estimated visibility. `test` records the shadow rays of the candidates in the boundary queue, once for each
+    /// light.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -150,17 +161,37 @@ impl BoundWard {
         parameters: &WardParameters,
         test: impl Fn(&mut Frame<'_>),
     ) {
+        self.order(frame, parameters);
+        for _ in 0..parameters.light_count {
+            self.next(frame, classify, parameters);
+            test(frame);
+        }
+        self.guess(frame, parameters);
+        self.learn(frame, parameters);
+    }
+
+    /// Sorts the lights of each point by what they could contribute.
+    pub fn order(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         let points = parameters.tile.point_count;
         for first_light in (0..parameters.light_count).step_by(LIGHTS_AT_ONCE as usize) {
             let end_light = (first_light + LIGHTS_AT_ONCE).min(parameters.light_count);
             frame.run(&self.order, points, &WardParameters { first_light, end_light, ..*parameters });
         }
-        for _ in 0..parameters.light_count {
-            frame.clear(&classify.queue_lengths);
-            frame.run(&self.next, points, parameters);
-            test(frame);
-        }
-        frame.run(&self.guess, points, parameters);
+    }
+
+    /// Queues the next light of each point that is not done.
+    pub fn next(&self, frame: &mut Frame<'_>, classify: &ClassifyBuffers, parameters: &WardParameters) {
+        frame.clear(&classify.queue_lengths);
+        frame.run(&self.next, parameters.tile.point_count, parameters);
+    }
+
+    /// Guesses the visibility of the lights that were not tested.
+    pub fn guess(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
+        frame.run(&self.guess, parameters.tile.point_count, parameters);
+    }
+
+    /// Adds what this tile has seen of each light to what guesses are made of.
+    pub fn learn(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         frame.run(&self.learn, parameters.light_count, parameters);
     }
 }

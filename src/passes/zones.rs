@@ -1,28 +1,25 @@
-//! Pass `zones`: light zones, which the paper proposes for scenes of many lights: each cell of a coarse grid knows which lights
-//! reach it, from the photons.
+//! Pass `zones`: light zones, which the paper proposes for scenes of many lights. Of each cell of a coarse grid it
+//! lists the lights that reach it, from the photons.
 
+use crate::specialisation::features::Features;
 use glam::Vec3;
+use kernel_kit::{
+    Binding, Bindings, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
+};
 
-use crate::gpu::buffer::{TableFormat, whole_rows};
-use crate::gpu::{Binding, Bindings, Buffer, Features, Frame, Gpu, Kernel, Table};
-use crate::{Result, bindings, shared_struct};
+use crate::Result;
 
 use super::grid::{GridShape, SortedPhotons};
 use super::kernel;
 
-/// Most lights that a zone lists, a multiple of four; a word each. What does not fit is left to audits, which tell little of much
-/// light. They share a workgroup's memory with those of 63 other points: more would not fit every device.
-pub const ZONE_LIGHTS: u32 = 64;
+pub use crate::kernels::ZONE_LIGHTS;
 
-/// Most zones: 8 MiB of lists.
+/// Maximum number of zones: 8 MiB of lists.
 const MAX_ZONES: f64 = (1u32 << 15) as f64;
 
-/// Photons of a light that a zone and those around it hold where all surfaces have as many: nine zones on an even surface.
-/// Lights near by leave many times more.
+/// Photons of a light that a zone and those around it hold on an evenly covered surface, which crosses nine zones.
+/// Nearby lights leave many times more.
 const PHOTONS_PER_LIGHT: f32 = 4.0;
-
-/// Invocations of a workgroup, one workgroup a zone.
-const GROUP: u32 = 64;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/zones.wgsl`.
@@ -36,11 +33,15 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads beside the photons, and what it writes.
-    struct ZoneBindings { light_powers, listed_lights }
+    struct ZoneBindings { pub light_powers: &Buffer, pub listed_lights: &Buffer}
 }
 
 /// The pass; see `shaders/zones.wgsl`.
-pub struct Zones(Kernel);
+pub struct Zones {
+    kernel: Kernel,
+    /// Invocations of a workgroup; each zone has one.
+    group: u32,
+}
 
 /// The lights of each zone, bound as `zone_lists`.
 pub struct ZoneTable {
@@ -59,25 +60,26 @@ impl Bindings for ZoneTable {
     }
 }
 
-/// Zones over `bounds` (least and greatest corner) for so many photons of `lights` lights in all, on surfaces of area `area`.
+/// Zones over `bounds` (lower and upper corner) for `photons` photons of all `lights` lights together, on surfaces of
+/// area `area`.
 pub fn zone_shape(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
     let per_zone = PHOTONS_PER_LIGHT * lights as f32 / 9.0;
-    GridShape::with_most_cells(per_zone, bounds, area, photons, MAX_ZONES)
+    GridShape::with_max_cells(per_zone, bounds, area, photons, MAX_ZONES)
 }
 
 impl Zones {
-    /// Compiles the kernel.
+    /// Compiles the kernel; `features` must not have `light_tags`, as the photons are sorted by zone alone.
     ///
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features) -> Result<Zones> {
-        // Photons are sorted by zone alone.
-        let features = features.clone().with("light_tags", false);
-        Ok(Zones(kernel(gpu, "zones", &features, &[], ZoneBindings::NAMES)?))
+        let kernel = kernel(gpu, "zones", features, &[], &[ZoneBindings::DECLARED])?;
+        let group = kernel.workgroup_size("list").expect("the kernel has this entry point");
+        Ok(Zones { kernel, group })
     }
 
-    /// Lists the lights of every zone. `powers` are those of the lights that photons are of, in any unit; `environment`: one more
-    /// light, which has none, is in every list.
+    /// Lists the lights of every zone. `powers` are those of the lights that have photons, in any unit. With
+    /// `environment`, one more light, which has no photons, is in every list.
     ///
     /// # Errors
     /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`].
@@ -86,10 +88,10 @@ impl Zones {
         let powers: Vec<f32> = powers.iter().map(|power| (power / largest) as f32).collect();
         let light_powers = gpu.upload("penumbra/zones/light_powers", &powers)?;
         let zones = photons.shape.cells();
-        let records = whole_rows((zones * ZONE_LIGHTS / 4) as usize);
-        let lists = gpu.buffer::<[u32; 4]>("penumbra/zones/listed_lights", records)?;
+        let texels = whole_rows((zones * ZONE_LIGHTS / 4) as usize);
+        let lists = gpu.buffer::<[u32; 4]>("penumbra/zones/listed_lights", texels)?;
         let own = ZoneBindings { light_powers: &light_powers, listed_lights: &lists };
-        let bound = self.0.bind(gpu, "list", &[&own, photons])?;
+        let bound = self.kernel.bind(gpu, "list", &[&own, photons])?;
         let parameters = ZoneParameters {
             zones: photons.shape,
             light_count: powers.len() as u32,
@@ -97,7 +99,7 @@ impl Zones {
             padding: [0; 2],
         };
         let mut frame: Frame<'_> = gpu.frame("zones");
-        frame.run(&bound, zones * GROUP, &parameters);
+        frame.run(&bound, zones * self.group, &parameters);
         let table = gpu.kernel_table(&mut frame, lists.clone(), TableFormat::Uint)?;
         frame.submit()?;
         Ok(ZoneTable { shape: photons.shape, bytes: lists.bytes, lists, table })

@@ -1,4 +1,4 @@
-//! Files of WGSL functions: read by naga, refused where they could reach beyond themselves, and made to end.
+//! Files of WGSL functions: parsed by naga, restricted to pure functions, and rewritten so that all loops end.
 
 use naga::back::wgsl::WriterFlags;
 use naga::valid::{Capabilities, ModuleInfo, ShaderStages, ValidationFlags, Validator};
@@ -7,29 +7,31 @@ use naga::{
     SourceLocation, Span, Statement, Type, TypeInner, VectorSize,
 };
 
-use super::{Role, TURNS};
+use super::limits::ITERATIONS;
+use super::role::Role;
 
-/// Most bytes of a file: those of a long day's work.
+/// Maximum size of a file in bytes.
 const MAX_BYTES: usize = 1 << 16;
 
-/// Most expressions of a function with all that it calls, each call counted: a compiler may write out every one of them, and
-/// functions of two calls each, one over the other, are soon more than any can.
+/// Maximum number of expressions in a function and its callees, each call counted. A compiler may inline every call, so
+/// a chain of functions that call the next one twice grows exponentially.
 const MAX_EXPRESSIONS: usize = 1 << 14;
 
-/// Deepest nesting of statements and of expressions: all that read them walk by recursion.
+/// Maximum nesting of statements and of expressions, which compilers process recursively.
 const MAX_DEPTH: usize = 100;
 
-/// Most bytes of a value: software devices hold it for each invocation.
+/// Maximum size of a value in bytes. Software devices store it for each invocation.
 const MAX_VALUE_BYTES: u32 = 4096;
 
-/// Stack for reading a file of [`MAX_BYTES`]: naga goes down a step for every operator of a sum, of some hundred bytes each.
+/// Stack size for parsing a file of [`MAX_BYTES`]. Naga recurses for every operator of a sum, with some hundred bytes
+/// per level.
 const STACK_BYTES: usize = 1 << 28;
 
-/// How the names begin that functions and the counter get.
-const RENAMED: &str = "procedural_";
+/// Prefix of the names that the composer gives to functions and to the counter.
+const RESERVED_PREFIX: &str = "procedural_";
 
-/// The variable in which all loops count their turns; see `functions.wgsl`.
-const COUNTER: &str = "procedural_turns";
+/// The variable in which all loops count their iterations; see `functions.wgsl`.
+const COUNTER: &str = "procedural_iterations";
 
 const NUMBER: TypeInner = TypeInner::Scalar(Scalar::F32);
 const VECTOR_3: TypeInner = TypeInner::Vector { size: VectorSize::Tri, scalar: Scalar::F32 };
@@ -39,37 +41,37 @@ type Checked<T> = std::result::Result<T, String>;
 
 /// A file of functions.
 pub(super) struct File {
-    /// Its text.
+    /// The text of the file.
     pub source: String,
     module: Module,
 }
 
 impl File {
-    /// Reads and checks a file.
+    /// Parses and checks a file.
     pub fn read(source: &str) -> Checked<File> {
         if source.len() > MAX_BYTES {
-            return Err(format!("has {} bytes, at most {MAX_BYTES} are read", source.len()));
+            return Err(format!("has {} bytes, at most {MAX_BYTES} are allowed", source.len()));
         }
         let read = || {
             let module = naga::front::wgsl::parse_str(source).map_err(|e| match e.location(source) {
-                // What naga places nowhere is that it went too deep, or an error of its own.
-                None => format!("cannot be read, perhaps as it is nested too deep: {}", e.message()),
+                // Errors without a location are the nesting limit of naga, or internal.
+                None => format!("cannot be parsed, perhaps because it is nested too deep: {}", e.message()),
                 at => at_line(e.message(), at),
             })?;
-            refuse_large(&module)?;
+            check_size(&module)?;
             let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
             let info = validator.validate(&module).map_err(|e| at_line(&causes(e.as_inner()), e.location(source)))?;
-            refuse_foreign(&module, &info)?;
+            check_purity(&module, &info)?;
             Ok(module)
         };
         let module = std::thread::scope(|scope| {
             let thread = std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, read);
-            thread.map_err(|e| e.to_string())?.join().unwrap_or_else(|_| Err("cannot be read by naga".to_owned()))
+            thread.map_err(|e| e.to_string())?.join().unwrap_or_else(|_| Err("cannot be parsed by naga".to_owned()))
         })?;
         Ok(File { source: source.to_owned(), module })
     }
 
-    /// Checks that there is a function of that name, and that it has the form that its role asks for.
+    /// Checks that there is a function `name`, and that it has the signature of its role.
     pub fn check(&self, name: &str, role: Role) -> Checked<()> {
         let mut functions = self.module.functions.iter();
         let found = functions.find(|(_, f)| f.name.as_deref() == Some(name));
@@ -93,22 +95,23 @@ impl File {
         if fits { Ok(()) } else { Err(format!("`{name}` is not of the form {form}")) }
     }
 
-    /// Plain WGSL with loops that end. Of `named` functions the second name is the new one; all else that other modules
-    /// could see gets a name of `prefix`.
+    /// Writes plain WGSL whose loops end. Functions in `named` are renamed to the second name of their pair. All other
+    /// names that are visible outside the file get the prefix `prefix`.
     ///
     /// # Errors
-    /// What naga cannot write, though it can read it.
+    /// One line, if naga can read the file but not write it.
     pub fn write(mut self, prefix: &str, named: &[(&str, String)]) -> Checked<String> {
         let own = |name: &Option<String>| Some(format!("{prefix}_{}", name.as_deref().unwrap_or_default()));
         let module = &mut self.module;
         for (_, function) in module.functions.iter_mut() {
             let new = named.iter().find(|(name, _)| function.name.as_deref() == Some(name));
             function.name = new.map_or_else(|| own(&function.name), |(_, new)| Some(new.clone()));
-            // Where a variable has a name that naga is to write, it would change that and not the variable's.
+            // Naga resolves a clash of names by renaming the function, so local names with the reserved prefix are
+            // renamed first.
             let arguments = function.arguments.iter_mut().filter_map(|argument| argument.name.as_mut());
             let variables = function.local_variables.iter_mut().filter_map(|(_, variable)| variable.name.as_mut());
             let values = function.named_expressions.values_mut();
-            for name in arguments.chain(variables).chain(values).filter(|name| name.starts_with(RENAMED)) {
+            for name in arguments.chain(variables).chain(values).filter(|name| name.starts_with(RESERVED_PREFIX)) {
                 name.insert_str(0, "own_");
             }
         }
@@ -123,26 +126,26 @@ impl File {
         let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
         let info = validator.validate(module).map_err(|e| causes(e.as_inner()))?;
         let text = naga::back::wgsl::write_string(module, &info, WriterFlags::empty()).map_err(|e| e.to_string())?;
-        // All files share the counter.
+        // All files share the counter, which `functions.wgsl` declares.
         let declares = |line: &&str| line.starts_with("var<private>") && line.contains(COUNTER);
         Ok(text.lines().filter(|line| !declares(line)).flat_map(|line| [line, "\n"]).collect())
     }
 }
 
-/// A problem with the line that it is in.
+/// A problem on one line, with the number of its line in the file.
 fn at_line(problem: &str, location: Option<SourceLocation>) -> String {
     let problem = problem.split_whitespace().collect::<Vec<_>>().join(" ");
     location.map_or(problem.clone(), |at| format!("line {}: {problem}", at.line_number))
 }
 
-/// An error with all that it comes of.
+/// An error with its chain of causes.
 fn causes(error: &dyn std::error::Error) -> String {
     let causes = std::iter::successors(Some(error), |error| error.source());
     causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
 }
 
-/// Refuses what would take too long to read, to compile or to hold.
-fn refuse_large(module: &Module) -> Checked<()> {
+/// Refuses files that would take too much time or memory to process or to compile.
+fn check_size(module: &Module) -> Checked<()> {
     let large =
         |(_, ty): &(Handle<Type>, &Type)| ty.inner.try_size(module.to_ctx()).is_none_or(|n| n > MAX_VALUE_BYTES);
     if let Some((_, ty)) = module.types.iter().find(large) {
@@ -152,26 +155,25 @@ fn refuse_large(module: &Module) -> Checked<()> {
     let mut cost: Vec<usize> = Vec::new();
     for (_, function) in module.functions.iter() {
         let name = function.name.as_deref().unwrap_or_default();
-        let mut walked = Walked::default();
-        walked.block(&function.body, 0);
-        // Operands come before what is made of them.
+        let statements = Statements::of(function);
+        // Operands precede the expressions that use them.
         let mut depths: Vec<usize> = Vec::with_capacity(function.expressions.len());
         for (_, expression) in function.expressions.iter() {
             let depth = operands(expression).into_iter().map(|operand| depths[operand.index()] + 1).max();
             depths.push(depth.unwrap_or(0));
         }
-        if walked.depth.max(depths.into_iter().max().unwrap_or(0)) > MAX_DEPTH {
+        if statements.depth.max(depths.into_iter().max().unwrap_or(0)) > MAX_DEPTH {
             return Err(format!("`{name}` is nested more than {MAX_DEPTH} deep"));
         }
-        // Functions come before those that call them.
-        let called: usize = walked.calls.iter().map(|callee| cost.get(callee.index()).copied().unwrap_or(0)).sum();
-        // Variables count by their words.
+        // Functions precede their callers.
+        let called: usize = statements.calls.iter().map(|callee| cost.get(callee.index()).copied().unwrap_or(0)).sum();
+        // A variable counts as many expressions as it has words.
         let words =
             function.local_variables.iter().map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()) as usize / 4);
         let total = (function.expressions.len() + words.sum::<usize>()).saturating_add(called);
         if total > MAX_EXPRESSIONS {
             return Err(format!(
-                "`{name}`, with all that it calls, has {total} expressions, at most {MAX_EXPRESSIONS} can be"
+                "`{name}` and the functions that it calls have {total} expressions, the maximum is {MAX_EXPRESSIONS}"
             ));
         }
         cost.push(total);
@@ -179,40 +181,46 @@ fn refuse_large(module: &Module) -> Checked<()> {
     Ok(())
 }
 
-/// Refuses what is more than functions of their arguments.
-fn refuse_foreign(module: &Module, info: &ModuleInfo) -> Checked<()> {
-    let foreign = |what: String| Err(format!("{what}: only functions, structs and constants can be in such a file"));
+/// Refuses everything but pure functions, structs and constants.
+fn check_purity(module: &Module, info: &ModuleInfo) -> Checked<()> {
+    let refuse = |what: String| Err(format!("{what}: such a file may contain only functions, structs and constants"));
     if let Some((_, variable)) = module.global_variables.iter().next() {
-        return foreign(format!("declares the variable `{}`", variable.name.as_deref().unwrap_or_default()));
+        return refuse(format!("declares the variable `{}`", variable.name.as_deref().unwrap_or_default()));
     }
     if let Some((_, value)) = module.overrides.iter().next() {
-        return foreign(format!("declares the override `{}`", value.name.as_deref().unwrap_or_default()));
+        return refuse(format!("declares the override `{}`", value.name.as_deref().unwrap_or_default()));
     }
     if let Some(entry) = module.entry_points.first() {
-        return foreign(format!("declares the entry point `{}`", entry.name));
+        return refuse(format!("declares the entry point `{}`", entry.name));
     }
     for (handle, function) in module.functions.iter() {
         let name = function.name.as_deref().unwrap_or_default();
-        let mut walked = Walked::default();
-        walked.block(&function.body, 0);
-        if walked.foreign || !info[handle].available_stages.contains(ShaderStages::COMPUTE) {
+        let statements = Statements::of(function);
+        if statements.impure || !info[handle].available_stages.contains(ShaderStages::COMPUTE) {
             return Err(format!(
-                "`{name}` does more than compute: it discards, or waits for or asks other invocations"
+                "`{name}` does more than compute: it discards, waits for other invocations or reads their values"
             ));
         }
     }
     Ok(())
 }
 
-/// What is in a function's statements.
+/// Facts about the statements of a function.
 #[derive(Default)]
-struct Walked {
+struct Statements {
     depth: usize,
     calls: Vec<Handle<Function>>,
-    foreign: bool,
+    /// Whether there is a statement other than control flow, calls, and stores to local variables.
+    impure: bool,
 }
 
-impl Walked {
+impl Statements {
+    fn of(function: &Function) -> Self {
+        let mut statements = Statements::default();
+        statements.block(&function.body, 0);
+        statements
+    }
+
     fn block(&mut self, block: &Block, depth: usize) {
         self.depth = self.depth.max(depth);
         for statement in block {
@@ -233,13 +241,13 @@ impl Walked {
                 | Statement::Continue
                 | Statement::Return { .. }
                 | Statement::Store { .. } => {}
-                _ => self.foreign = true,
+                _ => self.impure = true,
             }
         }
     }
 }
 
-/// What an expression of functions without variables of the module is made of.
+/// The operands of an expression in a module without global variables.
 fn operands(expression: &Expression) -> Vec<Handle<Expression>> {
     use Expression::*;
     match expression {
@@ -258,7 +266,7 @@ fn operands(expression: &Expression) -> Vec<Handle<Expression>> {
     }
 }
 
-/// Makes every turn of every loop count itself, and end the loop once there were [`TURNS`].
+/// Makes every loop count its iterations, and break once there were [`ITERATIONS`] in all loops together.
 fn bound_loops(module: &mut Module) {
     let count = Type { name: None, inner: TypeInner::Scalar(Scalar::U32) };
     let ty = module.types.insert(count, Span::UNDEFINED);
@@ -292,7 +300,7 @@ fn bound_block(block: &mut Block, function: &mut Function, counter: Handle<Globa
             Statement::Loop { body, continuing, .. } => {
                 bound_block(body, function, counter);
                 bound_block(continuing, function, counter);
-                let mut bounded = Block::from_vec(count_a_turn(function, counter));
+                let mut bounded = Block::from_vec(count_iteration(function, counter));
                 bounded.append(body);
                 *body = bounded;
             }
@@ -301,14 +309,14 @@ fn bound_block(block: &mut Block, function: &mut Function, counter: Handle<Globa
     }
 }
 
-/// `procedural_turns += 1; if procedural_turns_before >= TURNS { break; }`
-fn count_a_turn(function: &mut Function, counter: Handle<GlobalVariable>) -> Vec<Statement> {
+/// `let before = counter; counter = before + 1; if before >= ITERATIONS { break; }`
+fn count_iteration(function: &mut Function, counter: Handle<GlobalVariable>) -> Vec<Statement> {
     let mut add = |expression| function.expressions.append(expression, Span::UNDEFINED);
     let pointer = add(Expression::GlobalVariable(counter));
-    let most = add(Expression::Literal(Literal::U32(TURNS)));
+    let limit = add(Expression::Literal(Literal::U32(ITERATIONS)));
     let one = add(Expression::Literal(Literal::U32(1)));
     let before = add(Expression::Load { pointer });
-    let spent = add(Expression::Binary { op: BinaryOperator::GreaterEqual, left: before, right: most });
+    let spent = add(Expression::Binary { op: BinaryOperator::GreaterEqual, left: before, right: limit });
     let value = add(Expression::Binary { op: BinaryOperator::Add, left: before, right: one });
     vec![
         Statement::Emit(Range::new_from_bounds(before, value)),

@@ -1,20 +1,19 @@
-//! What a render notices of its own arithmetic and limits, and what it says about it.
+//! What a render notices of its own arithmetic and limits, and the warnings about it.
 
-use crate::procedural::TURNS;
+use crate::procedural::ITERATIONS;
 use crate::settings::Settings;
+use crate::statistics::totals::Totals;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
-use crate::statistics::totals::Totals;
-
-/// Unknown points are of note above this share of all: below it more photons could save no more than a tenth of the shadow
-/// rays of `two-pass`. The image is the same with either.
+/// Share of unknown points above which there is a warning: below it more photons could save no more than a tenth of the
+/// shadow rays of `two-pass`. The image is right in both cases.
 const MANY_UNKNOWN: f64 = 0.1;
 
-/// Where light bounces more often on average than this share of the bounces that are asked for, more than a fiftieth of the
-/// paths are not at their end there: numbers of bounces fall off as exp(-n / mean) in a closed room.
+/// Where light bounces more often on average than this share of the maximum number of bounces, the maximum cuts more
+/// than a fiftieth of the paths: in a closed room numbers of bounces fall off as exp(-n / mean).
 const LONG_SHARE: f64 = 0.25;
 
-/// Fewer bounces than these are asked for by someone who knows that they are few.
+/// There is no warning below this maximum number of bounces: whoever sets so few knows that they are few.
 const MANY_BOUNCES: u32 = 16;
 
 /// Something that the user should know, and what to do about it.
@@ -43,102 +42,128 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         heavy_paths: count(Counter::HeavyPaths),
         overruns: count(Counter::Overrun),
         procedural_overruns: count(Counter::ProceduralOverruns),
-        procedural_nonsense: count(Counter::ProceduralNonsense),
+        procedural_nonsense: count(Counter::ProceduralInvalid),
         mean_bounces: totals.mean_bounces().round() as u64,
         devices_lost: totals.devices_lost,
     }
 }
 
-/// A warning for each count that is not as it should be.
+/// A warning for each count that says that something is wrong.
 pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
-    // Records of the least radius are a figure alone: what they blur is three pixels wide, and corners ask for them in any scene.
-    let Conditioning { not_finite, near_overflow, unknown, heavy_paths, overruns, mean_bounces, devices_lost, .. } =
-        conditioning(totals);
-    let Conditioning { procedural_overruns, procedural_nonsense, .. } = conditioning(totals);
-    let mut warnings = Vec::new();
-    let mut warn = |name, count: u64, text: String| {
-        if count > 0 {
-            warnings.push(Warning { name, count, text });
-        }
-    };
+    // No warning of records of the smallest radius: what they blur is three pixels wide, and corners need them in any scene.
+    let mut warnings = number_warnings(totals);
+    warnings.extend(unknown_warning(totals));
+    warnings.extend(path_warnings(totals, settings));
+    warnings.extend(procedural_warnings(totals));
+    let lost = totals.devices_lost;
+    warnings.push(Warning {
+        name: "devices_lost",
+        count: lost,
+        text: format!(
+            "the device was lost {lost} times, and the render resumed from the state in memory: if it happens again, look \
+             for a driver that resets or is short of memory"
+        ),
+    });
+    warnings.retain(|warning| warning.count > 0);
+    warnings
+}
+
+/// Values that are not finite, or nearly so.
+fn number_warnings(totals: &Totals) -> Vec<Warning> {
+    let Conditioning { not_finite, near_overflow, overruns, .. } = conditioning(totals);
     let by_pass = by_pass(&not_finite);
     let left_out = totals.get(Counter::NotFinite);
-    // What a ray would bring that took too many turns is not known, and left out as what is not finite.
+    // The samples of rays that exceeded the loop budget are invalid, and count as not finite.
     let advice = match overruns {
-        0 => "look for lights, colours or sizes in the scene that are beyond all measure",
-        _ => "those of rays that took too many turns are among them",
+        0 => "look for extreme lights, colours or sizes in the scene",
+        _ => "those of rays that exceeded the loop budget are among them",
     };
-    warn(
-        "not_finite",
-        left_out.max(not_finite.total()),
-        format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
-    );
-    warn(
-        "near_overflow",
-        near_overflow,
-        format!(
-            "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with --light-scale"
-        ),
-    );
-    // Where the map was left out after all, that is what the notes say.
+    vec![
+        Warning {
+            name: "not_finite",
+            count: left_out.max(not_finite.total()),
+            text: format!("{left_out} samples are not finite and left out of the image{by_pass}: {advice}"),
+        },
+        Warning {
+            name: "near_overflow",
+            count: near_overflow,
+            text: format!(
+                "sums of pixels came near the largest number there is, {near_overflow} times: dim the lights with \
+                 `light_scale`"
+            ),
+        },
+    ]
+}
+
+/// A visibility map that leaves many points unknown.
+fn unknown_warning(totals: &Totals) -> Option<Warning> {
+    let count = totals.mapped_unknown;
+    // Where the pilot left the map out, another note says so.
     let mapped = totals.mapped_points == totals.points().total;
-    if mapped && unknown as f64 > MANY_UNKNOWN * totals.mapped_points as f64 {
-        let percent = 100.0 * unknown as f64 / totals.mapped_points as f64;
+    let many = count as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
+    (mapped && many).then(|| {
+        let percent = 100.0 * count as f64 / totals.mapped_points as f64;
         let text = format!(
-            "{percent:.0} % of the points have too few photons near to tell light from shadow: more --photons would save \
-             shadow rays"
+            "{percent:.0} % of the points have too few photons near to tell light from shadow: more \
+             `visibility_map.photons_per_light` would save shadow rays"
         );
-        warn("unknown", unknown, text);
-    }
-    warn(
-        "heavy_paths",
-        heavy_paths,
-        format!(
-            "{heavy_paths} paths carry more than eight times their weight, and show as bright specks that fade slowly: take \
-             more samples, or look for materials that reflect more than they get"
-        ),
-    );
-    warn(
-        "overruns",
-        overruns,
-        format!(
-            "{overruns} rays met more geometry than the device's loop budget of 65,535 turns allows, and their samples are \
-             left out of the image: remove overlapping layers, or choose a hardware device with --device"
-        ),
-    );
-    let most = settings.max_bounces;
+        Warning { name: "unknown", count, text }
+    })
+}
+
+/// Paths that are too heavy, too deep in geometry, or too short.
+fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
+    let Conditioning { heavy_paths, overruns, mean_bounces, .. } = conditioning(totals);
+    let mut warnings = vec![
+        Warning {
+            name: "heavy_paths",
+            count: heavy_paths,
+            text: format!(
+                "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that fade \
+                 slowly: take more samples, or look for materials that reflect more light than they receive"
+            ),
+        },
+        Warning {
+            name: "overruns",
+            count: overruns,
+            text: format!(
+                "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and their \
+                 samples are left out of the image: remove overlapping layers, or choose a hardware device with --device"
+            ),
+        },
+    ];
+    let most = settings.indirect.max_bounces;
     if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
         let text = format!(
-            "light bounces {mean_bounces} times here on average, and --max-bounces {most} leaves out what bounces more often: \
-             the image is too dark unless more are asked for"
+            "light bounces {mean_bounces} times on average, and `indirect.max_bounces` {most} leaves out longer paths: the image is \
+             too dark unless the maximum is raised"
         );
-        warn("mean_bounces", mean_bounces, text);
+        warnings.push(Warning { name: "mean_bounces", count: mean_bounces, text });
     }
-    warn(
-        "procedural_overruns",
-        procedural_overruns,
-        format!(
-            "{procedural_overruns} rays took more than {TURNS} turns in a procedural object and passed through it: look for \
-             loops that do not end, or distances far smaller than the surface is away"
-        ),
-    );
-    warn(
-        "procedural_nonsense",
-        procedural_nonsense,
-        format!(
-            "{procedural_nonsense} answers of procedural objects are not finite or have no normal, and their rays passed \
-             through: look for divisions by zero and roots of negative numbers in their functions"
-        ),
-    );
-    warn(
-        "devices_lost",
-        devices_lost,
-        format!(
-            "the device was lost {devices_lost} times, and the render went on with what was kept, as if it had not stopped: \
-             look for a driver that is short of memory or resets, should it happen again"
-        ),
-    );
     warnings
+}
+
+/// Functions of procedural objects that do not end, or return invalid results.
+fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
+    let Conditioning { procedural_overruns: overruns, procedural_nonsense: invalid, .. } = conditioning(totals);
+    vec![
+        Warning {
+            name: "procedural_overruns",
+            count: overruns,
+            text: format!(
+                "{overruns} rays took more than {ITERATIONS} iterations in a procedural object and passed through it: look for \
+                 loops that do not end, or distance functions that return far less than the distance"
+            ),
+        },
+        Warning {
+            name: "procedural_nonsense",
+            count: invalid,
+            text: format!(
+                "{invalid} answers of procedural objects are not finite or have no normal, and their rays passed through: \
+                 look for divisions by zero and roots of negative numbers in their functions"
+            ),
+        },
+    ]
 }
 
 /// The counts that are not zero, with the names of their passes.

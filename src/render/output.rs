@@ -1,10 +1,10 @@
 //! The image and the statistics of a render.
 
+use kernel_kit::Gpu;
 use std::collections::{BTreeMap, HashMap};
 
 use glam::{DVec3, DVec4};
 
-use crate::gpu::Gpu;
 use crate::passes::film::Plane;
 use crate::render::film::{Channel, Metadata};
 use crate::settings::Aov;
@@ -12,89 +12,77 @@ use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
 
 use super::checkpoint::Checkpoint;
-use super::{Renderer, conditioning};
+use super::conditioning;
+use super::renderer::Renderer;
+use super::tiles::TileFilm;
 
-/// Depth where the ray left the scene: Blender's number, as EXR readers stumble over infinities.
+/// Depth where the ray left the scene: Blender's number, as some EXR readers fail on infinities.
 const NO_DEPTH: f64 = 1e10;
+
+impl Renderer<'_> {
+    /// The image so far, with the channels that the settings ask for.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn image(&self) -> Result<Image> {
+        image(self, None)
+    }
+
+    /// What was done so far. The times that the library does not see (start, import, total) are 0.
+    ///
+    /// # Errors
+    /// As [`Gpu::pass_times`].
+    pub fn statistics(&self) -> Result<Statistics> {
+        Ok(statistics(self, self.gpu.pass_times()?))
+    }
+}
 
 /// The image of the film on the device, or of what was kept of it.
 pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Result<Image> {
     let settings = &renderer.settings;
-    let samples = renderer.samples;
     let film = Film { renderer, kept: kept.map(|kept| kept_planes(renderer, kept)) };
-    let plane = |pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>| film.means(pick);
-    let direct = plane(&|f| Some(&f.direct))?.unwrap_or_default();
-    let indirect = plane(&|f| f.indirect.as_ref())?;
+    let direct = film.means(&|f| Some(&f.direct))?.unwrap_or_default();
+    let indirect = film.means(&|f| f.indirect.as_ref())?;
     let total: Vec<DVec4> = match &indirect {
         Some(indirect) => direct.iter().zip(indirect).map(|(d, i)| (d.truncate() + i.truncate()).extend(d.w)).collect(),
         None => direct.clone(),
     };
+    let indirect = indirect.unwrap_or_else(|| vec![DVec4::ZERO; direct.len()]);
     let mut channels = Vec::new();
     push(&mut channels, ["R", "G", "B"], &total);
     channels.push(Channel { name: "A".into(), samples: total.iter().map(|v| v.w as f32).collect() });
-    let black = vec![DVec4::ZERO; direct.len()];
-    for aov in &settings.aovs {
+    for aov in &settings.image.aovs {
         match aov {
             Aov::Direct => push(&mut channels, ["direct.R", "direct.G", "direct.B"], &direct),
-            Aov::Indirect => {
-                push(&mut channels, ["indirect.R", "indirect.G", "indirect.B"], indirect.as_ref().unwrap_or(&black));
-            }
+            Aov::Indirect => push(&mut channels, ["indirect.R", "indirect.G", "indirect.B"], &indirect),
             Aov::Albedo => {
-                let albedo = plane(&|f| f.albedo.as_ref())?.unwrap_or_default();
+                let albedo = film.means(&|f| f.albedo.as_ref())?.unwrap_or_default();
                 push(&mut channels, ["albedo.R", "albedo.G", "albedo.B"], &albedo);
             }
-            Aov::Normal => {
-                let mut normals = plane(&|f| f.normal.as_ref())?.unwrap_or_default();
-                normals.iter_mut().for_each(|n| *n = n.truncate().normalize_or_zero().extend(0.0));
-                push(&mut channels, ["N.X", "N.Y", "N.Z"], &normals);
-            }
-            Aov::Position => {
-                let mut positions = plane(&|f| f.position.as_ref())?.unwrap_or_default();
-                for (p, total) in positions.iter_mut().zip(&total) {
-                    let seen = total.w;
-                    let normalised = if seen > 0.0 { p.truncate() / seen } else { DVec3::ZERO };
-                    let world =
-                        if seen > 0.0 { renderer.scene.normalisation.undo_f64(normalised) } else { DVec3::ZERO };
-                    *p = world.extend(0.0);
-                }
-                push(&mut channels, ["P.X", "P.Y", "P.Z"], &positions);
-            }
-            Aov::Depth => {
-                let positions = plane(&|f| f.position.as_ref())?.unwrap_or_default();
-                let scale = renderer.scene.normalisation.scale();
-                let depth = positions
-                    .iter()
-                    .zip(&total)
-                    .map(|(p, total)| (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32);
-                channels.push(Channel { name: "Z".into(), samples: depth.collect() });
-            }
+            Aov::Normal => push(&mut channels, ["N.X", "N.Y", "N.Z"], &film.normals()?),
+            Aov::Position => push(&mut channels, ["P.X", "P.Y", "P.Z"], &film.positions(&total)?),
+            Aov::Depth => channels.push(Channel { name: "Z".into(), samples: film.depths(&total)? }),
             Aov::Variance => {
-                let squares = plane(&|f| f.squares.as_ref())?.unwrap_or_default();
-                let n = f64::from(samples);
-                let variance = squares.iter().zip(&total).map(|(square, mean)| {
-                    // Of the mean of n samples; unknown, and said to be 0, where there is one.
-                    if n > 1.0 { ((*square - *mean * *mean) / (n - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
-                });
-                push(&mut channels, ["variance.R", "variance.G", "variance.B"], &variance.collect::<Vec<_>>());
+                push(&mut channels, ["variance.R", "variance.G", "variance.B"], &film.variances(&total)?);
             }
-            Aov::Shadow => shadow_channels(&film, &mut channels)?,
+            Aov::Shadow => film.push_class_channels(&mut channels)?,
         }
     }
-    let mut image = Image { width: settings.width, height: settings.height, channels, ..Image::default() };
+    let mut image = Image { width: settings.image.width, height: settings.image.height, channels, ..Image::default() };
     image.add_camera(&renderer.camera, &renderer.scene.normalisation);
-    metadata(renderer, &mut image);
+    add_metadata(renderer, &mut image);
     Ok(image)
 }
 
-/// Where the sums of samples are.
+/// The sums of samples, on the device or kept.
 struct Film<'a> {
     renderer: &'a Renderer<'a>,
-    /// The words of each plane, where not the device but a checkpoint has them.
+    /// The words of each plane, where a checkpoint has them and not the device.
     kept: Option<HashMap<*const Plane, &'a [u32]>>,
 }
 
 fn kept_planes<'a>(renderer: &Renderer<'_>, kept: &'a Checkpoint) -> HashMap<*const Plane, &'a [u32]> {
-    let mut rest = kept.words();
+    let mut rest = kept.words.as_slice();
     let own = |plane: &Plane| {
         let (own, others) = rest.split_at(plane.state_words());
         rest = others;
@@ -114,13 +102,78 @@ impl Film<'_> {
     }
 
     /// The means of a plane over the whole image, or none where the tiles have no such plane.
-    fn means(&self, pick: &dyn Fn(&super::TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
+    fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
         let mut all = Vec::new();
         for tile in &self.renderer.tiles {
             let Some(plane) = pick(tile) else { return Ok(None) };
             all.extend(self.plane_means(plane)?);
         }
         Ok(Some(all))
+    }
+
+    fn normals(&self) -> Result<Vec<DVec4>> {
+        let mut normals = self.means(&|f| f.normal.as_ref())?.unwrap_or_default();
+        normals.iter_mut().for_each(|n| *n = n.truncate().normalize_or_zero().extend(0.0));
+        Ok(normals)
+    }
+
+    /// In world space; `total` has the share of each pixel's rays that hit something in w.
+    fn positions(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
+        let mut positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
+        for (p, total) in positions.iter_mut().zip(total) {
+            let hit = total.w;
+            let normalised = if hit > 0.0 { p.truncate() / hit } else { DVec3::ZERO };
+            let normalisation = &self.renderer.scene.normalisation;
+            let world = if hit > 0.0 { normalisation.undo_f64(normalised) } else { DVec3::ZERO };
+            *p = world.extend(0.0);
+        }
+        Ok(positions)
+    }
+
+    /// In world units; `total` as for [`Film::positions`].
+    fn depths(&self, total: &[DVec4]) -> Result<Vec<f32>> {
+        let positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
+        let scale = self.renderer.scene.normalisation.scale();
+        let depth =
+            |(p, total): (&DVec4, &DVec4)| (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32;
+        Ok(positions.iter().zip(total).map(depth).collect())
+    }
+
+    /// Of the means of n samples; unknown, and said to be 0, where there is one.
+    fn variances(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
+        let squares = self.means(&|f| f.squares.as_ref())?.unwrap_or_default();
+        let n = f64::from(self.renderer.samples);
+        let variance = |(square, mean): (&DVec4, &DVec4)| {
+            if n > 1.0 { ((*square - *mean * *mean) / (n - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
+        };
+        Ok(squares.iter().zip(total).map(variance).collect())
+    }
+
+    /// Class, visibility, n_i and n_s of each light.
+    fn push_class_channels(&self, channels: &mut Vec<Channel>) -> Result<()> {
+        let renderer = self.renderer;
+        let mut used = std::collections::HashSet::new();
+        for (index, light) in renderer.scene.lights.iter().enumerate() {
+            let mut all = Vec::new();
+            for tile in &renderer.tiles {
+                let Some(plane) = tile.classes.get(index) else { return Ok(()) };
+                let mut means = self.plane_means(plane)?;
+                // Only the first sample wrote its class into the sum.
+                means.iter_mut().for_each(|v| v.x *= f64::from(renderer.samples));
+                all.extend(means);
+            }
+            // A dot ends a layer's name, and two lights may share theirs.
+            let mut name = light.name.replace('.', "_");
+            if !used.insert(name.clone()) {
+                name = format!("{name}_{index}");
+                used.insert(name.clone());
+            }
+            for (axis, suffix) in ["class", "visibility", "ni", "ns"].into_iter().enumerate() {
+                let samples = all.iter().map(|v| v[axis] as f32).collect();
+                channels.push(Channel { name: format!("shadow.{name}.{suffix}"), samples });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -130,33 +183,7 @@ fn push(channels: &mut Vec<Channel>, names: [&str; 3], values: &[DVec4]) {
     }
 }
 
-fn shadow_channels(from: &Film<'_>, channels: &mut Vec<Channel>) -> Result<()> {
-    let renderer = from.renderer;
-    let mut used = std::collections::HashSet::new();
-    for (index, light) in renderer.scene.lights.iter().enumerate() {
-        let mut all = Vec::new();
-        for tile in &renderer.tiles {
-            let Some(film) = tile.shadow.get(index) else { return Ok(()) };
-            let mut means = from.plane_means(film.plane())?;
-            // Only the first sample wrote its class into the sum.
-            means.iter_mut().for_each(|v| v.x *= f64::from(renderer.samples));
-            all.extend(means);
-        }
-        // A dot ends a layer's name, and two lights may share theirs.
-        let mut name = light.name.replace('.', "_");
-        if !used.insert(name.clone()) {
-            name = format!("{name}_{index}");
-            used.insert(name.clone());
-        }
-        for (axis, suffix) in ["class", "visibility", "ni", "ns"].into_iter().enumerate() {
-            let samples = all.iter().map(|v| v[axis] as f32).collect();
-            channels.push(Channel { name: format!("shadow.{name}.{suffix}"), samples });
-        }
-    }
-    Ok(())
-}
-
-fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
+fn add_metadata(renderer: &Renderer<'_>, image: &mut Image) {
     let settings = &renderer.settings;
     let mut put = |name: &str, value: Metadata| {
         image.metadata.insert(name.to_owned(), value);
@@ -168,11 +195,11 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
     put("penumbra:technique", text(settings.technique.name()));
     put("penumbra:device", text(&renderer.gpu.info.name));
     put("penumbra:driver", text(&renderer.gpu.info.driver));
-    put("penumbra:seed", Metadata::Int(settings.seed as i32));
-    put("penumbra:photons", Metadata::Int(settings.photons as i32));
-    put("penumbra:nearest", Metadata::Int(settings.nearest as i32));
-    put("penumbra:shadowSamples", Metadata::Int(settings.shadow_samples as i32));
-    let left_out: Vec<&str> = renderer.specialisation.left_out.iter().map(|item| item.name).collect();
+    put("penumbra:seed", Metadata::Int(settings.image.seed as i32));
+    put("penumbra:photons", Metadata::Int(settings.visibility_map.photons_per_light as i32));
+    put("penumbra:nearest", Metadata::Int(settings.visibility_map.nearest as i32));
+    put("penumbra:shadowSamples", Metadata::Int(settings.shadow_rays.samples as i32));
+    let left_out: Vec<&str> = renderer.specialisation.left_out.iter().map(|item| item.name()).collect();
     put("penumbra:leftOut", Metadata::Text(left_out.join(" ")));
     let dropped = renderer.totals.get(Counter::NotFinite);
     put("penumbra:notFinite", Metadata::Int(dropped.min(i32::MAX as u64) as i32));
@@ -185,7 +212,7 @@ fn metadata(renderer: &Renderer<'_>, image: &mut Image) {
 
 pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>) -> Statistics {
     let (totals, scene, gpu): (_, _, &Gpu) = (&renderer.totals, &renderer.scene, renderer.gpu);
-    let names = |items: &[crate::specialisation::Item]| items.iter().map(|item| item.name.to_owned()).collect();
+    let names = |items: &[crate::specialisation::Item]| items.iter().map(|item| item.name().to_owned()).collect();
     Statistics {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),

@@ -1,21 +1,20 @@
-//! Renders that outlive their device, and those that end early leaving what they had.
+//! Renders that go on after their device is lost, and what is left of those that fail.
 
-use std::time::{Duration, Instant};
+use kernel_kit::Gpu;
+use std::time::Instant;
 
-use crate::gpu::Gpu;
 use crate::{Error, Image, Result, Statistics};
 
 use super::checkpoint::Checkpoint;
-use super::{Renderer, output};
+use super::keeping::Keeping;
+use super::output;
+use super::renderer::Renderer;
 
-/// What samples have left is kept once this many times as long has passed as keeping it took: a fiftieth of the time, at most.
-const KEPT_PER_COST: u32 = 50;
+/// How often a device may be lost before more samples are kept: where it is lost again and again at the same sample,
+/// its work is the cause.
+const MAX_LOSSES: u64 = 3;
 
-/// How often a device may be lost before more samples are kept: one that is lost again and again at the same place is lost by
-/// what it is asked to do.
-const MOST_LOSSES: u64 = 3;
-
-/// What a render left that failed.
+/// What a failed render left.
 pub struct Failure {
     /// Why it failed.
     pub error: Error,
@@ -33,13 +32,13 @@ pub struct Salvage {
     pub checkpoint: Checkpoint,
 }
 
-/// Has `work` done with a renderer that `start` makes and that goes on from `from`. Where the device is lost meanwhile, another
-/// is opened by `open`, and `work` begins again with a renderer that stands where the state was last kept, in memory: the
-/// image is the same, bit for bit. Keeping takes a fiftieth of the time at most, and as much memory as a checkpoint.
+/// Runs `work` with a renderer that `start` makes and that resumes `from`. Where the device is lost, `open` opens
+/// another one, and `work` begins again with a renderer that resumes the state kept last in memory: the image is the
+/// same, bit for bit. Keeping the state takes a fiftieth of the time at most, and as much memory as a checkpoint.
 ///
 /// # Errors
-/// Those of `start` and `work`, and of `open` where there is no other device or the device is lost again and again; with what
-/// can be saved of the render.
+/// Those of `start` and `work`, and of `open` where there is no other device or the device is lost again and again;
+/// with what can be saved of the render.
 pub fn render<T>(
     mut gpu: Gpu,
     open: impl Fn() -> Result<Gpu>,
@@ -48,7 +47,7 @@ pub fn render<T>(
     mut work: impl FnMut(&mut Renderer<'_>) -> Result<T>,
 ) -> std::result::Result<T, Failure> {
     let mut salvage: Option<Box<Salvage>> = None;
-    // Since something was kept.
+    // Since a state was kept.
     let mut losses = 0;
     loop {
         let state = salvage.as_ref().map(|salvage| &salvage.checkpoint).or(from.as_ref());
@@ -72,8 +71,8 @@ pub fn render<T>(
     }
 }
 
-/// Has `work` done on `gpu`. Where that is lost meanwhile another takes its place, opened by `open`, and `work` begins anew: for
-/// what is timed, and may not be pieced together.
+/// Runs `work` on `gpu`. Where the device is lost, `open` opens another one, and `work` begins anew: for timed work,
+/// which may not be pieced together.
 ///
 /// # Errors
 /// Those of `work`, and of `open` where there is no other device or the device is lost again and again.
@@ -88,10 +87,10 @@ pub fn anew<T>(gpu: &mut Gpu, open: impl Fn() -> Result<Gpu>, mut work: impl FnM
     }
 }
 
-/// Another device where `error` says that one was lost, as `losses` were before; else the error.
+/// Another device where `error` says that one was lost, after `losses` before it; else the error.
 fn another(open: &impl Fn() -> Result<Gpu>, error: Error, losses: u64) -> Result<Gpu> {
     let Error::DeviceLost { at, problem } = error else { return Err(error) };
-    if losses == MOST_LOSSES {
+    if losses == MAX_LOSSES {
         return Err(Error::DeviceLost { at, problem });
     }
     open().map_err(|none| {
@@ -111,38 +110,27 @@ fn begin<'g>(
         renderer.resume_from(from)?;
     }
     renderer.totals.devices_lost += losses;
-    renderer.keeping = Some(Keeping { state: None, at: Instant::now(), cost: Duration::ZERO });
+    renderer.keeping = Some(Keeping::new());
     Ok(renderer)
 }
 
-/// What is kept of a render, in memory.
-pub(super) struct Keeping {
-    state: Option<Checkpoint>,
-    at: Instant,
-    /// The time that the last keeping took.
-    cost: Duration,
-}
-
 impl Renderer<'_> {
-    /// Keeps what samples have left, where that is asked for and due.
+    /// Keeps what samples have left, where the caller wants that and it is due.
     pub(super) fn keep(&mut self) -> Result<()> {
-        let Some(keeping) = &self.keeping else { return Ok(()) };
-        if keeping.at.elapsed() < keeping.cost * KEPT_PER_COST {
-            return Ok(());
+        if self.keeping.as_ref().is_some_and(Keeping::is_due) {
+            let start = Instant::now();
+            self.keeping = Some(Keeping::of(self.unsigned_checkpoint()?, start));
         }
-        let start = Instant::now();
-        let state = Some(self.unsigned_checkpoint()?);
-        self.keeping = Some(Keeping { state, at: Instant::now(), cost: start.elapsed() });
         Ok(())
     }
 
-    /// Image, statistics and checkpoint of what was kept, without asking the device; the renderer is of no use then.
+    /// Image, statistics and checkpoint of the state kept last, without the device; the renderer is of no use then.
     fn salvage(&mut self) -> Option<Box<Salvage>> {
         let kept = self.keeping.take()?.state?;
-        self.samples = kept.samples();
-        self.totals = kept.totals().clone();
+        self.samples = kept.header.samples;
+        self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
         let statistics = output::statistics(self, self.gpu.known_pass_times());
-        Some(Box::new(Salvage { image, statistics, checkpoint: kept.signed(self) }))
+        Some(Box::new(Salvage { image, statistics, checkpoint: kept.signed(self.fingerprint()) }))
     }
 }

@@ -1,5 +1,6 @@
-//! How well photons, or cells, tell lit, shadowed and boundary points apart: their classes against true visibility.
+//! Confusion matrices: the classes that photons or cells give to points, against true visibility.
 
+use crate::specialisation::features::Feature;
 use std::fs;
 use std::path::Path;
 
@@ -11,43 +12,43 @@ use crate::{Error, Image, Result};
 use super::interval::Interval;
 use super::run::Subject;
 
-/// Light points that tell what a point's true visibility is, as DESIGN has it.
+/// Points on each light whose shadow rays give the true visibility of a point.
 const LIGHT_POINTS: u32 = 256;
 
-/// Classes are left out where there are more points: the truth about them would take a thousand million rays.
-const MOST_POINTS: u64 = 1 << 22;
+/// Maximum number of pixels times lights: true visibility of more points would take more than 10^9 rays.
+const MAX_POINTS: u64 = 1 << 22;
 
-/// The visibility of each light through the middle of each pixel, from all shadow rays.
+/// True visibility of each light at the centre of each pixel, by shadow rays to all light points.
 pub struct Truth(Image);
 
-/// Classes of the points of one technique, through the middle of each pixel.
+/// Classes of the points of one technique at the centre of each pixel, against true visibility.
 #[derive(Clone, Debug, Serialize)]
 pub struct Classes {
     /// The technique.
     pub technique: Technique,
-    /// Points: with some of the light in front of the surface.
+    /// Pairs of a pixel and a light with some of the light in front of the surface.
     pub points: u64,
-    /// Those classed lit.
+    /// Points classified lit.
     pub lit: Confusion,
-    /// Those classed shadowed.
+    /// Points classified shadowed.
     pub shadowed: Confusion,
-    /// Those classed boundary.
+    /// Points classified boundary.
     pub boundary: Confusion,
-    /// Those classed unknown.
+    /// Points classified unknown.
     pub unknown: Confusion,
-    /// Penumbra points that are boundary or unknown over all boundary and unknown points.
+    /// Share of penumbra points (0 < V < 1) among the boundary and unknown points.
     pub fill: Interval,
-    /// Points classed lit or shadowed whose visibility is not 1 or 0, over all points.
+    /// Points classified lit with V below 1 or shadowed with V above 0, over all points.
     pub miss: Interval,
-    /// The mean over all points of |V - c| where the class decides.
+    /// Mean of |V - c| over all points; c is 1 if lit, 0 if shadowed, and V in the other classes.
     pub miss_bias: Interval,
-    /// The class of each pixel by the codes of [`Aov::Shadow`]: boundary or unknown where that is so for any light,
-    /// else lit where it is for any.
+    /// The class of each pixel over all lights, by the codes of [`Aov::Shadow`]. The first that occurs of boundary,
+    /// unknown, lit and shadowed wins.
     #[serde(skip)]
     pub map: Vec<u8>,
 }
 
-/// Points of one class by what is true.
+/// Points of one class by their true visibility.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Confusion {
     /// V = 0.
@@ -55,32 +56,33 @@ pub struct Confusion {
     /// 0 < V < 1.
     pub penumbra: u64,
     /// V = 1.
-    pub seen: u64,
+    pub visible: u64,
 }
 
 impl Confusion {
     fn total(&self) -> u64 {
-        self.hidden + self.penumbra + self.seen
+        self.hidden + self.penumbra + self.visible
     }
 }
 
 impl Truth {
-    /// Asks all shadow rays, or reads what `folder` has; none where there are too many points.
+    /// Reads the visibility from `folder`, or traces all shadow rays and saves the result there. `None` if there are
+    /// too many points.
     ///
     /// # Errors
     /// As [`Reference::make`](super::reference::Reference::make).
     pub fn make(subject: &Subject<'_>, folder: &Path) -> Result<Option<Truth>> {
-        let Settings { width, height, .. } = *subject.settings;
-        if u64::from(width) * u64::from(height) * subject.scene.lights.len() as u64 > MOST_POINTS {
+        let (width, height) = (subject.settings.image.width, subject.settings.image.height);
+        if u64::from(width) * u64::from(height) * subject.scene.lights.len() as u64 > MAX_POINTS {
             return Ok(None);
         }
         let file = folder.join("visibility.exr");
-        // One that is damaged, or of another size, is made anew.
-        let whole = |image: &Image| (image.width, image.height) == (width, height);
-        if let Some(image) = Image::read(&file).ok().filter(whole) {
+        // A damaged file, or one of another size, is replaced.
+        let fits = |image: &Image| (image.width, image.height) == (width, height);
+        if let Some(image) = Image::read(&file).ok().filter(fits) {
             return Ok(Some(Truth(image)));
         }
-        // As many light points in fewer of an invocation's loops, where these have no room for them all.
+        // If the loop budget of an invocation is too small for all light points, they are split over several renders.
         let mut parts = 1;
         let image = loop {
             match visibility(subject, parts) {
@@ -95,21 +97,21 @@ impl Truth {
 }
 
 impl Classes {
-    /// Classes the points of a technique; none where it has left its visibility map out.
+    /// Classifies the points of a technique. `None` if it has left out its visibility map.
     ///
     /// # Errors
     /// As [`crate::Renderer::new`].
     pub fn new(subject: &Subject<'_>, technique: Technique, truth: &Truth) -> Result<Option<Classes>> {
-        let (image, classed) = render(subject, &one_sample(subject, technique))?;
-        if !classed {
+        let (image, classified) = render(subject, &one_sample(subject, technique))?;
+        if !classified {
             return Ok(None);
         }
         let mut counts = [Confusion::default(); CODES];
-        // Of |V - c| over the decided points.
+        // Of |V - c|.
         let (mut sum, mut squares) = (0.0, 0.0);
         let mut map = vec![0; image.pixels()];
         let classes = image.channels.iter().filter_map(|channel| Some((channel, channel.name.strip_suffix(".class")?)));
-        // Photons are not asked about the environment, the last light.
+        // There are no visibility photons for the environment, the last light.
         for (channel, light) in classes.take(subject.scene.placed_lights().len()) {
             let Some(visibility) = truth.0.channel(&format!("{light}.visibility")) else { continue };
             for ((class, visibility), shown) in channel.samples.iter().zip(visibility).zip(&mut map) {
@@ -118,7 +120,7 @@ impl Classes {
                 *match visibility {
                     v if v <= 0.0 => &mut count.hidden,
                     v if v < 1.0 => &mut count.penumbra,
-                    _ => &mut count.seen,
+                    _ => &mut count.visible,
                 } += 1;
                 let wrong = match class {
                     LIT => 1.0 - visibility,
@@ -134,10 +136,10 @@ impl Classes {
         }
         let [_, lit, shadowed, boundary, unknown] = counts;
         let points: u64 = counts[LIT..].iter().map(Confusion::total).sum();
-        let missed = lit.hidden + lit.penumbra + shadowed.penumbra + shadowed.seen;
+        let missed = lit.hidden + lit.penumbra + shadowed.penumbra + shadowed.visible;
         let n = points.max(1) as f64;
         let mean = sum / n;
-        // The mean of so many is normally distributed: 97.5 % quantile.
+        // The mean of so many points is normally distributed: 97.5 % quantile.
         let half = 1.959_964 * ((squares / n - mean * mean).max(0.0) / n).sqrt();
         Ok(Some(Classes {
             technique,
@@ -153,12 +155,12 @@ impl Classes {
         }))
     }
 
-    /// Boundary and unknown points over all.
+    /// Boundary and unknown points over all points.
     pub fn boundary_share(&self) -> f64 {
         (self.boundary.total() + self.unknown.total()) as f64 / self.points.max(1) as f64
     }
 
-    /// Pixels where shadow rays are asked.
+    /// The pixels that need shadow rays: those classified boundary or unknown.
     pub fn mask(&self) -> Vec<bool> {
         self.map.iter().map(|class| usize::from(*class) > SHADOWED).collect()
     }
@@ -169,20 +171,32 @@ const LIT: usize = 1;
 const SHADOWED: usize = 2;
 const CODES: usize = 5;
 
-/// Which class shows where lights differ, by code.
+/// Precedence of each class in a pixel where lights differ, by code.
 const PRECEDENCE: [u8; CODES] = [0, 2, 1, 4, 3];
 
-/// Settings for one sample through the middle of each pixel, direct light alone, with the photons' verdicts.
+/// Settings for one sample at the centre of each pixel, direct light only, with the class channels.
 fn one_sample(subject: &Subject<'_>, technique: Technique) -> Settings {
-    Settings { technique, spp: 1, max_bounces: 0, aovs: vec![Aov::Shadow], ..subject.settings.clone() }
+    subject.settings.clone().with(|s| {
+        s.technique = technique;
+        s.image.spp = 1;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Shadow];
+    })
 }
 
-/// Visibility by `parts` renders, each with its share of the light points.
+/// True visibility by the mean of `parts` renders, each with its share of the light points.
 fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
-    let part = |index: u32| {
-        let settings = one_sample(subject, Technique::TwoPass);
-        let seed = settings.seed.wrapping_add(index);
-        Ok(render(subject, &Settings { shadow_samples: LIGHT_POINTS / parts, seed, ..settings })?.0)
+    let part = |index: u32| -> Result<Image> {
+        let settings = one_sample(subject, Technique::TWO_PASS);
+        let seed = settings.image.seed.wrapping_add(index);
+        Ok(render(
+            subject,
+            &settings.with(|s| {
+                s.shadow_rays.samples = LIGHT_POINTS / parts;
+                s.image.seed = seed;
+            }),
+        )?
+        .0)
     };
     let mut mean = part(0)?;
     for index in 1..parts {
@@ -190,15 +204,15 @@ fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
             sum.samples.iter_mut().zip(&channel.samples).for_each(|(sum, x)| *sum += x);
         }
     }
-    // Halves and quarters are exact in f32, so that a visibility of 1 stays 1.
+    // `parts` is a power of two: the division is exact, so a visibility of 1 stays 1.
     mean.channels.iter_mut().flat_map(|channel| &mut channel.samples).for_each(|x| *x /= parts as f32);
     Ok(mean)
 }
 
-/// The image, and whether there was something to class points by.
+/// Renders one batch. Returns the image, and whether there was a visibility map or cells to classify points by.
 fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
     let mut renderer = subject.renderer(settings)?;
     renderer.render_batch()?;
     let features = &renderer.specialisation().features;
-    Ok((renderer.image()?, features.has("visibility_map") || features.has("cells")))
+    Ok((renderer.image()?, features.has(Feature::VisibilityMap) || features.has(Feature::Cells)))
 }

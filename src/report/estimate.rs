@@ -1,4 +1,4 @@
-//! How far an image is expected to be from the truth, without a reference.
+//! The expected error of an image, estimated without a reference.
 
 use crate::render::film::Image;
 use crate::statistics::Statistics;
@@ -6,9 +6,11 @@ use crate::statistics::Statistics;
 use super::metrics::RELMSE_FLOOR;
 use super::reference::variance;
 
-/// The relMSE that an image is expected to have by the variance of its pixels (channels `variance.R` and so on) and by
-/// what audits may not have seen yet. Samples of a pixel are taken for independent, while those of Penumbra are
-/// stratified, so it is rather too large than too small. None without those channels, and for one sample.
+/// The expected relMSE of an image: the variance of its pixels (channels `variance.R` and so on), plus an upper bound
+/// on the error of wrong classes that the audits have not met yet.
+///
+/// The variance assumes independent samples. Penumbra's samples are stratified, so the estimate tends to be too large.
+/// `None` without the variance channels, and for fewer than two samples.
 pub fn relmse(image: &Image, statistics: &Statistics) -> Option<f64> {
     if statistics.samples < 2 {
         return None;
@@ -16,16 +18,17 @@ pub fn relmse(image: &Image, statistics: &Statistics) -> Option<f64> {
     let mut sum = 0.0;
     for name in ["R", "G", "B"] {
         let (x, v) = (image.channel(name)?, image.channel(&variance(name))?);
-        let share = |(x, v): (&f32, &f32)| f64::from(*v) / (f64::from(*x).powi(2) + RELMSE_FLOOR);
-        sum += x.iter().zip(v).map(share).sum::<f64>();
+        let relative = |(x, v): (&f32, &f32)| f64::from(*v) / (f64::from(*x).powi(2) + RELMSE_FLOOR);
+        sum += x.iter().zip(v).map(relative).sum::<f64>();
     }
-    Some(sum / (3 * image.pixels()) as f64 + unseen(statistics))
+    Some(sum / (3 * image.pixels()) as f64 + unaudited(statistics))
 }
 
-/// Wrong classes that no audit has met add to no variance yet. A point's estimate is c + (V - c) / p with probability p,
-/// so the mean of n has a variance of |V - c| / (p n) at most, and the audits bound the mean of |V - c|.
-fn unseen(statistics: &Statistics) -> f64 {
+/// Wrong classes that no audit has met yet do not show in the variance. A point's estimate is c + (V - c) / p with
+/// probability p, so the mean of n samples has a variance of at most |V - c| / (p n), and the audits bound the mean of
+/// |V - c|.
+fn unaudited(statistics: &Statistics) -> f64 {
     let decided = statistics.points.lit + statistics.points.shadowed;
-    let audits = f64::from(statistics.settings.audit) * f64::from(statistics.samples);
+    let audits = f64::from(statistics.settings.visibility_map.audit) * f64::from(statistics.samples);
     if decided == 0 { 0.0 } else { statistics.audits.miss_bias_interval[1] / audits }
 }

@@ -1,17 +1,17 @@
-//! How far an image is from a reference, by the definitions of the field.
+//! Error measures of an image against a reference, by the field's usual definitions.
 //!
-//! All measures are over the root channels `R`, `G` and `B`. Their errors are [`Error::Input`] with the file `image` or
-//! `reference` (callers that know the paths put them there) and the channel at fault as the place.
+//! All measures use the root channels `R`, `G` and `B`. Their errors are [`Error::Input`] with the file name `image` or
+//! `reference`, which callers replace by the path, and the channel at fault as the position.
 
 use serde::Serialize;
 
 use crate::render::film::{Image, View};
 use crate::{Error, Result};
 
-/// What is added to r^2 in relMSE, so that black pixels do not decide it alone (Rousselle et al. 2011).
+/// Added to r^2 in relMSE so that black pixels do not dominate it (Rousselle et al. 2011).
 pub(super) const RELMSE_FLOOR: f64 = 0.01;
 
-/// All measures of an image.
+/// All error measures of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Measures {
     /// See [`rmse`].
@@ -27,7 +27,7 @@ pub struct Measures {
 }
 
 impl Measures {
-    /// Measures `image`.
+    /// Computes all measures of `image`.
     ///
     /// # Errors
     /// As [`rmse`].
@@ -42,10 +42,10 @@ impl Measures {
     }
 }
 
-/// Root of the mean of (x - r)^2 over pixels and channels of linear radiance.
+/// Square root of the mean of (x - r)^2 over pixels and channels of linear radiance.
 ///
 /// # Errors
-/// Sizes that differ, a missing channel, a sample that is not finite.
+/// Different sizes, no pixels, a missing channel, a sample that is not finite.
 pub fn rmse(image: &Image, reference: &Image) -> Result<f64> {
     mean(image, reference, |x, r| (x - r) * (x - r)).map(f64::sqrt)
 }
@@ -66,7 +66,8 @@ pub fn mae(image: &Image, reference: &Image) -> Result<f64> {
     mean(image, reference, |x, r| (x - r).abs())
 }
 
-/// 99th percentile of |x - r| over pixels and channels of linear radiance: the smallest that 99 % do not exceed.
+/// 99th percentile of |x - r| over pixels and channels of linear radiance: the smallest difference that 99 % of them do
+/// not exceed.
 ///
 /// # Errors
 /// As [`rmse`].
@@ -78,9 +79,10 @@ pub fn p99(image: &Image, reference: &Image) -> Result<f64> {
     Ok(*all.select_nth_unstable_by(rank, f64::total_cmp).1)
 }
 
-/// Mean LDR-FLIP (Andersson et al. 2020), 0 (the same) to 1, of both images as 8-bit sRGB under the
-/// [neutral view](View::Neutral) at exposure 0, alpha ignored, at the authors' 67 pixels per degree. Computed by the
-/// authors' own code, which the crate `nv-flip` binds.
+/// Mean LDR-FLIP (Andersson et al. 2020), from 0 (identical) to 1.
+///
+/// Both images are converted to 8-bit sRGB by the [neutral view](View::Neutral) at exposure 0, without alpha. The
+/// viewing distance is the authors' 67 pixels per degree. The crate `nv-flip` binds the authors' own code.
 ///
 /// # Errors
 /// As [`rmse`].
@@ -90,7 +92,7 @@ pub fn flip(image: &Image, reference: &Image) -> Result<f64> {
         let mut colour = image.clone();
         colour.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
         let bytes = colour.display(View::Neutral, 0.0).map_err(|channel| missing(name, channel))?;
-        Ok(nv_flip::FlipImageRgb8::with_data(image.width, image.height, &bytes))
+        Ok::<_, Error>(nv_flip::FlipImageRgb8::with_data(image.width, image.height, &bytes))
     };
     let (reference, image) = (display("reference", reference)?, display("image", image)?);
     let map = nv_flip::flip(reference, image, nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
@@ -100,17 +102,17 @@ pub fn flip(image: &Image, reference: &Image) -> Result<f64> {
 /// Mean of `error(x, r)` over pixels and channels.
 fn mean(image: &Image, reference: &Image, error: impl Fn(f64, f64) -> f64) -> Result<f64> {
     let pairs = check(image, reference)?;
-    // Rows of few samples are summed apart, so that the sum of a large image keeps its digits.
+    // Partial sums of 4096 samples keep the precision of the sum over a large image.
     let sum = |(x, r): &(&[f32], &[f32])| -> f64 {
-        let row = |(x, r): (&[f32], &[f32])| -> f64 {
+        let part = |(x, r): (&[f32], &[f32])| -> f64 {
             x.iter().zip(r).map(|(&x, &r)| error(f64::from(x), f64::from(r))).sum()
         };
-        x.chunks(4096).zip(r.chunks(4096)).map(row).sum()
+        x.chunks(4096).zip(r.chunks(4096)).map(part).sum()
     };
     Ok(pairs.iter().map(sum).sum::<f64>() / (3 * image.pixels()) as f64)
 }
 
-/// The colour channels of both, as pairs of slices of one size.
+/// The colour channels of both images in pairs, checked to have the same size and finite samples.
 fn check<'a>(image: &'a Image, reference: &'a Image) -> Result<[(&'a [f32], &'a [f32]); 3]> {
     let size = |image: &Image| format!("{} x {}", image.width, image.height);
     if (image.width, image.height) != (reference.width, reference.height) {
@@ -137,4 +139,9 @@ fn check<'a>(image: &'a Image, reference: &'a Image) -> Result<[(&'a [f32], &'a 
 
 fn missing(name: &str, channel: &str) -> Error {
     Error::input(name, channel, "there is no such channel")
+}
+
+/// The names and samples of the colour channels that an image has.
+pub(super) fn channels(image: &Image) -> impl Iterator<Item = (&'static str, &[f32])> {
+    ["R", "G", "B"].into_iter().filter_map(|name| Some((name, image.channel(name)?)))
 }

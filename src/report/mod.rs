@@ -1,10 +1,18 @@
-//! Measures of images against a reference, reports of error against run time, and the paper's table.
+//! Error measures, reports of error against run time, and the paper's table 1.
+//!
+//! From the lowest file to the highest: `format`, [`interval`] and [`metrics`]; [`curve`], [`run`] and [`reference`];
+//! [`classes`], [`sweep`] and [`finding`]; [`document`], the contents of a report; then what makes and shows one.
 
+mod advice;
+mod assemble;
 pub mod classes;
 pub mod curve;
 pub mod document;
 pub mod estimate;
+pub mod finding;
+mod format;
 pub mod interval;
+mod measure;
 pub mod metrics;
 pub mod page;
 pub mod plot;
@@ -12,4 +20,3 @@ pub mod reference;
 pub mod run;
 pub mod sweep;
 pub mod table1;
-pub mod verdict;

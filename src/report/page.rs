@@ -1,4 +1,4 @@
-//! `report.html`: one page with everything in it, for a browser without a network.
+//! `report.html`: one self-contained page that needs no network.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -12,44 +12,44 @@ use super::plot;
 use super::reference::Reference;
 use super::run::Run;
 
-/// The page holds the last images, and those before them until they are so many bytes: what a browser still opens at once.
-const MOST_BYTES: usize = 48 << 20;
+/// Maximum bytes of the images in the page: what a browser still opens at once. The last images have precedence.
+const MAX_BYTES: usize = 48 << 20;
 
-/// Values of an image's pixel take so many bytes: three halves.
+/// Bytes of a pixel: three half-precision floats.
 const PIXEL_BYTES: usize = 6;
 
-/// What the page's script reads.
+/// The data that the page's script reads.
 #[derive(Serialize)]
 struct Data<'a> {
     report: &'a Report,
     width: u32,
     height: u32,
-    /// Stored values times this are radiance.
+    /// Factor from stored values to radiance.
     scale: f32,
-    /// The reference, then images of the first runs.
+    /// The reference, then images of the first run of each technique.
     views: Vec<View>,
-    /// The class of each pixel, a byte each, in base64.
+    /// The class of each pixel, one byte each, in base64.
     classes: Option<String>,
 }
 
 #[derive(Serialize)]
 struct View {
     name: String,
-    /// Red, then green, then blue: little-endian halves, in base64.
+    /// All red, then all green, then all blue values: little-endian half-precision floats, in base64.
     pixels: String,
 }
 
-/// The page.
+/// Renders the page.
 ///
 /// # Errors
 /// As the functions of [`plot`].
 pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<String> {
     let image = &reference.image;
-    // A power of two keeps the digits, and a half ends at 65,504.
-    let brightest = image.channels.iter().flat_map(|channel| &channel.samples).fold(1.0f32, |most, x| most.max(*x));
+    // A half-precision float ends at 65,504. Scaling by a power of two is exact.
+    let brightest = image.channels.iter().flat_map(|channel| &channel.samples).fold(1.0f32, |max, x| max.max(*x));
     let scale = (brightest.log2().ceil() - 14.0).max(0.0).exp2();
     let mut views = vec![View { name: "reference".to_owned(), pixels: pixels(image, scale) }];
-    for (run, index) in shown(runs, image.pixels()) {
+    for (run, index) in snapshots_shown(runs, image.pixels()) {
         let snapshot = &run.snapshots[index];
         let name = format!("{}, {} s", run.settings.technique, snapshot.budget);
         views.push(View { name, pixels: pixels(&snapshot.image, scale) });
@@ -72,20 +72,20 @@ pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<Stri
         .replace("{{style}}", include_str!("page/page.css"))
         .replace("{{script}}", include_str!("page/page.js"))
         .replace("{{plots}}", &plots)
-        // The one thing that could end the element that holds the data.
+        // Without `<`, no text in the data can end its script element.
         .replace("{{data}}", &data.replace('<', "\\u003c")))
 }
 
-/// First runs, and which of their snapshots the page has room for, the last ones first in line.
-fn shown(runs: &[Run], pixels: usize) -> Vec<(&Run, usize)> {
+/// The first run of each technique, with the indices of the snapshots that fit into the page: the last ones.
+fn snapshots_shown(runs: &[Run], pixels: usize) -> Vec<(&Run, usize)> {
     let mut first: Vec<&Run> = Vec::new();
     for run in runs {
         if first.iter().all(|other| other.settings.technique != run.settings.technique) {
             first.push(run);
         }
     }
-    // A third is what base64 adds.
-    let room = MOST_BYTES / (pixels * PIXEL_BYTES * 4 / 3);
+    // Base64 adds a third.
+    let room = MAX_BYTES / (pixels * PIXEL_BYTES * 4 / 3);
     let each = (room / first.len().max(1)).max(1);
     let all = first.into_iter().flat_map(|run| {
         let count = run.snapshots.len();
@@ -100,7 +100,7 @@ fn pixels(image: &Image, scale: f32) -> String {
     STANDARD.encode(bytes)
 }
 
-/// A plot that takes the page's colours instead of black on white.
+/// Replaces black and white in a plot by the page's colours.
 fn themed(svg: &str) -> String {
     svg.replace("\"#000000\"", "\"currentColor\"").replace("\"#FFFFFF\"", "\"var(--back)\"")
 }

@@ -12,18 +12,19 @@ use crate::stress::{self, Family, Reading};
 use crate::{Error, Result};
 
 use super::document::{Report, SnapshotReport, TechniqueReport};
+use super::format::number;
 use super::interval::Interval;
 use super::sweep::{Sweep, SweepPoint};
 
-/// Pixels.
+/// Width and height of a plot in pixels.
 const SIZE: (u32, u32) = (760, 460);
 
-/// Pixels of a bar with the room around it, and of what is below all bars.
+/// Height in pixels of a bar with its margin, and of the legend and axis below the bars.
 const BAR: u32 = 44;
 const BELOW_BARS: u32 = 96;
 
-/// Okabe and Ito's colours, which people with any colour vision tell apart on dark and on light.
-/// Two of Tol's come with them, as there are nine techniques.
+/// One colour per technique: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
+/// backgrounds, and two of Tol's.
 const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -36,19 +37,19 @@ const COLOURS: [RGBColor; 9] = [
     RGBColor(140, 140, 140),
 ];
 
-/// Parts of a bar that have a colour each, and room in the legend.
+/// Number of parts of a bar with their own colour and legend entry.
 const PARTS: usize = 6;
 
-/// Most marks of an axis.
-const MARKS: usize = 10;
+/// Maximum number of labelled marks on an axis.
+const MAX_MARKS: usize = 10;
 
-/// Room around the data of a logarithmic axis, as a factor.
+/// Margin around the data on a logarithmic axis, as a factor.
 const MARGIN: f64 = 1.3;
 
-/// relMSE against seconds, with a band over the runs, and the reference's own error as the floor.
+/// relMSE against seconds, with the 95 % interval over the runs as a band and the reference's own error as a line.
 ///
 /// # Errors
-/// [`Error::Output`] where the drawing fails.
+/// [`Error::Output`] if drawing fails.
 pub fn error_over_time(report: &Report) -> Result<String> {
     let curves: Vec<_> = report
         .techniques
@@ -63,7 +64,8 @@ pub fn error_over_time(report: &Report) -> Result<String> {
     })
 }
 
-/// relMSE against the rays that ask for visibility: shadow rays, audits, photons and rays of cells. `path` has none of its own.
+/// relMSE against the rays that determine visibility: shadow rays, audits, photons and rays of cells. `path` is left
+/// out, because its rays do both.
 ///
 /// # Errors
 /// As [`error_over_time`].
@@ -72,7 +74,7 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
         let rays = snapshot.rays;
         (rays.shadow + rays.audit + rays.photon + rays.cell) as f64
     };
-    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::Path;
+    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::PATH;
     let techniques = report.techniques.iter().filter(own);
     let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
     draw("rays.svg", SIZE, |area| {
@@ -81,14 +83,14 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
     })
 }
 
-/// What a setting of the visibility map does, over the law that boundaries follow at hard edges.
+/// The effect of a setting of the visibility map, with the power law that the boundary share follows at hard edges.
 ///
 /// # Errors
 /// As [`error_over_time`].
 pub fn sweep(sweep: &Sweep) -> Result<String> {
     let series = |name: &str, colour: RGBColor, quantity: &dyn Fn(&SweepPoint) -> Interval| {
         let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(point)));
-        // Nothing has no place on a logarithmic axis.
+        // 0 cannot be drawn on a logarithmic axis.
         let points = points.filter(|(_, y)| y.value > 0.0).collect();
         Series { name: name.to_owned(), colour, points, bound: Vec::new() }
     };
@@ -102,132 +104,157 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
     draw(&format!("sweep-{setting}.svg"), SIZE, |area| logarithmic(area, &series, [setting, ""], Some(law), None))
 }
 
-/// Deviations at or below this are drawn there, as 0 has no place on a logarithmic axis.
-const LEAST_DEVIATION: f64 = 1e-9;
+/// Smaller deviations, 0 among them, are drawn at this value, because the axis is logarithmic.
+const MIN_DEVIATION: f64 = 1e-9;
 
-/// What a family's deviations do along its parameter, with their bounds dashed. Renders that ended with an error are left out.
+/// A family's deviations over its parameter, with their bounds as dashed lines. Renders that failed are left out.
 ///
 /// # Errors
 /// As [`error_over_time`].
 pub fn stress(family: &Family, curves: &[(&stress::Series, Vec<Reading>)]) -> Result<String> {
     let series = COLOURS.into_iter().cycle().zip(curves).map(|(colour, (series, readings))| {
-        let place = |deviation: f64| deviation.max(LEAST_DEVIATION);
+        let drawn = |deviation: f64| deviation.max(MIN_DEVIATION);
         let finite = |reading: &Reading| {
             let deviation = *reading.outcome.as_ref().ok()?;
-            deviation.is_finite().then(|| (reading.value, exact(place(deviation))))
+            deviation.is_finite().then(|| (reading.value, exact(drawn(deviation))))
         };
         Series {
             name: series.name.to_owned(),
             colour,
             points: readings.iter().filter_map(finite).collect(),
-            bound: readings.iter().map(|reading| (reading.value, place(reading.bound))).collect(),
+            bound: readings.iter().map(|reading| (reading.value, drawn(reading.bound))).collect(),
         }
     });
     let series: Vec<_> = series.collect();
-    let deviation = format!("deviation (0 at {LEAST_DEVIATION:.0e})");
+    let deviation = format!("deviation (0 at {MIN_DEVIATION:.0e})");
     draw(&format!("{}.svg", family.name), SIZE, |area| {
         logarithmic(area, &series, [family.parameter, &deviation], None, None)
     })
 }
 
-/// A number without a band.
+/// A value without uncertainty.
 fn exact(value: f64) -> Interval {
     Interval { value, low: value, high: value }
 }
 
-/// Where the time of each technique goes, until its last snapshot.
+/// The time of each technique by pass, until its last snapshot, as stacked bars.
 ///
 /// # Errors
 /// As [`error_over_time`].
 pub fn time_by_pass(report: &Report) -> Result<String> {
-    let bars: Vec<(String, Vec<(String, f64)>)> = report.techniques.iter().map(bar).collect();
-    // The longest parts have a colour each, the rest the last one's.
-    let mut totals: BTreeMap<&str, f64> = BTreeMap::new();
-    for (name, seconds) in bars.iter().flat_map(|(_, parts)| parts) {
-        *totals.entry(name).or_default() += seconds;
-    }
-    let mut names: Vec<(&str, f64)> = totals.into_iter().collect();
-    names.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut names: Vec<&str> = names.into_iter().map(|(name, _)| name).collect();
-    let kept = names.len().min(PARTS);
-    let others = names.split_off(kept);
-    if !others.is_empty() {
-        names.push("other passes");
-    }
-    let own = |name: &str| names[..kept].iter().position(|n| *n == name);
-    let colour = |name: &str| own(name).unwrap_or(COLOURS.len() - 1);
-    let longest = bars.iter().map(|(_, parts)| parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
-
-    let count = bars.len();
-    let height = BAR * count as u32 + BELOW_BARS;
-    draw("passes.svg", (SIZE.0, height), |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(130)
-            // Room for the legend below the bars.
-            .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -0.7..count as f64)?;
-        chart
-            .configure_mesh()
-            .disable_y_mesh()
-            .disable_y_axis()
-            .y_labels(0)
-            .x_desc("seconds")
-            .label_style(text_style())
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(BLACK.mix(0.15))
-            .draw()?;
-        for (index, (technique, parts)) in bars.iter().enumerate() {
-            let row = (count - 1 - index) as f64;
-            let mut from = 0.0;
-            let mut parts: Vec<_> = parts.iter().map(|(name, seconds)| (colour(name), *seconds)).collect();
-            parts.sort_by_key(|part| part.0);
-            for (colour, seconds) in parts {
-                let corners = [(from, row + 0.2), (from + seconds, row + 0.8)];
-                chart.draw_series([Rectangle::new(corners, COLOURS[colour].filled())])?;
-                from += seconds;
-            }
-            let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
-            area.draw_text(technique, &text_style().into_text_style(area), (x - 125, y - 8))?;
-        }
-        for (index, name) in names.iter().enumerate() {
-            let (x, y) = (150 + 85 * index as i32, height as i32 - 75);
-            area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[colour(name)].filled()))?;
-            area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
-        }
-        Ok(())
-    })
+    let bars: Vec<Bar> = report.techniques.iter().map(Bar::new).collect();
+    let legend = Legend::new(&bars);
+    let height = BAR * bars.len() as u32 + BELOW_BARS;
+    draw("passes.svg", (SIZE.0, height), |area| draw_bars(area, &bars, &legend, height))
 }
 
-/// The parts of a technique's time: set-up, passes by kernel, and what the host spends beside them.
-fn bar(technique: &TechniqueReport) -> (String, Vec<(String, f64)>) {
-    let mut parts: BTreeMap<String, f64> = BTreeMap::new();
-    for (pass, seconds) in &technique.time.passes {
-        let kernel = pass.split('/').next().unwrap_or(pass);
-        *parts.entry(kernel.to_owned()).or_default() += seconds;
+/// The time of a technique and its parts.
+struct Bar {
+    technique: String,
+    /// Names and seconds.
+    parts: Vec<(String, f64)>,
+}
+
+/// The parts with their own colour, the longest first, and one entry for all others if there are any.
+struct Legend<'a> {
+    names: Vec<&'a str>,
+    own: usize,
+}
+
+impl<'a> Legend<'a> {
+    fn new(bars: &'a [Bar]) -> Legend<'a> {
+        let mut totals: BTreeMap<&str, f64> = BTreeMap::new();
+        for (name, seconds) in bars.iter().flat_map(|bar| &bar.parts) {
+            *totals.entry(name).or_default() += seconds;
+        }
+        let mut totals: Vec<(&str, f64)> = totals.into_iter().collect();
+        totals.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut names: Vec<&str> = totals.into_iter().map(|(name, _)| name).collect();
+        let own = names.len().min(PARTS);
+        let others = names.split_off(own);
+        if !others.is_empty() {
+            names.push("other passes");
+        }
+        Legend { names, own }
     }
-    let passes: f64 = parts.values().sum();
-    let whole = technique.snapshots.last().map_or(0.0, |snapshot| snapshot.time.value);
-    let compile = technique.time.compile;
-    parts.insert("compilation".to_owned(), compile);
-    parts.insert("host".to_owned(), (whole - passes - compile).max(0.0));
-    (technique.settings.technique.to_string(), parts.into_iter().collect())
+
+    /// Index of a part's colour.
+    fn colour(&self, name: &str) -> usize {
+        self.names[..self.own].iter().position(|own| *own == name).unwrap_or(COLOURS.len() - 1)
+    }
+}
+
+fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) -> Drawn {
+    let count = bars.len();
+    let longest = bars.iter().map(|bar| bar.parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
+    let mut chart = ChartBuilder::on(area)
+        .margin(12)
+        .x_label_area_size(40)
+        .y_label_area_size(130)
+        // The range below 0 makes room for the legend.
+        .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -0.7..count as f64)?;
+    chart
+        .configure_mesh()
+        .disable_y_mesh()
+        .disable_y_axis()
+        .y_labels(0)
+        .x_desc("seconds")
+        .label_style(text_style())
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.15))
+        .draw()?;
+    for (index, Bar { technique, parts }) in bars.iter().enumerate() {
+        let row = (count - 1 - index) as f64;
+        let mut from = 0.0;
+        let mut parts: Vec<_> = parts.iter().map(|(name, seconds)| (legend.colour(name), *seconds)).collect();
+        parts.sort_by_key(|part| part.0);
+        for (colour, seconds) in parts {
+            let corners = [(from, row + 0.2), (from + seconds, row + 0.8)];
+            chart.draw_series([Rectangle::new(corners, COLOURS[colour].filled())])?;
+            from += seconds;
+        }
+        let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
+        area.draw_text(technique, &text_style().into_text_style(area), (x - 125, y - 8))?;
+    }
+    for (index, name) in legend.names.iter().enumerate() {
+        let (x, y) = (150 + 85 * index as i32, height as i32 - 75);
+        area.draw(&Rectangle::new([(x, y), (x + 10, y + 10)], COLOURS[legend.colour(name)].filled()))?;
+        area.draw_text(name, &text_style().into_text_style(area), (x + 14, y - 2))?;
+    }
+    Ok(())
+}
+
+impl Bar {
+    /// Splits a technique's time into compilation, passes by kernel, and the rest, which is the host's.
+    fn new(technique: &TechniqueReport) -> Bar {
+        let mut parts: BTreeMap<String, f64> = BTreeMap::new();
+        for (pass, seconds) in &technique.time.passes {
+            let kernel = pass.split('/').next().unwrap_or(pass);
+            *parts.entry(kernel.to_owned()).or_default() += seconds;
+        }
+        let passes: f64 = parts.values().sum();
+        let whole = technique.snapshots.last().map_or(0.0, |snapshot| snapshot.time.value);
+        let compile = technique.time.compile;
+        parts.insert("compilation".to_owned(), compile);
+        parts.insert("host".to_owned(), (whole - passes - compile).max(0.0));
+        Bar { technique: technique.settings.technique.to_string(), parts: parts.into_iter().collect() }
+    }
 }
 
 /// One line of a plot.
 struct Series {
     name: String,
     colour: RGBColor,
-    /// x, and y with its band.
+    /// x, and y with its interval, drawn as a band.
     points: Vec<(f64, Interval)>,
-    /// What y is to stay below, if anything: dashed.
+    /// Upper bound of y, drawn dashed; may be empty.
     bound: Vec<(f64, f64)>,
 }
 
 impl Series {
     fn new(technique: &TechniqueReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
         let of = technique.settings.technique;
-        let index = Technique::ALL.iter().position(|technique| *technique == of).unwrap_or(0);
+        let index = Technique::all().position(|technique| technique == of).unwrap_or(0);
         Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],
@@ -240,7 +267,7 @@ impl Series {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 
-/// A drawing on white.
+/// Draws on a white background and returns the SVG.
 fn draw(file: &str, size: (u32, u32), content: impl FnOnce(&Area<'_>) -> Drawn) -> Result<String> {
     let mut text = String::new();
     let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
@@ -258,23 +285,25 @@ fn text_style() -> (&'static str, i32) {
     ("sans-serif", 13)
 }
 
-/// A plot of positive numbers on logarithmic axes, with a power law and a floor to compare with.
+/// Names of the axes.
+type AxisNames<'a> = [&'a str; 2];
+
+const FLOOR: &str = "reference's own error";
+
+/// A plot of positive numbers on logarithmic axes, with an optional power law and an optional floor for comparison.
 fn logarithmic(
     area: &Area<'_>,
     series: &[Series],
-    [x_name, y_name]: [&str; 2],
+    [x_name, y_name]: AxisNames<'_>,
     power: Option<f64>,
     floor: Option<f64>,
 ) -> Drawn {
     if series.iter().all(|series| series.points.is_empty()) {
-        let place = (i32::try_from(SIZE.0 / 2)? - 80, i32::try_from(SIZE.1 / 2)?);
-        return Ok(area.draw_text("there is nothing to show", &text_style().into_text_style(area), place)?);
+        let middle = (i32::try_from(SIZE.0 / 2)? - 80, i32::try_from(SIZE.1 / 2)?);
+        return Ok(area.draw_text("there is nothing to show", &text_style().into_text_style(area), middle)?);
     }
     let floor = floor.filter(|floor| *floor > 0.0);
-    let points = || series.iter().flat_map(|series| &series.points);
-    let x = axis(points().map(|(x, _)| *x));
-    let bounds = series.iter().flat_map(|series| &series.bound).map(|(_, y)| *y);
-    let y = axis(points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]).chain(floor).chain(bounds));
+    let [x, y] = ranges(series, floor);
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(44)
@@ -291,40 +320,18 @@ fn logarithmic(
         .bold_line_style(BLACK.mix(0.15))
         .draw()?;
     if let Some(floor) = floor {
-        let line = [(x.start, floor), (x.end, floor)];
-        chart
-            .draw_series(DashedLineSeries::new(line, 6, 4, BLACK.stroke_width(1)))?
-            .label("reference's own error")
-            .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK));
+        draw_floor(&mut chart, floor)?;
     }
     if let Some((power, (from, error))) = power.zip(series.first().and_then(|series| series.points.first())) {
-        // As far as the plot goes.
-        let edge = if power < 0.0 { y.start } else { y.end };
-        let to = x.end.min(from * (edge / error.value).powf(1.0 / power));
-        let line = [(*from, error.value), (to, error.value * (to / from).powf(power))];
-        chart
-            .draw_series(DashedLineSeries::new(line, 2, 4, BLACK.mix(0.6).stroke_width(1)))?
-            .label(format!("power {power}"))
-            .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK.mix(0.6)));
+        draw_power_law(&mut chart, power, (*from, error.value))?;
     }
-    for Series { name, colour, points, bound } in series {
-        let dashes = DashedLineSeries::new(bound.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
-        chart.draw_series(dashes)?;
-        let inside = |value: f64| value.clamp(y.start, y.end);
-        let upper = points.iter().map(|(x, y)| (*x, inside(y.high)));
-        let lower = points.iter().rev().map(|(x, y)| (*x, inside(y.low)));
-        chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.2).filled())])?;
-        let line = points.iter().map(|(x, y)| (*x, y.value));
-        let own = *colour;
-        chart
-            .draw_series(LineSeries::new(line, colour.stroke_width(2)).point_size(3))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], own.stroke_width(2)));
+    for series in series {
+        draw_line(&mut chart, series)?;
     }
     let values = |points: &[(f64, Interval)]| points.iter().map(|(x, y)| (*x, y.value)).collect::<Vec<_>>();
     let mut lines: Vec<_> = series.iter().map(|series| values(&series.points)).collect();
     lines.extend(floor.map(|floor| vec![(x.start, floor), (x.end, floor)]));
-    let entries = series.iter().map(|series| series.name.as_str()).chain(["reference's own error"; 2]);
+    let entries = series.iter().map(|series| series.name.as_str()).chain([FLOOR; 2]);
     let shares = lines.iter().map(|line| line.iter().map(|point| [share(&x, point.0), share(&y, point.1)]).collect());
     chart
         .configure_series_labels()
@@ -336,7 +343,59 @@ fn logarithmic(
     Ok(())
 }
 
-/// Where the legend of these entries hides the least of lines whose points are shares of the axes.
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Logarithmic, Logarithmic>>;
+
+/// The ranges of both axes: of all values with their bounds and intervals, of which at most a factor of 2 below the
+/// value counts.
+fn ranges(series: &[Series], floor: Option<f64>) -> [Range<f64>; 2] {
+    let points = || series.iter().flat_map(|series| &series.points);
+    let bounds = series.iter().flat_map(|series| &series.bound).map(|(_, y)| *y);
+    let y = points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]);
+    [axis(points().map(|(x, _)| *x)), axis(y.chain(floor).chain(bounds))]
+}
+
+fn draw_floor(chart: &mut Chart<'_, '_>, floor: f64) -> Drawn {
+    let x = chart.x_range();
+    let line = [(x.start, floor), (x.end, floor)];
+    chart
+        .draw_series(DashedLineSeries::new(line, 6, 4, BLACK.stroke_width(1)))?
+        .label(FLOOR)
+        .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK));
+    Ok(())
+}
+
+/// A power law through a point, as far as the plot goes.
+fn draw_power_law(chart: &mut Chart<'_, '_>, power: f64, (from, value): (f64, f64)) -> Drawn {
+    let (x, y) = (chart.x_range(), chart.y_range());
+    let edge = if power < 0.0 { y.start } else { y.end };
+    let to = x.end.min(from * (edge / value).powf(1.0 / power));
+    let line = [(from, value), (to, value * (to / from).powf(power))];
+    chart
+        .draw_series(DashedLineSeries::new(line, 2, 4, BLACK.mix(0.6).stroke_width(1)))?
+        .label(format!("power {power}"))
+        .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK.mix(0.6)));
+    Ok(())
+}
+
+fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, points, bound }: &Series) -> Drawn {
+    let dashes = DashedLineSeries::new(bound.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
+    chart.draw_series(dashes)?;
+    let y = chart.y_range();
+    let inside = |value: f64| value.clamp(y.start, y.end);
+    let upper = points.iter().map(|(x, y)| (*x, inside(y.high)));
+    let lower = points.iter().rev().map(|(x, y)| (*x, inside(y.low)));
+    chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.2).filled())])?;
+    let line = points.iter().map(|(x, y)| (*x, y.value));
+    let own = *colour;
+    chart
+        .draw_series(LineSeries::new(line, colour.stroke_width(2)).point_size(3))?
+        .label(name)
+        .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], own.stroke_width(2)));
+    Ok(())
+}
+
+/// The corner in which a legend of these entries hides the smallest part of the lines, whose points are fractions of
+/// the axes.
 fn corner<'a>(
     entries: impl Iterator<Item = &'a str>,
     lines: impl Iterator<Item = Vec<[f64; 2]>>,
@@ -345,7 +404,7 @@ fn corner<'a>(
     for entry in entries {
         (longest, count) = (longest.max(entry.len()), count + 1);
     }
-    // As plotters lays it out: half of the text's size a letter and all of it a line, and some room around.
+    // The layout of plotters: half the text size per letter, the full size per line, and a margin.
     let size = f64::from(text_style().1);
     let (width, height) = (0.5 * size * longest as f64 + 50.0, 1.3 * size * f64::from(count) + 15.0);
     let (width, height) = (width / f64::from(SIZE.0), height / f64::from(SIZE.1));
@@ -372,8 +431,8 @@ fn corner<'a>(
     corners.into_iter().min_by_key(|(_, hidden)| *hidden).map_or(SeriesLabelPosition::UpperRight, |(corner, _)| corner)
 }
 
-/// A logarithmic axis. Its marks are 1, 2 and 5 times the powers of ten, or powers alone where there would be too many; that of
-/// plotters has none below its first power of ten, and some twice.
+/// A logarithmic axis with marks at 1, 2 and 5 times the powers of ten, or at the powers only if those are too many.
+/// The axis of plotters lacks marks below its first power of ten and repeats others.
 struct Logarithmic(Range<f64>);
 
 impl Ranged for Logarithmic {
@@ -392,11 +451,13 @@ impl Ranged for Logarithmic {
             all.filter(|mark| self.0.contains(mark)).collect()
         };
         const DIGITS: [f64; 9] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0];
-        let bold = [marks(&[1.0, 2.0, 5.0], 1), marks(&[1.0], 1)].into_iter().find(|marks| marks.len() <= MARKS);
+        let bold = [marks(&[1.0, 2.0, 5.0], 1), marks(&[1.0], 1)].into_iter().find(|marks| marks.len() <= MAX_MARKS);
         match hint.weight() {
-            KeyPointWeight::Bold => bold.unwrap_or_else(|| marks(&[1.0], ((last - first) as usize).div_ceil(MARKS))),
-            KeyPointWeight::Any if (last - first) as usize <= MARKS => marks(&DIGITS, 1),
-            // Lines so near to each other would be an area.
+            KeyPointWeight::Bold => {
+                bold.unwrap_or_else(|| marks(&[1.0], ((last - first) as usize).div_ceil(MAX_MARKS)))
+            }
+            KeyPointWeight::Any if (last - first) as usize <= MAX_MARKS => marks(&DIGITS, 1),
+            // Denser lines would merge into an area.
             KeyPointWeight::Any => Vec::new(),
         }
     }
@@ -406,20 +467,15 @@ impl Ranged for Logarithmic {
     }
 }
 
-/// Where a value is on a logarithmic axis: 0 at its start, 1 at its end.
+/// The position of a value on a logarithmic axis: 0 at its start, 1 at its end.
 fn share(axis: &Range<f64>, value: f64) -> f64 {
     (value / axis.start).ln() / (axis.end / axis.start).ln()
 }
 
-/// From below the least to above the greatest.
+/// The range of the values, with a margin.
 fn axis(values: impl Iterator<Item = f64>) -> Range<f64> {
     let usable = values.filter(|x| x.is_finite() && *x > 0.0);
     let (low, high) = usable.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), x| (low.min(x), high.max(x)));
-    // Any axis will do where there is nothing to show.
+    // An arbitrary range if there are no values.
     if low <= high { low / MARGIN..high * MARGIN } else { 0.1..10.0 }
-}
-
-/// As short as can be.
-pub(super) fn number(x: f64) -> String {
-    if (1e-2..1e4).contains(&x) { format!("{}", (x * 1e6).round() / 1e6) } else { format!("{x:.0e}") }
 }

@@ -1,12 +1,11 @@
-//! What images are compared with: a given image, or one made by path tracing in two independent halves, whose
-//! difference says how far it is from the truth.
+//! The reference of error measures: a given image, or one made by path tracing in two independent halves, whose
+//! difference estimates its error.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::fingerprint::fingerprint;
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
@@ -14,59 +13,59 @@ use crate::{Error, Image, Renderer, Result};
 use super::metrics::{self, RELMSE_FLOOR};
 use super::run::{Subject, colour};
 
-/// Halves are saved this often, and at first sooner, as a small image is soon good enough.
-const SAVE: Duration = Duration::from_secs(10);
-const FIRST_SAVE: Duration = Duration::from_millis(250);
+/// Interval between saves of the halves. The first saves come sooner, because a small image reaches its goal quickly.
+const SAVE_INTERVAL: Duration = Duration::from_secs(10);
+const FIRST_SAVE_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Seeds of references start here, far from those that people choose, so that nothing is compared with itself.
+/// First seed of references, far from the seeds that users choose, so that no image is compared with its own samples.
 const FIRST_SEED: u32 = 1 << 31;
 
-/// A process that waits for another looks this often whether it is done.
-const LOOK: Duration = Duration::from_millis(200);
+/// Interval at which a waiting process checks the lock.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
-/// More samples or sessions than a half ever has: neither their sums nor the seeds overflow below.
+/// Limit on the samples and sessions of a half. Below it neither their sums nor the seeds overflow.
 const MAX_COUNT: i32 = 1 << 29;
 
 const SAMPLES: &str = "samplesPerPixel";
 const SESSIONS: &str = "penumbra:sessions";
 const SECONDS: &str = "penumbra:seconds";
 
-/// A reference and, where it is known, its own error.
+/// A reference with its own error, if known.
 pub struct Reference {
-    /// `R`, `G` and `B`; `variance.R` and so on, the variance of the pixel's mean, where that is known.
+    /// Channels `R`, `G` and `B`, and if known `variance.R` and so on: the variance of the pixel's mean.
     pub image: Image,
-    /// The standard error that it was to have, where it was made; it has a larger one where its time was up.
+    /// The standard error aimed for, if the reference was made here. The actual one is larger if time ran out.
     pub goal: Option<f64>,
 }
 
-/// When a reference is done: whichever comes first.
+/// When a reference is complete: at the first of the two.
 #[derive(Clone, Copy, Debug)]
 pub struct Goal {
     /// See [`Reference::standard_error`].
     pub standard_error: f64,
-    /// Seconds of rendering, those of earlier sessions included.
+    /// Seconds of rendering, including earlier sessions.
     pub seconds: f64,
 }
 
-/// How far a reference in the making is.
+/// Progress of a reference that is being made.
 #[derive(Clone, Copy, Debug)]
-pub struct Making {
-    /// Samples a pixel of both halves.
+pub struct ReferenceProgress {
+    /// Samples per pixel of both halves together.
     pub samples: u32,
     /// See [`Reference::standard_error`].
     pub standard_error: f64,
 }
 
 impl Reference {
-    /// Reads an image of any format that [`Image::read`] knows.
+    /// Reads an image of any format that [`Image::read`] supports.
     ///
     /// # Errors
-    /// As [`Image::read`]; [`Error::Input`] too where it has no colour, or a number that is not finite.
+    /// As [`Image::read`]; also [`Error::Input`] if it lacks a colour channel or has a sample that is not finite.
     pub fn read(path: &Path) -> Result<Reference> {
         let image = Image::read(path)?;
-        // What cannot be compared with itself can be compared with nothing: better known before anything is rendered.
+        // Comparing the image with itself finds its faults before anything is rendered.
         metrics::rmse(&image, &image).map_err(|error| match error {
-            Error::Input { place, problem, .. } => Error::input(path, place, problem),
+            Error::Input { location, problem, .. } => Error::input(path, location, problem),
             other => other,
         })?;
         for name in ["R", "G", "B"].map(variance) {
@@ -78,77 +77,41 @@ impl Reference {
         Ok(Reference { image, goal: None })
     }
 
-    /// Renders one by path tracing until it reaches its goal, or takes up what `folder` has of it; of processes that make the same reference one does and the others wait. Nothing where `stop` says so; what there is then stays in `folder`, as it does should the
-    /// process be killed. `tell` hears of each save.
+    /// Renders a reference by path tracing until it reaches its goal, or continues the one in `folder`.
+    ///
+    /// If several processes make the same reference, one renders and the others wait. Returns `None` once `stop`
+    /// returns true. The samples so far then stay in `folder`, as they do if the process is killed. `on_save` is called
+    /// after each save.
     ///
     /// # Errors
-    /// Those of [`Renderer`], [`Error::Output`] where `folder` cannot be written, [`Error::Input`] where a file in it
-    /// is damaged.
+    /// Those of [`Renderer`], [`Error::Output`] if `folder` cannot be written, [`Error::Input`] if a file in it is
+    /// damaged.
     pub fn make(
         subject: &Subject<'_>,
         folder: &Path,
         goal: Goal,
         stop: &dyn Fn() -> bool,
-        tell: &mut dyn FnMut(Making),
+        on_save: &mut dyn FnMut(ReferenceProgress),
     ) -> Result<Option<Reference>> {
-        let size = [subject.settings.width, subject.settings.height];
+        let size = [subject.settings.image.width, subject.settings.image.height];
         let open = || -> Result<[Half; 2]> { Ok([Half::open(folder, 0, size)?, Half::open(folder, 1, size)?]) };
-        let good = |halves: &[Half; 2]| -> Result<Option<Reference>> {
-            let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
-            let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(a, b)? };
-            Ok(Some(reference).filter(|reference| !reference.is_short() || seconds(a) >= goal.seconds))
-        };
-        if let Some(reference) = good(&open()?)? {
+        if let Some(reference) = complete(&open()?, goal)? {
             return Ok(Some(reference));
         }
         fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
-        // Where another process makes the same reference, waiting for it is the fastest way to have it.
+        // If another process makes the same reference, waiting for it is the fastest way to have it.
         let Some(_lock) = lock(folder, stop) else { return Ok(None) };
-        let mut halves = open()?;
-        if let Some(reference) = good(&halves)? {
+        let halves = open()?;
+        if let Some(reference) = complete(&halves, goal)? {
             return Ok(Some(reference));
         }
-        let mut renderers = Vec::new();
-        for half in &mut halves {
-            renderers.push(half.renderer(subject)?);
-        }
-        let before = halves[0].saved.as_ref().map_or(0.0, seconds);
-        let began = Instant::now();
-        let spent = || before + began.elapsed().as_secs_f64();
-        let mut wait = FIRST_SAVE;
-        loop {
-            let start = Instant::now();
-            // However short its time is, there is an image.
-            let goes_on =
-                |renderer: &Renderer| renderer.samples() == 0 || start.elapsed() < wait && spent() < goal.seconds;
-            while goes_on(&renderers[1]) && !stop() {
-                for renderer in &mut renderers {
-                    renderer.render_batch()?;
-                }
-            }
-            wait = (2 * wait).min(SAVE);
-            if renderers[1].samples() == 0 {
-                return Ok(None);
-            }
-            let seconds = spent();
-            let [a, b] = [halves[0].save(&renderers[0], seconds)?, halves[1].save(&renderers[1], seconds)?];
-            let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(&a, &b)? };
-            let standard_error = reference.standard_error().unwrap_or(0.0);
-            tell(Making { samples: reference.samples().unwrap_or(0), standard_error });
-            if !reference.is_short() || seconds >= goal.seconds {
-                return Ok(Some(reference));
-            }
-            if stop() {
-                return Ok(None);
-            }
-        }
+        Session::start(halves, subject)?.render(goal, stop, on_save)
     }
 
-    /// The mean of two independent halves, and a quarter of their squared difference: what the variance of that mean is
-    /// expected to be.
+    /// The mean of two independent halves. Its variance is estimated by a quarter of their squared difference.
     ///
     /// # Errors
-    /// [`Error::Input`] where they have no colour, a number that is not finite, or not the same size.
+    /// [`Error::Input`] if a colour channel is missing, a sample is not finite, or the sizes differ.
     pub fn of_halves(a: &Image, b: &Image) -> Result<Reference> {
         metrics::rmse(a, b)?;
         let mut image = Image::new(a.width, a.height);
@@ -156,7 +119,7 @@ impl Reference {
             a.iter().zip(b).map(|(a, b)| f(f64::from(*a), f64::from(*b)) as f32).collect()
         };
         for name in ["R", "G", "B"] {
-            let find = |half: &Image| half.channel(name).map(<[f32]>::to_vec).ok_or_else(|| lacks("half", name));
+            let find = |half: &Image| half.channel(name).map(<[f32]>::to_vec).ok_or_else(|| missing("half", name));
             let (a, b) = (find(a)?, find(b)?);
             image.add_channel(name, merge(&a, &b, |a, b| 0.5 * (a + b)));
             image.add_channel(variance(name), merge(&a, &b, |a, b| 0.25 * (a - b) * (a - b)));
@@ -164,34 +127,34 @@ impl Reference {
         let samples = integer(a, SAMPLES).saturating_add(integer(b, SAMPLES));
         image.metadata.insert(SAMPLES.to_owned(), Metadata::Int(samples));
         image.metadata.insert(SECONDS.to_owned(), Metadata::Float(seconds(a) as f32));
-        image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::Path.name().to_owned()));
+        image.metadata.insert("penumbra:technique".to_owned(), Metadata::Text(Technique::PATH.name().to_owned()));
         Ok(Reference { image, goal: None })
     }
 
-    /// It was made, and its time was up before its goal was reached.
+    /// Whether the reference was made here and time ran out before its goal was reached.
     pub fn is_short(&self) -> bool {
         self.goal.is_some_and(|goal| self.standard_error() > Some(goal))
     }
 
-    /// Samples a pixel, where the file says.
+    /// Samples per pixel, if the file states them.
     pub fn samples(&self) -> Option<u32> {
         u32::try_from(integer(&self.image, SAMPLES)).ok().filter(|samples| *samples > 0)
     }
 
-    /// Root of the mean variance of its pixels, over its mean radiance; none where its variance is not known.
+    /// Square root of the pixels' mean variance, over the mean radiance. `None` if the variance is not known.
     pub fn standard_error(&self) -> Option<f64> {
         let variance = self.mean(|_, variance| variance)?;
         let radiance = self.mean(|r, _| r)?;
-        // A black reference without variance is exact. One that is negative is no render, and no better known for it.
+        // A black reference without variance is exact. The absolute value keeps the error of a negative image positive.
         Some(if variance == 0.0 { 0.0 } else { variance.sqrt() / radiance.abs() })
     }
 
-    /// The relMSE that the truth itself would have against it: no curve is to be believed below.
+    /// The expected relMSE of a perfect image against this reference. Curves below it mean nothing.
     pub fn floor(&self) -> Option<f64> {
         self.mean(|r, variance| variance / (r * r + RELMSE_FLOOR))
     }
 
-    /// The mean over pixels and channels; none where the variance is not known.
+    /// The mean of f(value, variance) over pixels and channels. `None` if the variance is not known.
     fn mean(&self, f: impl Fn(f64, f64) -> f64) -> Option<f64> {
         let mut sum = 0.0;
         for name in ["R", "G", "B"] {
@@ -202,14 +165,90 @@ impl Reference {
     }
 }
 
-/// The folder below `cache` for what belongs to a scene as it is seen with these settings.
-pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
-    let Settings { width, height, max_bounces, light_scale, .. } = subject.settings;
-    cache.join(fingerprint(subject.scene, &(subject.camera, width, height, max_bounces, light_scale)))
+/// The reference of two saved halves, if it has reached its goal.
+fn complete(halves: &[Half; 2], goal: Goal) -> Result<Option<Reference>> {
+    let [Some(a), Some(b)] = halves.each_ref().map(|half| half.saved.as_ref()) else { return Ok(None) };
+    let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(a, b)? };
+    Ok(Some(reference).filter(|reference| !reference.is_short() || seconds(a) >= goal.seconds))
 }
 
-/// Waits until no other process makes the reference in `folder`; none where `stop` says so. The system lets go of the lock when
-/// its process ends, however it ends. Where folders cannot be locked, the last process to save has the last word.
+/// Renders both halves of a reference, continuing from what was saved.
+struct Session<'g> {
+    halves: [Half; 2],
+    renderers: Vec<Renderer<'g>>,
+    /// Seconds of earlier sessions.
+    earlier: f64,
+    began: Instant,
+}
+
+impl<'g> Session<'g> {
+    fn start(mut halves: [Half; 2], subject: &Subject<'g>) -> Result<Session<'g>> {
+        let mut renderers = Vec::new();
+        for half in &mut halves {
+            renderers.push(half.renderer(subject)?);
+        }
+        let earlier = halves[0].saved.as_ref().map_or(0.0, seconds);
+        Ok(Session { halves, renderers, earlier, began: Instant::now() })
+    }
+
+    /// Seconds of rendering, including earlier sessions.
+    fn spent(&self) -> f64 {
+        self.earlier + self.began.elapsed().as_secs_f64()
+    }
+
+    fn samples(&self) -> u32 {
+        self.renderers[1].samples()
+    }
+
+    fn render(
+        mut self,
+        goal: Goal,
+        stop: &dyn Fn() -> bool,
+        on_save: &mut dyn FnMut(ReferenceProgress),
+    ) -> Result<Option<Reference>> {
+        let mut wait = FIRST_SAVE_INTERVAL;
+        loop {
+            let start = Instant::now();
+            // At least one sample is taken, however short the time.
+            while (self.samples() == 0 || start.elapsed() < wait && self.spent() < goal.seconds) && !stop() {
+                for renderer in &mut self.renderers {
+                    renderer.render_batch()?;
+                }
+            }
+            wait = (2 * wait).min(SAVE_INTERVAL);
+            if self.samples() == 0 {
+                return Ok(None);
+            }
+            let seconds = self.spent();
+            let a = self.halves[0].save(&self.renderers[0], seconds)?;
+            let b = self.halves[1].save(&self.renderers[1], seconds)?;
+            let reference = Reference { goal: Some(goal.standard_error), ..Reference::of_halves(&a, &b)? };
+            let standard_error = reference.standard_error().unwrap_or(0.0);
+            on_save(ReferenceProgress { samples: reference.samples().unwrap_or(0), standard_error });
+            if !reference.is_short() || seconds >= goal.seconds {
+                return Ok(Some(reference));
+            }
+            if stop() {
+                return Ok(None);
+            }
+        }
+    }
+}
+
+/// The folder in `cache` for files that depend on the scene, the camera and the settings that `path` uses.
+pub fn cache_folder(cache: &Path, subject: &Subject<'_>) -> PathBuf {
+    let (width, height, max_bounces, light_scale) = (
+        subject.settings.image.width,
+        subject.settings.image.height,
+        subject.settings.indirect.max_bounces,
+        subject.settings.light_scale,
+    );
+    cache.join(subject.scene.fingerprint(&(subject.camera, width, height, max_bounces, light_scale)))
+}
+
+/// Waits until no other process makes the reference in `folder`. Returns `None` once `stop` returns true, and
+/// `Some(None)` where folders cannot be locked; the last process to save wins then. The system releases the lock when
+/// its process ends.
 fn lock(folder: &Path, stop: &dyn Fn() -> bool) -> Option<Option<File>> {
     let Ok(handle) = File::open(folder) else { return Some(None) };
     loop {
@@ -217,17 +256,18 @@ fn lock(folder: &Path, stop: &dyn Fn() -> bool) -> Option<Option<File>> {
             Ok(()) => return Some(Some(handle)),
             Err(TryLockError::Error(_)) => return Some(None),
             Err(TryLockError::WouldBlock) if stop() => return None,
-            Err(TryLockError::WouldBlock) => thread::sleep(LOOK),
+            Err(TryLockError::WouldBlock) => thread::sleep(POLL_INTERVAL),
         }
     }
 }
 
-/// One of two independent halves: what is on the disk, and what is rendered on top of it.
+/// One of two independent halves of a reference.
 struct Half {
     index: u32,
     file: PathBuf,
+    /// The image on disk.
     saved: Option<Image>,
-    /// Renderers so far: each has a seed of its own, so that it brings new samples.
+    /// Number of renderers so far. Each has its own seed, so that its samples are new.
     sessions: u32,
 }
 
@@ -239,7 +279,7 @@ impl Half {
             let fits = [saved.width, saved.height] == size && metrics::rmse(saved, saved).is_ok();
             let counts = [SAMPLES, SESSIONS].map(|name| integer(saved, name));
             if !fits || counts.iter().any(|count| !(1..MAX_COUNT).contains(count)) {
-                return Err(Error::input(&file, "file", "is no half of this reference; delete the file"));
+                return Err(Error::input(&file, "file", "is not a half of this reference; delete the file"));
             }
         }
         let sessions = saved.as_ref().map_or(0, |image| integer(image, SESSIONS)) as u32;
@@ -249,16 +289,16 @@ impl Half {
     fn renderer<'g>(&mut self, subject: &Subject<'g>) -> Result<Renderer<'g>> {
         let seed = FIRST_SEED + 2 * self.sessions + self.index;
         self.sessions += 1;
-        subject.renderer(&Settings {
-            technique: Technique::Path,
-            seed,
-            spp: Settings::UNLIMITED_SPP,
-            aovs: Vec::new(),
-            ..subject.settings.clone()
-        })
+        subject.renderer(&subject.settings.clone().with(|s| {
+            s.technique = Technique::PATH;
+            s.image.seed = seed;
+            s.image.spp = Settings::UNLIMITED_SPP;
+            s.image.aovs = Vec::new();
+        }))
     }
 
-    /// Writes and returns the mean of what was saved before the renderer began and of what it has, after so many seconds in all.
+    /// Merges the renderer's image with the one saved before it started, and writes the result. `seconds` is the total
+    /// rendering time.
     fn save(&self, renderer: &Renderer<'_>, seconds: f64) -> Result<Image> {
         let mut image = colour(renderer.image()?);
         let new = renderer.samples() as i32;
@@ -266,7 +306,7 @@ impl Half {
         if let Some(saved) = &self.saved {
             let share = f64::from(old) / f64::from(old + new);
             for channel in &mut image.channels {
-                let before = saved.channel(&channel.name).ok_or_else(|| lacks(&self.file, &channel.name))?;
+                let before = saved.channel(&channel.name).ok_or_else(|| missing(&self.file, &channel.name))?;
                 for (x, before) in channel.samples.iter_mut().zip(before) {
                     *x = (share * f64::from(*before) + (1.0 - share) * f64::from(*x)) as f32;
                 }
@@ -280,12 +320,12 @@ impl Half {
     }
 }
 
-/// The channel that has the variance of another.
+/// The name of the channel with the variance of another.
 pub(super) fn variance(channel: &str) -> String {
     format!("variance.{channel}")
 }
 
-/// An attribute, 0 where it is not there.
+/// An integer attribute; 0 if it is missing.
 fn integer(image: &Image, name: &str) -> i32 {
     match image.metadata.get(name) {
         Some(Metadata::Int(value)) => *value,
@@ -293,15 +333,15 @@ fn integer(image: &Image, name: &str) -> i32 {
     }
 }
 
-/// Seconds that both halves have been rendered for; 0 where the image does not say.
+/// The total rendering time in seconds; 0 if it is missing.
 fn seconds(image: &Image) -> f64 {
     match image.metadata.get(SECONDS) {
-        // What is damaged may say anything.
+        // A damaged file may have any value.
         Some(Metadata::Float(seconds)) => f64::from(*seconds).max(0.0),
         _ => 0.0,
     }
 }
 
-fn lacks(file: impl AsRef<Path>, channel: &str) -> Error {
+fn missing(file: impl AsRef<Path>, channel: &str) -> Error {
     Error::input(file, channel, "there is no such channel; delete the file")
 }

@@ -1,17 +1,18 @@
-//! Renders with snapshots at time budgets.
+//! Timed renders with snapshots at time budgets.
 
+use kernel_kit::Gpu;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use crate::gpu::Gpu;
 use crate::settings::{Settings, Technique};
+use crate::specialisation::features::Feature;
 use crate::statistics::{Rays, Statistics};
 use crate::{Camera, Image, Renderer, Result, Scene};
 
-/// A snapshot may come so much later than its budget, as the length of a batch is foretold by the last one's.
-const LATEST: f64 = 1.1;
+/// A snapshot may be late by this factor of its budget: the duration of a batch is predicted from the previous one.
+const MAX_LATENESS: f64 = 1.1;
 
-/// What is rendered again and again.
+/// The scene under measurement, rendered by several techniques and seeds.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// The device.
@@ -20,12 +21,12 @@ pub struct Subject<'a> {
     pub scene: &'a Scene,
     /// The camera.
     pub camera: &'a Camera,
-    /// What all renders share; their techniques, seeds and samples are their own.
+    /// Settings of all renders, except for technique, seed and samples.
     pub settings: &'a Settings,
 }
 
 impl<'a> Subject<'a> {
-    /// A renderer with other settings.
+    /// Creates a renderer of this scene with the given settings.
     ///
     /// # Errors
     /// As [`Renderer::new`].
@@ -36,52 +37,56 @@ impl<'a> Subject<'a> {
 
 /// A render of one technique and seed.
 pub struct Run {
-    /// What it was rendered with.
+    /// The settings of this run.
     pub settings: Settings,
-    /// Seconds until the first sample: hierarchy, compilation, tables, photons and their grid.
+    /// Seconds until the first sample: BVH, compilation, upload of the scene, photons and their grid.
     pub setup: f64,
-    /// Seconds until the first image, in time or not; none where set-up alone took longer than the budgets.
+    /// Seconds until the first image, even one too late for all budgets. `None` if set-up took longer than the longest
+    /// budget.
     pub first: Option<f64>,
-    /// The image at each budget that brought new samples.
+    /// The image at each budget that added samples.
     pub snapshots: Vec<Snapshot>,
-    /// At the end, with the times of this run's passes alone.
+    /// Statistics at the end; pass times are those of this run alone.
     pub statistics: Statistics,
-    /// Why the technique does without the visibility map that it would ask, where it does.
+    /// Why the technique left out the visibility map that it would have used, if it did.
     pub map_left_out: Option<String>,
-    /// Seconds that count, to the last sample: snapshots do not.
+    /// Seconds until the last sample, without the time for snapshots.
     pub time: f64,
-    /// Those, and the seconds of what was prepared for samples that the last budget had no room for.
+    /// `time`, and the seconds of preparation for samples that no longer fitted into the last budget.
     pub spent: f64,
 }
 
-/// A run at a budget.
+/// The state of a run at a budget.
 pub struct Snapshot {
     /// The budget in seconds.
     pub budget: f64,
-    /// Seconds from the imported scene to this image, set-up and all: near the budget, and what curves are drawn over.
+    /// Seconds from the imported scene to this image, including set-up. Close to the budget; the time axis of all
+    /// curves.
     pub time: f64,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Rays so far.
+    /// Rays traced so far.
     pub rays: Rays,
-    /// The image: `R`, `G` and `B`.
+    /// The channels `R`, `G` and `B`.
     pub image: Image,
 }
 
-/// Takes the first samples, after which the driver has compiled every kernel and keeps it; says how many seconds that took. Where
-/// kernels are new to a driver that is a multiple of what it takes from then on, and no property of a technique. One sample will
-/// do where it takes longer than the `longest` budget, in seconds, as there will be no image in time.
+/// Takes two untimed samples and returns the seconds that this took.
+///
+/// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs and says
+/// nothing about the technique. If the first sample takes longer than the `longest` budget (seconds), the second is
+/// skipped: no timed run will have an image in time.
 ///
 /// # Errors
 /// As [`Renderer::new`] and [`Renderer::render_batch`].
 pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Result<f64> {
     let start = Instant::now();
-    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.seed))?;
+    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.image.seed))?;
     let sample = Instant::now();
     renderer.render_at_most(1)?;
     subject.gpu.wait("warm-up")?;
     if sample.elapsed().as_secs_f64() <= longest {
-        // The pilot may leave the visibility map out, and other kernels follow.
+        // The pilot may leave out the visibility map, which changes the kernels of later samples.
         renderer.render_at_most(1)?;
         subject.gpu.wait("warm-up")?;
     }
@@ -89,11 +94,16 @@ pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Res
 }
 
 fn settings(subject: &Subject<'_>, technique: Technique, seed: u32) -> Settings {
-    Settings { technique, seed, spp: Settings::UNLIMITED_SPP, aovs: Vec::new(), ..subject.settings.clone() }
+    subject.settings.clone().with(|s| {
+        s.technique = technique;
+        s.image.seed = seed;
+        s.image.spp = Settings::UNLIMITED_SPP;
+        s.image.aovs = Vec::new();
+    })
 }
 
 impl Run {
-    /// Renders until the last of the `budgets`, in seconds and in order. Nothing where `stop` says so.
+    /// Renders until the last of the `budgets`, given in seconds and ascending. `None` once `stop` returns true.
     ///
     /// # Errors
     /// As [`Renderer::new`] and [`Renderer::render_batch`].
@@ -106,68 +116,100 @@ impl Run {
     ) -> Result<Option<Run>> {
         let settings = settings(subject, technique, seed);
         let passes_before = subject.gpu.pass_times()?;
-        let scene = subject.scene.clone();
-
-        let start = Instant::now();
-        let mut renderer = Renderer::new(subject.gpu, scene, subject.camera, &settings)?;
-        let setup = start.elapsed().as_secs_f64();
-        let mut time = setup;
-        // When the last sample was there: what is prepared for the next ones adds nothing to the image.
-        let mut sampled = setup;
-        let mut first = None;
-        // Until then, for the same reason.
-        let mut passes = subject.gpu.pass_times()?;
+        let mut timed = TimedRender::start(subject, &settings)?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
-        // Seconds a sample, once one is known.
-        let mut pace = None;
         for &budget in budgets {
-            loop {
-                let start = Instant::now();
-                renderer.refine()?;
-                time += start.elapsed().as_secs_f64();
-                let left = budget - time;
-                let limit = pace.map_or(u32::from(left > 0.0), |pace: f64| (left / pace) as u32);
-                if limit == 0 {
-                    break;
-                }
-                if stop() {
-                    return Ok(None);
-                }
-                let (before, start) = (renderer.samples(), Instant::now());
-                renderer.render_at_most(limit)?;
-                let took = start.elapsed().as_secs_f64();
-                time += took;
-                sampled = time;
-                first.get_or_insert(sampled);
-                pace = Some(took / f64::from(renderer.samples() - before));
-                passes = subject.gpu.pass_times()?;
+            if !timed.render_until(budget, stop)? {
+                return Ok(None);
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
-            if renderer.samples() > shown && sampled <= LATEST * budget {
-                snapshots.push(Snapshot {
-                    budget,
-                    time: sampled,
-                    samples: renderer.samples(),
-                    rays: renderer.statistics()?.rays,
-                    image: colour(renderer.image()?),
-                });
+            if timed.renderer.samples() > shown && timed.sampled <= MAX_LATENESS * budget {
+                snapshots.push(timed.snapshot(budget)?);
             }
         }
+        let TimedRender { renderer, setup, time, sampled, first, passes, .. } = timed;
         let mut statistics = renderer.statistics()?;
         statistics.time.passes = difference(&passes, &passes_before);
-        let left_out = || renderer.specialisation().left_out.iter().find(|item| item.name == "visibility_map");
+        let left_out = || renderer.specialisation().left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
         let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
         Ok(Some(Run { settings, setup, first, snapshots, statistics, map_left_out, time: sampled, spent: time }))
     }
 }
 
-/// The image without channels that are not its colour.
+/// A render with its clock, which stops while a snapshot is taken.
+struct TimedRender<'a> {
+    gpu: &'a Gpu,
+    renderer: Renderer<'a>,
+    /// Seconds until the first sample.
+    setup: f64,
+    /// Seconds so far.
+    time: f64,
+    /// Seconds until the last sample. Preparation for further samples does not improve the image, so it does not count.
+    sampled: f64,
+    /// Seconds until the first image.
+    first: Option<f64>,
+    /// Pass times up to the last sample.
+    passes: BTreeMap<String, f64>,
+    /// Of the last batch.
+    seconds_per_sample: Option<f64>,
+}
+
+impl<'a> TimedRender<'a> {
+    fn start(subject: &Subject<'a>, settings: &Settings) -> Result<TimedRender<'a>> {
+        let gpu = subject.gpu;
+        // The clone is not part of the time.
+        let scene = subject.scene.clone();
+        let start = Instant::now();
+        let renderer = Renderer::new(gpu, scene, subject.camera, settings)?;
+        let setup = start.elapsed().as_secs_f64();
+        let passes = gpu.pass_times()?;
+        let (time, sampled) = (setup, setup);
+        Ok(TimedRender { gpu, renderer, setup, time, sampled, first: None, passes, seconds_per_sample: None })
+    }
+
+    /// Takes the samples expected to end within `budget`, in seconds since the start. False once `stop` returns true.
+    fn render_until(&mut self, budget: f64, stop: &dyn Fn() -> bool) -> Result<bool> {
+        loop {
+            let start = Instant::now();
+            self.renderer.refine()?;
+            self.time += start.elapsed().as_secs_f64();
+            let left = budget - self.time;
+            let limit = self.seconds_per_sample.map_or(u32::from(left > 0.0), |seconds| (left / seconds) as u32);
+            if limit == 0 {
+                return Ok(true);
+            }
+            if stop() {
+                return Ok(false);
+            }
+            let (before, start) = (self.renderer.samples(), Instant::now());
+            self.renderer.render_at_most(limit)?;
+            let took = start.elapsed().as_secs_f64();
+            self.time += took;
+            self.sampled = self.time;
+            self.first.get_or_insert(self.sampled);
+            self.seconds_per_sample = Some(took / f64::from(self.renderer.samples() - before));
+            self.passes = self.gpu.pass_times()?;
+        }
+    }
+
+    fn snapshot(&self, budget: f64) -> Result<Snapshot> {
+        Ok(Snapshot {
+            budget,
+            time: self.sampled,
+            samples: self.renderer.samples(),
+            rays: self.renderer.statistics()?.rays,
+            image: colour(self.renderer.image()?),
+        })
+    }
+}
+
+/// The image with its colour channels only.
 pub(super) fn colour(mut image: Image) -> Image {
     image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
     image
 }
 
-/// The device adds up passes over all renders.
+/// Seconds by pass between two readings: the device accumulates pass times over all renders.
 fn difference(after: &BTreeMap<String, f64>, before: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
     let spent = |name: &String, seconds: f64| seconds - before.get(name).unwrap_or(&0.0);
     let passes = after.iter().map(|(name, seconds)| (name.clone(), spent(name, *seconds)));

@@ -1,4 +1,4 @@
-//! What a setting of the visibility map does to error, rays and classes.
+//! Sweeps: the effect of a setting of the visibility map on error, rays and classes.
 
 use std::str::FromStr;
 
@@ -13,19 +13,19 @@ use super::metrics;
 use super::reference::Reference;
 use super::run::{Subject, colour};
 
-/// Values of a sweep, at equal ratios: two or more to each factor of ten of a sweep over a thousandfold.
+/// Number of values of a sweep, at equal ratios: at least two per decade in a sweep over three decades.
 const VALUES: u32 = 7;
 
-/// Samples a pixel of the renders whose error and rays are told: enough that the map is mended several times.
+/// Samples per pixel of the renders whose error and rays are measured: enough for several repairs of the map.
 const SAMPLES: u32 = 16;
 
-/// A setting that can be swept.
+/// The settings that can be swept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Swept {
-    /// [`Settings::photons`].
+    /// [`crate::settings::VisibilityMapSettings::photons_per_light`].
     Photons,
-    /// [`Settings::nearest`].
+    /// [`crate::settings::VisibilityMapSettings::nearest`].
     Nearest,
 }
 
@@ -40,8 +40,8 @@ impl Swept {
         }
     }
 
-    /// The power of the setting with which the boundary share goes at hard edges: boundaries are as wide as the radius of
-    /// the nearest photons, the root of their number over their density.
+    /// The exponent of the boundary share as a power of the setting, at hard edges. Boundaries are as wide as the
+    /// radius of the nearest photons, which is the square root of their number over their density.
     pub fn law(self) -> f64 {
         match self {
             Swept::Photons => -0.5,
@@ -51,13 +51,13 @@ impl Swept {
 
     fn set(self, settings: &mut Settings, value: u32) {
         match self {
-            Swept::Photons => settings.photons = value,
-            Swept::Nearest => settings.nearest = value,
+            Swept::Photons => settings.visibility_map.photons_per_light = value,
+            Swept::Nearest => settings.visibility_map.nearest = value,
         }
     }
 }
 
-/// A setting and its first and last value.
+/// A setting with its first and last value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     swept: Swept,
@@ -68,11 +68,11 @@ pub struct Range {
 impl FromStr for Range {
     type Err = String;
 
-    /// From `photons=1e3..1e6`.
+    /// Parses a range like `photons=1e3..1e6`.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let form = || {
             let names = Swept::ALL.map(Swept::name).join(" or ");
-            format!("it must be like photons=1e3..1e6, of {names}")
+            format!("a range of {names} is expected, like photons=1e3..1e6")
         };
         let (name, values) = text.split_once('=').ok_or_else(form)?;
         let (from, to) = values.split_once("..").ok_or_else(form)?;
@@ -87,7 +87,7 @@ impl FromStr for Range {
 }
 
 impl Range {
-    /// From the first to the last, in order.
+    /// The values, ascending.
     fn values(&self) -> Vec<u32> {
         let [from, to] = [self.from, self.to].map(f64::from);
         let value = |i: u32| (from * (to / from).powf(f64::from(i) / f64::from(VALUES - 1))).round() as u32;
@@ -96,7 +96,7 @@ impl Range {
         values
     }
 
-    /// Says whether the settings hold for every value.
+    /// Checks the settings with every value of the range.
     ///
     /// # Errors
     /// As [`Settings::check`].
@@ -109,25 +109,25 @@ impl Range {
     }
 }
 
-/// What a setting does.
+/// The effect of a setting.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sweep {
     /// The setting.
     pub setting: Swept,
-    /// A value each.
+    /// One entry per value, ascending.
     pub points: Vec<SweepPoint>,
 }
 
-/// What a value of a setting does.
+/// The effect of one value of a setting.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SweepPoint {
     /// The value.
     pub value: u32,
-    /// relMSE after 16 samples a pixel.
+    /// relMSE after 16 samples per pixel.
     pub relmse: f64,
-    /// Shadow rays until then.
+    /// Shadow rays of those samples.
     pub shadow_rays: u64,
-    /// Boundary and unknown points over all, of one sample through the middle of each pixel.
+    /// Boundary and unknown points over all points, with one sample at the centre of each pixel.
     pub boundary_share: f64,
     /// See [`Classes`].
     pub fill: Interval,
@@ -136,10 +136,10 @@ pub struct SweepPoint {
 }
 
 impl Sweep {
-    /// Renders with every value of the range by shadow photons. Nothing where `stop` says so.
+    /// Renders `shadow-photons` with every value of the range. `None` once `stop` returns true.
     ///
     /// # Errors
-    /// As [`crate::Renderer::new`]; [`Error::Usage`] where the scene needs no visibility map.
+    /// As [`crate::Renderer::new`]; [`Error::Usage`] if the scene needs no visibility map.
     pub fn new(
         subject: &Subject<'_>,
         range: &Range,
@@ -147,17 +147,21 @@ impl Sweep {
         truth: &Truth,
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Sweep>> {
-        let technique = Technique::ShadowPhotons;
+        let technique = Technique::SHADOW_PHOTONS;
         let mut points = Vec::new();
         for value in range.values() {
             if stop() {
                 return Ok(None);
             }
-            let mut settings = Settings { technique, spp: SAMPLES, aovs: Vec::new(), ..subject.settings.clone() };
+            let mut settings = subject.settings.clone().with(|s| {
+                s.technique = technique;
+                s.image.spp = SAMPLES;
+                s.image.aovs = Vec::new();
+            });
             range.swept.set(&mut settings, value);
             let subject = Subject { settings: &settings, ..*subject };
             let Some(classes) = Classes::new(&subject, technique, truth)? else {
-                return Err(Error::Usage("--sweep: the scene needs no visibility map".to_owned()));
+                return Err(Error::Usage("`sweep`: the scene needs no visibility map".to_owned()));
             };
             let mut renderer = subject.renderer(&settings)?;
             while renderer.samples() < SAMPLES {

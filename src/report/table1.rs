@@ -1,38 +1,41 @@
-//! Table 1 of the paper again: its two scenes by its four techniques at its settings, beside its own figures.
+//! Table 1 of the paper, repeated: its two scenes, four techniques and settings, next to its own figures.
 
+use kernel_kit::Gpu;
 use std::fmt::Write;
 use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use crate::gpu::Gpu;
 use crate::render::film::View;
 use crate::scene::ImportOptions;
 use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
 
-use super::metrics;
+use super::format::{grouped, percent};
+use super::metrics::{self, RELMSE_FLOOR};
+use super::reference::variance;
 
 /// The paper's techniques, in the order of its table.
 pub const TECHNIQUES: [Technique; 4] =
-    [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons, Technique::VisibilityEstimate];
+    [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS, Technique::VISIBILITY_ESTIMATE];
 
-/// Width and height of the images in pixels. The paper does not say; but a path sends a shadow ray and another ray from
-/// every surface that it meets, so its images have (rays in all - 2 shadow rays) / samples pixels: 132,000 and 117,000.
+/// Width and height of the images in pixels. The paper does not state them. But its path tracer sends one shadow ray
+/// and one other ray from every surface that a path meets, so its images have (all rays - 2 shadow rays) / samples
+/// pixels: 132,000 and 117,000.
 const SIDE: u32 = 350;
 
-/// A scene of the paper, with what the paper says of it.
+/// A scene of the paper with its settings and the paper's figures.
 pub struct PaperScene {
-    /// The paper's name of it.
+    /// The paper's name for the scene.
     pub title: &'static str,
     file: &'static str,
     bytes: &'static [u8],
     /// Photons that the light emits.
     photons: u32,
     nearest: u32,
-    /// Samples a pixel of the path-traced reference.
+    /// Samples per pixel of the path-traced reference.
     reference_spp: u32,
-    /// Samples a pixel of the other techniques.
+    /// Samples per pixel of the other techniques.
     spp: u32,
     /// Photons in the paper's map.
     paper_photons: &'static str,
@@ -46,14 +49,15 @@ struct Figures {
     rays: u64,
 }
 
-/// The scenes of the paper. Samples of the techniques that are not references: those at which two-pass rendering, with
-/// one shadow ray a point, comes to the paper's number of shadow rays within 7 %.
+/// The scenes of the paper. The paper does not state the samples of the techniques other than the reference. Those here
+/// make two-pass rendering, with one shadow ray per point, reach the paper's number of shadow rays within 7 %.
 pub const SCENES: [PaperScene; 2] = [
     PaperScene {
         title: "Marble sphere",
         file: "sphere.glb",
         bytes: include_bytes!("../../scenes/sphere.glb"),
-        // The paper counts the photons in its map. Of those that the light sends all around, one in six meets the scene.
+        // The paper counts stored photons. One in six of the photons that the light emits in all directions meets the
+        // scene.
         photons: 190_000,
         nearest: 30,
         reference_spp: 100,
@@ -70,7 +74,7 @@ pub const SCENES: [PaperScene; 2] = [
         title: "Box scene",
         file: "box.glb",
         bytes: include_bytes!("../../scenes/box.glb"),
-        // Its map has indirect photons too, and the paper does not say how many.
+        // The paper's map contains indirect photons too; it does not state how many.
         photons: 176_000,
         nearest: 50,
         reference_spp: 1000,
@@ -85,48 +89,55 @@ pub const SCENES: [PaperScene; 2] = [
     },
 ];
 
-/// Where a table departs from the paper's settings.
+/// Deviations from the paper's settings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Width and height of the images in pixels; none: the paper's.
+    /// Width and height of the images in pixels. `None`: the paper's.
     pub width: Option<u32>,
-    /// Samples a pixel of every technique; none: the paper's.
+    /// Samples per pixel of every technique. `None`: the paper's.
     pub spp: Option<u32>,
-    /// Count photons without regard to their normals, as the paper does.
+    /// Count photons regardless of their normals, as the paper does.
     pub paper_counting: bool,
 }
 
 impl PaperScene {
-    /// Settings of a technique: the paper's, which has neither audits nor dilation.
+    /// The paper's settings of a technique, without audits and dilation.
     pub fn settings(&self, technique: Technique, options: &Options) -> Settings {
-        let path = technique == Technique::Path;
+        let path = technique == Technique::PATH;
         let side = options.width.unwrap_or(SIDE);
-        Settings {
-            technique,
-            width: side,
-            height: side,
-            spp: options.spp.unwrap_or(if path { self.reference_spp } else { self.spp }),
-            // Another one for the reference: with the same random numbers the noise of both would be much the same.
-            seed: u32::from(path),
-            photons: self.photons,
-            nearest: self.nearest,
-            shadow_samples: 1,
-            dilate: Some(0),
-            audit: 0.0,
-            paper_counting: options.paper_counting,
-            // The reference states its own noise.
-            aovs: if path { vec![Aov::Direct, Aov::Variance] } else { vec![Aov::Direct] },
-            ..Settings::default()
-        }
+        Settings::default().with(|s| {
+            s.technique = technique;
+            s.image.width = side;
+            s.image.height = side;
+            s.image.spp = options.spp.unwrap_or(if path { self.reference_spp } else { self.spp });
+            // The reference has its own seed: with the same random numbers the noise would be correlated.
+            s.image.seed = u32::from(path);
+            s.visibility_map.photons_per_light = self.photons;
+            s.visibility_map.nearest = self.nearest;
+            s.shadow_rays.samples = 1;
+            s.visibility_map.dilate = Some(0);
+            s.visibility_map.audit = 0.0;
+            s.visibility_map.paper_counting = options.paper_counting;
+            // The variance gives the reference's own noise.
+            s.image.aovs = if path { vec![Aov::Direct, Aov::Variance] } else { vec![Aov::Direct] };
+        })
     }
 
-    /// Renders the scene, with `after_batch` told how far it is.
+    /// Renders the scene and calls `after_batch` with the progress.
     ///
     /// # Errors
     /// Those of [`Renderer`].
     pub fn render(&self, gpu: &Gpu, settings: &Settings, after_batch: impl FnMut(&Progress)) -> Result<Render> {
-        // A driver compiles kernels when they first run: not a part of the time that is compared.
-        self.render_once(gpu, &Settings { width: 8, height: 8, spp: 1, ..settings.clone() }, |_| ())?;
+        // Drivers compile kernels on first use. A tiny render before the timed one excludes that from the time.
+        self.render_once(
+            gpu,
+            &settings.clone().with(|s| {
+                s.image.width = 8;
+                s.image.height = 8;
+                s.image.spp = 1;
+            }),
+            |_| (),
+        )?;
         self.render_once(gpu, settings, after_batch)
     }
 
@@ -134,22 +145,22 @@ impl PaperScene {
         let scene = Scene::from_bytes(self.bytes, Path::new(self.file), &ImportOptions::default())?;
         let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
         let mut renderer = Renderer::new(gpu, scene, &camera, settings)?;
-        while renderer.samples() < settings.spp {
+        while renderer.samples() < settings.image.spp {
             after_batch(&renderer.render_batch()?);
         }
         Ok(Render { image: renderer.image()?, statistics: renderer.statistics()? })
     }
 }
 
-/// A scene by one technique.
+/// A render of a scene by one technique.
 pub struct Render {
-    /// The picture.
+    /// The image.
     pub image: Image,
-    /// What it took.
+    /// Times and ray counts.
     pub statistics: Statistics,
 }
 
-/// A scene by all four.
+/// A scene rendered by all four techniques.
 pub struct Comparison {
     scene: &'static PaperScene,
     renders: [Render; 4],
@@ -158,7 +169,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Of renders in the order of [`TECHNIQUES`], with their relMSE against the first.
+    /// From renders in the order of [`TECHNIQUES`]. Computes their relMSE against the first.
     ///
     /// # Errors
     /// Those of [`metrics::relmse`].
@@ -174,22 +185,23 @@ impl Comparison {
         Ok(Comparison { scene, renders, relmse, relmse_direct })
     }
 
-    /// relMSE of direct light against that of `path`, of the other three of [`TECHNIQUES`].
+    /// relMSE of direct light against that of `path`, for the other three of [`TECHNIQUES`].
     pub fn relmse_direct(&self) -> [f64; 3] {
         self.relmse_direct
     }
 
-    /// relMSE by technique, in the order of [`TECHNIQUES`]: of `path` its own noise, of the others their difference from it.
+    /// relMSE in the order of [`TECHNIQUES`]: for `path` its own noise, for the others their difference from it.
     pub fn relmse(&self) -> [f64; 4] {
         self.relmse
     }
 
-    /// 1 - shadow rays over those of `two-pass`, in the order of [`TECHNIQUES`]; none for what is not compared.
+    /// 1 - shadow rays over those of `two-pass`, in the order of [`TECHNIQUES`]. `None` for `path` and `two-pass`
+    /// itself.
     pub fn reductions(&self) -> [Option<f64>; 4] {
         reductions(std::array::from_fn(|i| self.renders[i].statistics.rays.shadow))
     }
 
-    /// The table, in columns of text.
+    /// The table as text with aligned columns.
     pub fn text(&self) -> String {
         let mut text = format!("{}\n", self.headline());
         let table =
@@ -208,7 +220,12 @@ impl Comparison {
 
     fn headline(&self) -> String {
         let [path, _, shadow, _] = &self.renders;
-        let Settings { width, height, spp, nearest, .. } = shadow.statistics.settings;
+        let (width, height, spp, nearest) = (
+            shadow.statistics.settings.image.width,
+            shadow.statistics.settings.image.height,
+            shadow.statistics.settings.image.spp,
+            shadow.statistics.settings.visibility_map.nearest,
+        );
         let sum = |count: fn(&crate::statistics::LightPhotons) -> u64| {
             grouped(shadow.statistics.photons.iter().map(count).sum())
         };
@@ -216,7 +233,7 @@ impl Comparison {
             "{}: {width} x {height} pixels, {} spp ({spp} without paths), k {nearest}; of {} photons emitted {} \
              illumination and {} shadow photons stored (the paper: {})",
             self.scene.title,
-            path.statistics.settings.spp,
+            path.statistics.settings.image.spp,
             sum(|p| p.emitted),
             sum(|p| p.illumination),
             sum(|p| p.shadow),
@@ -226,7 +243,7 @@ impl Comparison {
 
     /// The cells under [`COLUMNS`].
     fn cells(&self) -> [[String; 11]; 4] {
-        let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        let percent = |share: Option<f64>| share.map_or("-".to_owned(), percent);
         let (paper, here) = (reductions(self.scene.figures.each_ref().map(|row| row.shadow_rays)), self.reductions());
         std::array::from_fn(|i| {
             let figures = &self.scene.figures[i];
@@ -287,26 +304,26 @@ const COLUMNS: [&str; 11] = [
     "direct",
 ];
 
-/// How to read the tables, a sentence a line.
+/// Notes on how to read the tables, one sentence each.
 pub fn notes(options: &Options) -> Vec<&'static str> {
     vec![
-        "Time: hierarchy, photons and all samples of one run; kernels were compiled before.",
+        "Time: BVH, photons and all samples of one run; kernels were compiled before.",
         "Reduction: 1 - shadow rays over those of two-pass.",
-        "relMSE: against path, of all light and of direct light; of path itself the noise that its samples show, which the \
-         others' numbers contain.",
+        "relMSE: against path, of all light and of direct light. For path itself: its own noise, by \
+         its samples; the other numbers contain that noise too.",
         if options.paper_counting {
-            "Photons are counted without regard to their normals, as in the paper."
+            "Photons are counted regardless of their normals, as in the paper."
         } else {
-            "Photons are counted by their normals; --paper-counting counts them as the paper does."
+            "Only photons with a similar normal are counted; `visibility_map.paper_counting` counts all, as the paper does."
         },
-        "There are no audits and no dilation: the paper has neither.",
+        "Audits and dilation are off, as the paper has neither.",
     ]
 }
 
-/// One self-contained page of all scenes, their four images side by side.
+/// A self-contained page of all scenes, with the four images of each side by side.
 ///
 /// # Errors
-/// [`Error::Output`] where an image has no picture.
+/// [`Error::Output`] if an image cannot be encoded.
 pub fn page(comparisons: &[Comparison], options: &Options) -> Result<String> {
     let mut html = String::from(HEAD);
     if let Some(Render { statistics, .. }) = comparisons.first().map(|comparison| &comparison.renders[0]) {
@@ -327,7 +344,7 @@ const HEAD: &str = "<!DOCTYPE html>
 <html lang=\"en\">
 <head>
 <meta charset=\"utf-8\">
-<title>Table 1 again</title>
+<title>Table 1, repeated</title>
 <style>
 body { font: 15px/1.5 sans-serif; max-width: 1460px; margin: 2em auto; padding: 0 1em; }
 .images { display: grid; grid-template-columns: repeat(4, 1fr); gap: 8px; }
@@ -339,11 +356,11 @@ th:first-child, td:first-child { text-align: left; }
 </style>
 </head>
 <body>
-<h1>Table 1 again</h1>
+<h1>Table 1, repeated</h1>
 <p>Jensen and Christensen, <i>Efficiently rendering shadows using the photon map</i> (1995).</p>
 ";
 
-/// The image of direct light alone, where the image has its channels.
+/// The image of direct light only, from the channels `direct.R` and so on.
 fn direct_light(image: &Image) -> Image {
     let mut direct = Image::new(image.width, image.height);
     for name in ["R", "G", "B"] {
@@ -354,26 +371,20 @@ fn direct_light(image: &Image) -> Image {
     direct
 }
 
-/// The mean of variance / (r^2 + 0.01): what [`metrics::relmse`] of an image is on average against one without noise.
+/// The mean of variance / (r^2 + 0.01): the expected [`metrics::relmse`] of an image against one without noise.
 fn own_relmse(image: &Image) -> Result<f64> {
     let channel =
         |name: &str| image.channel(name).ok_or_else(|| Error::input("reference", name, "there is no such channel"));
     let mut sum = 0.0;
     for name in ["R", "G", "B"] {
-        let pairs = channel(name)?.iter().zip(channel(&format!("variance.{name}"))?);
-        sum += pairs.map(|(&r, &variance)| f64::from(variance) / (f64::from(r).powi(2) + 0.01)).sum::<f64>();
+        let pairs = channel(name)?.iter().zip(channel(&variance(name))?);
+        sum += pairs.map(|(&r, &variance)| f64::from(variance) / (f64::from(r).powi(2) + RELMSE_FLOOR)).sum::<f64>();
     }
     Ok(sum / (3 * image.pixels()) as f64)
 }
 
+/// 1 - shadow rays over those of the second technique.
 fn reductions([_, all, some, none]: [u64; 4]) -> [Option<f64>; 4] {
     let reduction = |rays: u64| (all > 0).then(|| 1.0 - rays as f64 / all as f64);
     [None, None, reduction(some), reduction(none)]
-}
-
-/// A number with its thousands apart.
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let groups: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
-    groups.join(",")
 }

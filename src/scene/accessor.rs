@@ -1,19 +1,20 @@
-//! Buffers, buffer views and accessors: all checked once, then read without a way to fail.
+//! Buffers, buffer views and accessors. All ranges are checked once, before any element is read.
 
 use std::cell::Cell;
 
 use super::container::{Bytes, Resources};
-use super::geometry::MAX_CORNERS;
 use super::json::Json;
+use super::limits::MAX_CORNERS;
 use crate::Result;
 
-/// Elements that an accessor without a buffer view may always have; beyond, no more than a buffer has bytes, as some other
-/// attribute of the same vertices is stored. Nothing else in the file bounds their number.
-const ZERO_FILLED: usize = 1 << 12;
+/// Number of elements that an accessor without data may always have. A larger count must not exceed the size in bytes
+/// of the largest buffer, because other attributes of the same vertices are stored there. Nothing else in the file
+/// bounds it.
+const MIN_ZERO_FILLED_LIMIT: usize = 1 << 12;
 
 /// A buffer view: a byte range of a buffer.
 struct View<'a> {
-    /// None where the buffer has no data in this file (an extension may supply it).
+    /// None if the buffer has no data in this file. An extension may supply it.
     bytes: Option<&'a [u8]>,
     length: usize,
     stride: Option<usize>,
@@ -88,14 +89,14 @@ impl<'a> Elements<'a> {
 /// Overrides of single elements (glTF 3.6.2.3).
 struct Sparse<'a> {
     count: usize,
-    /// Increasing. Left where they are, as many accessors may share them.
+    /// Increasing. They are not copied, because many accessors may share them.
     indices: Elements<'a>,
     index_type: Component,
     values: Elements<'a>,
 }
 
 impl<'a> Sparse<'a> {
-    /// What element `index` is replaced by, if it is.
+    /// The bytes that replace element `index`, if it is replaced.
     fn get(&self, index: usize) -> Option<&'a [u8]> {
         let at = |k: usize| self.index_type.unsigned(self.indices.get(k)) as usize;
         let (mut low, mut high) = (0, self.count);
@@ -115,12 +116,12 @@ pub(super) struct Accessor<'a> {
     pub component: Component,
     /// Components of an element: 1 to 4 for scalars and vectors, more for matrices.
     pub width: usize,
-    /// Integers stand for [0, 1] or [-1, 1].
+    /// Integers represent [0, 1] or [-1, 1].
     pub normalised: bool,
-    /// None: all zero before [`Accessor::sparse`].
+    /// None if all elements are zero before [`Accessor::sparse`] is applied.
     elements: Option<Elements<'a>>,
     sparse: Option<Sparse<'a>>,
-    /// Why it cannot be read although it is legal, where that is so.
+    /// The reason why a legal accessor cannot be read.
     unreadable: Option<&'static str>,
     json: Json<'a>,
 }
@@ -131,7 +132,7 @@ impl Accessor<'_> {
         self.json.error(problem)
     }
 
-    /// The bytes of element `index`, from its first on; None for one that is all zeros.
+    /// The bytes from the start of element `index`. None if all of its bytes are zero.
     fn element(&self, index: usize) -> Option<&[u8]> {
         let replaced = self.sparse.as_ref().and_then(|sparse| sparse.get(index));
         replaced.or_else(|| self.elements.map(|elements| elements.get(index)))
@@ -141,8 +142,8 @@ impl Accessor<'_> {
         self.unreadable.map_or(Ok(()), |reason| Err(self.error(reason)))
     }
 
-    /// The elements `which` (all where None) as floats, `N` or fewer components each; those beyond
-    /// the element's are `fill`. The indices in `which` must be less than [`Accessor::count`].
+    /// The elements with the indices `which`, or all of them, as floats. `fill` replaces components that an element
+    /// lacks, and components beyond `N` are dropped. The indices must be less than [`Accessor::count`].
     pub fn floats<const N: usize>(&self, fill: f32, which: Option<&[u32]>) -> Result<Vec<[f32; N]>> {
         self.check_readable()?;
         let (size, width) = (self.component.size(), self.width.min(N));
@@ -175,7 +176,7 @@ impl Accessor<'_> {
 /// A buffer.
 pub(super) struct Buffer<'a> {
     length: usize,
-    /// At least `length` of them; None where the file has none (an extension may supply them).
+    /// At least `length` bytes. None if the file has no data for the buffer; an extension may supply it.
     bytes: Option<Bytes<'a>>,
 }
 
@@ -198,7 +199,7 @@ pub(super) fn read_buffers<'a>(
             None => None,
         };
         if let Some(bytes) = bytes.as_ref().filter(|bytes| bytes.len() < length) {
-            return Err(buffer.error(format!("{length} bytes declared, {} are there", bytes.len())));
+            return Err(buffer.error(format!("{length} bytes are declared, but there are {}", bytes.len())));
         }
         buffers.push(Buffer { length, bytes });
     }
@@ -208,10 +209,10 @@ pub(super) fn read_buffers<'a>(
 /// All buffer views, checked, with their bytes.
 pub(super) struct Views<'a> {
     views: Vec<View<'a>>,
-    /// Bytes of the largest buffer.
-    largest: usize,
-    /// Elements that sparse accessors replaced so far. They may share their indices, so the file's size does not bound
-    /// them.
+    /// Size of the largest buffer in bytes.
+    largest_buffer: usize,
+    /// Number of elements that sparse accessors have replaced so far. They may share their indices, so the size of the
+    /// file does not bound it.
     replaced: Cell<usize>,
 }
 
@@ -238,7 +239,7 @@ impl<'a> Views<'a> {
             })
             .collect::<Result<_>>()?;
         let stored = buffers.iter().filter_map(|buffer| buffer.bytes.as_ref().map(|bytes| bytes.len()));
-        Ok(Views { views, largest: stored.max().unwrap_or(0), replaced: Cell::new(0) })
+        Ok(Views { views, largest_buffer: stored.max().unwrap_or(0), replaced: Cell::new(0) })
     }
 
     /// The bytes of the view that `index` names.
@@ -247,20 +248,19 @@ impl<'a> Views<'a> {
         view.bytes.ok_or_else(|| index.error("its buffer has no data in this file"))
     }
 
-    /// The elements of `holder` (an accessor, or the indices or values of its sparse part). None
-    /// where the buffer has no data.
+    /// The elements of `holder`, which is an accessor or the indices or values of its sparse part. None if the buffer
+    /// has no data.
     fn elements(&self, holder: &Json, count: usize, size: usize, component: Component) -> Result<Option<Elements<'a>>> {
         let index = holder.require("bufferView")?;
         let view = &self.views[index.index(self.views.len(), "buffer view")?];
         let offset = holder.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
         if offset % component.size() != 0 {
-            return Err(
-                holder.error(format!("byte offset {offset} is not a multiple of its component's {}", component.size()))
-            );
+            return Err(holder
+                .error(format!("byte offset {offset} is not a multiple of the component size, {}", component.size())));
         }
         let stride = view.stride.unwrap_or(size);
         if stride < size {
-            return Err(holder.error(format!("byte stride {stride} is less than its element's {size} bytes")));
+            return Err(holder.error(format!("byte stride {stride} is less than the element size of {size} bytes")));
         }
         let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
         if end.is_none_or(|end| end > view.length) {
@@ -309,9 +309,10 @@ impl<'a> Views<'a> {
         if accessor.json.get("bufferView")?.is_some() {
             accessor.elements = self.elements(&accessor.json, count, size, component)?;
             accessor.unreadable = accessor.elements.is_none().then_some(NO_DATA);
-        } else if count > ZERO_FILLED.max(self.largest) {
-            let most = ZERO_FILLED.max(self.largest);
-            return Err(accessor.error(format!("{count} elements without data, a file of this size may have {most}")));
+        } else if count > MIN_ZERO_FILLED_LIMIT.max(self.largest_buffer) {
+            let limit = MIN_ZERO_FILLED_LIMIT.max(self.largest_buffer);
+            return Err(accessor
+                .error(format!("{count} elements without data: the maximum for a file of this size is {limit}")));
         }
         if let Some(sparse) = accessor.json.get("sparse")? {
             accessor.sparse = self.sparse(&sparse, count, size, component)?;
@@ -324,25 +325,25 @@ impl<'a> Views<'a> {
         let count = json.require("count")?;
         let count = match count.whole()? {
             n if n > 0 && n <= total => n,
-            n => return Err(count.error(format!("{n} of {total} elements are replaced"))),
+            n => return Err(count.error(format!("must be from 1 to {total}, the number of elements, not {n}"))),
         };
-        let (places, values) = (json.require("indices")?, json.require("values")?);
-        let code = places.require("componentType")?;
+        let (index_json, values) = (json.require("indices")?, json.require("values")?);
+        let code = index_json.require("componentType")?;
         let index_type = Component::from_code(code.whole()?)
             .filter(|c| matches!(c, Component::U8 | Component::U16 | Component::U32))
             .ok_or_else(|| code.error("indices must be unsigned integers"))?;
         let values = self.elements(&values, count, size, component)?;
-        let Some(indices) = self.elements(&places, count, index_type.size(), index_type)? else { return Ok(None) };
+        let Some(indices) = self.elements(&index_json, count, index_type.size(), index_type)? else { return Ok(None) };
         self.replaced.set(self.replaced.get() + count);
         if self.replaced.get() > MAX_CORNERS {
             return Err(json.error(format!("the accessors replace more than {MAX_CORNERS} elements")));
         }
         let at = |i: usize| index_type.unsigned(indices.get(i));
         if let Some(i) = (1..count).find(|&i| at(i) <= at(i - 1)) {
-            return Err(places.error(format!("index {i} does not increase")));
+            return Err(index_json.error(format!("index {i} does not increase")));
         }
         if at(count - 1) as usize >= total {
-            return Err(places.error(format!("index {} of {total} elements does not exist", at(count - 1))));
+            return Err(index_json.error(format!("index {} of {total} elements does not exist", at(count - 1))));
         }
         Ok(values.map(|values| Sparse { count, indices, index_type, values }))
     }

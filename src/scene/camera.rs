@@ -1,13 +1,49 @@
-//! Cameras: those of the file, and one that frames a scene without any.
+//! Cameras, and their import.
 
 use glam::{DAffine3, Vec3};
 
 use super::json::Json;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{Camera, NO_LIGHT, Normalisation, Projection, Scene};
 use crate::Result;
 
-/// A camera, as the file states it.
+/// A camera. It looks along the -z axis of its own frame, with +y up (glTF 3.10).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// The node's or camera's name, or `camera N`.
+    pub name: String,
+    /// Position.
+    pub position: Vec3,
+    /// Unit axes: right (+x), up (+y), backward (+z).
+    pub axes: [Vec3; 3],
+    /// Projection.
+    pub projection: Projection,
+    /// Distance of the near plane.
+    pub near: f32,
+    /// Distance of the far plane. Infinite if the file has none.
+    pub far: f32,
+}
+
+/// Projection of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// Perspective.
+    Perspective {
+        /// Vertical field of view in radians.
+        yfov: f32,
+        /// Width over height, if the file states it.
+        aspect: Option<f32>,
+    },
+    /// Orthographic.
+    Orthographic {
+        /// Half the width of the view.
+        xmag: f32,
+        /// Half the height of the view.
+        ymag: f32,
+    },
+}
+
+/// A camera of the file, before a node places it.
 pub(super) struct CameraKind {
     name: Option<String>,
     projection: Projection,
@@ -44,7 +80,7 @@ fn camera(json: &Json) -> Result<CameraKind> {
         ("orthographic", None, Some(o)) => {
             let size = |key: &str| -> Result<f32> {
                 let number = o.require(key)?;
-                // A negative one mirrors the view, which glTF advises against; its size is what counts.
+                // glTF advises against negative values, which mirror the view. The sign is ignored.
                 match number.number()?.abs() as f32 {
                     x if x.is_normal() => Ok(x),
                     x => Err(number.error(format!("{x} is out of range"))),
@@ -60,15 +96,15 @@ fn camera(json: &Json) -> Result<CameraKind> {
         _ => return Err(json.error(format!("unknown type `{kind}`"))),
     };
     if far <= near {
-        let place = perspective.or(orthographic).unwrap_or_else(|| json.clone());
-        return Err(place.error(format!("zfar {far} must be greater than znear {near}")));
+        let properties = perspective.or(orthographic).unwrap_or_else(|| json.clone());
+        return Err(properties.error(format!("zfar {far} must be greater than znear {near}")));
     }
     Ok(CameraKind { name: json.name()?, projection, near, far })
 }
 
 impl CameraKind {
-    /// The camera as `node` places it; the node's scale is ignored. None, and a note, where that
-    /// leaves it no orientation.
+    /// The camera in normalised space with the transform of `node`, whose scale is ignored. Returns None and adds a
+    /// note if the node's scale of zero leaves the camera without an orientation.
     pub fn place(
         &self,
         node: &Json,
@@ -96,42 +132,10 @@ impl CameraKind {
             Some([up.cross(backward), up, backward].map(|axis| axis.as_vec3()))
         });
         let Some(axes) = axes else {
-            notes.push(format!("camera `{name}` has no orientation, its node is scaled to nothing: it is left out"));
+            notes.push(format!("camera `{name}` is left out: its node has a scale of zero, so it has no orientation"));
             return Ok(None);
         };
         let (near, far) = ((self.near * scale) as f32, (self.far * scale) as f32);
         Ok(Some(Camera { name, position, axes, projection, near, far }))
-    }
-}
-
-/// Vertical field of view of [`Scene::frame_camera`] in degrees: that of a 50 mm lens on a camera
-/// for 36 mm film.
-const FRAME_YFOV_DEGREES: f32 = 40.0;
-
-impl Scene {
-    /// A perspective camera before the scene and a little above it, whose view holds all of what
-    /// emits no light (all of the scene where everything does), for images that are no taller
-    /// than wide.
-    pub fn frame_camera(&self) -> Camera {
-        let lit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
-        let [lower, upper] = self
-            .bounds_of(lit)
-            .or_else(|| self.bounds())
-            // An empty scene is as good as any: unit size.
-            .unwrap_or([Vec3::splat(-1.0), Vec3::ONE]);
-        let centre = 0.5 * (lower + upper);
-        let radius = 0.5 * (upper - lower).length();
-        let yfov = FRAME_YFOV_DEGREES.to_radians();
-        let distance = radius / (0.5 * yfov).sin();
-        let backward = Vec3::new(0.0, 0.35, 1.0).normalize();
-        let up = (Vec3::Y - backward * backward.y).normalize();
-        Camera {
-            name: "framed".into(),
-            position: centre + distance * backward,
-            axes: [up.cross(backward), up, backward],
-            projection: Projection::Perspective { yfov, aspect: None },
-            near: 0.01 * radius,
-            far: f32::INFINITY,
-        }
     }
 }

@@ -1,4 +1,4 @@
-//! The bytes of a glTF file: the JSON and binary chunks of .glb, and what URIs name.
+//! The bytes of a glTF scene: the JSON and binary chunks of a .glb, and the resources that URIs refer to.
 
 use std::collections::HashMap;
 use std::ops::Deref;
@@ -12,11 +12,11 @@ use super::json::Json;
 use crate::input::read_file;
 use crate::{Error, Result};
 
-/// Bytes of the file itself, or of what it names.
+/// Bytes of the file itself or of a resource.
 pub(super) enum Bytes<'a> {
-    /// Of the file.
+    /// Bytes of the file.
     Borrowed(&'a [u8]),
-    /// Of a data URI or of another file, which several may name.
+    /// Bytes of a data URI or of another file, to which several URIs may refer.
     Shared(Arc<Vec<u8>>),
 }
 
@@ -31,7 +31,7 @@ impl Deref for Bytes<'_> {
     }
 }
 
-/// The JSON text and the binary chunk of a .glb or .gltf, told apart by their first bytes.
+/// The JSON text and the binary chunk of a .glb or .gltf. The first bytes tell the two formats apart.
 pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Option<&'a [u8]>)> {
     if bytes.is_empty() {
         return Err(Error::input(file, "file", "is empty"));
@@ -39,7 +39,7 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
     if !bytes.starts_with(b"glTF") {
         let is_glb = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb"));
         return if is_glb {
-            Err(Error::input(file, "byte 0", "not a .glb: its magic is missing"))
+            Err(Error::input(file, "byte 0", "not a .glb: the magic number is missing"))
         } else {
             Ok((bytes, None))
         };
@@ -56,7 +56,10 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
     }
     let length = word(8, "header")? as usize;
     if length > bytes.len() {
-        return Err(at(8, format!("{length} bytes declared, the file is truncated to {}", bytes.len())));
+        return Err(at(
+            8,
+            format!("the file is truncated: {length} bytes are declared, but there are {}", bytes.len()),
+        ));
     }
     const JSON: u32 = u32::from_le_bytes(*b"JSON");
     const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
@@ -75,7 +78,7 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
             _ if json.is_none() => return Err(at(offset, "the first chunk is not JSON".into())),
             BIN if bin.is_none() => bin = Some(chunk),
             BIN => return Err(at(offset, "second binary chunk".into())),
-            // Chunks of other kinds are for extensions: glTF 4.4.3 has them ignored.
+            // Other chunks belong to extensions. glTF 4.4.3 requires that they are ignored.
             _ => {}
         }
         offset = start + size;
@@ -84,14 +87,14 @@ pub(super) fn chunks<'a>(bytes: &'a [u8], file: &Path) -> Result<(&'a [u8], Opti
     Ok((json, bin))
 }
 
-/// What URIs name, each file read once: a thousand buffers may name the same one.
+/// Resources that URIs refer to. Each file is read once, because a thousand buffers may refer to the same one.
 #[derive(Default)]
 pub(super) struct Resources {
     files: HashMap<PathBuf, Arc<Vec<u8>>>,
 }
 
 impl Resources {
-    /// The bytes that a `uri` property stands for: a data URI, or a file below the scene's folder.
+    /// The bytes that a `uri` property refers to: a data URI, or a file below the scene's folder.
     pub fn resolve(&mut self, uri: &Json) -> Result<Bytes<'static>> {
         let text = uri.string()?;
         if let Some(data) = text.strip_prefix("data:") {
@@ -109,7 +112,7 @@ impl Resources {
     }
 }
 
-/// RFC 2397, without the leading `data:`.
+/// Decodes a data URI (RFC 2397) without its leading `data:`.
 fn decode_data(data: &str) -> std::result::Result<Vec<u8>, &'static str> {
     let (header, payload) = data.split_once(',').ok_or("data URI without a comma")?;
     let (header, is_base64) = match header.strip_suffix(";base64") {
@@ -126,7 +129,7 @@ fn decode_data(data: &str) -> std::result::Result<Vec<u8>, &'static str> {
     }
 }
 
-/// Base64 as files in the wild have it: padding may be left out, and the bits behind the last byte are anything.
+/// Base64 as found in real files: padding is optional, and the bits after the last byte are ignored.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &base64::alphabet::STANDARD,
     GeneralPurposeConfig::new()
@@ -134,7 +137,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// RFC 3986 section 2.1.
+/// Decodes percent-encoding (RFC 3986, section 2.1).
 fn percent_decode(text: &str) -> Option<Vec<u8>> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.bytes();
@@ -149,9 +152,9 @@ fn percent_decode(text: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// A relative path that stays below the scene's folder.
+/// Checks that `uri` is a relative path that stays below the scene's folder.
 fn local_path(uri: &str) -> std::result::Result<PathBuf, String> {
-    // RFC 3986 section 3.1: a colon before the first slash ends a scheme.
+    // A colon before the first slash ends a scheme (RFC 3986, section 3.1).
     if uri.split('/').next().is_some_and(|first| first.contains(':')) {
         return Err("only data URIs and relative paths are supported".into());
     }

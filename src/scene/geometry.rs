@@ -1,4 +1,4 @@
-//! Triangles in world space (f64), and their way into normalised space.
+//! Triangles in world space, in f64, and their transform to normalised space.
 
 use std::collections::HashMap;
 use std::iter::Peekable;
@@ -7,73 +7,69 @@ use std::ops::Range;
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::light::{self, Emission};
+use super::description::Scene;
+use super::light::{self, Emission, EmitterTriangle, Light, LightKind};
+use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::material::Material;
 use super::mesh::Primitive;
 use super::node::Node;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Normalisation, Scene, Triangle, Vertex};
+use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
 
-/// Most corners of triangles that a scene may have, instances counted each: indices to them, times
-/// three, stay within u32.
-pub(super) const MAX_CORNERS: usize = 3 << 25;
-
-/// Most vertices that a scene may have, instances counted each: while they are placed each takes up to 270 bytes.
-pub(super) const MAX_VERTICES: usize = 1 << 25;
-
-/// Objects that are no wider than this, over the scene's radius, are told of: three times the gap that rays skip where they
-/// leave a surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
+/// Width of an object over the radius of the scene below which a note is added: three times the gap that rays skip at a
+/// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
-/// Refuses a scene that is too large before any of it is placed. A small file may place a mesh many times.
+/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times.
 pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive])>) -> Result<()> {
     let (mut corners, mut vertices) = (0, 0);
     for (node, primitives) in placed {
         corners += primitives.iter().map(|primitive| 3 * primitive.triangles.len()).sum::<usize>();
         vertices += primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
         if corners > MAX_CORNERS || vertices > MAX_VERTICES {
-            let most = MAX_CORNERS / 3;
-            return Err(node
-                .json
-                .error(format!("the scene has more than {most} triangles or {MAX_VERTICES} vertices")));
+            let max_triangles = MAX_CORNERS / 3;
+            let problem = format!("the scene has more than {max_triangles} triangles or {MAX_VERTICES} vertices");
+            return Err(node.json.error(problem));
         }
     }
     Ok(())
 }
 
-/// The triangles of one node and one emissive material.
+/// A mesh light: the triangles of one node with the same emissive material.
 struct MeshLight {
     node: usize,
     material: u32,
 }
 
-/// Mesh lights with the triangles that are left of them, in the order of their nodes.
+/// A mesh light with its emitter triangles in the scene.
 pub(super) struct PlacedMeshLight {
     node: usize,
     material: u32,
     emitters: Vec<EmitterTriangle>,
 }
 
-/// World-space triangles. [`Triangle::light`] indexes the mesh lights here.
+/// World-space triangles. [`Triangle::light`] is an index into `mesh_lights`.
 #[derive(Default)]
 pub(super) struct Geometry {
     world: Vec<DVec3>,
-    /// Everything but the position.
+    /// The vertices without their positions.
     vertices: Vec<Vertex>,
     triangles: Vec<Triangle>,
     mesh_lights: Vec<MeshLight>,
-    /// Vertices of each node that emits nothing.
+    /// The vertices of each node without a light.
     objects: Vec<Range<usize>>,
-    /// Corners of the boxes of procedural objects.
+    /// Corners of the bounding boxes of procedural objects.
     pub procedural_corners: Vec<DVec3>,
-    /// Mean radiance by triangle.
+    /// Mean emitted radiance of each triangle.
     radiance: Vec<Vec3>,
     default_material: Option<u32>,
     degenerate: usize,
 }
 
 impl Geometry {
-    /// Adds the primitives of a node's mesh. A material is added for those that name none.
+    /// Adds the primitives of a node's mesh. Primitives without a material get a default one.
     pub fn add(
         &mut self,
         index: usize,
@@ -143,7 +139,7 @@ impl Geometry {
         Ok(())
     }
 
-    /// Finds what each triangle of a mesh light emits.
+    /// Computes the emitted radiance of each triangle.
     pub fn find_emitters(&mut self, scene: &Scene) {
         if self.mesh_lights.is_empty() {
             self.radiance = vec![Vec3::ZERO; self.triangles.len()];
@@ -157,12 +153,12 @@ impl Geometry {
         self.radiance = self.triangles.par_iter().map(mean).collect();
     }
 
-    /// Some triangle emits.
+    /// Whether any triangle emits light.
     pub fn emits(&self) -> bool {
         self.radiance.iter().any(|radiance| *radiance != Vec3::ZERO)
     }
 
-    /// Adds the default light, as of a node `node`; false where there is nothing to light.
+    /// Adds the default light as a part of node `node`. Returns false if the scene is empty.
     pub fn add_default_light(&mut self, node: usize, materials: &mut Vec<Material>) -> bool {
         let Some((centre, radius)) = self.bounding_sphere() else { return false };
         let (corners, material) = light::default_light(centre, radius);
@@ -181,7 +177,7 @@ impl Geometry {
         true
     }
 
-    /// Centre of the bounding box of all triangles and procedural objects, and the distance from it to their farthest corner.
+    /// The bounding sphere: the centre of the bounding box, and the distance from it to the farthest corner.
     fn bounding_sphere(&self) -> Option<(DVec3, f64)> {
         let corners = || {
             let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.world[v as usize]);
@@ -189,20 +185,20 @@ impl Geometry {
         };
         let lower = corners().reduce(DVec3::min)?;
         let upper = corners().reduce(DVec3::max)?;
-        // Halves are added, as the sum might overflow.
+        // The sum of the corners could overflow, so their halves are added.
         let centre = 0.5 * lower + 0.5 * upper;
         let extent = (upper - centre).max(centre - lower).max_element();
-        // Divided first: squares of 1e200 overflow.
+        // Divided first, because the square of 1e200 overflows.
         let radius = corners().map(|p| ((p - centre) / extent).length_squared()).fold(0.0, f64::max).sqrt() * extent;
         Some((centre, radius))
     }
 
-    /// How normalised space lies.
+    /// The map to normalised space.
     pub fn normalisation(&self) -> Normalisation {
         let Some((centre, radius)) = self.bounding_sphere() else { return Normalisation::default() };
-        // 2^-1000 to 2^1000 leaves room for the scale's square to mean something; nothing real is near it.
+        // The square of the scale must be finite and not zero. No real scene is near these limits.
         let mut exponent = (-radius.log2().ceil()).clamp(-1000.0, 1000.0) as i32;
-        // The logarithm is rounded: at a power of two it may be off by one.
+        // The logarithm is rounded, so the exponent may be off by one near powers of two.
         if radius * 2f64.powi(exponent) > 1.0 {
             exponent -= 1;
         } else if radius * 2f64.powi(exponent) <= 0.5 {
@@ -211,8 +207,8 @@ impl Geometry {
         Normalisation { centre, exponent }
     }
 
-    /// Moves everything into `scene`, by its normalisation: vertices that triangles use, triangles
-    /// that have an area in f32 too.
+    /// Moves the triangles that have an area in f32, and the vertices that they use, to `scene` in its normalised
+    /// space. Returns the mesh lights in the order of their nodes.
     pub fn finish(self, scene: &mut Scene, notes: &mut Notes) -> Vec<PlacedMeshLight> {
         let (mut degenerate, mut rounded_off) = (self.degenerate, 0);
         let normalisation = scene.normalisation;
@@ -222,27 +218,27 @@ impl Geometry {
             .iter()
             .map(|light| PlacedMeshLight { node: light.node, material: light.material, emitters: Vec::new() })
             .collect();
-        let mut place = vec![u32::MAX; positions.len()];
+        let mut new_index = vec![u32::MAX; positions.len()];
         scene.triangles.reserve(self.triangles.len());
-        for (triangle, radiance) in self.triangles.iter().zip(self.radiance) {
+        for (triangle, radiance) in self.triangles.iter().zip(&self.radiance) {
             let corners = triangle.vertices.map(|v| positions[v as usize]);
             if !has_area(corners) {
-                // In the file's own coordinates the corners are apart, and it has an area.
+                // Corners that only coincide in f32 mean that the triangle has an area in the file's coordinates.
                 let [a, b, c] = corners;
                 let coincide = a == b || b == c || c == a;
                 *if coincide { &mut rounded_off } else { &mut degenerate } += 1;
                 continue;
             }
             let vertices = triangle.vertices.map(|v| {
-                let place = &mut place[v as usize];
-                if *place == u32::MAX {
-                    *place = scene.vertices.len() as u32;
+                let index = &mut new_index[v as usize];
+                if *index == u32::MAX {
+                    *index = scene.vertices.len() as u32;
                     scene.vertices.push(Vertex { position: positions[v as usize], ..self.vertices[v as usize] });
                 }
-                *place
+                *index
             });
-            if radiance != Vec3::ZERO {
-                let emitter = EmitterTriangle { triangle: scene.triangles.len() as u32, radiance };
+            if *radiance != Vec3::ZERO {
+                let emitter = EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: *radiance };
                 lights[triangle.light as usize].emitters.push(emitter);
             }
             scene.triangles.push(Triangle { vertices, light: NO_LIGHT, ..*triangle });
@@ -252,32 +248,38 @@ impl Geometry {
         }
         if rounded_off > 0 {
             notes.push(format!(
-                "{rounded_off} triangles are below 6e-8 of the scene's size, too small for it in single precision, and left out: \
-                 leave out what is far away instead"
+                "{rounded_off} triangles are below 6e-8 of the scene's size and are left out, because single precision \
+                 cannot represent them: remove distant objects from the scene instead"
             ));
         }
+        self.note_small_objects(normalisation.scale(), notes);
+        lights
+    }
+
+    /// Adds a note on objects that are so small for their scene that rays skip a part of them.
+    fn note_small_objects(&self, scale: f64, notes: &mut Notes) {
         let small = self.objects.iter().filter(|vertices| {
             let corners = &self.world[(*vertices).clone()];
             let [lower, upper] =
                 corners.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[lower, upper], corner| {
                     [lower.min(*corner), upper.max(*corner)]
                 });
-            let width = (upper - lower).length() * normalisation.scale();
+            let width = (upper - lower).length() * scale;
             width > 0.0 && width < SMALL_OBJECT
         });
         let small = small.count();
         if small > 0 {
             notes.push(format!(
-                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: rays skip gaps of 3e-5 of it, so that \
-                 what they shade is not right; leave out what is far away, or render them by themselves"
+                "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: their shading is wrong, \
+                 because rays skip gaps of 3e-5 of that size; remove distant objects from the scene, or render these \
+                 alone"
             ));
         }
-        lights
     }
 }
 
 impl Scene {
-    /// Takes over the mesh lights of `node`, which come next; those without emitters are none.
+    /// Adds the mesh lights of `node`, which must come next in `lights`. Lights without emitters are dropped.
     pub(super) fn adopt_mesh_lights(
         &mut self,
         lights: &mut Peekable<impl Iterator<Item = PlacedMeshLight>>,
@@ -299,20 +301,19 @@ impl Scene {
     }
 }
 
-/// The triangle's normal, computed as kernels do in f32, is one: neither zero nor so small that its
-/// square vanishes.
+/// Whether the normal of the triangle, computed in f32 as in the kernels, has a length whose square does not underflow.
 fn has_area([a, b, c]: [Vec3; 3]) -> bool {
     (b - a).cross(c - a).length_squared() >= f32::MIN_POSITIVE
 }
 
-/// Cofactor matrix: the determinant times the inverse transpose, and defined without an inverse.
+/// The cofactor matrix, which is the determinant times the inverse transpose. It exists even if the inverse does not.
 fn cofactor(m: &DMat3) -> DMat3 {
     DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis))
 }
 
-/// The unit vector along `v`; zero where there is none.
+/// The unit vector along `v`, or zero if `v` has no direction.
 fn unit(v: DVec3) -> Vec3 {
     let largest = v.abs().max_element();
-    // Divided first: the squares of a matrix with large or small scales could overflow or vanish.
+    // Divided first, because the squares of large or small scales could overflow or underflow.
     (v / largest).try_normalize().map_or(Vec3::ZERO, |v| v.as_vec3())
 }

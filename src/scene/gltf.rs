@@ -1,28 +1,26 @@
-//! glTF import: a file in, a normalised [`Scene`] out, or an error that names the place.
+//! glTF import: reads a file into a normalised [`Scene`].
 //!
-//! The JSON is read as it is, not through a typed model: node transforms keep their f64 digits,
-//! every error has a JSON pointer, and a number is checked where it is used.
+//! Import works on the JSON document itself, not on a typed model of it. Node transforms keep their f64 digits, every
+//! error has a JSON pointer, and every number is checked where it is used.
 
 use std::path::Path;
 
+use super::camera::CameraKind;
 use super::container::Resources;
-use super::geometry::Geometry;
+use super::description::Scene;
+use super::geometry::{Geometry, PlacedMeshLight};
+use super::import_options::ImportOptions;
 use super::json::{self, Json};
+use super::light::Punctual;
+use super::material::Material;
+use super::mesh::Primitive;
+use super::node::Node;
 use super::notes::Notes;
-use super::{Scene, accessor, camera, container, geometry, light, material, mesh, node, procedural, texture};
+use super::{accessor, camera, container, geometry, images, light, material, mesh, node, procedural};
 use crate::input::read_file;
 use crate::{Error, Result};
 
-/// What import does where a file leaves it a choice.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ImportOptions {
-    /// Add a soft light above the scene if the file has no light.
-    pub default_light: bool,
-    /// Drop a primitive with NaN or infinite numbers instead of refusing the file.
-    pub lenient: bool,
-}
-
-/// Extensions that are rendered.
+/// Supported extensions.
 const SUPPORTED: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
@@ -40,18 +38,20 @@ const SUPPORTED: [&str; 13] = [
 ];
 
 impl Scene {
-    /// Reads and checks a .gltf or .glb file and all that it names, and brings its scene into
-    /// normalised space.
+    /// Reads and checks a .gltf or .glb file and the files that it refers to, and transforms its scene to normalised
+    /// space.
     ///
     /// # Errors
-    /// [`Error::Input`] for a file that is missing, damaged, unsupported or out of range, with the
-    /// JSON pointer (for the .glb container, the byte) at fault.
-    pub fn load(path: &Path, options: &ImportOptions) -> Result<Scene> {
+    /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or
+    /// a byte offset in the .glb container.
+    pub fn load(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Scene> {
+        let path = path.as_ref();
         let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
         Scene::from_bytes(&bytes, path, options)
     }
 
-    /// As [`Scene::load`], of a file that is in memory: `path` names it in errors, and what it refers to lies beside that.
+    /// [`Scene::load`] for a file in memory. `path` names it in errors, and references are relative to the folder of
+    /// `path`.
     ///
     /// # Errors
     /// As [`Scene::load`].
@@ -67,55 +67,93 @@ impl Scene {
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
         let views = accessor::Views::read(&root, &buffers)?;
         let accessors = views.accessors(&root)?;
-        let images = texture::read_images(&root, &views, &mut resources)?;
-        let materials = material::read(&root, &images, &mut notes)?;
+        let encoded = images::read_images(&root, &views, &mut resources)?;
+        let materials = material::read(&root, &encoded, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
         let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
         let nodes = node::visible(&root, &mut notes)?;
         let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
+        let document = Document { nodes, references, meshes, cameras, lights };
 
         let mut scene = Scene {
-            images: texture::decode(&images, &materials.images)?,
+            images: images::decode(&encoded, &materials.images)?,
             textures: materials.textures,
             materials: materials.materials,
             ..Default::default()
         };
-        let mut geometry = Geometry::default();
-        geometry::check_size(nodes.iter().zip(&references).filter_map(|(node, r)| Some((node, &*meshes[r.mesh?]))))?;
-        for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
-            if let Some(mesh) = of_node.mesh {
-                geometry.add(i, node, &meshes[mesh], &mut scene.materials)?;
-            }
-        }
-        let procedurals = procedural::read(&nodes, &mut resources, &mut scene, &mut notes)?;
+        let mut geometry = document.geometry(&mut scene.materials)?;
+        let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
-        let has_light = geometry.emits() || references.iter().any(|r| r.light.is_some_and(|l| lights[l].is_some()));
-        if options.default_light && !has_light && geometry.add_default_light(nodes.len(), &mut scene.materials) {
+        let has_light = geometry.emits() || document.has_punctual_light();
+        let default_light = options.default_light && !has_light;
+        if default_light && geometry.add_default_light(document.nodes.len(), &mut scene.materials) {
             notes.push("no light in the file: a soft one is added above the scene");
         }
         scene.normalisation = geometry.normalisation();
         procedural::place(procedurals, &mut scene)?;
-        let mut mesh_lights = geometry.finish(&mut scene, &mut notes).into_iter().peekable();
+        let mesh_lights = geometry.finish(&mut scene, &mut notes);
+        document.place_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
+        note_omissions(&root, &scene, &skipped, &mut notes)?;
+        scene.notes = notes.into_lines();
+        Ok(scene)
+    }
+}
 
-        for (i, (node, of_node)) in nodes.iter().zip(&references).enumerate() {
+/// The checked parts of a document that nodes refer to.
+struct Document<'a> {
+    /// The nodes of the rendered scene.
+    nodes: Vec<Node<'a>>,
+    /// The references of each of these nodes.
+    references: Vec<References>,
+    meshes: Vec<Vec<Primitive>>,
+    cameras: Vec<CameraKind>,
+    /// None for lights of an unknown type.
+    lights: Vec<Option<Punctual>>,
+}
+
+impl Document<'_> {
+    /// The triangles of all nodes in world space. Adds a default material if a primitive needs it.
+    fn geometry(&self, materials: &mut Vec<Material>) -> Result<Geometry> {
+        let meshes = || self.nodes.iter().zip(&self.references).map(|(node, of_node)| (node, of_node.mesh));
+        geometry::check_size(meshes().filter_map(|(node, mesh)| Some((node, &*self.meshes[mesh?]))))?;
+        let mut geometry = Geometry::default();
+        for (i, (node, mesh)) in meshes().enumerate() {
+            if let Some(mesh) = mesh {
+                geometry.add(i, node, &self.meshes[mesh], materials)?;
+            }
+        }
+        Ok(geometry)
+    }
+
+    fn has_punctual_light(&self) -> bool {
+        self.references.iter().any(|of_node| of_node.light.is_some_and(|light| self.lights[light].is_some()))
+    }
+
+    /// Adds lights and cameras to the scene in the order of their nodes.
+    fn place_lights_and_cameras(
+        &self,
+        scene: &mut Scene,
+        mesh_lights: Vec<PlacedMeshLight>,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let mut mesh_lights = mesh_lights.into_iter().peekable();
+        for (i, (node, of_node)) in self.nodes.iter().zip(&self.references).enumerate() {
             scene.adopt_mesh_lights(&mut mesh_lights, i, node.json.name()?);
-            if let Some(light) = of_node.light.and_then(|l| lights[l].as_ref()) {
+            if let Some(light) = of_node.light.and_then(|light| self.lights[light].as_ref()) {
                 let index = scene.lights.len();
-                let light = light.place(&node.json, &node.world, &scene.normalisation, index, &mut notes)?;
+                let light = light.place(&node.json, &node.world, &scene.normalisation, index, notes)?;
                 scene.lights.extend(light);
             }
             if let Some(camera) = of_node.camera {
                 let index = scene.cameras.len();
-                let camera = cameras[camera].place(&node.json, &node.world, &scene.normalisation, index, &mut notes)?;
+                let camera = self.cameras[camera].place(&node.json, &node.world, &scene.normalisation, index, notes)?;
                 scene.cameras.extend(camera);
             }
         }
-        scene.adopt_mesh_lights(&mut mesh_lights, nodes.len(), Some("default light".into()));
-        note_what_is_not_shown(&root, &scene, &skipped, &mut notes)?;
-        scene.notes = notes.into_lines();
-        Ok(scene)
+        scene.adopt_mesh_lights(&mut mesh_lights, self.nodes.len(), Some("default light".into()));
+        Ok(())
     }
 }
 
@@ -139,27 +177,21 @@ fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
     for extension in root.list("extensionsUsed")? {
         let name = extension.string()?;
         if !SUPPORTED.contains(&name) {
-            notes.push(format!("the extension {name} is not supported: what it adds is not shown"));
+            notes.push(format!("the extension {name} is not supported: its content is not rendered"));
         }
     }
     Ok(())
 }
 
-/// What a node refers to.
+/// Indices of what a node refers to.
 struct References {
     mesh: Option<usize>,
     camera: Option<usize>,
     light: Option<usize>,
 }
 
-/// Checks what every node of the file refers to; gives those of the visible ones.
-fn check_nodes(
-    root: &Json,
-    visible: &[node::Node],
-    meshes: usize,
-    cameras: usize,
-    lights: usize,
-) -> Result<Vec<References>> {
+/// Checks the references of every node of the file. Returns those of the `visible` nodes.
+fn check_nodes(root: &Json, visible: &[Node], meshes: usize, cameras: usize, lights: usize) -> Result<Vec<References>> {
     let references = |node: &Json| -> Result<References> {
         let light = match node.extension("KHR_lights_punctual")? {
             Some(extension) => Some(extension.require("light")?.index(lights, "light")?),
@@ -174,13 +206,14 @@ fn check_nodes(
     visible.iter().map(|node| references(&node.json)).collect()
 }
 
-fn note_what_is_not_shown(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
+/// Adds notes on content of the file that is not rendered.
+fn note_omissions(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
         }
     };
-    note(root.list("skins")?.len(), "skins are not applied: their meshes are shown as they are stored");
+    note(root.list("skins")?.len(), "skins are not applied: their meshes are rendered in the pose of the file");
     note(root.list("animations")?.len(), "animations are not played");
     note(skipped.morphed, "primitives have morph targets, which are not applied");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");

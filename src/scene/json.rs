@@ -1,4 +1,4 @@
-//! A place in a glTF document: a JSON value that knows its pointer, so every error can name it.
+//! JSON values that know their JSON pointer, so that every error can state its location in the document.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use serde_json::Value;
 use crate::input::printable;
 use crate::{Error, Result};
 
-/// Most values and members of a document: a million nodes have fewer, and all of them fit in memory, of which each takes
-/// 600 bytes at worst.
+/// Maximum number of values and members of a document. A scene of a million nodes has fewer, and each takes at most 600
+/// bytes of memory.
 const MAX_VALUES: usize = 1 << 23;
 
-/// The document of that text; the problem, where it is none.
+/// Parses a document. The error is one line.
 pub(super) fn parse(text: &[u8]) -> std::result::Result<Value, String> {
     if values(text) > MAX_VALUES {
         return Err(format!("has more than {MAX_VALUES} JSON values"));
@@ -19,7 +19,7 @@ pub(super) fn parse(text: &[u8]) -> std::result::Result<Value, String> {
     serde_json::from_slice(text).map_err(|problem| format!("invalid JSON: {problem}"))
 }
 
-/// At most so many values and members are in a document of that text: each comes after a bracket, a comma or a colon.
+/// An upper bound on the number of values and members of a document: each follows a bracket, a comma or a colon.
 fn values(text: &[u8]) -> usize {
     let (mut count, mut in_string, mut escaped) = (1, false, false);
     for byte in text {
@@ -34,7 +34,7 @@ fn values(text: &[u8]) -> usize {
     count
 }
 
-/// A JSON value and where it stands.
+/// A JSON value, with its pointer and file.
 #[derive(Clone)]
 pub(super) struct Json<'a> {
     value: &'a Value,
@@ -48,15 +48,15 @@ impl<'a> Json<'a> {
         Json { value, pointer: String::new(), file }
     }
 
-    /// The file this is a part of.
+    /// The file of the document.
     pub fn file(&self) -> &'a Path {
         self.file
     }
 
-    /// An [`Error::Input`] at this place.
+    /// An [`Error::Input`] at the location of this value.
     pub fn error(&self, problem: impl std::fmt::Display) -> Error {
-        let place = if self.pointer.is_empty() { "/" } else { &self.pointer };
-        Error::input(self.file, place, problem)
+        let pointer = if self.pointer.is_empty() { "/" } else { &self.pointer };
+        Error::input(self.file, pointer, problem)
     }
 
     fn at(&self, value: &'a Value, key: impl std::fmt::Display) -> Self {
@@ -74,7 +74,7 @@ impl<'a> Json<'a> {
         Ok(members.get(key).map(|value| self.at(value, key.replace('~', "~0").replace('/', "~1"))))
     }
 
-    /// The member `key`, which must be there.
+    /// The member `key`, which must be present.
     pub fn require(&self, key: &str) -> Result<Self> {
         self.get(key)?.ok_or_else(|| self.error(format!("`{key}` is missing")))
     }
@@ -90,32 +90,32 @@ impl<'a> Json<'a> {
         Ok(items.iter().enumerate().map(|(i, value)| self.at(value, i)).collect())
     }
 
-    /// The elements of the array `key`; none where it is absent.
+    /// The elements of the array `key`. Empty if the member is absent.
     pub fn list(&self, key: &str) -> Result<Vec<Self>> {
         self.get(key)?.map_or(Ok(Vec::new()), |list| list.items())
     }
 
-    /// How many elements or members this has; 0 for anything else.
+    /// The number of elements or members of an array or object, 0 for other values.
     pub fn len(&self) -> usize {
         self.value.as_array().map(Vec::len).or_else(|| self.value.as_object().map(|m| m.len())).unwrap_or(0)
     }
 
-    /// A string.
+    /// The value as a string.
     pub fn string(&self) -> Result<&'a str> {
         self.value.as_str().ok_or_else(|| self.mismatch("a string"))
     }
 
-    /// A boolean.
+    /// The value as a boolean.
     pub fn boolean(&self) -> Result<bool> {
         self.value.as_bool().ok_or_else(|| self.mismatch("a boolean"))
     }
 
-    /// A number.
+    /// The value as a number.
     pub fn number(&self) -> Result<f64> {
         self.value.as_f64().ok_or_else(|| self.mismatch("a number"))
     }
 
-    /// A whole number, 0 or more. A float without a fraction counts as one, as in JSON Schema.
+    /// The value as a whole number of at least 0. As in JSON Schema, a float without a fraction is a whole number.
     pub fn whole(&self) -> Result<usize> {
         let from_float =
             || self.value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..9e15).contains(x)).map(|x| x as u64);
@@ -123,13 +123,13 @@ impl<'a> Json<'a> {
         whole.and_then(|x| usize::try_from(x).ok()).ok_or_else(|| self.mismatch("a whole number, 0 or more"))
     }
 
-    /// An index into a list of `count` elements.
+    /// The value as an index into a list of `count` elements. `what` names the element in the error.
     pub fn index(&self, count: usize, what: &str) -> Result<usize> {
         let index = self.whole()?;
         if index < count { Ok(index) } else { Err(self.error(format!("{what} {index} of {count} does not exist"))) }
     }
 
-    /// Exactly `N` numbers.
+    /// The value as an array of exactly `N` numbers.
     pub fn numbers<const N: usize>(&self) -> Result<[f64; N]> {
         let items = self.items()?;
         if items.len() != N {
@@ -142,7 +142,7 @@ impl<'a> Json<'a> {
         Ok(numbers)
     }
 
-    /// The number `key`, or `default`; refused outside `range`.
+    /// The number `key`, or `default` if it is absent. It must be in `range` and finite as an f32.
     pub fn number_in(&self, key: &str, default: f64, range: impl std::ops::RangeBounds<f64>) -> Result<f32> {
         let Some(member) = self.get(key)? else { return Ok(default as f32) };
         let number = member.number()?;
@@ -153,7 +153,7 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// The `N` numbers of `key`, or `default` for each; refused outside `range`.
+    /// The `N` numbers of `key`, or `default` for each if it is absent. Each must be in `range` and finite as an f32.
     pub fn numbers_in<const N: usize>(
         &self,
         key: &str,
@@ -168,7 +168,7 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// The name of this object, if it has one. Things that refer to it may each have a copy, so it is not long.
+    /// The name of this object, if it has one. It is shortened, because many objects may copy it.
     pub fn name(&self) -> Result<Option<String>> {
         self.get("name")?.map(|name| name.string().map(printable)).transpose()
     }

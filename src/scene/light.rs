@@ -1,14 +1,87 @@
 //! Lights: punctual ones, what emissive triangles emit, and the default light.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use super::json::Json;
+use super::material::Material;
+use super::normalisation::Normalisation;
 use super::notes::Notes;
-use super::{Light, LightKind, Material, Normalisation, Texture, TextureImage};
+use super::panorama::Panorama;
+use super::texture::{Texture, TextureImage};
 use crate::Result;
+
+/// A light. The photons of the visibility map refer to it by its index.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Light {
+    /// The node's or light's name, or `light N`.
+    pub name: String,
+    /// Its kind, position and emission.
+    pub kind: LightKind,
+}
+
+/// The kind of a light, with its position and emission.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LightKind {
+    /// A mesh light: the triangles of one node with the same emissive material.
+    Mesh {
+        /// Index into [`Scene::materials`](super::Scene::materials). The material determines whether both faces emit.
+        material: u32,
+        /// The triangles that emit light.
+        emitters: Vec<EmitterTriangle>,
+    },
+    /// KHR_lights_punctual point light.
+    Point {
+        /// Position.
+        position: Vec3,
+        /// Radiant intensity in normalised space: that of the file times the scale squared.
+        intensity: Vec3,
+        /// Range. Infinite if the file has none.
+        range: f32,
+    },
+    /// KHR_lights_punctual spot light.
+    Spot {
+        /// Position.
+        position: Vec3,
+        /// Unit vector along the axis of the cone, away from the light.
+        direction: Vec3,
+        /// As for [`LightKind::Point`].
+        intensity: Vec3,
+        /// Cosine of the inner cone angle; greater than [`cos_outer`](LightKind::Spot::cos_outer).
+        cos_inner: f32,
+        /// Cosine of the outer cone angle.
+        cos_outer: f32,
+        /// As for [`LightKind::Point`].
+        range: f32,
+    },
+    /// KHR_lights_punctual directional light.
+    Directional {
+        /// Unit vector in which the light travels.
+        direction: Vec3,
+        /// Irradiance on a plane perpendicular to the direction.
+        irradiance: Vec3,
+    },
+    /// The environment, infinitely far away; see [`Scene::set_environment`](super::Scene::set_environment).
+    Environment {
+        /// The radiance from each direction. It is shared because it may be large.
+        panorama: Arc<Panorama>,
+        /// Rotation about +Y as a fraction of a full turn, 0 to 1, counter-clockwise as seen from above.
+        turn: f32,
+        /// Factor on the radiance, at least 0.
+        strength: f32,
+    },
+}
+
+/// A triangle of a mesh light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmitterTriangle {
+    /// Index into [`Scene::triangles`](super::Scene::triangles).
+    pub triangle: u32,
+    /// Mean emitted radiance over the triangle, with the emissive texture.
+    pub radiance: Vec3,
+}
 
 /// A light of KHR_lights_punctual, as the file states it.
 pub(super) struct Punctual {
@@ -141,12 +214,12 @@ impl<'a> Emission<'a> {
     /// Mean radiance that a triangle with those texture coordinates at its corners emits.
     pub fn mean(&self, material: usize, uvs: [[Vec2; 2]; 3]) -> Vec3 {
         let material = &self.materials[material];
-        let Some(slot) = material.emissive_texture.filter(|_| material.emissive != Vec3::ZERO) else {
+        let Some(info) = material.emissive_texture.filter(|_| material.emissive != Vec3::ZERO) else {
             return material.emissive;
         };
-        let texture = &self.textures[slot.texture as usize];
+        let texture = &self.textures[info.texture as usize];
         let image = &self.images[texture.image as usize];
-        let uvs = uvs.map(|sets| slot.matrix * sets[slot.uv_set as usize] + slot.offset);
+        let uvs = uvs.map(|sets| info.matrix * sets[info.uv_set as usize] + info.offset);
         let mut sum = Vec3::ZERO;
         for i in 0..STRATA * STRATA {
             let at = |k: usize| (k as f32 + 0.5) / STRATA as f32;
@@ -222,7 +295,7 @@ pub(super) fn default_light(centre: DVec3, radius: f64) -> ([DVec3; 4], Material
         name: "default light".into(),
         base_colour: glam::Vec4::new(0.0, 0.0, 0.0, 1.0),
         metallic: 0.0,
-        specular: 0.0,
+        specular: super::Specular::with_factor(0.0),
         emissive: Vec3::splat((1.0 / form_factor) as f32),
         ..Default::default()
     };

@@ -1,14 +1,94 @@
-//! Materials, and the textures they use.
+//! Materials: their parameters, the textures they use, and how kernels find them. Each lobe is a file of its own.
+
+mod anisotropy;
+mod clearcoat;
+mod lobe;
+pub(crate) mod sheen;
+mod specular;
+mod transmission;
+mod volume;
 
 use std::collections::HashMap;
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
+use super::images::{self, Encoded};
 use super::json::Json;
 use super::notes::Notes;
-use super::texture::{self, Encoded};
-use super::{AlphaMode, ColourSpace, Material, Texture, TextureSlot, Volume};
+use super::texture::{ColourSpace, Texture, TextureInfo};
 use crate::Result;
+
+use lobe::{Layout, Lobe, ReadTexture, Surroundings};
+
+pub use anisotropy::Anisotropy;
+pub use clearcoat::Clearcoat;
+pub use sheen::Sheen;
+pub use specular::Specular;
+pub use transmission::Transmission;
+pub use volume::Volume;
+
+/// How the alpha of the base colour is used (glTF 3.9.4).
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// A texel with alpha below the cutoff is a hole.
+    Mask {
+        /// The cutoff.
+        cutoff: f32,
+    },
+    /// Alpha is the probability that a ray is stopped (stochastic transparency).
+    Blend,
+}
+
+/// glTF metallic-roughness material with the extensions that Penumbra renders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Name in the file, or `material N`.
+    pub name: String,
+    /// Linear RGBA factor.
+    pub base_colour: Vec4,
+    /// Metallic factor, 0 to 1.
+    pub metallic: f32,
+    /// Roughness factor, 0 to 1; GGX alpha is its square.
+    pub roughness: f32,
+    /// Emitted radiance: emissive factor times KHR_materials_emissive_strength; zero where [`Material::unlit`].
+    pub emissive: Vec3,
+    /// KHR_materials_ior; 1.5 where absent. 0 stands for an infinite index, which reflects all light.
+    pub ior: f32,
+    /// Scale of the normal texture's x and y.
+    pub normal_scale: f32,
+    /// Alpha mode.
+    pub alpha: AlphaMode,
+    /// Both faces are shaded, emit and store photons.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
+    pub unlit: bool,
+    /// Base colour (sRGB) and alpha.
+    pub base_colour_texture: Option<TextureInfo>,
+    /// Roughness in G, metallic in B.
+    pub metallic_roughness_texture: Option<TextureInfo>,
+    /// Tangent-space normal.
+    pub normal_texture: Option<TextureInfo>,
+    /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
+    /// itself, so, as in Cycles, it does not darken the image.
+    pub occlusion_texture: Option<TextureInfo>,
+    /// Emission (sRGB).
+    pub emissive_texture: Option<TextureInfo>,
+    /// The specular lobe.
+    pub specular: Specular,
+    /// The part that lets light pass.
+    pub transmission: Transmission,
+    /// What lies behind the surface, where the file's thickness is not 0: the surface bends light. None: a thin wall.
+    pub volume: Option<Volume>,
+    /// The clear coat.
+    pub clearcoat: Clearcoat,
+    /// Reflections spread along a tangent.
+    pub anisotropy: Anisotropy,
+    /// The sheen of fibres.
+    pub sheen: Sheen,
+}
 
 impl Default for Material {
     /// The material of a primitive that names none (glTF 3.7.2.1).
@@ -20,17 +100,6 @@ impl Default for Material {
             roughness: 1.0,
             emissive: Vec3::ZERO,
             ior: 1.5,
-            specular: 1.0,
-            specular_colour: Vec3::ONE,
-            transmission: 0.0,
-            volume: None,
-            clearcoat: 0.0,
-            clearcoat_roughness: 0.0,
-            clearcoat_normal_scale: 1.0,
-            anisotropy: 0.0,
-            anisotropy_rotation: 0.0,
-            sheen_colour: Vec3::ZERO,
-            sheen_roughness: 0.0,
             normal_scale: 1.0,
             alpha: AlphaMode::Opaque,
             double_sided: false,
@@ -40,58 +109,186 @@ impl Default for Material {
             normal_texture: None,
             occlusion_texture: None,
             emissive_texture: None,
-            specular_texture: None,
-            specular_colour_texture: None,
-            transmission_texture: None,
-            clearcoat_texture: None,
-            clearcoat_roughness_texture: None,
-            clearcoat_normal_texture: None,
-            anisotropy_texture: None,
-            sheen_colour_texture: None,
-            sheen_roughness_texture: None,
+            specular: Default::default(),
+            transmission: Default::default(),
+            volume: Default::default(),
+            clearcoat: Default::default(),
+            anisotropy: Default::default(),
+            sheen: Default::default(),
         }
     }
 }
 
-/// The one list of the textures that are seen in an image, of the material before the dot.
-macro_rules! shown_slots {
-    ($($material:tt)+) => {
-        [
-            $($material)+.base_colour_texture,
-            $($material)+.metallic_roughness_texture,
-            $($material)+.normal_texture,
-            $($material)+.emissive_texture,
-            $($material)+.specular_texture,
-            $($material)+.specular_colour_texture,
-            $($material)+.transmission_texture,
-            $($material)+.clearcoat_texture,
-            $($material)+.clearcoat_roughness_texture,
-            $($material)+.clearcoat_normal_texture,
-            $($material)+.anisotropy_texture,
-            $($material)+.sheen_colour_texture,
-            $($material)+.sheen_roughness_texture,
-        ]
+/// What has to be done for every lobe.
+macro_rules! lobes {
+    ($($lobe:ident: $type:ty),* $(,)?) => {
+        /// Layouts of all lobes, in the order of their texels and textures.
+        const LAYOUTS: &[Layout] = &[$(<$type as Lobe>::LAYOUT),*];
+
+        impl Material {
+            fn read_lobes(&mut self, json: &Json, textures: &mut dyn ReadTexture) -> Result<()> {
+                $(self.$lobe = Lobe::read(json, textures)?;)*
+                Ok(())
+            }
+
+            fn lobe_textures(&self) -> impl Iterator<Item = &Option<TextureInfo>> {
+                std::iter::empty()$(.chain(self.$lobe.textures()))*
+            }
+
+            fn lobe_texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
+                let mut texels = Vec::new();
+                $(texels.extend(self.$lobe.texels(surroundings));)*
+                texels
+            }
+
+            fn lobes_without_textures(self) -> Material {
+                Material { $($lobe: self.$lobe.without_textures(),)* ..self }
+            }
+        }
     };
+}
+
+lobes! {
+    specular: Specular,
+    transmission: Transmission,
+    volume: Option<Volume>,
+    clearcoat: Clearcoat,
+    anisotropy: Anisotropy,
+    sheen: Sheen,
 }
 
 impl Material {
     /// The textures it uses.
-    pub fn slots(&self) -> impl Iterator<Item = &TextureSlot> {
-        self.shown_slots().chain(&self.occlusion_texture)
+    pub fn texture_infos(&self) -> impl Iterator<Item = &TextureInfo> {
+        self.visible_textures().chain(&self.occlusion_texture)
     }
 
-    /// The textures that are seen in an image: all but occlusion.
-    pub fn shown_slots(&self) -> impl Iterator<Item = &TextureSlot> {
-        shown_slots!(&self).into_iter().flatten()
+    /// The textures that change an image: all but occlusion.
+    pub fn visible_textures(&self) -> impl Iterator<Item = &TextureInfo> {
+        self.texture_uses().flatten()
+    }
+
+    /// The texture that it has or could have for each use, in the order of the kernels' constants.
+    pub(crate) fn texture_uses(&self) -> impl Iterator<Item = &Option<TextureInfo>> {
+        let base =
+            [&self.base_colour_texture, &self.metallic_roughness_texture, &self.normal_texture, &self.emissive_texture];
+        base.into_iter().chain(self.lobe_textures())
     }
 
     /// The same material without any texture.
-    pub(super) fn without_textures(mut self) -> Material {
-        for slot in shown_slots!(&mut self) {
-            *slot = None;
+    pub(super) fn without_textures(self) -> Material {
+        Material {
+            base_colour_texture: None,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            occlusion_texture: None,
+            emissive_texture: None,
+            ..self.lobes_without_textures()
         }
-        Material { occlusion_texture: None, ..self }
     }
+
+    /// Reflects only as a Lambertian: no metal, no dielectric layer and no other lobe.
+    pub(crate) fn is_lambertian(&self) -> bool {
+        let bare = self.metallic == 0.0 && self.specular.factor == 0.0;
+        let covered = self.clearcoat.is_present() || self.sheen.is_present();
+        self.unlit || (bare && !self.transmission.is_present() && !covered)
+    }
+
+    /// Reflects nothing and lets nothing pass.
+    pub(crate) fn is_black(&self) -> bool {
+        self.unlit || (self.is_lambertian() && self.base_colour.truncate() == Vec3::ZERO)
+    }
+
+    /// Its texels in the table of materials, [`MATERIAL_TEXELS`] of them. `infos` are the numbers of its texture infos,
+    /// counted from 1, in the order of [`Material::texture_uses`]; 0 for none. `scale` is the factor from world lengths
+    /// to normalised ones.
+    pub(crate) fn texels(&self, scale: f64, infos: &[u32]) -> Vec<[u32; 4]> {
+        let (alpha, cutoff) = match self.alpha {
+            AlphaMode::Opaque => (0, 0.0),
+            AlphaMode::Mask { cutoff } => (MASK, cutoff),
+            AlphaMode::Blend => (BLEND, 0.0),
+        };
+        let flag = |flag: u32, on: bool| if on { flag } else { 0 };
+        let flags = alpha | flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
+        // Reflectance at normal incidence, KHR_materials_ior.
+        let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+        let base = [
+            self.base_colour.to_array(),
+            self.emissive.extend(self.metallic).to_array(),
+            [self.roughness, f0, self.normal_scale, cutoff],
+        ];
+        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior });
+        let textures = infos.iter().enumerate().fold(0, |mask, (i, info)| mask | u32::from(*info != 0) << i);
+        let mut words = vec![flags | textures << FLAG_BITS];
+        words.extend(infos);
+        words.resize(words.len().next_multiple_of(4), 0);
+        let texels = base.into_iter().chain(lobes).map(|texel| texel.map(f32::to_bits));
+        texels.chain(words.chunks_exact(4).map(|four| [four[0], four[1], four[2], four[3]])).collect()
+    }
+}
+
+/// Bits of a material's flags.
+const DOUBLE_SIDED: u32 = 1;
+const UNLIT: u32 = 2;
+const MASK: u32 = 4;
+const BLEND: u32 = 8;
+/// Number of those bits. Above them lies a bit for each texture.
+const FLAG_BITS: u32 = 4;
+
+/// Uses of textures that every material may have, in the order of [`Material::texture_uses`].
+const BASE_TEXTURES: [&str; 4] =
+    ["BASE_COLOUR_TEXTURE", "METALLIC_ROUGHNESS_TEXTURE", "NORMAL_TEXTURE", "EMISSION_TEXTURE"];
+
+/// Texels that every material has before those of its lobes.
+const BASE_TEXELS: [&str; 3] = ["BASE_COLOUR_TEXEL", "EMISSION_TEXEL", "SURFACE_TEXEL"];
+
+/// Uses of textures that a material may have.
+pub(crate) const TEXTURE_USES: usize = {
+    let (mut count, mut lobe) = (BASE_TEXTURES.len(), 0);
+    while lobe < LAYOUTS.len() {
+        count += LAYOUTS[lobe].textures.len();
+        lobe += 1;
+    }
+    count
+};
+
+/// Offset of the texels with the flags and the texture infos: after those of the lobes.
+const TEXTURES_TEXEL: usize = {
+    let (mut count, mut lobe) = (BASE_TEXELS.len(), 0);
+    while lobe < LAYOUTS.len() {
+        count += LAYOUTS[lobe].texels;
+        lobe += 1;
+    }
+    count
+};
+
+/// Texels of a material in the table of materials.
+pub(crate) const MATERIAL_TEXELS: usize = TEXTURES_TEXEL + (1 + TEXTURE_USES).div_ceil(4);
+
+/// Numbers by which kernels find a material's texels and textures.
+pub(crate) fn constants() -> Vec<(&'static str, u32)> {
+    let mut constants = vec![
+        ("MATERIAL_TEXELS", MATERIAL_TEXELS as u32),
+        ("TEXTURES_TEXEL", TEXTURES_TEXEL as u32),
+        ("MATERIAL_FLAG_BITS", FLAG_BITS),
+        ("MATERIAL_DOUBLE_SIDED", DOUBLE_SIDED),
+        ("MATERIAL_UNLIT", UNLIT),
+        ("MATERIAL_MASK", MASK),
+        ("MATERIAL_BLEND", BLEND),
+    ];
+    constants.extend((0..).zip(BASE_TEXELS).map(|(i, name)| (name, i)));
+    constants.extend((0..).zip(BASE_TEXTURES).map(|(i, name)| (name, i)));
+    let (mut texel, mut texture) = (BASE_TEXELS.len() as u32, BASE_TEXTURES.len() as u32);
+    for layout in LAYOUTS {
+        constants.push((layout.texel, texel));
+        texel += layout.texels as u32;
+        let textures = layout.textures.len() as u32;
+        constants.extend((texture..).zip(layout.textures).map(|(i, name)| (*name, i)));
+        constants.push((layout.mask, ((1 << textures) - 1) << texture));
+        texture += textures;
+        constants.extend(layout.constants);
+    }
+    constants
 }
 
 /// Materials as they are read, and the textures and images they turn out to use.
@@ -119,7 +316,7 @@ struct Reader<'r, 'a> {
 pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Notes) -> Result<Materials> {
     let (textures, samplers) = (root.list("textures")?, root.list("samplers")?);
     for sampler in &samplers {
-        texture::sampler(Some(sampler))?;
+        images::sampler(Some(sampler))?;
     }
     for texture in &textures {
         texture.get("sampler")?.map_or(Ok(0), |sampler| sampler.index(samplers.len(), "sampler"))?;
@@ -149,15 +346,15 @@ impl Reader<'_, '_> {
             m.base_colour = pbr.numbers_in::<4>("baseColorFactor", 1.0, 0.0..=1.0)?.into();
             m.metallic = pbr.number_in("metallicFactor", 1.0, 0.0..=1.0)?;
             m.roughness = pbr.number_in("roughnessFactor", 1.0, 0.0..=1.0)?;
-            m.base_colour_texture = self.slot(&pbr, "baseColorTexture", Srgb)?;
-            m.metallic_roughness_texture = self.slot(&pbr, "metallicRoughnessTexture", Linear)?;
+            m.base_colour_texture = self.texture(&pbr, "baseColorTexture", Srgb)?;
+            m.metallic_roughness_texture = self.texture(&pbr, "metallicRoughnessTexture", Linear)?;
         }
-        m.normal_texture = self.slot(json, "normalTexture", Linear)?;
+        m.normal_texture = self.texture(json, "normalTexture", Linear)?;
         if let Some(normal) = json.get("normalTexture")? {
             m.normal_scale = normal.number_in("scale", 1.0, ..)?;
         }
-        m.occlusion_texture = self.slot(json, "occlusionTexture", Linear)?;
-        m.emissive_texture = self.slot(json, "emissiveTexture", Srgb)?;
+        m.occlusion_texture = self.texture(json, "occlusionTexture", Linear)?;
+        m.emissive_texture = self.texture(json, "emissiveTexture", Srgb)?;
         m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
         if let Some(emission) = json.extension("KHR_materials_emissive_strength")? {
             m.emissive *= emission.number_in("emissiveStrength", 1.0, 0.0..)?;
@@ -172,54 +369,7 @@ impl Reader<'_, '_> {
                 return Err(ior.error(format!("ior {} is out of range: 1 or more, or 0", m.ior)));
             }
         }
-        if let Some(specular) = json.extension("KHR_materials_specular")? {
-            m.specular = specular.number_in("specularFactor", 1.0, 0.0..=1.0)?;
-            m.specular_colour = specular.numbers_in::<3>("specularColorFactor", 1.0, 0.0..)?.into();
-            m.specular_texture = self.slot(&specular, "specularTexture", Linear)?;
-            m.specular_colour_texture = self.slot(&specular, "specularColorTexture", Srgb)?;
-        }
-        if let Some(transmission) = json.extension("KHR_materials_transmission")? {
-            m.transmission = transmission.number_in("transmissionFactor", 0.0, 0.0..=1.0)?;
-            m.transmission_texture = self.slot(&transmission, "transmissionTexture", Linear)?;
-        }
-        if let Some(volume) = json.extension("KHR_materials_volume")? {
-            // How thick says the mesh itself; 0 is a thin wall.
-            if volume.number_in("thicknessFactor", 0.0, 0.0..)? > 0.0 {
-                m.volume = Some(Volume {
-                    attenuation_distance: match volume.get("attenuationDistance")? {
-                        Some(_) => volume.number_in("attenuationDistance", 1.0, 0.0..)?,
-                        None => f32::INFINITY,
-                    },
-                    attenuation_colour: volume.numbers_in::<3>("attenuationColor", 1.0, 0.0..=1.0)?.into(),
-                });
-                if let Some(distance) = volume.get("attenuationDistance")?
-                    && m.volume.is_some_and(|v| v.attenuation_distance == 0.0)
-                {
-                    return Err(distance.error("attenuationDistance is 0: it must be more"));
-                }
-            }
-        }
-        if let Some(coat) = json.extension("KHR_materials_clearcoat")? {
-            m.clearcoat = coat.number_in("clearcoatFactor", 0.0, 0.0..=1.0)?;
-            m.clearcoat_roughness = coat.number_in("clearcoatRoughnessFactor", 0.0, 0.0..=1.0)?;
-            m.clearcoat_texture = self.slot(&coat, "clearcoatTexture", Linear)?;
-            m.clearcoat_roughness_texture = self.slot(&coat, "clearcoatRoughnessTexture", Linear)?;
-            m.clearcoat_normal_texture = self.slot(&coat, "clearcoatNormalTexture", Linear)?;
-            if let Some(normal) = coat.get("clearcoatNormalTexture")? {
-                m.clearcoat_normal_scale = normal.number_in("scale", 1.0, ..)?;
-            }
-        }
-        if let Some(anisotropy) = json.extension("KHR_materials_anisotropy")? {
-            m.anisotropy = anisotropy.number_in("anisotropyStrength", 0.0, 0.0..=1.0)?;
-            m.anisotropy_rotation = anisotropy.number_in("anisotropyRotation", 0.0, ..)?;
-            m.anisotropy_texture = self.slot(&anisotropy, "anisotropyTexture", Linear)?;
-        }
-        if let Some(sheen) = json.extension("KHR_materials_sheen")? {
-            m.sheen_colour = sheen.numbers_in::<3>("sheenColorFactor", 0.0, 0.0..=1.0)?.into();
-            m.sheen_roughness = sheen.number_in("sheenRoughnessFactor", 0.0, 0.0..=1.0)?;
-            m.sheen_colour_texture = self.slot(&sheen, "sheenColorTexture", Srgb)?;
-            m.sheen_roughness_texture = self.slot(&sheen, "sheenRoughnessTexture", Linear)?;
-        }
+        m.read_lobes(json, self)?;
         let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
         m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {
             Some("MASK") => AlphaMode::Mask { cutoff },
@@ -233,8 +383,10 @@ impl Reader<'_, '_> {
         }
         Ok(m)
     }
+}
 
-    fn slot(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureSlot>> {
+impl ReadTexture for Reader<'_, '_> {
+    fn texture(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>> {
         let Some(json) = owner.get(key)? else { return Ok(None) };
         let index = json.require("index")?.index(self.textures.len(), "texture")?;
         let texture = &self.textures[index];
@@ -263,7 +415,7 @@ impl Reader<'_, '_> {
         };
         let image = self.images[source.index(self.images.len(), "image")?].first;
         let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;
-        let (wrap, filter) = texture::sampler(sampler.map(|i| &self.samplers[i]))?;
+        let (wrap, filter) = images::sampler(sampler.map(|i| &self.samplers[i]))?;
         let image = *self.placed.entry(image).or_insert_with(|| {
             self.out.images.push(image);
             self.out.images.len() as u32 - 1
@@ -276,6 +428,6 @@ impl Reader<'_, '_> {
         // The extension turns coordinates counter-clockwise as seen with v down, after scaling.
         let (s, c) = rotation.sin_cos();
         let matrix = Mat2::from_cols(Vec2::new(c, -s) * scale.x, Vec2::new(s, c) * scale.y);
-        Ok(Some(TextureSlot { texture, uv_set: uv_set as u32, matrix, offset }))
+        Ok(Some(TextureInfo { texture, uv_set: uv_set as u32, matrix, offset }))
     }
 }

@@ -1,28 +1,29 @@
-//! Mesh primitives: attributes and triangles in the mesh's own space, checked.
+//! Mesh primitives: checked attributes and triangles in the mesh's own space.
 
 use glam::{Vec2, Vec3, Vec4};
 
 use super::accessor::{Accessor, Component};
-use super::geometry::{MAX_CORNERS, MAX_VERTICES};
+use super::import_options::ImportOptions;
 use super::json::Json;
-use super::{ImportOptions, Material};
+use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::material::Material;
 use crate::Result;
 
-/// A primitive made of triangles.
+/// A primitive of triangles.
 pub(super) struct Primitive {
     pub positions: Vec<Vec3>,
-    /// One for each position, or none; likewise for the other attributes.
+    /// One for each position, or empty. The same holds for the other attributes.
     pub normals: Vec<Vec3>,
     pub tangents: Vec<Vec4>,
     pub uvs: [Vec<Vec2>; 2],
     pub colours: Vec<Vec4>,
-    /// Counter-clockwise from the front; every index within the positions.
+    /// Vertex indices, counter-clockwise as seen from the front, each within the positions.
     pub triangles: Vec<[u32; 3]>,
     /// Index into the file's materials.
     pub material: Option<usize>,
 }
 
-/// What the primitives of a file hold that is not shown.
+/// Counts of primitives that are not rendered, or only in part.
 #[derive(Default)]
 pub(super) struct Skipped {
     pub points_and_lines: usize,
@@ -31,7 +32,7 @@ pub(super) struct Skipped {
     pub not_finite: usize,
 }
 
-/// The primitives of each mesh, and what is not shown of them.
+/// Reads the primitives of each mesh.
 pub(super) fn read(
     root: &Json,
     accessors: &[Accessor],
@@ -59,9 +60,9 @@ struct Reader<'r, 'a> {
     accessors: &'r [Accessor<'a>],
     materials: &'r [Material],
     lenient: bool,
-    /// Corners read so far. Accessors may be shared, so the file's size does not bound them.
+    /// Number of corners read so far. Accessors may be shared, so the size of the file does not bound it.
     corners: usize,
-    /// Vertices read so far.
+    /// Number of vertices read so far.
     vertices: usize,
     skipped: Skipped,
 }
@@ -102,10 +103,11 @@ impl<'r, 'a> Reader<'r, 'a> {
             self.skipped.not_finite += 1;
             return Ok(None);
         }
-        let mut slots = material.into_iter().flat_map(|m| self.materials[m].slots());
-        if let Some(slot) = slots.find(|slot| uvs[slot.uv_set as usize].is_empty()) {
-            let place = json.require("material")?;
-            return Err(place.error(format!("its textures need TEXCOORD_{}, which the primitive lacks", slot.uv_set)));
+        let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
+        if let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) {
+            let material = json.require("material")?;
+            let problem = format!("its textures need TEXCOORD_{}, which the primitive lacks", texture.uv_set);
+            return Err(material.error(problem));
         }
         let triangles = assemble(mode, &corners);
         if triangles.is_empty() {
@@ -118,24 +120,25 @@ impl<'r, 'a> Reader<'r, 'a> {
         Ok(&self.accessors[index.index(self.accessors.len(), "accessor")?])
     }
 
-    /// Vertices of a primitive of `count` vertices in the order in which triangles take them.
+    /// The vertex indices of the corners of a primitive with `count` vertices, in the order of the file.
     fn corners(&mut self, json: &Json, count: usize) -> Result<Vec<u32>> {
-        let indices = json.get("indices")?.map(|place| Ok((self.accessor(&place)?, place))).transpose()?;
+        let indices =
+            json.get("indices")?.map(|json| self.accessor(&json).map(|accessor| (accessor, json))).transpose()?;
         self.corners += indices.as_ref().map_or(count, |(indices, _)| indices.count);
         if self.corners > MAX_CORNERS {
             return Err(json.error(format!("the meshes have more than {MAX_CORNERS} corners of triangles")));
         }
-        let Some((indices, place)) = indices else { return Ok((0..count as u32).collect()) };
+        let Some((indices, index_json)) = indices else { return Ok((0..count as u32).collect()) };
         let values = indices.indices()?;
         match values.iter().position(|&vertex| vertex as usize >= count) {
-            Some(i) => Err(place.error(format!("index {i} is {}, there are {count} vertices", values[i]))),
+            Some(i) => Err(index_json.error(format!("index {i} is {}, but there are {count} vertices", values[i]))),
             None => Ok(values),
         }
     }
 }
 
-/// Which of `count` vertices occur in `corners`, in their order; None where all do. Exporters share
-/// one set of vertices between many primitives: the time to read each must not grow with the set.
+/// The sorted indices of the vertices that occur in `corners`. None if all `count` vertices do. Exporters share one set
+/// of vertices between many primitives, so the time to read a primitive must not grow with the size of the set.
 fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
     let which = if corners.len() < count {
         let mut which = corners.to_vec();
@@ -150,18 +153,18 @@ fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
     (which.len() < count).then_some(which)
 }
 
-/// Reads the attributes of a primitive of `count` vertices, for those of `which` (None: all).
+/// Reads the attributes of a primitive with `count` vertices: those of the vertices `which`, or of all.
 struct Attributes<'r, 'a> {
     json: Json<'a>,
     reader: &'r Reader<'r, 'a>,
     count: usize,
     which: Option<&'r [u32]>,
-    /// Some number read is NaN or infinite, and leniency was asked for.
+    /// Whether a lenient import has read a NaN or infinite number.
     not_finite: bool,
 }
 
 impl Attributes<'_, '_> {
-    /// The attribute `name`, if present; its width must be one of `widths`.
+    /// The values of the attribute `name`, empty if it is absent. Its number of components must be one of `widths`.
     fn read<const N: usize, T: From<[f32; N]>>(&mut self, name: &str, widths: &[usize]) -> Result<Vec<T>> {
         let Some(json) = self.json.get(name)? else { return Ok(Vec::new()) };
         let accessor = self.reader.accessor(&json)?;
@@ -170,7 +173,7 @@ impl Attributes<'_, '_> {
         }
         let values = accessor.floats::<N>(1.0, self.which)?;
         if !widths.contains(&accessor.width) || accessor.component == Component::U32 {
-            return Err(json.error("its accessor has a type that this attribute cannot have"));
+            return Err(json.error("the type of its accessor is not allowed for this attribute"));
         }
         if let Some(i) = values.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
             if !self.reader.lenient {
@@ -183,7 +186,7 @@ impl Attributes<'_, '_> {
     }
 }
 
-/// Triangles of `corners` in mode 4 (list), 5 (strip) or 6 (fan), wound as glTF 3.7.2.1 says.
+/// Triangles of `corners` in mode 4 (list), 5 (strip) or 6 (fan), with the winding of glTF 3.7.2.1.
 fn assemble(mode: usize, corners: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         4 => corners.as_chunks::<3>().0.to_vec(),

@@ -6,20 +6,19 @@ use super::json::Json;
 use super::notes::Notes;
 use crate::Result;
 
-/// Largest deviation from 1 of a rotation's length: a quaternion of normalised bytes is off by up
-/// to 0.008, anything more is no rotation.
+/// Maximum deviation of the length of a rotation quaternion from 1. Quaternions of normalised bytes deviate by up to
+/// 0.008.
 const UNIT_TOLERANCE: f64 = 0.01;
 
-/// A node that the scene shows.
+/// A node of the rendered scene.
 pub(super) struct Node<'a> {
-    /// The node in the file.
+    /// The node in the document.
     pub json: Json<'a>,
-    /// From the node's space to world space; finite.
+    /// Transform from the node's space to world space. It is finite.
     pub world: DAffine3,
 }
 
-/// The nodes that the file's scene shows, in the order of the file. `notes` gets a line where
-/// there are other scenes.
+/// The nodes of the rendered scene in the order of the file. Adds a note if the file has other scenes.
 pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node<'a>>> {
     let nodes = root.list("nodes")?;
     let mut children = vec![Vec::new(); nodes.len()];
@@ -52,7 +51,8 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node
     Ok(nodes.into_iter().zip(world).filter_map(|(json, world)| Some(Node { json, world: world? })).collect())
 }
 
-/// As every node has one parent at most, those that no root reaches hang on a loop.
+/// Refuses loops. Every node has at most one parent, so a node that no root reaches belongs to a loop or descends from
+/// one.
 fn refuse_loops(nodes: &[Json], parent: &[Option<usize>], children: &[Vec<usize>]) -> Result<()> {
     let mut reached = vec![false; nodes.len()];
     let mut open: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
@@ -67,7 +67,7 @@ fn refuse_loops(nodes: &[Json], parent: &[Option<usize>], children: &[Vec<usize>
     Err(nodes[i].error("is its own ancestor"))
 }
 
-/// The nodes to start at: those of `scene`, else of the first scene, else all roots.
+/// The nodes at which the rendered scene starts: those of `scene`, else those of the first scene, else all roots.
 fn scene_roots(
     root: &Json,
     parent: &[Option<usize>],
@@ -81,15 +81,15 @@ fn scene_roots(
         let nodes = scene.list("nodes")?;
         listed.push(nodes.iter().map(|node| node.index(parent.len(), "node")).collect::<Result<Vec<_>>>()?);
     }
-    let chosen = root.get("scene")?.map_or(Ok(0), |scene| scene.index(scenes.len(), "scene"))?;
+    let selected = root.get("scene")?.map_or(Ok(0), |scene| scene.index(scenes.len(), "scene"))?;
     if scenes.len() > 1 {
-        notes.push(format!("scene {chosen} of {} is shown, the others are not", scenes.len()));
+        notes.push(format!("scene {selected} of {} is rendered, the others are not", scenes.len()));
     }
     if scenes.is_empty() {
         return Ok((0..parent.len()).filter(|&i| parent[i].is_none()).collect());
     }
-    let mut roots = listed.swap_remove(chosen);
-    // Below another listed node, or listed twice, a node would be shown twice.
+    let mut roots = listed.swap_remove(selected);
+    // A node that is listed twice, or below another listed node, would be rendered twice.
     roots.sort_unstable();
     roots.dedup();
     let mut below = vec![false; parent.len()];
@@ -100,10 +100,13 @@ fn scene_roots(
         }
     }
     roots.retain(|&i| !below[i]);
-    // Not legal, but written by some exporters; as in other renderers, the scene starts at the node it lists.
+    // A listed node with a parent is not legal, but some exporters write it. As in other renderers, the scene starts
+    // there.
     let moved = |i: usize| parent[i].filter(|&above| local[above] != DAffine3::IDENTITY);
     if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, moved(i)?))) {
-        notes.push(format!("scene {chosen} lists node {i}, not a root: the transform of node {above} is not applied"));
+        notes.push(format!(
+            "scene {selected} lists node {i}, which is not a root: the transform of its parent, node {above}, is not applied"
+        ));
     }
     Ok(roots)
 }

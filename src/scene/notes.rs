@@ -1,39 +1,39 @@
-//! What import has to say about a file that it took.
+//! Notes: remarks of import on a file that it accepted.
 
 use std::collections::HashSet;
 
 use crate::input::printable;
 
-/// Most notes that are kept: nobody reads more, and a file may give reason for as many as it has nodes.
+/// Maximum number of notes. A file can cause one note per node, and nobody reads that many.
 const MAX_NOTES: usize = 100;
 
-/// Notes, each said once.
+/// A list of notes without repetition.
 #[derive(Default)]
 pub(super) struct Notes {
     lines: Vec<String>,
-    said: HashSet<String>,
-    more: usize,
+    known: HashSet<String>,
+    dropped: usize,
 }
 
 impl Notes {
-    /// Adds a note that has not been said.
+    /// Adds a note unless it is already in the list.
     pub fn push(&mut self, note: impl AsRef<str>) {
         let note = printable(note.as_ref());
-        if self.said.contains(&note) {
+        if self.known.contains(&note) {
             return;
         }
         if self.lines.len() == MAX_NOTES {
-            self.more += 1;
+            self.dropped += 1;
             return;
         }
-        self.said.insert(note.clone());
+        self.known.insert(note.clone());
         self.lines.push(note);
     }
 
-    /// All of them, in order.
+    /// The notes in the order of their addition.
     pub fn into_lines(mut self) -> Vec<String> {
-        if self.more > 0 {
-            self.lines.push(format!("{} more notes on the file are left out", self.more));
+        if self.dropped > 0 {
+            self.lines.push(format!("{} more notes on the file are not shown", self.dropped));
         }
         self.lines
     }

@@ -1,126 +1,81 @@
-//! Images: found, checked, decoded in parallel; and looked up on the CPU where import needs a texel.
+//! Textures and their images, and texture look-ups on the CPU for import.
 
-use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use glam::{Vec2, Vec4};
-use image::ImageFormat;
-use rayon::prelude::*;
+use glam::{Mat2, Vec2, Vec4};
 
-use super::accessor::Views;
-use super::container::{Bytes, Resources};
-use super::json::Json;
-use super::{ColourSpace, Filter, Texture, TextureImage, Wrap};
-use crate::Result;
-use crate::input::{MAX_FILE_BYTES, Picture, printable};
-
-/// Largest side of an image: what graphics devices sample.
-const MAX_SIDE: u32 = 16384;
-/// Most texels of all images together: 1 GiB of RGBA8.
-const MAX_TEXELS: u64 = 1 << 28;
-
-/// An image of the file: checked, not yet decoded.
-pub(super) struct Encoded<'a> {
-    json: Json<'a>,
-    name: String,
-    bytes: Bytes<'a>,
-    /// None where it is neither PNG nor JPEG: legal where only an extension uses it.
-    format: Option<(ImageFormat, [u32; 2])>,
-    /// The first image of the same bytes: itself, where there is no other.
-    pub first: usize,
+/// The use of a texture by a material (glTF's textureInfo).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureInfo {
+    /// Index into [`Scene::textures`](super::Scene::textures).
+    pub texture: u32,
+    /// Texture coordinate set, an index into [`Vertex::uv`](super::Vertex::uv). KHR_texture_transform may override it.
+    pub uv_set: u32,
+    /// KHR_texture_transform: uv' = matrix * uv + offset.
+    pub matrix: Mat2,
+    /// See [`TextureInfo::matrix`].
+    pub offset: Vec2,
 }
 
-impl Encoded<'_> {
-    /// It can be decoded.
-    pub fn is_known(&self) -> bool {
-        self.format.is_some()
-    }
-
-    fn decode(&self) -> Result<TextureImage> {
-        let (format, [width, height]) = self.format.ok_or_else(|| self.json.error("neither PNG nor JPEG"))?;
-        let image = Picture::open(&self.bytes, format).and_then(Picture::decode).map_err(|e| self.json.error(e))?;
-        let texels = image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec();
-        Ok(TextureImage { name: self.name.clone(), width, height, texels })
-    }
+/// Wrap mode of a sampler, per axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Wrap {
+    /// Tiles.
+    #[default]
+    Repeat,
+    /// Tiles, every other one mirrored.
+    Mirror,
+    /// Edge texels extend.
+    Clamp,
 }
 
-/// Finds every image and reads its header.
-pub(super) fn read_images<'a>(
-    root: &Json<'a>,
-    views: &Views<'a>,
-    resources: &mut Resources,
-) -> Result<Vec<Encoded<'a>>> {
-    let mut images: Vec<Encoded<'a>> = Vec::new();
-    let mut known = HashMap::new();
-    let mut total = 0;
-    for (i, json) in root.list("images")?.into_iter().enumerate() {
-        let uri = json.get("uri")?;
-        let bytes = match (&uri, json.get("bufferView")?) {
-            (Some(uri), None) => resources.resolve(uri)?,
-            (None, Some(view)) => Bytes::Borrowed(views.bytes(&view)?),
-            _ => return Err(json.error("needs either a uri or a buffer view")),
-        };
-        let file_name = uri.map(|uri| uri.string()).transpose()?.filter(|uri| !uri.starts_with("data:"));
-        let name = json.name()?.or(file_name.map(printable)).unwrap_or_else(|| format!("image {i}"));
-        let first = *known.entry((bytes.as_ptr(), bytes.len())).or_insert(i);
-        let format = if first < i {
-            images[first].format
-        } else {
-            total += bytes.len() as u64;
-            if total > MAX_FILE_BYTES {
-                return Err(json.error(format!("the images have more than {MAX_FILE_BYTES} bytes, or overlap")));
-            }
-            match image::guess_format(&bytes) {
-                Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
-                    Some((format, Picture::open(&bytes, format).map_err(|e| json.error(e))?.size))
-                }
-                _ => None,
-            }
-        };
-        images.push(Encoded { json, name, bytes, format, first });
-    }
-    Ok(images)
+/// Magnification filter of a sampler. There are no mip levels, as in Cycles: the samples of the pixel filter minified
+/// textures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum Filter {
+    /// Bilinear.
+    #[default]
+    Linear,
+    /// The nearest texel.
+    Nearest,
 }
 
-/// Decodes the images that `used` names, in parallel.
-pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureImage>> {
-    let mut total = 0;
-    for image in used.iter().map(|&i| &images[i]) {
-        let [width, height] = image.format.map_or([0, 0], |(_, size)| size);
-        total += u64::from(width) * u64::from(height);
-        if width.max(height) > MAX_SIDE || total > MAX_TEXELS {
-            return Err(image.json.error(format!(
-                "{width} x {height} texels: at most {MAX_SIDE} a side and {MAX_TEXELS} in all images are supported"
-            )));
-        }
-    }
-    used.par_iter().map(|&i| images[i].decode()).collect()
+/// Colour space of a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ColourSpace {
+    /// sRGB-coded colour with linear alpha.
+    Srgb,
+    /// Linear values.
+    Linear,
 }
 
-/// Wrap modes and filter of a sampler; repeating and linear where there is none.
-pub(super) fn sampler(json: Option<&Json>) -> Result<([Wrap; 2], Filter)> {
-    let Some(json) = json else { return Ok(Default::default()) };
-    let wrap = |key: &str| match json.get(key)? {
-        None => Ok(Wrap::Repeat),
-        Some(code) => match code.whole()? {
-            10497 => Ok(Wrap::Repeat),
-            33648 => Ok(Wrap::Mirror),
-            33071 => Ok(Wrap::Clamp),
-            n => Err(code.error(format!("unknown wrap mode {n}"))),
-        },
-    };
-    let filter = match json.get("magFilter")? {
-        None => Filter::Linear,
-        Some(code) => match code.whole()? {
-            9728 => Filter::Nearest,
-            9729 => Filter::Linear,
-            n => return Err(code.error(format!("unknown filter {n}"))),
-        },
-    };
-    Ok(([wrap("wrapS")?, wrap("wrapT")?], filter))
+/// An image with a sampler and a colour space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Texture {
+    /// Index into [`Scene::images`](super::Scene::images).
+    pub image: u32,
+    /// Wrap mode along u and v.
+    pub wrap: [Wrap; 2],
+    /// Filter.
+    pub filter: Filter,
+    /// Colour space, which follows from the material property that uses the texture.
+    pub space: ColourSpace,
 }
 
-/// The sRGB decoding function (IEC 61966-2-1) of every byte.
+/// A decoded image, rows top to bottom.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TextureImage {
+    /// Name, URI or `image N`.
+    pub name: String,
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// RGBA values as coded in the file; 16-bit images are reduced to 8 bits.
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// The sRGB decoding function (IEC 61966-2-1) for every byte value.
 static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     std::array::from_fn(|byte| {
         let coded = byte as f32 / 255.0;
@@ -129,7 +84,7 @@ static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
 });
 
 impl Wrap {
-    /// The texel that position `i` of an axis of `size` texels shows.
+    /// The texel for coordinate `i`, in texels, on an axis of `size` texels.
     pub(super) fn texel(self, i: i64, size: u32) -> u32 {
         let size = i64::from(size);
         let texel = match self {
@@ -145,7 +100,7 @@ impl Wrap {
 }
 
 impl TextureImage {
-    /// The texel at `texel`, decoded to linear RGBA.
+    /// The texel at column `texel[0]` and row `texel[1]`, decoded to linear RGBA.
     fn linear(&self, texel: [u32; 2], space: ColourSpace) -> Vec4 {
         let index = texel[1] as usize * self.width as usize + texel[0] as usize;
         let [r, g, b, a] = self.texels[index];
@@ -157,7 +112,7 @@ impl TextureImage {
         Vec4::new(colour(r), colour(g), colour(b), plain(a))
     }
 
-    /// Linear RGBA at `uv` (v down, texel centres at half-integers), as `texture` filters and wraps.
+    /// Linear RGBA at `uv` (v down, texel centres at half-integers) with the filter and wrap modes of `texture`.
     pub(super) fn sample(&self, texture: &Texture, uv: Vec2) -> Vec4 {
         let at = |x: i64, y: i64| {
             self.linear([texture.wrap[0].texel(x, self.width), texture.wrap[1].texel(y, self.height)], texture.space)

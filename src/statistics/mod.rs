@@ -1,14 +1,19 @@
 //! What a render did: counts, shares with their intervals, times. `docs/statistics.md` describes the JSON form.
 
-use std::collections::BTreeMap;
-
+mod audits;
+mod counter;
 pub(crate) mod totals;
 
-use serde::{Deserialize, Serialize};
-use statrs::distribution::{Beta, ContinuousCDF};
+use kernel_kit::DeviceInfo;
+use std::collections::BTreeMap;
 
-use crate::gpu::DeviceInfo;
+use serde::{Deserialize, Serialize};
+
 use crate::settings::Settings;
+
+pub(crate) use audits::wilson;
+pub use audits::{Audits, Stratum};
+pub use counter::Counter;
 
 /// Everything about a render but the image.
 #[derive(Clone, Debug, Serialize)]
@@ -66,7 +71,7 @@ pub struct Rays {
     pub audit: u64,
     /// From surfaces along a sampled direction.
     pub bounce: u64,
-    /// Of final gathers, and from the camera to where they may be needed.
+    /// Of final gathers, and from the camera to points that may need one.
     pub gather: u64,
     /// All of them.
     pub total: u64,
@@ -83,22 +88,22 @@ impl Rays {
 /// Points (camera sample and light) by class.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Points {
-    /// Those with some of the light in front of the surface: all but `dark`.
+    /// Points with some of the light in front of the surface: all but `dark`.
     pub total: u64,
     /// The whole light is behind the surface's plane, or emits away from it.
     pub dark: u64,
-    /// All photons near are illumination photons.
+    /// The nearest photons are illumination photons.
     pub lit: u64,
-    /// All photons near are shadow photons.
+    /// The nearest photons are shadow photons.
     pub shadowed: u64,
-    /// Both kinds are near, or the pixel's neighbour is a boundary.
+    /// Both kinds are among the nearest photons, or a neighbouring pixel is a boundary.
     pub boundary: u64,
-    /// Too few photons are near to tell, or there is no map.
+    /// There are too few photons within the largest search radius, or there is no map.
     pub unknown: u64,
     /// Boundary and unknown points over all.
     pub boundary_share: f64,
-    /// Of the boundary and unknown points, the share whose light points were neither all seen nor all hidden: a lower
-    /// bound of `fill`, near it for many light points.
+    /// Share of the boundary and unknown points whose light points were neither all visible nor all occluded: a lower
+    /// bound of `fill`, and close to it for many light points.
     pub fill_seen: f64,
 }
 
@@ -117,126 +122,58 @@ pub struct LightPhotons {
     pub healed: u64,
 }
 
-/// The global map and the irradiance cache.
+/// The maps and the irradiance cache that indirect light comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Indirect {
     /// Rays whose photons carry flux, of all lights together.
     pub emitted: u64,
     /// Photons of the global map.
     pub photons: u64,
-    /// Those of them that carry more than a photon's word holds, and lost the rest.
+    /// Photons of the global map whose flux was cut to what a photon's word holds.
     pub cut: u64,
     /// Photons of the caustic maps of all samples.
     pub caustics: u64,
-    /// Places where irradiance is precomputed.
+    /// Points where irradiance is precomputed.
     pub places: u64,
     /// Irradiance records.
     pub records: u64,
 }
 
-/// What audits found about the decided points.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Audits {
-    /// Decided points that were audited.
-    pub audited: u64,
-    /// Those whose shadow ray contradicted the class.
-    pub wrong: u64,
-    /// Estimated miss bias: the mean of |V - c| over all points.
-    pub miss_bias: f64,
-    /// Its 95 % interval: those of Jeffreys of points near boundaries and of the others, combined.
-    pub miss_bias_interval: [f64; 2],
-}
-
-/// Decided points of one kind: what share of all points they are, how many were audited, how many of these wrong.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stratum {
-    /// Share of all points, 0 to 1.
-    pub share: f64,
-    /// Audited points.
-    pub audited: u64,
-    /// Those whose shadow ray contradicted the class.
-    pub wrong: u64,
-}
-
-/// Wilson's score interval at 95 % of a share, of which `part` of `whole` were found: its centre and its half width.
-pub(crate) fn wilson(part: u64, whole: u64) -> (f64, f64) {
-    // 97.5 % quantile of the normal distribution.
-    const Z: f64 = 1.959_964;
-    if whole == 0 {
-        return (0.5, 0.5);
-    }
-    let n = whole as f64;
-    let p = part as f64 / n;
-    let scale = 1.0 + Z * Z / n;
-    ((p + Z * Z / (2.0 * n)) / scale, Z / scale * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt())
-}
-
-/// The interval of Jeffreys at 95 % of a share, of which `part` of `whole` were found (Brown, Cai and DasGupta 2001): of the
-/// handful of wrong audits that a render has, Wilson's leaves the truth out in one of ten renders, and that of Clopper and
-/// Pearson in none.
-fn jeffreys(part: u64, whole: u64) -> [f64; 2] {
-    // Of parameters of at least a half, which are never refused.
-    let beta = Beta::new(part as f64 + 0.5, (whole - part) as f64 + 0.5);
-    let quantile = |p: f64| beta.as_ref().map_or(f64::NAN, |beta| beta.inverse_cdf(p));
-    [if part == 0 { 0.0 } else { quantile(0.025) }, if part == whole { 1.0 } else { quantile(0.975) }]
-}
-
-impl Audits {
-    /// The estimate from points that were audited with different probabilities. The intervals of the strata, which are
-    /// independent, are combined as Zou and Donner (2008) do: each end lies away from the estimate by the root of the sum
-    /// of the squares of what the strata's ends do.
-    pub fn new(strata: &[Stratum]) -> Self {
-        let mut audits = Audits::default();
-        let (mut below, mut above) = (0.0, 0.0);
-        for stratum in strata.iter().filter(|s| s.share > 0.0) {
-            audits.audited += stratum.audited;
-            audits.wrong += stratum.wrong;
-            let found = stratum.wrong as f64 / stratum.audited.max(1) as f64;
-            audits.miss_bias += stratum.share * found;
-            let [low, high] = jeffreys(stratum.wrong, stratum.audited);
-            below += (stratum.share * (found - low)).powi(2);
-            above += (stratum.share * (high - found)).powi(2);
-        }
-        audits.miss_bias_interval =
-            [(audits.miss_bias - below.sqrt()).max(0.0), (audits.miss_bias + above.sqrt()).min(1.0)];
-        audits
-    }
-}
-
-/// What a render notices of its own arithmetic and limits. Where a count says that the image may be wrong or needlessly dear,
-/// [`Statistics::notes`] has a line on it, and an EXR the attribute `penumbra:conditioning`.
+/// What a render notices of its own arithmetic and limits. Where a count says that the image may be wrong or needlessly
+/// expensive, [`Statistics::notes`] has a line on it, and an EXR has the attribute `penumbra:conditioning`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Conditioning {
     /// Values that were not finite, by the pass that made them.
     pub not_finite: NotFinite,
     /// Sums of a pixel beyond 2^104, once for each of the batches that left them there, and squares that overflow.
     pub near_overflow: u64,
-    /// Points that asked the visibility map and found too few photons near; see [`Points::unknown`].
+    /// Points for which the visibility map had too few photons; see [`Points::unknown`].
     pub unknown: u64,
-    /// Irradiance records of the least radius, three pixels.
+    /// Irradiance records of the smallest radius, three pixels.
     pub least_records: u64,
-    /// Paths that came to carry a weight above 8 after Russian roulette.
+    /// Paths whose weight rose above 8 after Russian roulette.
     pub heavy_paths: u64,
-    /// Invocations of kernels that met the loop budget. Their samples are left out of the image, their photons of the maps.
+    /// Kernel invocations that exceeded the loop budget. Their samples are left out of the image, and their photons out
+    /// of the maps.
     pub overruns: u64,
-    /// Rays that a procedural object was lost for, as its function took too many turns.
+    /// Rays that passed through a procedural object because its function took too many iterations.
     pub procedural_overruns: u64,
-    /// Rays that a procedural object was lost for, as its function's answer was none.
+    /// Rays that passed through a procedural object because its function returned an invalid result.
     pub procedural_nonsense: u64,
-    /// Bounces of a photon of the global map on average, or of a path where there is no such map.
+    /// Mean number of bounces of a photon of the global map, or of a path where there is no such map.
     pub mean_bounces: u64,
-    /// Devices that were lost, and replaced, under the render.
+    /// Devices that were lost and replaced during the render.
     pub devices_lost: u64,
 }
 
-/// Values that were not finite, by the pass that made them. What a sample of a pixel then brings is left out of the image.
+/// Values that were not finite, by the pass that made them. The samples that they belong to are left out of the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct NotFinite {
     /// Photons of the global map: not stored.
     pub flux: u64,
-    /// Irradiance at places, which then tell nothing; and points that are shown the map.
+    /// Precomputed irradiance, which is then not used; and points at which the map is shown.
     pub irradiance: u64,
-    /// Rays of final gathers, taken for dark, and records, taken for none.
+    /// Rays of final gathers, which count as dark, and irradiance records, which are dropped.
     pub gather: u64,
     /// Camera rays.
     pub primary: u64,
@@ -269,7 +206,7 @@ impl NotFinite {
 /// Seconds of wall time, and of the device by pass.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Times {
-    /// The whole run, as far as it is known when this is written.
+    /// The whole run, up to when this is written.
     pub total: f64,
     /// Opening the device.
     pub start: f64,
@@ -309,69 +246,4 @@ pub struct SceneCounts {
     pub images: u64,
     /// Deepest path in the BVH.
     pub bvh_depth: u32,
-}
-
-/// What kernels count, each in its word of the buffer `counters`; the host adds them up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Counter {
-    /// [`Rays::shadow`].
-    ShadowRays,
-    /// [`Rays::audit`].
-    AuditRays,
-    /// [`Rays::bounce`].
-    BounceRays,
-    /// [`Rays::gather`].
-    GatherRays,
-    /// [`Audits::audited`].
-    Audited,
-    /// [`Audits::wrong`].
-    AuditsWrong,
-    /// Boundary points whose light points disagree.
-    PenumbraSeen,
-    /// [`Statistics::not_finite`].
-    NotFinite,
-    /// [`Conditioning::overruns`].
-    Overrun,
-    /// [`Points::dark`].
-    Dark,
-    /// [`Points::lit`].
-    Lit,
-    /// [`Points::shadowed`].
-    Shadowed,
-    /// [`Points::boundary`].
-    Boundary,
-    /// [`Points::unknown`].
-    Unknown,
-    /// Decided points near boundaries: with photons of both kinds in reach of their cell.
-    Near,
-    /// Those of them that are audited.
-    NearAudited,
-    /// Those of them whose shadow ray contradicted the class.
-    AuditsWrongNear,
-    /// [`Conditioning::near_overflow`].
-    NearOverflow,
-    /// [`Conditioning::heavy_paths`].
-    HeavyPaths,
-    /// [`NotFinite::flux`]: the host adds what the pass counts apart.
-    NotFiniteFlux,
-    /// [`NotFinite::irradiance`].
-    NotFiniteIrradiance,
-    /// [`NotFinite::gather`].
-    NotFiniteGather,
-    /// [`NotFinite::primary`].
-    NotFinitePrimary,
-    /// [`NotFinite::shade`].
-    NotFiniteShade,
-    /// [`NotFinite::path`].
-    NotFinitePath,
-    /// [`Conditioning::procedural_overruns`]: the kernels count it in a buffer of its own.
-    ProceduralOverruns,
-    /// [`Conditioning::procedural_nonsense`]: likewise.
-    ProceduralNonsense,
-}
-
-impl Counter {
-    /// Words of the buffer `counters`.
-    pub const COUNT: usize = 27;
 }

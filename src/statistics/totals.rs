@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::{Audits, Counter, Indirect, LightPhotons, Points, Rays, Stratum};
 use crate::{Error, Result};
 
-/// Share of the samples that may meet the loop budget. They are left out of the image, which is an estimate of the rest of
-/// them: a thousandth of them is below what shows, and a scene that is all overlapping layers is far above.
-const MOST_OVERRUNS: f64 = 1e-3;
+/// Maximum share of samples that may exceed the loop budget. The image is then the mean of the others: a thousandth
+/// does not show, and a scene full of overlapping layers is far above it.
+const MAX_OVERRUNS: f64 = 1e-3;
 
 /// Sums over all samples so far.
 #[derive(Clone, Default, Serialize, Deserialize)]
@@ -21,9 +21,9 @@ pub(crate) struct Totals {
     pub indirect: Indirect,
     /// Caustic maps that are counted.
     pub caustic_maps: u32,
-    /// Irradiance records of the least radius.
+    /// Irradiance records of the smallest radius.
     pub least_records: u64,
-    /// Points that asked the visibility map, and those of them that found too few photons.
+    /// Points that queried the visibility map, and those among them that found too few photons.
     pub mapped_points: u64,
     pub mapped_unknown: u64,
     pub devices_lost: u64,
@@ -43,7 +43,8 @@ impl Totals {
         self.counters[counter as usize] += more;
     }
 
-    /// Notes the unknown points of counters that [`Totals::add`] takes: those of a tile that asked the visibility map.
+    /// Adds the points that queried the visibility map, and the unknown ones among them, from the counters that
+    /// [`Totals::add`] takes.
     pub fn add_mapped(&mut self, counters: &[u32]) {
         let [lit, shadowed, boundary, unknown] = [Counter::Lit, Counter::Shadowed, Counter::Boundary, Counter::Unknown]
             .map(|class| u64::from(counters[class as usize]));
@@ -59,7 +60,7 @@ impl Totals {
         self.camera_rays += points;
     }
 
-    /// These, and the time that it took to come back to them.
+    /// These totals, with the time added that a resumed render took to restore them.
     pub fn after(mut self, resumed: &Totals) -> Totals {
         self.time_bvh += resumed.time_bvh;
         self.time_compile += resumed.time_compile;
@@ -72,19 +73,19 @@ impl Totals {
     }
 
     /// # Errors
-    /// [`Error::Computation`] where more rays met the loop budget than an image can do without.
+    /// [`Error::Computation`] where so many rays exceeded the loop budget that the image would be wrong.
     pub fn check(&self) -> Result<()> {
         let overruns = self.get(Counter::Overrun);
-        // Of samples and not of rays: what is lost of a long path is all of it, and it may have been thousands of rays.
+        // Of samples and not of rays: a path is lost as a whole, and it may have been thousands of rays.
         let samples = self.camera_rays;
-        if overruns as f64 <= MOST_OVERRUNS * samples as f64 {
+        if overruns as f64 <= MAX_OVERRUNS * samples as f64 {
             return Ok(());
         }
         Err(Error::Computation {
             kernel: "bvh".to_owned(),
             problem: format!(
-                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 turns allows; the \
-                 image would be wrong. Remove overlapping layers, ask for fewer --max-bounces, or choose a hardware device \
+                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations allows; the \
+                 image would be wrong. Remove overlapping layers, set fewer `indirect.max_bounces`, or choose a hardware device \
                  with --device"
             ),
         })
@@ -104,7 +105,7 @@ impl Totals {
         .summed()
     }
 
-    /// Bounces of a photon of the global map on average, or of a path where there is no such map.
+    /// Mean number of bounces of a photon of the global map, or of a path where there is no such map.
     pub fn mean_bounces(&self) -> f64 {
         let Indirect { emitted, photons, .. } = self.indirect;
         let (bounces, paths) =

@@ -1,20 +1,20 @@
-//! Numbers of photons and of samples.
+//! Stress families: number of photons and number of samples.
 
 use glam::DVec3;
+use kernel_kit::Gpu;
 
-use crate::gpu::Gpu;
-use crate::{Result, Settings, Technique};
+use crate::{Result, Technique};
 
+use super::family::{Family, Measure, Series, image, settings};
 use super::lights::worst_mean;
 use super::oracle::{green, polygon_irradiance, reflected, relative};
 use super::placement::CLOSED;
 use super::stage::{Eye, Paint, Stage, View, outline, square};
-use super::{Family, Measure, Series, image, settings};
 
-/// Photons that all fall on one spot.
+/// All photons concentrated on one spot.
 pub static PHOTONS: Family = Family {
     name: "photons",
-    title: "all photons fall on a spot of a thousandth of the floor, in one cell or two: Lambert's formula",
+    title: "all photons fall on a spot of a thousandth of the floor, in one or two cells; expected: Lambert's formula",
     parameter: "photons emitted",
     deviation: "relative error of the mean",
     series: &[
@@ -22,21 +22,21 @@ pub static PHOTONS: Family = Family {
             name: "shadow-photons",
             values: &EMITTED,
             bound: |_| SPOT,
-            prepare: |gpu| photons(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| photons(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "visibility-estimate",
             values: &EMITTED,
             bound: |_| SPOT,
-            prepare: |gpu| photons(gpu, Technique::VisibilityEstimate),
+            prepare: |gpu| photons(gpu, Technique::VISIBILITY_ESTIMATE),
         },
     ],
 };
 
-/// A map is traced with 2^22 rays at most.
+/// A map is traced with at most 2^22 rays.
 const EMITTED: [f64; 9] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 4e6, 1e7];
 
-/// Noise of four light points a pixel, where photons are too few to tell.
+/// The noise of four light points per pixel, where there are too few photons to classify points.
 const SPOT: f64 = 2e-2;
 
 fn photons(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
@@ -46,16 +46,16 @@ fn photons(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
         let stage = Stage::new(eye)
             .with(square(DVec3::ZERO, DVec3::Z, DVec3::X), Paint::matte(0.5))
             .with(lamp.clone(), Paint::lamp(1.0));
-        let settings = Settings { photons: photons as u32, ..settings(technique, 16, 16, 0) };
+        let settings = settings(technique, 16, 16, 0).with(|s| s.visibility_map.photons_per_light = photons as u32);
         Ok(worst_mean(&image(gpu, &stage, &settings)?, &eye, &outline(&lamp), DVec3::Y))
     }))
 }
 
-/// Samples of a pixel.
+/// Many samples per pixel.
 pub static SAMPLES: Family = Family {
     name: "samples",
-    title: "samples that are all alike: their mean is one of them",
-    parameter: "samples a pixel",
+    title: "all samples of a pixel are equal; expected: their mean is the same value",
+    parameter: "samples per pixel",
     deviation: "largest relative error of a pixel, against Lambert's formula in f64",
     series: &[Series {
         name: "shadow-photons",
@@ -68,12 +68,12 @@ pub static SAMPLES: Family = Family {
 fn samples(gpu: &Gpu) -> Result<Measure<'_>> {
     let lamp = square(DVec3::Y * 0.5, DVec3::X * 0.25, DVec3::Z * 0.25);
     let expected = reflected(0.5, polygon_irradiance(&outline(&lamp), DVec3::ZERO, DVec3::Y));
-    // So small a view has the irradiance of its middle.
+    // The view is so small that the irradiance is that of its centre.
     let eye = Eye { position: DVec3::Y * 0.25, towards: -DVec3::Y, view: View::Orthographic(1e-5) };
     let stage =
         Stage::new(eye).with(square(DVec3::ZERO, DVec3::Z, DVec3::X), Paint::matte(0.5)).with(lamp, Paint::lamp(1.0));
     Ok(Box::new(move |spp| {
-        let image = image(gpu, &stage, &settings(Technique::ShadowPhotons, 4, spp as u32, 0))?;
+        let image = image(gpu, &stage, &settings(Technique::SHADOW_PHOTONS, 4, spp as u32, 0))?;
         Ok(green(&image).map(|radiance| relative(radiance, expected)).fold(0.0, f64::max))
     }))
 }

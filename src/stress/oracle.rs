@@ -1,4 +1,4 @@
-//! What renders are compared with: closed forms in f64, and each other.
+//! Oracles for renders: closed forms in f64, and measures of difference.
 
 use std::f64::consts::{PI, TAU};
 
@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use crate::Image;
 
-/// The irradiance of a surface from a polygon of unit radiance that is wholly above its horizon (Lambert 1760), its
-/// corners clockwise as the surface sees them.
+/// The irradiance at a surface point from a polygon of unit radiance that is entirely above its horizon (Lambert 1760).
+/// The corners are clockwise as seen from the point.
 pub fn polygon_irradiance(corners: &[DVec3], position: DVec3, normal: DVec3) -> f64 {
     let edge = |i: usize| {
         let (a, b) = (corners[i] - position, corners[(i + 1) % corners.len()] - position);
@@ -18,10 +18,11 @@ pub fn polygon_irradiance(corners: &[DVec3], position: DVec3, normal: DVec3) -> 
     0.5 * (0..corners.len()).map(edge).sum::<f64>().abs()
 }
 
-/// What a metal with GGX microfacets of that alpha reflects of uniform light, without what microfacets reflect to each
-/// other (Heitz 2018): the mean of G2 / G1 over the normals that the viewer sees, `cosine` being the viewer's.
+/// The share of uniform light that a metal with GGX microfacets reflects, without interreflection between microfacets
+/// (Heitz 2018): the mean of G2 / G1 over the visible normals. `cosine` is that of the angle between the viewer and the
+/// normal.
 pub fn ggx_albedo(alpha: f64, cosine: f64) -> f64 {
-    // Even in both: their error is far below what is asked of renders.
+    // Uniform steps in both dimensions. Their error is far below the bounds on renders.
     const STEPS: u32 = 512;
     let view = DVec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine);
     let root = |z: f64| (alpha * alpha + (1.0 - alpha * alpha) * z * z).sqrt();
@@ -35,7 +36,7 @@ pub fn ggx_albedo(alpha: f64, cosine: f64) -> f64 {
         let half = DVec3::new(alpha * cap.x, alpha * cap.y, cap.z).normalize();
         let light = half * (2.0 * view.dot(half)) - view;
         if light.z > 0.0 {
-            // Height-correlated masking of both directions over that of the viewer.
+            // Height-correlated masking and shadowing of both directions over the masking of the viewer.
             let both = 2.0 * light.z * view.z / (light.z * root(view.z) + view.z * root(light.z));
             sum += both / (2.0 * view.z / (view.z + root(view.z)));
         }
@@ -43,29 +44,29 @@ pub fn ggx_albedo(alpha: f64, cosine: f64) -> f64 {
     sum / f64::from(STEPS * STEPS)
 }
 
-/// Radiance that a Lambertian surface reflects of an irradiance.
+/// The radiance that a Lambertian surface reflects for an irradiance.
 pub fn reflected(albedo: f64, irradiance: f64) -> f64 {
     albedo * irradiance / PI
 }
 
-/// Mean of the green channel, which all tests of grey scenes look at.
+/// Mean of the green channel, which represents all channels in grey scenes.
 pub fn mean(image: &Image) -> f64 {
     green(image).sum::<f64>() / image.pixels() as f64
 }
 
-/// The green channel.
+/// The samples of the green channel.
 pub fn green(image: &Image) -> impl Iterator<Item = f64> {
     image.channel("G").into_iter().flatten().map(|x| f64::from(*x))
 }
 
-/// Mean absolute difference of two images over the mean of the second; infinite where anything is not finite.
+/// Mean absolute difference of two images over the mean of the second. Infinite if any value is not finite.
 pub fn difference(image: &Image, reference: &Image) -> f64 {
     let sum: f64 = green(image).zip(green(reference)).map(|(a, b)| (a - b).abs()).sum();
     let relative = sum / green(reference).sum::<f64>();
     if relative.is_finite() { relative } else { f64::INFINITY }
 }
 
-/// The difference of two numbers over the second; infinite where it is none.
+/// The absolute difference of two numbers over the second. Infinite if the quotient is not finite.
 pub fn relative(value: f64, expected: f64) -> f64 {
     let relative = (value - expected).abs() / expected.abs();
     if relative.is_finite() { relative } else { f64::INFINITY }

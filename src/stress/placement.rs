@@ -1,44 +1,44 @@
-//! Where a scene is, how large it is, and how its surfaces are cut into triangles.
+//! Stress families: scale, offset from the origin, and aspect ratio of triangles.
 
 use glam::{DAffine3, DQuat, DVec3};
+use kernel_kit::Gpu;
 
-use crate::gpu::Gpu;
-use crate::{Aov, Result, Settings, Technique};
+use crate::{Aov, Result, Technique};
 
+use super::family::{Family, Measure, Series, image, settings};
 use super::oracle::{difference, green, mean, polygon_irradiance, reflected, relative};
 use super::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, outline, square};
-use super::{Family, Measure, Series, image, settings};
 
-/// The whole scene, made larger or smaller in its file.
+/// The whole scene, scaled in its file.
 pub static SCALE: Family = Family {
     name: "scale",
-    title: "a room scaled in its file, point light and all: the image stays",
+    title: "a room scaled in its file, with its point light; expected: the same image",
     parameter: "scale",
-    deviation: "mean |difference| / mean, against scale 1; of powers of ten, difference of the means",
+    deviation: "mean |difference| / mean, against scale 1; for powers of ten, difference of the means",
     series: &[
         Series {
             name: "path, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::Path),
+            prepare: |gpu| scale(gpu, Technique::PATH),
         },
         Series {
             name: "two-pass, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::TwoPass),
+            prepare: |gpu| scale(gpu, Technique::TWO_PASS),
         },
         Series {
             name: "shadow-photons, powers of two",
             values: &TWOS,
             bound: |_| 0.0,
-            prepare: |gpu| scale(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| scale(gpu, Technique::SHADOW_PHOTONS),
         },
         Series {
             name: "shadow-photons, powers of ten",
             values: &[1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6, 1e8, 1e10, 1e12],
             bound: |_| OTHER_NOISE,
-            prepare: |gpu| scale_by_any(gpu, Technique::ShadowPhotons),
+            prepare: |gpu| scale_by_any(gpu, Technique::SHADOW_PHOTONS),
         },
     ],
 };
@@ -57,7 +57,7 @@ const TWOS: [f64; 10] = [
     (1u64 << 40) as f64,
 ];
 
-/// Coordinates that are rounded otherwise have other noise: normalised space is another where the scale is no power of two.
+/// The noise of another normalised space: scales other than powers of two round coordinates differently.
 const OTHER_NOISE: f64 = 1e-2;
 
 fn scale(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
@@ -72,7 +72,7 @@ fn scale_by_any(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
     Ok(Box::new(move |factor| Ok(relative(mean(&image(gpu, &room().scaled(factor), &settings)?), reference))))
 }
 
-/// A closed room with a cube, a lamp and a point light.
+/// A closed room with a cube, a square lamp and a point light.
 pub fn room() -> Stage {
     let eye = Eye {
         position: DVec3::new(0.3, 0.1, 0.45),
@@ -87,29 +87,30 @@ pub fn room() -> Stage {
     stage
 }
 
-/// The whole scene, far from the origin.
+/// The whole scene, moved away from the origin.
 pub static OFFSET: Family = Family {
     name: "offset",
-    title: "a scene of size 1 moved away from the origin: the image stays, as far as the file's f32 coordinates carry it",
+    title: "a scene of size 1 moved away from the origin; expected: the same image, as far as f32 coordinates allow",
     parameter: "offset in sizes of the scene",
-    deviation: "mean |difference| / mean, against no offset; of any coordinates, difference of the means",
+    deviation: "mean |difference| / mean, against no offset; for any coordinates, difference of the means",
     series: &[
         Series {
             name: "in the node, which is f64",
             values: &DISTANCES,
             bound: |_| 0.0,
-            prepare: |gpu| offset(gpu, Way::Node),
+            prepare: |gpu| offset(gpu, OffsetBy::Node),
         },
         Series {
             name: "coordinates that f32 holds",
             values: &DISTANCES,
             bound: |_| 0.0,
-            prepare: |gpu| offset(gpu, Way::Whole),
+            prepare: |gpu| offset(gpu, OffsetBy::Coordinates),
         },
         Series {
             name: "any coordinates",
             values: &DISTANCES,
-            // Half a step of f32 on either side moves an edge by 2^-24 of the offset, and a few of them cross a pixel.
+            // Rounding by half a unit in the last place of f32 at either end moves an edge by 2^-24 of the offset. A
+            // few edges cross a pixel.
             bound: |offset| OTHER_NOISE + 8.0 * offset / (1u64 << 24) as f64,
             prepare: |gpu| offset_any(gpu),
         },
@@ -118,26 +119,29 @@ pub static OFFSET: Family = Family {
 
 const DISTANCES: [f64; 9] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8];
 
-enum Way {
+/// Where the file has the offset.
+enum OffsetBy {
+    /// In the matrices of the nodes, in f64.
     Node,
-    Whole,
+    /// In the coordinates of the vertices, in f32.
+    Coordinates,
 }
 
-fn offset(gpu: &Gpu, way: Way) -> Result<Measure<'_>> {
-    let settings = settings(Technique::ShadowPhotons, 32, 4, 8);
+fn offset(gpu: &Gpu, by: OffsetBy) -> Result<Measure<'_>> {
+    let settings = settings(Technique::SHADOW_PHOTONS, 32, 4, 8);
     let reference = image(gpu, &corner(), &settings)?;
     Ok(Box::new(move |distance| {
         let away = DVec3::new(1.0, -1.0, 1.0) * distance;
-        let stage = match way {
-            Way::Node => corner().placed(DAffine3::from_translation(away)),
-            Way::Whole => corner().moved(away),
+        let stage = match by {
+            OffsetBy::Node => corner().transformed(DAffine3::from_translation(away)),
+            OffsetBy::Coordinates => corner().moved(away),
         };
         Ok(difference(&image(gpu, &stage, &settings)?, &reference))
     }))
 }
 
 fn offset_any(gpu: &Gpu) -> Result<Measure<'_>> {
-    let settings = settings(Technique::ShadowPhotons, 32, 4, 8);
+    let settings = settings(Technique::SHADOW_PHOTONS, 32, 4, 8);
     let reference = mean(&image(gpu, &room(), &settings)?);
     Ok(Box::new(move |distance| {
         let stage = room().moved(DVec3::new(0.7, -0.9, 0.8) * distance);
@@ -145,8 +149,8 @@ fn offset_any(gpu: &Gpu) -> Result<Measure<'_>> {
     }))
 }
 
-/// A corner of walls under a lamp, with a triangle across it, all of whose coordinates are 0 or 1: with whole offsets f32
-/// holds them up to 2^24.
+/// A corner of two walls under a lamp, with a triangle across it. All coordinates are 0 or 1, so f32 represents them
+/// exactly with integer offsets up to 2^24.
 pub fn corner() -> Stage {
     let [o, x, y, z] = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
     let quad = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| vec![[a, b, c], [a, c, d]];
@@ -162,12 +166,12 @@ pub fn corner() -> Stage {
         .with(vec![[y, y + x, y + z]], Paint::lamp(3.0))
 }
 
-/// A floor that is cut into needles.
+/// A floor cut into needle-shaped triangles.
 pub static ASPECT: Family = Family {
     name: "aspect",
-    title: "a floor cut into needles has the irradiance of a floor",
-    parameter: "length of the needles over their width",
-    deviation: "largest relative error of a pixel, against Lambert's formula in f64; of shadow rays, the share that is stopped",
+    title: "a floor cut into needles; expected: the irradiance of a floor",
+    parameter: "length over width of the needles",
+    deviation: "largest relative error of a pixel against Lambert's formula; for shadow rays, the occluded share",
     series: &[
         Series {
             name: "along the axes",
@@ -178,7 +182,8 @@ pub static ASPECT: Family = Family {
         Series {
             name: "tilted",
             values: &ASPECTS,
-            // Corners are rounded by 2^-25 of the scene's radius each way: by so much over its width a needle turns.
+            // Corners are rounded by up to 2^-25 of the scene's radius either way, which rotates a needle by that over
+            // its width.
             bound: |aspect| CLOSED + 4.0 * aspect / (1u64 << 24) as f64,
             prepare: |gpu| needles(gpu, tilt()),
         },
@@ -188,33 +193,33 @@ pub static ASPECT: Family = Family {
 
 const ASPECTS: [f64; 10] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9];
 
-/// What the closed form is off in f32: its absolute error is about 1e-6 of the angle that a light spans.
+/// Error of the closed form in f32: in absolute terms about 1e-6 of the angle that the light subtends.
 pub(super) const CLOSED: f64 = 1e-5;
 
-/// Needles about the middle of the floor, and where they are seen.
+/// Number of needles in the middle of the floor.
 const NEEDLES: u32 = 16;
 
 fn tilt() -> DQuat {
     DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 0.5, 0.7)
 }
 
-fn needles(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
+fn needles(gpu: &Gpu, rotation: DQuat) -> Result<Measure<'_>> {
     let expected = reflected(0.5, polygon_irradiance(&outline(&lamp()), DVec3::ZERO, DVec3::Y));
-    // One sample, through the middle of each pixel, and no boundary is near: nothing is random.
-    let settings = Settings { audit: 0.0, ..settings(Technique::ShadowPhotons, 16, 1, 0) };
+    // Nothing is random: one sample at the centre of each pixel, no audits, and no boundary nearby.
+    let settings = settings(Technique::SHADOW_PHOTONS, 16, 1, 0).with(|s| s.visibility_map.audit = 0.0);
     Ok(Box::new(move |aspect| {
-        let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
+        let image = image(gpu, &floor_of_needles(aspect, rotation), &settings)?;
         Ok(green(&image).map(|radiance| relative(radiance, expected)).fold(0.0, f64::max))
     }))
 }
 
-/// There is nothing between the floor and its lamp.
-fn shadows(gpu: &Gpu, turn: DQuat) -> Result<Measure<'_>> {
-    let settings = Settings { aovs: vec![Aov::Shadow], ..settings(Technique::TwoPass, 16, 16, 0) };
+/// The share of shadow rays that are occluded, although there is nothing between the floor and its lamp.
+fn shadows(gpu: &Gpu, rotation: DQuat) -> Result<Measure<'_>> {
+    let settings = settings(Technique::TWO_PASS, 16, 16, 0).with(|s| s.image.aovs = vec![Aov::Shadow]);
     Ok(Box::new(move |aspect| {
-        let image = image(gpu, &floor_of_needles(aspect, turn), &settings)?;
-        let seen = image.channel("shadow.light 0.visibility").into_iter().flatten().map(|v| f64::from(*v));
-        Ok(1.0 - seen.sum::<f64>() / image.pixels() as f64)
+        let image = image(gpu, &floor_of_needles(aspect, rotation), &settings)?;
+        let visibility = image.channel("shadow.light 0.visibility").into_iter().flatten().map(|v| f64::from(*v));
+        Ok(1.0 - visibility.sum::<f64>() / image.pixels() as f64)
     }))
 }
 
@@ -222,9 +227,9 @@ fn lamp() -> Vec<Corners> {
     square(DVec3::Y * 0.5, DVec3::X * 0.25, DVec3::Z * 0.25)
 }
 
-fn floor_of_needles(aspect: f64, turn: DQuat) -> Stage {
+fn floor_of_needles(aspect: f64, rotation: DQuat) -> Stage {
     let width = 1.0 / aspect;
-    // All needles and no more; and so small a view that the irradiance is that of its middle.
+    // The view covers the needles only, and is so small that the irradiance is that of its centre.
     let half = 0.5 * width * f64::from(NEEDLES);
     let eye = Eye { position: DVec3::Y * 0.25, towards: -DVec3::Y, view: View::Orthographic(half.min(1e-4)) };
     let strip =
@@ -234,5 +239,5 @@ fn floor_of_needles(aspect: f64, turn: DQuat) -> Stage {
     floor.extend(strip(-half - 0.5, -half));
     floor.extend(strip(half, half + 0.5));
     let stage = Stage::new(eye).with(floor, Paint::matte(0.5)).with(lamp(), Paint::lamp(1.0));
-    stage.placed(DAffine3::from_quat(turn))
+    stage.transformed(DAffine3::from_quat(rotation))
 }

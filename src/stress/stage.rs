@@ -1,4 +1,4 @@
-//! Small scenes made in code, as glTF in memory: what import does to a scene is a part of what is measured.
+//! Small scenes made in code and written as glTF in memory, so that measurements include the import.
 
 use std::path::Path;
 
@@ -8,23 +8,23 @@ use serde_json::{Value, json};
 use crate::scene::{ImportOptions, Scene};
 use crate::{Camera, Error, Result};
 
-/// Corners of a triangle, counter-clockwise seen from the front.
+/// The corners of a triangle, counter-clockwise as seen from the front.
 pub type Corners = [DVec3; 3];
 
-/// What a surface is made of.
+/// The material of a surface, grey throughout.
 #[derive(Clone, Copy, Debug)]
 pub struct Paint {
     /// Base colour, 0 to 1.
     pub colour: f64,
     /// Emitted radiance.
     pub radiance: f64,
-    /// Share of rays that are stopped, 0 to 1.
+    /// Opacity, 0 to 1: the share of rays that the surface stops.
     pub alpha: f64,
-    /// 0 or 1.
+    /// glTF's `metallicFactor`, 0 or 1.
     pub metallic: f64,
-    /// 0 to 1.
+    /// glTF's `roughnessFactor`, 0 to 1.
     pub roughness: f64,
-    /// Both faces are shaded and emit.
+    /// Whether both faces reflect and emit.
     pub double_sided: bool,
 }
 
@@ -48,7 +48,7 @@ impl Paint {
                 "roughnessFactor": roughness
             },
             "doubleSided": double_sided,
-            // No dielectric layer: what is no metal is Lambertian.
+            // Without the dielectric layer every surface that is not a metal is Lambertian.
             "extensions": { "KHR_materials_specular": { "specularFactor": 0.0 } }
         });
         if radiance > 0.0 {
@@ -62,15 +62,15 @@ impl Paint {
     }
 }
 
-/// Triangles of one material, and where they stand. An emissive part is a light for each of its places.
+/// Triangles of one material and their instances. Each instance of an emissive part is a light.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// In the file's own coordinates, which are f32.
+    /// In the file's coordinates, which are rounded to f32.
     pub triangles: Vec<Corners>,
-    /// Of all of them.
+    /// The material of all triangles.
     pub paint: Paint,
-    /// World matrices of the nodes that show them, in f64.
-    pub places: Vec<DAffine3>,
+    /// World matrices of the instances, in f64.
+    pub instances: Vec<DAffine3>,
 }
 
 /// A point light.
@@ -82,18 +82,18 @@ pub struct PointLight {
     pub intensity: f64,
 }
 
-/// Where an image is seen from.
+/// The camera of a stage.
 #[derive(Clone, Copy, Debug)]
 pub struct Eye {
     /// In world space.
     pub position: DVec3,
-    /// Along which it looks; need not be a unit vector.
+    /// Viewing direction; need not be a unit vector.
     pub towards: DVec3,
-    /// How wide it sees.
+    /// Projection and width of the view.
     pub view: View,
 }
 
-/// A square view.
+/// The projection of a square image.
 #[derive(Clone, Copy, Debug)]
 pub enum View {
     /// Field of view in radians.
@@ -102,7 +102,7 @@ pub enum View {
     Orthographic(f64),
 }
 
-/// A scene in the making.
+/// A scene to be written as glTF.
 #[derive(Clone, Debug)]
 pub struct Stage {
     /// Surfaces.
@@ -114,22 +114,22 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A stage without anything.
+    /// An empty stage.
     pub fn new(eye: Eye) -> Stage {
         Stage { parts: Vec::new(), lights: Vec::new(), eye }
     }
 
-    /// Adds triangles that stand where their coordinates say.
+    /// Adds a part with one instance, whose matrix is the identity.
     pub fn with(mut self, triangles: Vec<Corners>, paint: Paint) -> Stage {
-        self.parts.push(Part { triangles, paint, places: vec![DAffine3::IDENTITY] });
+        self.parts.push(Part { triangles, paint, instances: vec![DAffine3::IDENTITY] });
         self
     }
 
-    /// The whole `factor` times as large, coordinates and all, with point lights that light it as before.
+    /// Scales everything, coordinates included. Point lights are scaled so that the irradiance stays the same.
     pub fn scaled(mut self, factor: f64) -> Stage {
         for part in &mut self.parts {
             part.triangles.iter_mut().flatten().for_each(|corner| *corner *= factor);
-            part.places.iter_mut().for_each(|place| place.translation *= factor);
+            part.instances.iter_mut().for_each(|instance| instance.translation *= factor);
         }
         for light in &mut self.lights {
             light.position *= factor;
@@ -142,16 +142,17 @@ impl Stage {
         self
     }
 
-    /// The whole moved by the matrices of its nodes.
-    pub fn placed(mut self, place: DAffine3) -> Stage {
-        self.parts.iter_mut().flat_map(|part| &mut part.places).for_each(|own| *own = place * *own);
-        self.lights.iter_mut().for_each(|light| light.position = place.transform_point3(light.position));
-        self.eye.position = place.transform_point3(self.eye.position);
-        self.eye.towards = place.transform_vector3(self.eye.towards);
+    /// Transforms everything by the matrices of the nodes.
+    pub fn transformed(mut self, transform: DAffine3) -> Stage {
+        let instances = self.parts.iter_mut().flat_map(|part| &mut part.instances);
+        instances.for_each(|instance| *instance = transform * *instance);
+        self.lights.iter_mut().for_each(|light| light.position = transform.transform_point3(light.position));
+        self.eye.position = transform.transform_point3(self.eye.position);
+        self.eye.towards = transform.transform_vector3(self.eye.towards);
         self
     }
 
-    /// The whole moved by `offset`, surfaces by their own coordinates.
+    /// Moves everything by `offset`, surfaces by the coordinates of their vertices.
     pub fn moved(mut self, offset: DVec3) -> Stage {
         self.parts.iter_mut().flat_map(|part| &mut part.triangles).flatten().for_each(|corner| *corner += offset);
         self.lights.iter_mut().for_each(|light| light.position += offset);
@@ -159,7 +160,7 @@ impl Stage {
         self
     }
 
-    /// The scene and its camera, by way of a glTF file.
+    /// Writes the stage as a glTF file and imports it. Returns the scene and its camera.
     ///
     /// # Errors
     /// As [`Scene::load`].
@@ -171,27 +172,11 @@ impl Stage {
         Ok((scene, camera))
     }
 
-    /// The file.
+    /// The stage as a .glb file.
     pub fn glb(&self) -> Vec<u8> {
-        let mut bin: Vec<u8> = Vec::new();
-        let (mut views, mut accessors, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
+        let Meshes { bin, views, accessors, meshes, instances } = self.meshes();
         let mut nodes = vec![self.eye.node()];
-        for (index, part) in self.parts.iter().enumerate() {
-            let corners: Vec<_> = part.triangles.iter().flatten().map(|corner| corner.as_vec3()).collect();
-            let start = bin.len();
-            bin.extend(corners.iter().flat_map(|corner| corner.to_array()).flat_map(f32::to_le_bytes));
-            let (lower, upper) =
-                (corners.iter().copied().reduce(glam::Vec3::min), corners.iter().copied().reduce(glam::Vec3::max));
-            views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": bin.len() - start }));
-            accessors.push(json!({
-                "bufferView": index, "componentType": 5126, "type": "VEC3", "count": corners.len(),
-                "min": lower.unwrap_or_default().to_array(), "max": upper.unwrap_or_default().to_array()
-            }));
-            meshes.push(json!({ "primitives": [{ "attributes": { "POSITION": index }, "material": index }] }));
-            for place in &part.places {
-                nodes.push(json!({ "mesh": index, "matrix": columns(place) }));
-            }
-        }
+        nodes.extend(instances);
         for (index, light) in self.lights.iter().enumerate() {
             let of_light = json!({ "KHR_lights_punctual": { "light": index } });
             nodes.push(json!({ "translation": light.position.to_array(), "extensions": of_light }));
@@ -219,19 +204,53 @@ impl Stage {
         }
         container(&root, bin)
     }
+
+    /// The parts as meshes, with their positions in one buffer.
+    fn meshes(&self) -> Meshes {
+        let mut found = Meshes::default();
+        for (index, part) in self.parts.iter().enumerate() {
+            let corners: Vec<_> = part.triangles.iter().flatten().map(|corner| corner.as_vec3()).collect();
+            let start = found.bin.len();
+            found.bin.extend(corners.iter().flat_map(|corner| corner.to_array()).flat_map(f32::to_le_bytes));
+            let (lower, upper) =
+                (corners.iter().copied().reduce(glam::Vec3::min), corners.iter().copied().reduce(glam::Vec3::max));
+            let length = found.bin.len() - start;
+            found.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": length }));
+            found.accessors.push(json!({
+                "bufferView": index, "componentType": 5126, "type": "VEC3", "count": corners.len(),
+                "min": lower.unwrap_or_default().to_array(), "max": upper.unwrap_or_default().to_array()
+            }));
+            found.meshes.push(json!({ "primitives": [{ "attributes": { "POSITION": index }, "material": index }] }));
+            for instance in &part.instances {
+                found.instances.push(json!({ "mesh": index, "matrix": columns(instance) }));
+            }
+        }
+        found
+    }
+}
+
+/// The meshes of a .glb file: glTF objects by kind, and the binary chunk.
+#[derive(Default)]
+struct Meshes {
+    bin: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    meshes: Vec<Value>,
+    /// Nodes, one per instance.
+    instances: Vec<Value>,
 }
 
 impl Eye {
-    /// Unit vectors to the right, up and backward: the axes of the camera.
+    /// The axes of the camera: unit vectors to the right, up and backward.
     pub fn axes(&self) -> DMat3 {
         let backward = -self.towards.normalize();
-        // Any direction that is not nearly its own.
+        // Any direction that is not nearly parallel.
         let other = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
         let right = other.cross(backward).normalize();
         DMat3::from_cols(right, backward.cross(right), backward)
     }
 
-    /// Where the ray through the middle of pixel (x, y) of `side` pixels starts, and its direction.
+    /// Origin and direction of the ray through the centre of pixel (x, y) in an image of `side` by `side` pixels.
     pub fn ray(&self, [x, y]: [u32; 2], side: u32) -> (DVec3, DVec3) {
         let at = |pixel: u32| (2.0 * f64::from(pixel) + 1.0) / f64::from(side) - 1.0;
         let axes = self.axes();
@@ -243,13 +262,13 @@ impl Eye {
     }
 
     fn node(&self) -> Value {
-        let place = DAffine3 { matrix3: self.axes(), translation: self.position };
-        json!({ "camera": 0, "matrix": columns(&place) })
+        let transform = DAffine3 { matrix3: self.axes(), translation: self.position };
+        json!({ "camera": 0, "matrix": columns(&transform) })
     }
 
     fn camera(&self) -> Value {
         match self.view {
-            // As near as can be: nothing is to be cut off, at any scale.
+            // The smallest near plane, so that nothing is clipped at any scale.
             View::Perspective(yfov) => {
                 json!({ "type": "perspective", "perspective": { "yfov": yfov, "znear": f32::MIN_POSITIVE } })
             }
@@ -261,14 +280,14 @@ impl Eye {
     }
 }
 
-/// A matrix as glTF has it: 16 numbers, column by column.
-fn columns(place: &DAffine3) -> Vec<f64> {
-    let DAffine3 { matrix3: m, translation: t } = *place;
+/// A matrix in glTF's form: 16 numbers, column by column.
+fn columns(transform: &DAffine3) -> Vec<f64> {
+    let DAffine3 { matrix3: m, translation: t } = *transform;
     let columns = [m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0)];
     columns.iter().flat_map(|column| column.to_array()).collect()
 }
 
-/// A .glb of that JSON and that binary chunk.
+/// A .glb file of a JSON chunk and a binary chunk.
 fn container(json: &Value, mut bin: Vec<u8>) -> Vec<u8> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -286,19 +305,19 @@ fn container(json: &Value, mut bin: Vec<u8>) -> Vec<u8> {
     glb
 }
 
-/// A parallelogram about its centre, `half` and `other` being half its sides; it faces along their cross product.
+/// A parallelogram around `centre` with the half sides `half` and `other`. Its normal is along their cross product.
 pub fn square(centre: DVec3, half: DVec3, other: DVec3) -> Vec<Corners> {
     let [a, b, c, d] = [-half - other, half - other, half + other, other - half].map(|v| centre + v);
     vec![[a, b, c], [a, c, d]]
 }
 
-/// The corners of a [`square`], one after the other.
+/// The corners of a [`square`], in order.
 pub fn outline(square: &[Corners]) -> [DVec3; 4] {
     let [[a, b, c], [_, _, d]] = [square[0], square[1]];
     [a, b, c, d]
 }
 
-/// A cube that faces outwards.
+/// A cube with outward normals.
 pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];
     let sides = (0..3).flat_map(|i| {
@@ -308,12 +327,12 @@ pub fn cube(centre: DVec3, half: f64) -> Vec<Corners> {
     sides.collect()
 }
 
-/// The same triangles, seen from behind.
+/// The same triangles with reversed normals.
 pub fn inside_out(triangles: Vec<Corners>) -> Vec<Corners> {
     triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect()
 }
 
-/// A convex polygon, counter-clockwise about its normal, in triangles from its centre.
+/// A convex polygon, counter-clockwise around its normal, as a fan of triangles around its centre.
 pub fn polygon(corners: &[DVec3]) -> Vec<Corners> {
     let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
     (0..corners.len()).map(|i| [centre, corners[i], corners[(i + 1) % corners.len()]]).collect()

@@ -1,11 +1,11 @@
-//! Files that cannot be used: exit code 3, one line that names the file and the place, and no output touched.
+//! Files that cannot be used: exit code 3, one line that names the file and the location in it, and no output touched.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::program::{BOX, device, folder, run};
 
-/// Renders and plans `scene`, which must be refused; the output that was there must stay as it was.
+/// Renders and plans `scene`, which must be refused; an existing output must not change.
 #[track_caller]
 fn assert_refused(folder: &Path, scene: &Path, words: &[&str]) {
     let output = folder.join("old.png");

@@ -1,4 +1,4 @@
-//! `--environment`: what is planned for it, what is refused, and that it tells renders apart.
+//! `--environment`: its plan, its errors, and checkpoints that belong to it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -38,9 +38,9 @@ fn triangle(folder: &Path) -> PathBuf {
     file
 }
 
-/// The environment is planned for. Alone it has no visibility map, and the plan says why; a lamp keeps its own.
+/// An environment without lamps has no visibility map, and the plan gives the reason; a lamp keeps its own.
 #[test]
-fn the_plan_says_why_the_environment_has_no_visibility_photons() {
+fn the_plan_gives_the_reason_why_the_environment_has_no_visibility_photons() {
     let folder = folder();
     let reason = |scene: &Path, list: &str, name: &str| {
         let plan = run("plan --json", &[&scene, &"--environment", &SKY]).json();

@@ -26,7 +26,7 @@ fn the_plan_has_every_part_once_with_a_reason_and_a_cost() {
         names(&plan["kept"]).union(&names(&plan["left_out"])).map(|n| n.to_string()).collect::<BTreeSet<_>>()
     };
     assert_eq!(all(&plain), all(&rich));
-    // The box is of one Lambertian light and plain Lambertian surfaces; the still life has what it leaves out.
+    // The box has one Lambertian light and plain Lambertian surfaces; the still life has the features that the box leaves out.
     for part in ["textures", "alpha_test", "glossy", "point_lights", "light_tags"] {
         assert!(names(&plain["left_out"]).contains(part) && names(&rich["kept"]).contains(part), "{part}");
     }
@@ -47,7 +47,7 @@ fn the_plan_follows_the_settings() {
     for (technique, kept, left_out) in [
         ("voxel-tags", &["cells", "voxel_tags"][..], &["visibility_map", "ward"][..]),
         ("visibility-cells", &["cells"], &["visibility_map", "voxel_tags", "ward"]),
-        // Of the box's one light nothing can be left untested.
+        // The only light of the box is always tested.
         ("ward-adaptive", &[], &["cells", "ward", "visibility_estimate"]),
         ("shadow-photons", &["visibility_map"], &["cells", "voxel_tags", "ward"]),
     ] {
@@ -55,11 +55,11 @@ fn the_plan_follows_the_settings() {
         assert!(kept.iter().all(|part| names(&plan["kept"]).contains(part)), "{technique}");
         assert!(left_out.iter().all(|part| names(&plan["left_out"]).contains(part)), "{technique}");
     }
-    // Few of the still life's lights are asked where that is asked for, and then by zones and without a map.
-    let plan = run("plan --json --chosen-lights 2 --light-choice zones", &[&STILL_LIFE]).json();
+    // On request the still life samples a few of its lights, by zones and without a map.
+    let plan = run("plan --json --sampled-lights 2 --light-sampling zones", &[&STILL_LIFE]).json();
     assert!(["light_sampling", "zones"].iter().all(|part| names(&plan["kept"]).contains(part)));
     assert!(names(&plan["left_out"]).contains("visibility_map"));
-    let plan = run("plan --json --chosen-lights 2 --light-choice power --technique two-pass", &[&STILL_LIFE]).json();
+    let plan = run("plan --json --sampled-lights 2 --light-sampling power --technique two-pass", &[&STILL_LIFE]).json();
     assert!(names(&plan["kept"]).contains("light_sampling") && names(&plan["left_out"]).contains("zones"));
     assert!(names(&run("plan --json", &[&STILL_LIFE]).json()["left_out"]).contains("light_sampling"));
     let plan = run("plan --json --technique ward-adaptive", &[&STILL_LIFE]).json();
@@ -79,7 +79,7 @@ fn the_text_says_what_the_json_says() {
     }
 }
 
-/// An image's shape follows the camera's, which is the file's first unless it is chosen by name or index.
+/// The aspect ratio of the image is that of the camera: the first of the file, or the one selected by name or index.
 #[test]
 fn the_camera_gives_the_shape_of_the_image() {
     let folder = folder();

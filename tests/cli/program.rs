@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
 pub const STILL_LIFE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/still_life.glb");
 
-/// A folder that goes when it is dropped.
+/// A folder that is removed when it is dropped.
 pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }
@@ -16,7 +16,7 @@ pub fn device() -> String {
     std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into())
 }
 
-/// The program, with the arguments between spaces, then `files`.
+/// The program, with `arguments` split at spaces, then `files`.
 pub fn penumbra(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
     command.args(arguments.split_whitespace()).args(files);
@@ -30,7 +30,7 @@ pub fn run(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Answer {
     Answer::of(&mut penumbra(arguments, files))
 }
 
-/// What the program answered.
+/// The output and exit code of the program.
 #[derive(Debug)]
 pub struct Answer {
     pub code: Option<i32>,

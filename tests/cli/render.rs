@@ -1,17 +1,17 @@
-//! `penumbra render`: outputs, statistics, what is said, and being stopped.
+//! `penumbra render`: outputs, statistics, messages, and signals.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use penumbra::render::film::{Metadata, View};
+use penumbra::internal::render::film::{Metadata, View};
 use penumbra::{Image, Technique};
 use serde_json::Value;
 
 use crate::program::{Answer, BOX, STILL_LIFE, device, folder, penumbra, run};
 use crate::schema;
 
-/// Settings that are quick: few photons, a small image.
+/// Quick settings: few photons, a small image.
 const SMALL: &str = "--width 24 --height 16 --photons 4096";
 
 /// Renders the box to `outputs` with `arguments`.
@@ -86,12 +86,12 @@ fn statistics_are_as_documented_and_add_up() {
     assert_eq!(count("/points/total"), sum("/points", &["lit", "shadowed", "boundary", "unknown"]));
     assert_eq!(count("/samples"), 3);
     assert_eq!(count("/rays/camera"), 24 * 16 * 3);
-    // One light: at most one point a sample.
+    // One light: at most one point per sample.
     assert!(count("/points/total") > 0 && sum("/points", &["total", "dark"]) <= count("/rays/camera"));
     let boundary = sum("/points", &["boundary", "unknown"]) as f64 / count("/points/total") as f64;
     // Both are the same quotient of integers in f64.
     assert_eq!(statistics["points"]["boundary_share"].as_f64().unwrap(), boundary);
-    // Every boundary and unknown point asks 4 light points at most: those in front of it.
+    // Each boundary or unknown point samples at most 4 light points: those in front of it.
     assert!(count("/rays/shadow") <= 4 * sum("/points", &["boundary", "unknown"]));
     assert_eq!(count("/photons/0/emitted"), 4096);
     assert!(count("/photons/0/illumination") > 0 && count("/photons/0/illumination") <= 4096);
@@ -148,7 +148,7 @@ fn notes_are_said_once_and_kept_in_the_statistics() {
     assert_eq!(kept, said);
 }
 
-/// A budget ends a render without a number of samples; samples end one within its budget.
+/// A time budget ends a render without a number of samples; a number of samples ends one within its budget.
 #[test]
 fn a_render_ends_by_time_or_by_samples() {
     let folder = folder();
@@ -161,18 +161,18 @@ fn a_render_ends_by_time_or_by_samples() {
     assert_eq!(samples("--time 3600 --spp 2"), 2);
 }
 
-/// Renders of every technique that are stopped after each batch, against one that is not.
+/// Renders of every technique that are stopped after each batch, against an uninterrupted render.
 #[test]
 fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let folder = folder();
     let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
-    let all = Technique::ALL.map(|technique| format!("--aov all --technique {technique}"));
-    // The map counts photons in another way where the classes are not asked for. In the still life so few photons are of
-    // no use, and the pilot leaves the map out. It has lights enough for some to be guessed by what was seen of them before.
+    let all = Technique::all().map(|technique| format!("--aov all --technique {technique}"));
+    // Without the AOV of classes, the map counts photons by another kernel. In the still life so few photons do not pay, and
+    // the pilot leaves the map out. It has enough lights for ward-adaptive to estimate some by their visibility so far.
     let others = [
         (BOX, "--aov variance --nearest 511".to_owned()),
         (STILL_LIFE, "--aov variance".to_owned()),
-        (STILL_LIFE, "--aov variance --light-choice zones --chosen-lights 2".to_owned()),
+        (STILL_LIFE, "--aov variance --light-sampling zones --sampled-lights 2".to_owned()),
         (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5".to_owned()),
     ];
     for (scene, arguments) in all.map(|arguments| (BOX, arguments)).into_iter().chain(others) {
@@ -221,13 +221,13 @@ fn checkpoints_of_something_else_are_refused() {
     other[version] ^= 1;
     let mut flipped = good.clone();
     *flipped.last_mut().unwrap() ^= 1;
-    // Numbers of the header, of which a checkpoint once said nothing: the image would be nine halves as dark.
+    // The numbers of the header are part of the digest: otherwise the image would be 4.5 times too dark.
     let at = |bytes: &[u8], word: &str| String::from_utf8_lossy(&bytes[..2000]).find(word).unwrap() + word.len();
     let mut samples = good.clone();
     samples[at(&good, "\"samples\":")] = b'9';
-    // As one may write it on purpose, with the digest set right: more samples than are rendered.
+    // A forged file with a valid digest: more samples than the render has.
     let whole = |mut bytes: Vec<u8>| {
-        let digest = penumbra::fingerprint::digest(&bytes[54..]);
+        let digest = penumbra::internal::fingerprint::digest(&bytes[54..]);
         bytes[22..54].copy_from_slice(digest.as_bytes());
         bytes
     };
@@ -247,14 +247,15 @@ fn checkpoints_of_something_else_are_refused() {
     }
     fs::remove_file(&state).unwrap();
     resume("--spp 2").assert_refused(3, &["state"]);
-    // Photons that audits left, of no place (one photon asked is often wrong), and of a light that does not exist, which counted them past the last.
+    // Photons that audits added (a class by one photon is often wrong), with positions that are not finite and a light that does
+    // not exist, which would be counted past the last.
     render(&format!("--spp 9 --audit 1 --nearest 1 {checkpoint}"), &[&image]).assert_done();
-    let mut spoilt = fs::read(&state).unwrap();
-    let counts = ["\"added\":", "\"left\":"].map(|word| spoilt[at(&spoilt, word)]);
+    let mut invalid = fs::read(&state).unwrap();
+    let counts = ["\"added\":", "\"left\":"].map(|word| invalid[at(&invalid, word)]);
     assert!(counts.iter().any(|digit| *digit > b'0'), "audits left nothing");
-    let header = 62 + u64::from_le_bytes(spoilt[54..62].try_into().unwrap()) as usize;
-    spoilt[header..].fill(0xff);
-    fs::write(&state, whole(spoilt)).unwrap();
+    let header = 62 + u64::from_le_bytes(invalid[54..62].try_into().unwrap()) as usize;
+    invalid[header..].fill(0xff);
+    fs::write(&state, whole(invalid)).unwrap();
     resume("--spp 9 --audit 1 --nearest 1").assert_refused(3, &["state", "damaged"]);
 }
 
@@ -272,7 +273,7 @@ fn noise_ends_a_render_and_a_reference_is_compared_with() {
         };
         let estimate = word(&answer.stderr, "estimated relMSE ");
         let found = word(&answer.stdout, "relMSE ");
-        // What stratified samples make it less than that of independent ones, and what the reference adds.
+        // Stratified samples have a smaller error than independent ones; the reference adds its own.
         assert!(estimate <= 0.02 && found < estimate, "{technique}: {found} for {estimate}");
         assert!(found > 0.02 / 20.0, "{technique}: {found} is more than the samples that were asked for");
         assert_eq!(channels(&Image::read(&image).unwrap()), ["A", "B", "G", "R"].into());

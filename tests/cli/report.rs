@@ -1,16 +1,16 @@
-//! `penumbra report`: what it writes, and the reference that it makes, keeps and takes up again.
+//! `penumbra report`: its files, and the reference that it makes, keeps and continues.
 
 use std::fs;
 use std::path::Path;
 
 use penumbra::Image;
-use penumbra::render::film::Metadata;
+use penumbra::internal::render::film::Metadata;
 use serde_json::Value;
 
 use crate::program::{Answer, BOX, device, folder, penumbra, run};
 use crate::schema;
 
-/// Settings that are quick: few photons, a small image.
+/// Quick settings: few photons, a small image.
 const SMALL: &str = "--width 24 --height 16 --photons 4096";
 
 /// Reports on the box in `folder`, with the cache beside.
@@ -39,7 +39,7 @@ fn everything_is_written_and_as_documented() {
     let class = &json["classes"][0];
     let points: u64 = ["lit", "shadowed", "boundary", "unknown"]
         .iter()
-        .flat_map(|name| ["hidden", "penumbra", "seen"].map(|truth| class[name][truth].as_u64().unwrap()))
+        .flat_map(|name| ["hidden", "penumbra", "visible"].map(|truth| class[name][truth].as_u64().unwrap()))
         .sum();
     assert_eq!(class["points"].as_u64().unwrap(), points);
 
@@ -65,7 +65,7 @@ fn everything_is_written_and_as_documented() {
     assert!(!page.replace("http://www.w3.org/2000/svg", "").contains("://"), "the page needs a network");
     assert!(!page.contains("{{"), "a part of the page is missing");
 
-    // What was made can be given, and knows its own error then too.
+    // The reference that was made can be given to another report, with its own error.
     let given = folder.join("report/reference.exr");
     let kept = folder.join("given.exr");
     fs::copy(&given, &kept).unwrap();
@@ -107,11 +107,11 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
     let file = folder.join("file");
     fs::write(&file, "").unwrap();
     run("report", &[&BOX, &"-o", &file]).assert_refused(3, &[file.to_str().unwrap()]);
-    // Nothing is left of what could not begin.
+    // A report that could not begin leaves nothing.
     let [scene, output] = ["none.glb", "none"].map(|name| folder.join(name));
     run("report", &[&scene, &"-o", &output]).assert_refused(3, &["none.glb"]);
     assert!(!output.exists() && !folder.join("report").exists());
-    // Nor of a report that could not be made; a folder of the user's own stays.
+    // Nor does one that could not be made; a folder of the user's own stays.
     for made in [false, true] {
         let none = report(folder, "--quiet --techniques path --budgets 1e-9 --reference-error 0.5");
         none.assert_refused(2, &["--budgets are too short"]);
@@ -120,7 +120,7 @@ fn references_that_cannot_be_used_are_refused_before_anything_is_rendered() {
     }
 }
 
-/// Stops a report as soon as it has said `words`; what it said in all.
+/// Stops a report as soon as it has printed `words`; returns all that it printed.
 #[cfg(unix)]
 fn stopped(folder: &Path, arguments: &str, words: &str) -> String {
     use std::io::{BufRead, BufReader, Read};
@@ -147,7 +147,7 @@ fn stopped(folder: &Path, arguments: &str, words: &str) -> String {
 fn a_signal_keeps_the_reference() {
     let folder = folder();
     let folder = folder.path();
-    // An error that is never reached.
+    // A standard error that is never reached.
     stopped(folder, "--reference-error 1e-9 --repeats 3", "reference: ");
     let kept = fs::read_dir(folder.join("cache")).unwrap().next().unwrap().unwrap().path();
     let half = Image::read(kept.join("half-0.exr")).unwrap();
@@ -155,7 +155,7 @@ fn a_signal_keeps_the_reference() {
     assert!(!folder.join("report/report.json").exists());
 }
 
-/// Where nothing is said of it there are five runs of each technique, or as many, but not below three, as three minutes have time for.
+/// By default there are five runs of each technique, or as many as three minutes have time for, but at least three.
 #[cfg(unix)]
 #[test]
 fn repeats_follow_the_time_there_is() {
@@ -174,7 +174,7 @@ fn repeats_follow_the_time_there_is() {
     assert!(asked.contains("28 runs of 10 s") && !asked.contains("instead of"), "{asked}");
 }
 
-/// Three runs of each technique are a report, however many more were asked for.
+/// Three runs of each technique make a report, however many were requested.
 #[cfg(unix)]
 #[test]
 fn a_signal_keeps_the_runs_that_all_techniques_have() {
@@ -193,7 +193,7 @@ fn a_signal_keeps_the_runs_that_all_techniques_have() {
     assert_eq!(seeds.max(), Some(runs - 1), "{csv}");
 }
 
-/// A script that does with the page what a person does, and leaves what it saw in the page.
+/// A script that uses the page as a person does, and writes what it saw into the page.
 const VISITOR: &str = r#"<script>
 const faults = [];
 addEventListener("error", (event) => faults.push(event.message));
@@ -206,7 +206,7 @@ addEventListener("load", () => setTimeout(() => {
     // A little off the corner where four pixels meet.
     return [...find("viewer").getContext("2d").getImageData(width / 2 + 4, height / 2 + 4, 1, 1).data].join(" ");
   };
-  const seen = { gpu_scene: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
+  const seen = { tables: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
   choose("exposure", 0);
   choose("left", 1);
   choose("right", 0);
@@ -259,10 +259,10 @@ fn the_page_works_in_a_browser() {
     let seen: Value = serde_json::from_str(outcome).unwrap();
     assert_eq!(seen["faults"], serde_json::json!([]));
     let budgets = read_json(folder)["techniques"][0]["snapshots"].as_array().unwrap().len();
-    // Each with a line of names; a line for each class.
+    // Each with a header row; one row for each class.
     assert_eq!(seen["tables"], serde_json::json!([2, 1 + budgets, 5]));
 
-    // The display's codes of the middle pixel, from the files.
+    // Display values of the middle pixel, computed from the files.
     let image = Image::read(folder.join("report/reference.exr")).unwrap();
     let middle = |gain: f32| {
         let code = |name: &str| {
@@ -276,7 +276,7 @@ fn the_page_works_in_a_browser() {
         seen["shown"][name].as_str().unwrap().split(' ').map(|code| code.parse().unwrap()).collect()
     };
     for (name, gain) in [("right", 1.0), ("darker", 0.125)] {
-        // Halves have 11 bits: a code more or less.
+        // Half floats have 11 bits: one display value more or less.
         let near = shown(name).iter().zip(middle(gain)).all(|(found, expected)| (found - expected).abs() <= 1);
         assert!(near, "{name}: {:?}, not {:?}", shown(name), middle(gain));
     }

@@ -1,4 +1,4 @@
-//! The files in `scenes/` are what the code beside them writes, and hold what they are said to hold.
+//! The files in `scenes/` are those that the code beside them writes, and have the documented contents.
 
 #[path = "../../scenes/generator/mod.rs"]
 mod generator;
@@ -85,7 +85,7 @@ fn centroid([a, b, c]: [DVec3; 3]) -> DVec3 {
     (a + b + c) / 3.0
 }
 
-/// Positions in the file are f32 and at most 8 from the origin, where half a unit in the last place is 2.4e-7.
+/// Positions in the file are f32 and at most 8 from the origin, where half an ulp is 2.4e-7.
 const ROUNDING: f64 = 5e-7;
 
 /// Every edge is shared by two triangles that run along it in opposite directions, corners equal to the bit.

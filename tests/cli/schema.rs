@@ -1,4 +1,4 @@
-//! JSON against the tables of `docs`, which are read here, so that they cannot go stale.
+//! JSON against the tables in `docs/`, so that they cannot go stale.
 
 use serde_json::Value;
 
@@ -19,7 +19,7 @@ fn table(section: &str) -> Vec<(&'static str, &'static str)> {
     rows
 }
 
-/// Every value that holds no other, with its key as the tables write it.
+/// Every leaf value, with its key as in the tables.
 fn leaves<'a>(value: &'a Value, key: String, found: &mut Vec<(String, &'a Value)>) {
     match value {
         Value::Object(members) => {
@@ -47,7 +47,7 @@ fn is_of_type(value: &Value, name: &str) -> bool {
     }
 }
 
-/// A list or object that the key lies in is there and empty, wherever there is one.
+/// The lists and objects that would hold the key are present and empty.
 fn is_empty(json: &Value, key: &str) -> bool {
     let mut values = vec![json];
     for part in key.split('.') {
@@ -72,7 +72,7 @@ pub fn assert_documented(section: &str, json: &Value) {
     let table = table(section);
     let mut found = Vec::new();
     leaves(json, String::new(), &mut found);
-    // What may be null instead of an object is then there as a key without members.
+    // An object that may be null is then a key without members.
     let matches = |documented: &str, key: &str| match documented.strip_suffix(".*") {
         Some(prefix) => key.strip_prefix(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')),
         None => key == documented,

@@ -1,8 +1,8 @@
-//! `penumbra stress`: what is refused. What it measures is asked of the library, in tests/extremes.
+//! `penumbra stress`: wrong usage. Its measurements are tested through the library, in tests/extremes.
 
 use std::fs;
 
-use penumbra::stress::FAMILIES;
+use penumbra::internal::stress::FAMILIES;
 
 use crate::program::{folder, run};
 

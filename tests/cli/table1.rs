@@ -1,8 +1,8 @@
-//! `penumbra table1`: what is printed, and the page.
+//! `penumbra table1`: its output and its page.
 
 use std::fs;
 
-use penumbra::report::table1::TECHNIQUES;
+use penumbra::internal::report::table1::TECHNIQUES;
 
 use crate::program::{device, folder, run};
 
@@ -35,7 +35,7 @@ fn the_table_has_the_papers_figures_beside_ours() {
         (image.width, image.height)
     });
     assert_eq!(decoded.collect::<Vec<_>>(), [(16, 16); 8]);
-    // Nothing is fetched: the page names no other place.
+    // The page refers to no other file or address.
     assert!(!html.contains("http") && !html.contains("src=\"/") && !html.contains("<script"));
     for cell in ["13,104", "94.7 %", "visibility-estimate"] {
         assert!(html.contains(cell), "{cell}");

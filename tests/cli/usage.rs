@@ -26,7 +26,7 @@ fn no_command_shows_the_help() {
     assert!(answer.stderr.contains("Usage: penumbra <COMMAND>"), "{answer:?}");
 }
 
-/// The text of an option in the help of `render`, on one line.
+/// The help text of an option of `render`, on one line.
 fn help_of(option: &str) -> String {
     let help = run("render --help", &[]).stdout;
     let lines = help.lines().skip_while(|line| !line.contains(option));
@@ -36,9 +36,26 @@ fn help_of(option: &str) -> String {
 
 #[test]
 fn help_states_the_defaults_and_names() {
-    let Settings { height, spp, seed, photons, nearest, shadow_photons_per_ray, .. } = Settings::default();
-    let Settings { shadow_samples, audit, max_bounces, light_scale, technique, .. } = Settings::default();
-    let Settings { cells, cell_rays, shadow_tolerance, .. } = Settings::default();
+    let (height, spp, seed, photons, nearest, shadow_photons_per_ray) = (
+        Settings::default().image.height,
+        Settings::default().image.spp,
+        Settings::default().image.seed,
+        Settings::default().visibility_map.photons_per_light,
+        Settings::default().visibility_map.nearest,
+        Settings::default().visibility_map.shadow_photons_per_ray,
+    );
+    let (shadow_samples, audit, max_bounces, light_scale, technique) = (
+        Settings::default().shadow_rays.samples,
+        Settings::default().visibility_map.audit,
+        Settings::default().indirect.max_bounces,
+        Settings::default().light_scale,
+        Settings::default().technique,
+    );
+    let (cells, cell_rays, shadow_tolerance) = (
+        Settings::default().cells.resolution,
+        Settings::default().cells.rays_per_light,
+        Settings::default().ward.tolerance,
+    );
     for (option, default) in [
         ("--technique <", technique.to_string()),
         ("--height <", height.to_string()),
@@ -54,13 +71,13 @@ fn help_states_the_defaults_and_names() {
         ("--cells <", cells.to_string()),
         ("--cell-rays <", cell_rays.to_string()),
         ("--shadow-tolerance <", shadow_tolerance.to_string()),
-        ("--chosen-lights <", Settings::default().sampled_lights.to_string()),
+        ("--sampled-lights <", Settings::default().light_sampling.sampled_lights.to_string()),
     ] {
         let help = help_of(option);
         assert!(help.contains(&format!("[default: {default}")), "{help}");
     }
     let (techniques, aovs) = (help_of("--technique <"), help_of("--aov <"));
-    assert!(Technique::ALL.iter().all(|technique| techniques.contains(technique.name())), "{techniques}");
+    assert!(Technique::all().all(|technique| techniques.contains(technique.name())), "{techniques}");
     assert!(Aov::ALL.iter().all(|aov| aovs.contains(aov.name())), "{aovs}");
 }
 
@@ -93,15 +110,15 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --audit 1.5", "--audit"),
         ("render no-scene.glb -o x.png --audit nan", "--audit"),
         ("render no-scene.glb -o x.png --cells 257", "--cells"),
-        ("render no-scene.glb -o x.png --light-choice some", "--light-choice"),
-        ("render no-scene.glb -o x.png --light-choice zones --technique path", "--light-choice"),
-        ("render no-scene.glb -o x.png --light-choice all --technique path", "--light-choice"),
-        ("render no-scene.glb -o x.png --light-choice zones --technique two-pass", "--light-choice"),
-        ("render no-scene.glb -o x.png --light-choice zones --technique visibility-estimate", "--light-choice"),
-        ("render no-scene.glb -o x.png --light-choice power --technique voxel-tags", "--light-choice"),
-        ("render no-scene.glb -o x.exr --light-choice power --aov shadow", "--light-choice"),
-        ("render no-scene.glb -o x.png --chosen-lights 1", "--chosen-lights"),
-        ("render no-scene.glb -o x.png --chosen-lights 65", "--chosen-lights"),
+        ("render no-scene.glb -o x.png --light-sampling some", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling zones --technique path", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling all --technique path", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling zones --technique two-pass", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling zones --technique visibility-estimate", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling power --technique voxel-tags", "--light-sampling"),
+        ("render no-scene.glb -o x.exr --light-sampling power --aov shadow", "--light-sampling"),
+        ("render no-scene.glb -o x.png --sampled-lights 1", "--sampled-lights"),
+        ("render no-scene.glb -o x.png --sampled-lights 65", "--sampled-lights"),
         ("render no-scene.glb -o x.png --cell-rays 0", "--cell-rays"),
         ("render no-scene.glb -o x.png --shadow-tolerance nan", "--shadow-tolerance"),
         ("render no-scene.glb -o x.png --light-scale -1", "--light-scale"),
@@ -144,9 +161,9 @@ fn wrong_usage_names_the_option() {
     }
 }
 
-/// Whatever way a name is spelt: of two files of one name, one would be lost.
+/// Two spellings of one path are one file, and one of the two outputs would be lost.
 #[test]
-fn files_do_not_take_each_others_place() {
+fn outputs_do_not_overwrite_each_other() {
     let folder = folder();
     let picture = folder.path().join("picture.png");
     let again = folder.path().join(".").join("picture.png");
@@ -166,7 +183,7 @@ fn an_unknown_camera_is_wrong_usage() {
     run("plan --camera 1", &[&BOX]).assert_refused(2, &["1", "camera"]);
 }
 
-/// The loader finds no driver where both of its variables, of which old loaders know the second, name none.
+/// Hides all drivers from the loader by its two variables; old loaders know only the second.
 fn without_driver(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Answer {
     let nothing = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|name| (name, "/nonexistent"));
     Answer::of(penumbra(arguments, files).envs(nothing))
@@ -179,7 +196,7 @@ fn no_device_names_the_fix() {
     let output = folder.path().join("x.png");
     without_driver("render -o", &[&output, &BOX]).assert_refused(4, &["scripts/with-vulkan"]);
     assert!(!output.exists());
-    // A bad file is the error to report, whatever the device says.
+    // The error of a bad file comes before that of the device.
     without_driver("render -o", &[&output, &"no-scene.glb"]).assert_refused(3, &["no-scene.glb"]);
     without_driver("plan", &[&BOX]).assert_done();
 }

@@ -2,7 +2,7 @@
 //! is the whole of PATH, and drivers are manifests in a folder that XDG_DATA_DIRS names.
 //!
 //! The loader, and so the script, also looks in /etc/vulkan, which a test cannot hide. Hence machines without
-//! any driver run `cargo test` here, which asks for lavapipe whatever a GPU's driver has put there.
+//! any driver run `cargo test` here, which uses lavapipe whatever a GPU's driver has put there.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -74,7 +74,7 @@ impl Machine {
             .unwrap()
     }
 
-    /// What was asked of package managers and sudo, a line each.
+    /// The calls of package managers and sudo, one per line.
     fn log(&self) -> String {
         fs::read_to_string(self.root.join("log")).unwrap_or_default()
     }

@@ -1,27 +1,28 @@
-//! Scenes of triangles for tests: squares, cubes, rooms, and cameras in them.
+//! Triangle scenes, cameras and panoramas for tests.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
-use penumbra::scene::{
-    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Triangle, Vertex,
+use penumbra::internal::scene::{
+    Camera, EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Panorama, Projection, Scene, Specular, Triangle,
+    Vertex,
 };
 
-pub use penumbra::stress::stage::{Corners, cube, inside_out, square};
+pub use penumbra::internal::stress::stage::{Corners, cube, inside_out, square};
 
-/// A surface that reflects the share `albedo` and emits `emission`.
+/// A Lambertian surface of the given albedo and emitted radiance.
 pub fn surface(albedo: f32, emission: f32) -> Material {
     Material {
         base_colour: Vec3::splat(albedo).extend(1.0),
         emissive: Vec3::splat(emission),
         metallic: 0.0,
-        // Lambertian: no specular part at all.
-        specular: 0.0,
+        // Lambertian, without a specular part.
+        specular: Specular::with_factor(0.0),
         ..Material::default()
     }
 }
 
-/// A scene of meshes of one material each, emissive ones being lights, and punctual lights.
+/// A scene of meshes with one material each and of punctual lights. Emissive meshes are lights, too.
 pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> Scene {
     let mut scene = Scene::default();
     for (triangles, material) in meshes {
@@ -50,7 +51,7 @@ pub fn scene(meshes: &[(Vec<Corners>, Material)], punctual: Vec<LightKind>) -> S
     scene
 }
 
-/// A sphere of `n` rings of `2 n` places each, with corners on it.
+/// A sphere of `n` rings with `2 n` segments each; the corners of its triangles are on the sphere.
 pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
     let at = |i: usize, j: usize| {
         let (t, p) = (PI * i as f64 / n as f64, TAU * j as f64 / (2 * n) as f64);
@@ -71,6 +72,7 @@ pub fn sphere(centre: DVec3, radius: f64, n: usize) -> Vec<Corners> {
     triangles
 }
 
+/// A perspective camera with a vertical field of view in radians.
 pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
     let backward = -towards.normalize();
     let up = if backward.y.abs() > 0.9 { DVec3::X } else { DVec3::Y };
@@ -80,7 +82,7 @@ pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
     Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
 }
 
-/// A panorama of the radiance along the directions of its texels' middles.
+/// A panorama whose texels have the radiance in the direction of their centres.
 pub fn panorama(width: u32, height: u32, radiance: impl Fn(DVec3) -> DVec3) -> Panorama {
     let at = |i: u32| {
         let (x, y) = (f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);

@@ -2,16 +2,16 @@
 
 use glam::{DAffine3, Vec3};
 use penumbra::Scene;
-use penumbra::procedural::{Builder, Procedural, Role};
-use penumbra::scene::Material;
+use penumbra::internal::procedural::{Builder, Procedural, Role};
+use penumbra::internal::scene::Material;
 
-/// The exact sphere of `scenes/`; parameters: its radius.
+/// The sphere of `scenes/`, an intersection function; its first parameter is the radius.
 pub const SPHERE: &str = include_str!("../../scenes/procedural/sphere.wgsl");
 
-/// A sphere by its distance; parameters: its radius.
+/// A sphere as a distance function; its first parameter is the radius.
 pub const BALL: &str = "fn ball(position: vec3f, parameters: vec4f) -> f32 { return length(position) - parameters.x; }";
 
-/// An object: the text and name of its function, what that gives, its first parameter, and where it is.
+/// An object: source, name and role of its function, its first parameter, its world matrix and its material.
 pub struct Object<'a> {
     pub source: &'a str,
     pub function: &'a str,
@@ -21,7 +21,8 @@ pub struct Object<'a> {
     pub material: Material,
 }
 
-/// Puts objects into a scene whose normalised space is the world; their boxes are those of edge 2 about their origins.
+/// Adds objects to a scene whose normalised space is world space. Their bounds are cubes of edge 2 around their
+/// origins.
 pub fn place(scene: &mut Scene, objects: &[Object]) {
     let mut builder = Builder::default();
     for object in objects {
@@ -40,7 +41,7 @@ pub fn place(scene: &mut Scene, objects: &[Object]) {
     scene.functions = builder.finish().unwrap();
 }
 
-/// A sphere of radius 1, exact or by its distance.
+/// A sphere of radius 1, as an intersection or a distance function.
 pub fn sphere(role: Role, world: DAffine3, material: Material) -> Object<'static> {
     let (source, function) = if role == Role::Distance { (BALL, "ball") } else { (SPHERE, "sphere") };
     Object { source, function, role, parameter: 1.0, world, material }

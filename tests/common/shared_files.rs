@@ -1,9 +1,9 @@
-//! Files too large for the repository, found through the variable `PENUMBRA_SHARED`.
+//! Files that are too large for the repository, in the folder named by the variable `PENUMBRA_SHARED`.
 
 use std::path::{Path, PathBuf};
 
-/// Files with one of these extensions below the folder `name` of the shared files. None, and a
-/// line that says so, where there are no shared files.
+/// The files with one of these extensions in the folder `name` and its subfolders. Prints a line and returns `None` if
+/// `PENUMBRA_SHARED` is not set.
 pub fn shared_files(name: &str, extensions: &[&str]) -> Option<Vec<PathBuf>> {
     let Some(root) = std::env::var_os("PENUMBRA_SHARED") else {
         eprintln!("left out: {name}, as PENUMBRA_SHARED is not set");

@@ -1,11 +1,12 @@
-//! Charts of families: every series has its line, and what has no place on a logarithmic axis does no harm.
+//! Charts of stress families.
 
 use penumbra::Error;
-use penumbra::report::plot;
-use penumbra::stress::{Reading, breakdown, placement::SCALE};
+use penumbra::internal::report::plot;
+use penumbra::internal::stress::{Reading, breakdown, placement::SCALE};
 
+/// A chart has a line for every series, and no values that a logarithmic axis cannot show.
 #[test]
-fn every_series_has_its_line() {
+fn charts_have_a_line_for_every_series() {
     let reading = |value, outcome| Reading { value, bound: 1e-3, outcome };
     let readings = || {
         vec![

@@ -1,53 +1,56 @@
-//! The same seed, device and binary give the same bytes.
+//! The same seed, device and binary give the same bits.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use penumbra::procedural::Role;
-use penumbra::scene::{Panorama, Volume};
-use penumbra::specialisation::Specialisation;
-use penumbra::stress::placement::room;
-use penumbra::stress::stage::{Paint, Part, square};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{Panorama, Volume};
+use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::specialisation::features::Feature;
+use penumbra::internal::stress::placement::room;
+use penumbra::internal::stress::stage::{Paint, Part, square};
 use penumbra::{Aov, Camera, Image, Renderer, Scene, Settings, Technique};
 
 use crate::procedurals;
 use crate::setup::{assert_same, gpu, settings};
 
-/// What no plain room has: lights of which points choose a few, glass with its caustics, a sky, and an object that is a function.
+/// A room with every feature: many lights, glass with caustics, a sky, and a procedural object.
 fn everything() -> (Scene, Camera) {
     let mut stage = room();
-    // The room is open behind the camera.
+    // Without the last two triangles the room is open behind the camera.
     stage.parts[0].triangles.truncate(10);
-    let places = (0..20).map(|i| DAffine3::from_translation(DVec3::new(0.04 * f64::from(i) - 0.4, 0.4, 0.2)));
+    let instances = (0..20).map(|i| DAffine3::from_translation(DVec3::new(0.04 * f64::from(i) - 0.4, 0.4, 0.2)));
     let bulb = square(DVec3::ZERO, DVec3::X * 0.01, DVec3::Z * 0.01);
-    stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), places: places.collect() });
+    stage.parts.push(Part { triangles: bulb, paint: Paint::lamp(50.0), instances: instances.collect() });
     let (mut scene, camera) = stage.import().unwrap();
     let glass = &mut scene.materials[1];
-    (glass.transmission, glass.roughness, glass.specular) = (1.0, 0.0, 1.0);
+    glass.roughness = 0.0;
+    (glass.transmission.factor, glass.specular.factor) = (1.0, 1.0);
     glass.volume = Some(Volume { attenuation_distance: f32::INFINITY, attenuation_colour: Vec3::ONE });
     let wall = scene.materials[0].clone();
-    let place = DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), Default::default(), DVec3::X * 0.25);
-    procedurals::place(&mut scene, &[procedurals::sphere(Role::Distance, place, wall)]);
+    let world = DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), Default::default(), DVec3::X * 0.25);
+    procedurals::place(&mut scene, &[procedurals::sphere(Role::Distance, world, wall)]);
     let sky = Panorama { width: 2, height: 1, texels: vec![[0.5; 3], [1.0; 3]] };
     scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
     (scene, camera)
 }
 
-/// Renders, by way of a checkpoint after that many batches if it is given.
+/// Renders an image and returns it with the number of repairs of the map. With `stop`, the render is interrupted by a
+/// checkpoint after that many batches.
 fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u32>) -> (Image, u64) {
     let mut renderer = Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
     if let Some(stop) = stop {
         for _ in 0..stop {
             renderer.render_batch().unwrap();
         }
-        assert!(renderer.samples() < settings.spp, "nothing is left to be done");
+        assert!(renderer.samples() < settings.image.spp, "the render is already complete");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("state");
         renderer.save_checkpoint(&file).unwrap();
         renderer = Renderer::new(gpu(), scene.clone(), camera, settings).unwrap();
         renderer.resume(&file).unwrap();
     }
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }
     let statistics = renderer.statistics().unwrap();
@@ -57,45 +60,51 @@ fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u
     (image, healed)
 }
 
-/// Twenty runs of the default technique, three of each other; every other one stopped on its way and taken up again from a
-/// checkpoint. Photons are few and audits many, so that the map is mended in between.
+/// Repeated runs give the same bits: twenty of the default technique and three of each other one. Every other run is
+/// interrupted and resumed from a checkpoint. Few photons and many audits cause repairs of the map in between.
 #[test]
-fn runs_are_the_same_bytes() {
+fn runs_give_the_same_bits() {
     let scene = room().import().unwrap();
-    for technique in Technique::ALL {
+    for technique in Technique::all() {
         let runs = if technique == Technique::default() { 20 } else { 3 };
-        // No classes among the channels, so that the pilot may leave the map out.
-        let settings = Settings {
-            photons: 8192,
-            nearest: 3,
-            audit: 0.5,
-            aovs: vec![Aov::Direct, Aov::Variance, Aov::Normal],
-            ..settings(technique, 24, 20, 8)
-        };
+        // Without the class channels, the pilot may leave out the map.
+        let settings = settings(technique, 24, 20, 8).with(|s| {
+            s.visibility_map.photons_per_light = 8192;
+            s.visibility_map.nearest = 3;
+            s.visibility_map.audit = 0.5;
+            s.image.aovs = vec![Aov::Direct, Aov::Variance, Aov::Normal];
+        });
         let (first, healed) = render(&scene, &settings, None);
-        if technique == Technique::ShadowPhotons {
-            assert!(healed > 0, "nothing was mended: the test does not see its order");
+        if technique == Technique::SHADOW_PHOTONS {
+            assert!(healed > 0, "the map was not repaired: the test does not cover the order of repairs");
         }
         for run in 1..runs {
             let stop = (run % 2 == 1).then_some(1 + run / 2 % 2);
             assert_same(&render(&scene, &settings, stop).0, &first, &format!("{technique}, run {run}"));
         }
-        let (other, _) = render(&scene, &Settings { seed: 1, ..settings }, None);
+        let (other, _) = render(&scene, &settings.with(|s| s.image.seed = 1), None);
         assert!(other.channels != first.channels, "{technique}: another seed changes nothing");
     }
 }
 
-/// The same, straight on and by way of a checkpoint, where there is all that scenes can have, by the technique that has all of
-/// it too.
+/// Repeated and resumed runs give the same bits for a scene with every feature, by the technique that uses them all.
 #[test]
-fn runs_of_everything_are_the_same_bytes() {
+fn runs_with_every_feature_give_the_same_bits() {
     let scene = everything();
-    let settings = Settings { flux_photons: 1 << 12, ..settings(Technique::ShadowPhotons, 16, 20, 4) };
+    let settings = settings(Technique::SHADOW_PHOTONS, 16, 20, 4).with(|s| s.indirect.photons = 1 << 12);
     let specialisation = Specialisation::new(&scene.0, &settings);
-    let all = ["environment", "procedurals", "transmission", "zones", "light_sampling", "caustics", "chains"];
-    assert!(all.iter().all(|feature| specialisation.features.has(feature)), "something is missing");
+    let all = [
+        Feature::Environment,
+        Feature::Procedurals,
+        Feature::Transmission,
+        Feature::Zones,
+        Feature::LightSampling,
+        Feature::Caustics,
+        Feature::Chains,
+    ];
+    assert!(all.iter().all(|feature| specialisation.features.has(*feature)), "something is missing");
     let (first, _) = render(&scene, &settings, None);
-    assert!(first.channel("G").unwrap().iter().any(|x| *x > 0.0), "nothing is seen");
+    assert!(first.channel("G").unwrap().iter().any(|x| *x > 0.0), "the image is black");
     assert_same(&render(&scene, &settings, None).0, &first, "run again");
     assert_same(&render(&scene, &settings, Some(1)).0, &first, "resumed");
 }

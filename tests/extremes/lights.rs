@@ -1,13 +1,14 @@
-//! Lights that touch, graze, vanish, fill the sky, or are many.
+//! Extreme lights: tiny, huge, touching surfaces, at grazing angles, and many.
 
 use glam::DVec3;
-use penumbra::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
-use penumbra::stress::oracle::{polygon_irradiance, reflected};
-use penumbra::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
-use penumbra::{Aov, Settings, Technique};
+use penumbra::internal::stress::lights::{DISTANCE, LIGHTS, RADIANCE, RADIUS, RATIO};
+use penumbra::internal::stress::oracle::{polygon_irradiance, reflected};
+use penumbra::internal::stress::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use penumbra::{Aov, Technique};
 
 use crate::setup::{assert_finite, assert_holds, brightest, mean_and_error, render, settings, with_variance};
 
+/// A lamp of any size gives Lambert's irradiance.
 #[test]
 fn a_lamp_of_any_size_has_lamberts_irradiance() {
     assert_holds(&RADIUS, "shadow-photons", &[1e3, 10.0, 0.1, 1e-3, 1e-6, 1e-9]);
@@ -16,6 +17,7 @@ fn a_lamp_of_any_size_has_lamberts_irradiance() {
     assert_holds(&RADIUS, "path", &[1e3, 1e-6, 1e-9]);
 }
 
+/// A lamp that nearly touches a surface gives Lambert's irradiance.
 #[test]
 fn a_lamp_that_nearly_touches_has_lamberts_irradiance() {
     assert_holds(&DISTANCE, "under a square", &[1e-2, 1e-4]);
@@ -26,8 +28,9 @@ fn a_lamp_that_nearly_touches_has_lamberts_irradiance() {
     assert_holds(&DISTANCE, "two-pass, under a square of 512 triangles", &[1e-2]);
 }
 
+/// The image is proportional to the radiance of all lights.
 #[test]
-fn radiance_is_a_factor() {
+fn images_are_proportional_to_radiance() {
     let two = 2f64.powi(40);
     for technique in ["path", "two-pass", "shadow-photons", "photon-map"] {
         assert_holds(&RADIANCE, technique, &[1.0 / two, two, 1e-12]);
@@ -36,24 +39,26 @@ fn radiance_is_a_factor() {
     assert_holds(&RADIANCE, "photon-map", &[1e-1]);
 }
 
+/// A strong light does not change the image of another closed room.
 #[test]
-fn a_strong_light_leaves_another_room_alone() {
+fn a_strong_light_does_not_change_another_room() {
     for technique in ["path", "two-pass"] {
         assert_holds(&RATIO, technique, &[1e12]);
     }
     assert_holds(&RATIO, "shadow-photons", &[1e4]);
 }
 
+/// A lamp split into many lights gives the light of the whole.
 #[test]
-fn many_lights_are_one() {
+fn many_lights_equal_the_whole_lamp() {
     assert_holds(&LIGHTS, "shadow-photons", &[9.0, 1024.0, 10_000.0, 99_856.0]);
     assert_holds(&LIGHTS, "path", &[1024.0, 99_856.0]);
 }
 
-/// A strip of light at the floor's edge, of a height of two millionths of its distance: it is seen at 1e-6 rad over the
-/// floor.
+/// Light at a grazing angle of 1e-6 rad gives the correct irradiance. It comes from a strip at the floor's edge, whose
+/// height is two millionths of its distance.
 #[test]
-fn light_may_graze_at_a_millionth() {
+fn grazing_light_has_lamberts_irradiance() {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let strip = square(x + y * 1e-6, z * 0.5, y * 1e-6);
     let eye = Eye { position: y * 0.5, towards: -y, view: View::Orthographic(0.02) };
@@ -61,19 +66,20 @@ fn light_may_graze_at_a_millionth() {
         .with(square(DVec3::ZERO, z, x), Paint::matte(0.5))
         .with(strip.clone(), Paint { double_sided: true, ..Paint::lamp(1e6) });
     let expected = reflected(0.5, 1e6 * polygon_irradiance(&outline(&strip), DVec3::ZERO, y));
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         let (image, _) = render(&stage, &with_variance(settings(technique, 16, 16, 0)));
         let (mean, error) = mean_and_error(&image);
         println!("{technique}: {mean} +- {error}, expected {expected}");
-        // Where photons decide there is the closed form, whose terms cancel here but for a billionth: its error is 1e-6 of the
-        // angle that the strip spans, which is nearly 1.
-        let closed = if technique == Technique::ShadowPhotons { reflected(0.5, 1e6 * 1e-6) } else { 0.0 };
+        // Points classified by photons use the closed form, whose terms cancel here except for a billionth. Its error
+        // is 1e-6 of the angle that the strip subtends, which is nearly 1.
+        let closed = if technique == Technique::SHADOW_PHOTONS { reflected(0.5, 1e6 * 1e-6) } else { 0.0 };
         assert!((mean - expected).abs() < 3.5 * error + closed, "{technique}: {mean} +- {error} for {expected}");
         assert!(error < 0.02 * expected, "{technique}: too noisy to tell");
     }
 }
 
-/// A lamp that lies on the floor, and one that is sunk into it: what is over the floor is finite, below it is darkness.
+/// A lamp may lie on the floor or pierce it: radiance above the floor is finite, and a lamp on the floor gives no light
+/// below it.
 #[test]
 fn lamps_may_touch_and_pierce_surfaces() {
     let view = |height: f64| Eye {
@@ -85,7 +91,7 @@ fn lamps_may_touch_and_pierce_surfaces() {
         [square(DVec3::ZERO, DVec3::Z * 0.5, DVec3::X * 0.5), square(DVec3::ZERO, DVec3::X * 0.5, DVec3::Z * 0.5)];
     let lying = square(DVec3::ZERO, DVec3::Z * 0.1, DVec3::X * 0.1);
     let sunk = cube(DVec3::Y * 0.05, 0.1);
-    for technique in [Technique::Path, Technique::TwoPass, Technique::ShadowPhotons] {
+    for technique in [Technique::PATH, Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
         for (name, lamp) in [("lying", &lying), ("sunk", &sunk)] {
             let stage = |eye: Eye| {
                 Stage::new(eye)
@@ -96,8 +102,8 @@ fn lamps_may_touch_and_pierce_surfaces() {
             let (image, statistics) = render(&lit, &settings(technique, 24, 4, 4));
             assert_finite(&image);
             assert_eq!(statistics.not_finite, 0, "{technique}, {name}");
-            assert!(brightest(&image) > 0.0, "{technique}, {name}: the test sees nothing");
-            // The cube reaches through the floor: below there is its light too.
+            assert!(brightest(&image) > 0.0, "{technique}, {name}: the image is black");
+            // The cube reaches through the floor, so there is light below it.
             if name == "lying" {
                 let below = stage(view(-0.3)).with(lamp.clone(), Paint::lamp(1.0));
                 let (image, _) = render(&below, &settings(technique, 24, 4, 4));
@@ -107,35 +113,39 @@ fn lamps_may_touch_and_pierce_surfaces() {
     }
 }
 
-/// The shadow of an edge halfway between a square lamp and the floor: as wide as the lamp, and even from one side to the
-/// other.
+/// The penumbra of an edge halfway between a square lamp and the floor is as wide as the lamp, and visibility is linear
+/// across it.
 #[test]
-fn penumbrae_have_their_width() {
+fn penumbrae_are_linear_and_as_wide_as_the_lamp() {
     const SIDE: u32 = 48;
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let half = 0.1;
     let eye = Eye { position: y * 0.4, towards: -y, view: View::Orthographic(0.2) };
     let stage = Stage::new(eye)
         .with(square(DVec3::ZERO, z, x), Paint::matte(0.5))
-        // All of x > 0, at half the lamp's height.
+        // The occluder covers x > 0 at half the lamp's height.
         .with(
             [square(x * 0.5 + y * 0.5, z, x * 0.5), square(x * 0.5 + y * 0.5, x * 0.5, z)].concat(),
             Paint::matte(0.5),
         )
         .with(square(y, x * half, z * half), Paint::lamp(1.0));
-    for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
-        let settings = Settings { aovs: vec![Aov::Shadow], shadow_samples: 256, ..settings(technique, SIDE, 1, 0) };
+    for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
+        let settings = settings(technique, SIDE, 1, 0).with(|s| {
+            s.image.aovs = vec![Aov::Shadow];
+            s.shadow_rays.samples = 256;
+        });
         let (image, _) = render(&stage, &settings);
         let visibility = image.channel("shadow.light 0.visibility").unwrap();
-        // The camera's up is x.
+        // The camera's up axis is x.
         for row in 0..SIDE {
             let of_row = &visibility[(row * SIDE) as usize..][..SIDE as usize];
-            let seen = of_row.iter().map(|v| f64::from(*v)).sum::<f64>() / f64::from(SIDE);
+            let visible = of_row.iter().map(|v| f64::from(*v)).sum::<f64>() / f64::from(SIDE);
             let (origin, _) = eye.ray([0, row], SIDE);
-            // The lamp's edges cast theirs at -half and half.
+            // The lamp's edges bound the penumbra at -half and half.
             let expected = ((half - origin.x) / (2.0 * half)).clamp(0.0, 1.0);
-            // 256 light points in 16 columns, and what the photons take for lit or dark at the penumbra's rims.
-            assert!((seen - expected).abs() < 0.02, "{technique}, row {row}: {seen} for {expected}");
+            // The tolerance covers 256 light points in 16 columns, and penumbra points at the rims classified lit or
+            // shadowed.
+            assert!((visible - expected).abs() < 0.02, "{technique}, row {row}: {visible} for {expected}");
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Rendering stages, and asking families for what they are bound to.
+//! Rendering of stages and checks of stress families.
 
-use penumbra::stress::{self, Family, Stage};
+use penumbra::internal::stress::{self, Family, Stage};
 use penumbra::{Aov, Image, Settings, Statistics, Technique};
 
 pub use crate::device::gpu;
@@ -15,37 +15,38 @@ pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> 
     stress::settings(technique, side, spp, max_bounces)
 }
 
-/// Those, with the variance of pixels.
+/// The settings with the variance channels.
 pub fn with_variance(settings: Settings) -> Settings {
-    Settings { aovs: vec![Aov::Variance], ..settings }
+    settings.with(|s| s.image.aovs = vec![Aov::Variance])
 }
 
-/// A series of a family keeps its bound at these values.
+/// Asserts that a series stays within its bound at these values.
 pub fn assert_holds(family: &Family, series: &str, values: &[f64]) {
     for reading in run(family, series, values) {
         assert!(reading.holds(), "{}, {series}: {reading:?}", family.name);
     }
 }
 
+/// Measures a series at these values.
 pub fn run(family: &Family, series: &str, values: &[f64]) -> Vec<stress::Reading> {
     let found = family.series(series).unwrap_or_else(|| panic!("{}: there is no series '{series}'", family.name));
     found.run(gpu(), values, |reading| println!("{}, {series}: {reading:?}", family.name)).unwrap()
 }
 
-/// Everything that is in an image is finite, and no radiance below 0 (but for noise that is subtracted, which is not asked here).
+/// Asserts that every sample of every channel is finite.
 pub fn assert_finite(image: &Image) {
     for channel in &image.channels {
         assert!(channel.samples.iter().all(|x| x.is_finite()), "{} is not finite", channel.name);
     }
 }
 
-/// The largest value of the three colours.
+/// The largest absolute value of the colour channels; NaN counts as larger.
 pub fn brightest(image: &Image) -> f32 {
     let colours = image.rgb().unwrap();
-    colours.into_iter().flatten().fold(0.0, |most, x| if x.abs() > most || x.is_nan() { x.abs() } else { most })
+    colours.into_iter().flatten().fold(0.0, |max, x| if x.abs() > max || x.is_nan() { x.abs() } else { max })
 }
 
-/// Both images are the same, bit by bit.
+/// Asserts that two images are the same, bit by bit.
 pub fn assert_same(image: &Image, other: &Image, what: &str) {
     let bits = |image: &Image| -> Vec<(String, Vec<u32>)> {
         let of = |samples: &[f32]| samples.iter().map(|x| x.to_bits()).collect();
@@ -57,7 +58,7 @@ pub fn assert_same(image: &Image, other: &Image, what: &str) {
     }
 }
 
-/// Mean of the green channel and the standard error of that mean, by the channel `variance.G`.
+/// Mean of the green channel, and the standard error of that mean from the channel `variance.G`.
 pub fn mean_and_error(image: &Image) -> (f64, f64) {
     let mean = |name: &str| {
         let samples = image.channel(name).unwrap();

@@ -1,15 +1,15 @@
-//! The cache of references: shared by processes, damaged, or of another form.
+//! The cache of references: shared by processes, or damaged.
 
+use kernel_kit::Gpu;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 
-use penumbra::gpu::Gpu;
-use penumbra::report::classes::Truth;
-use penumbra::report::reference::{Goal, Making, Reference};
-use penumbra::report::run::Subject;
-use penumbra::scene::ImportOptions;
+use penumbra::internal::report::classes::Truth;
+use penumbra::internal::report::reference::{Goal, Reference, ReferenceProgress};
+use penumbra::internal::report::run::Subject;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Image, Scene, Settings};
 
 use crate::common::gpu;
@@ -19,26 +19,30 @@ fn goal(standard_error: f64) -> Goal {
     Goal { standard_error, seconds: f64::INFINITY }
 }
 
-/// Two at once on one folder, each on a device and with files of its own, as two processes are: one makes the reference, the other
-/// waits and has the same, and no file is damaged or left behind. One that is told to stop waits no more.
+/// If two processes need the same reference, one renders it and the other waits for it. No file is damaged or left
+/// behind. A waiting process that is told to stop does so. Two threads with a device and files of their own stand for
+/// the processes.
 #[test]
-fn one_makes_the_reference_that_two_ask_for() {
+fn one_of_two_processes_makes_the_reference() {
     let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
-    let settings = Settings { width: 24, height: 16, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 24;
+        s.image.height = 16;
+    });
     let folder = folder();
     let choice = device().parse().unwrap();
-    let make = |target: f64, stop: &dyn Fn() -> bool, tell: &mut dyn FnMut(Making)| {
+    let make = |target: f64, stop: &dyn Fn() -> bool, on_save: &mut dyn FnMut(ReferenceProgress)| {
         let gpu = Gpu::open(&choice).unwrap();
         let subject = Subject { gpu: &gpu, scene: &scene, camera: &scene.cameras[0], settings: &settings };
-        Reference::make(&subject, folder.path(), goal(target), stop, tell).unwrap()
+        Reference::make(&subject, folder.path(), goal(target), stop, on_save).unwrap()
     };
-    let ask = || {
+    let make_counted = || {
         let mut saves = 0;
         let reference = make(0.05, &|| false, &mut |_| saves += 1);
         (reference.unwrap(), saves)
     };
     let [(a, saves_of_a), (b, saves_of_b)] = thread::scope(|scope| {
-        let both = [scope.spawn(ask), scope.spawn(ask)];
+        let both = [scope.spawn(make_counted), scope.spawn(make_counted)];
         both.map(|one| one.join().unwrap())
     });
     assert_eq!(a.image.channels, b.image.channels, "each made a reference of its own");
@@ -47,7 +51,8 @@ fn one_makes_the_reference_that_two_ask_for() {
     names.sort();
     assert_eq!(names, ["half-0.exr", "half-1.exr"]);
 
-    // One goes on for better than it will ever have; the other is stopped while it waits, and tells the first.
+    // The first one renders towards an error that it cannot reach. The second one is stopped while it waits, and then
+    // stops the first.
     let (begun, stopped) = (AtomicBool::new(false), AtomicBool::new(false));
     thread::scope(|scope| {
         scope.spawn(|| {
@@ -62,12 +67,16 @@ fn one_makes_the_reference_that_two_ask_for() {
     });
 }
 
-/// A half that is cut off, or none of ours, is refused by name, as it may be worth hours to its owner; visibility, which is made
-/// in a moment, is made anew.
+/// A truncated or foreign half is refused by name, because it may be worth hours of rendering. Damaged visibility is
+/// quick to make and is replaced.
 #[test]
-fn a_damaged_cache_is_told_or_made_anew() {
+fn a_damaged_cache_is_refused_or_replaced() {
     let scene = Scene::load(Path::new(BOX), &ImportOptions::default()).unwrap();
-    let settings = Settings { width: 16, height: 16, photons: 4096, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 16;
+        s.image.height = 16;
+        s.visibility_map.photons_per_light = 4096;
+    });
     let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings };
     let folder = folder();
     let folder = folder.path();

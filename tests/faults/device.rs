@@ -1,18 +1,21 @@
-//! Devices that are lost in the middle of a render, or have no memory.
+//! Devices that are lost during a render.
 
+use kernel_kit::{DeviceChoice, Gpu, Resources};
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::new_kernel;
+use penumbra::internal::specialisation::features::Features;
 use std::cell::Cell;
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-use penumbra::gpu::{DeviceChoice, Features, Gpu, Kernel, Resources, compose};
-use penumbra::render::recovery::{self, Failure};
-use penumbra::scene::ImportOptions;
+use penumbra::internal::render::recovery::{self, Failure};
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Technique};
 
 fn open() -> Result<Gpu> {
     let choice = std::env::var("PENUMBRA_DEVICE").map_or(DeviceChoice::Software, |name| name.parse().unwrap());
-    Gpu::open(&choice)
+    Ok(Gpu::open(&choice)?)
 }
 
 fn subject() -> (Scene, Camera) {
@@ -23,17 +26,16 @@ fn subject() -> (Scene, Camera) {
 }
 
 fn settings(technique: Technique) -> Settings {
-    Settings {
-        technique,
-        width: 24,
-        height: 16,
-        spp: 20,
-        photons: 4096,
-        flux_photons: 4096,
-        audit: 0.25,
-        aovs: Aov::ALL.to_vec(),
-        ..Settings::default()
-    }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 24;
+        s.image.height = 16;
+        s.image.spp = 20;
+        s.visibility_map.photons_per_light = 4096;
+        s.indirect.photons = 4096;
+        s.visibility_map.audit = 0.25;
+        s.image.aovs = Aov::ALL.to_vec();
+    })
 }
 
 fn bits(image: &Image) -> Vec<(&str, Vec<u32>)> {
@@ -48,7 +50,7 @@ fn assert_same(a: &Image, b: &Image) {
     }
 }
 
-/// Renders `samples` samples with nothing in the way.
+/// Renders `samples` samples without a fault.
 fn undisturbed(settings: &Settings, samples: u32) -> (Image, penumbra::Statistics) {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
     let mut renderer = Renderer::new(&gpu, scene, &camera, settings).unwrap();
@@ -58,7 +60,7 @@ fn undisturbed(settings: &Settings, samples: u32) -> (Image, penumbra::Statistic
     (renderer.image().unwrap(), renderer.statistics().unwrap())
 }
 
-/// Renders with `disturb` called before every batch and before the image is read.
+/// Renders and calls `disturb` before every batch and before the image is read.
 fn disturbed(
     settings: &Settings,
     open_another: impl Fn() -> Result<Gpu>,
@@ -71,7 +73,7 @@ fn disturbed(
         |gpu| Renderer::new(gpu, scene.clone(), &camera, settings),
         None,
         |renderer| {
-            while renderer.samples() < settings.spp {
+            while renderer.samples() < settings.image.spp {
                 disturb(renderer);
                 renderer.render_batch()?;
             }
@@ -81,11 +83,11 @@ fn disturbed(
     )
 }
 
-/// Lost before the first sample, after the pilot, twice in the middle, and before the image is read: the image and the
-/// counts are those of a render that nothing happened to.
+/// A render continues on another device if its device is lost: before the first sample, after the pilot, twice in the
+/// middle, or before the image is read. The image and the counts are those of an undisturbed render.
 #[test]
-fn a_render_goes_on_where_its_device_is_lost() {
-    for technique in [Technique::ShadowPhotons, Technique::Path] {
+fn a_render_continues_after_a_lost_device() {
+    for technique in [Technique::SHADOW_PHOTONS, Technique::PATH] {
         let settings = settings(technique);
         let (image, statistics) = undisturbed(&settings, 20);
         for lost_at in [&[0][..], &[1, 9], &[20]] {
@@ -108,10 +110,10 @@ fn a_render_goes_on_where_its_device_is_lost() {
     }
 }
 
-/// As a driver does it: from another thread, at any moment of a batch.
+/// A device may be lost at any moment of a batch, from another thread, as drivers do it.
 #[test]
-fn a_device_may_be_lost_while_it_works() {
-    let settings = settings(Technique::ShadowPhotons);
+fn a_device_may_be_lost_during_a_batch() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let (image, _) = undisturbed(&settings, 20);
     let (scene, camera) = subject();
     for milliseconds in [0, 3, 20] {
@@ -130,7 +132,7 @@ fn a_device_may_be_lost_while_it_works() {
                             gpu.lose();
                         });
                     }
-                    while renderer.samples() < settings.spp {
+                    while renderer.samples() < settings.image.spp {
                         renderer.render_batch()?;
                     }
                     renderer.image()
@@ -141,11 +143,11 @@ fn a_device_may_be_lost_while_it_works() {
     }
 }
 
-/// A device that is lost at the same place again and again ends the render, and so does one that cannot be replaced: with
-/// the image of the samples that were kept, and a checkpoint that brings the rest.
+/// A render that cannot recover saves its samples as an image, and a checkpoint to resume from. That is the case if a
+/// device is lost repeatedly without progress, and if there is no replacement.
 #[test]
-fn what_cannot_be_recovered_is_saved() {
-    let settings = settings(Technique::ShadowPhotons);
+fn a_render_that_cannot_recover_saves_its_samples() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let always = |renderer: &Renderer<'_>| {
         if renderer.samples() > 0 {
             renderer.gpu().lose();
@@ -173,70 +175,70 @@ fn what_cannot_be_recovered_is_saved() {
         }
         assert_same(&undisturbed(&settings, 20).0, &renderer.image().unwrap());
     }
-    // Before there is a sample there is nothing to save.
+    // Before the first sample there is nothing to save.
     let at_once = |renderer: &Renderer<'_>| renderer.gpu().lose();
     assert!(disturbed(&settings, open, at_once).err().unwrap().salvage.is_none());
 }
 
-/// What is timed begins anew, whole, on another device; where that is lost too, again and again, it ends.
+/// Timed work starts again from the beginning after a lost device, and fails after the fourth loss.
 #[test]
-fn work_begins_anew_where_its_device_is_lost() {
-    let settings = settings(Technique::ShadowPhotons);
+fn timed_work_restarts_after_a_lost_device() {
+    let settings = settings(Technique::SHADOW_PHOTONS);
     let (scene, camera) = subject();
     let work = |losses: u32| {
-        let (mut gpu, begun) = (open().unwrap(), Cell::new(0));
+        let (mut gpu, started) = (open().unwrap(), Cell::new(0));
         let done = recovery::anew(&mut gpu, open, |gpu| {
-            begun.set(begun.get() + 1);
+            started.set(started.get() + 1);
             let mut renderer = Renderer::new(gpu, scene.clone(), &camera, &settings)?;
             while renderer.samples() < 4 {
                 renderer.render_at_most(1)?;
-                if begun.get() <= losses && renderer.samples() == 2 {
+                if started.get() <= losses && renderer.samples() == 2 {
                     gpu.lose();
                 }
             }
             renderer.image()
         });
-        (done, begun.get())
+        (done, started.get())
     };
     let image = work(0).0.unwrap();
     for losses in [1, 3] {
-        let (done, begun) = work(losses);
+        let (done, started) = work(losses);
         assert_same(&image, &done.unwrap());
-        assert_eq!(begun, losses + 1);
+        assert_eq!(started, losses + 1);
     }
-    let (done, begun) = work(u32::MAX);
-    assert!(matches!(done, Err(Error::DeviceLost { .. })) && begun == 4);
+    let (done, started) = work(u32::MAX);
+    assert!(matches!(done, Err(Error::DeviceLost { .. })) && started == 4);
 }
 
-/// A checkpoint is of one scene and its settings, in memory as in a file.
+/// A checkpoint in memory is refused for other settings, as one in a file is.
 #[test]
-fn a_checkpoint_of_something_else_is_refused() {
+fn a_checkpoint_of_other_settings_is_refused() {
     let ((scene, camera), gpu) = (subject(), open().unwrap());
-    let settings = settings(Technique::Path);
+    let settings = settings(Technique::PATH);
     let checkpoint = Renderer::new(&gpu, scene.clone(), &camera, &settings).unwrap().checkpoint().unwrap();
-    let other = Settings { seed: 1, ..settings };
+    let other = settings.with(|s| s.image.seed = 1);
     let error = Renderer::new(&gpu, scene, &camera, &other).unwrap().resume_from(&checkpoint).unwrap_err();
-    assert!(error.to_string().contains("--seed"), "{error}");
+    assert!(error.to_string().contains("`image.seed`"), "{error}");
 }
 
-/// Whatever is asked of a device that is lost is an error: no panic, no wait without end, nothing that looks like a result.
+/// Every operation on a lost device returns an error: no panic, no endless wait, no false result.
 #[test]
-fn a_lost_device_answers_with_errors() {
+fn a_lost_device_returns_errors() {
     let gpu = open().unwrap();
     let before = gpu.upload("test/before", &[1u32; 1000]).unwrap();
     let source = "
 @group(0) @binding(0) var<storage, read_write> numbers: array<u32>;
 @compute @workgroup_size(64) fn add(@builtin(global_invocation_id) id: vec3u) { numbers[id.x] += 1u; }";
-    let composed = compose::compose_source("add", source, &Features::default()).unwrap();
-    let kernel = Kernel::new(&gpu, &composed, &[], &[]).unwrap();
+    let composed = compose_source("add", source, &Features::default()).unwrap();
+    let kernel = new_kernel(&gpu, &composed, &[], &[]).unwrap();
     let sets = Resources::new().with("numbers", &before);
     let bound = kernel.bind(&gpu, "add", &[&sets]).unwrap();
     gpu.lose();
-    let refused = |what: &str, error: Option<Error>| {
-        let error = error.unwrap_or_else(|| panic!("{what} works on a lost device"));
+    fn refused(what: &str, error: Option<impl Into<Error>>) {
+        let error: Error = error.unwrap_or_else(|| panic!("{what} works on a lost device")).into();
         assert!(matches!(error, Error::DeviceLost { .. }), "{what}: {error}");
         assert!(!error.to_string().contains('\n'), "{what}: {error}");
-    };
+    }
     refused("buffer", gpu.buffer::<u32>("test/new", 10).err());
     refused("upload", gpu.upload("test/new", &[1u32; 10]).err());
     refused("read", gpu.read::<u32>(&before, 10).err());
@@ -245,8 +247,8 @@ fn a_lost_device_answers_with_errors() {
     frame.run(&bound, 1000, &[0u32; 0]);
     refused("submit", frame.submit().err());
     refused("wait", gpu.wait("test").err());
-    refused("compile", Kernel::new(&gpu, &composed, &[], &[]).err());
+    refused("compile", new_kernel(&gpu, &composed, &[], &[]).err());
     refused("bind", kernel.bind(&gpu, "add", &[&sets]).err());
     let (scene, camera) = subject();
-    refused("render", Renderer::new(&gpu, scene, &camera, &settings(Technique::ShadowPhotons)).err());
+    refused("render", Renderer::new(&gpu, scene, &camera, &settings(Technique::SHADOW_PHOTONS)).err());
 }

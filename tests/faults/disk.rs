@@ -1,4 +1,4 @@
-//! Disks that are full, and folders that go away.
+//! Full disks and vanishing folders.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -9,10 +9,10 @@ use penumbra::Image;
 
 use crate::program::{Answer, BOX, device, folder, penumbra};
 
-/// Settings that are quick: few photons, a small image.
+/// Fast settings: few photons, a small image.
 pub const SMALL: &str = "--width 24 --height 16 --photons 4096 --max-bounces 0";
 
-/// Names of the files in a folder.
+/// The sorted names of the files in a folder.
 pub fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -25,7 +25,8 @@ pub fn signal(child: &Child, signal: &str) {
     assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
 }
 
-/// A render for an hour of the box to `outputs`, which has begun to take samples; what it has said, and the rest to come.
+/// Starts a render of the box with an hour's time limit and waits until it takes samples. Returns the process, its
+/// messages so far, and the stream of further ones.
 pub fn begin(arguments: &str, outputs: &[&Path]) -> (Child, String, BufReader<std::process::ChildStderr>) {
     let mut command = penumbra(&format!("render --device {} --time 3600 {arguments}", device()), &[&BOX]);
     for output in outputs {
@@ -40,16 +41,17 @@ pub fn begin(arguments: &str, outputs: &[&Path]) -> (Child, String, BufReader<st
     (child, said, stderr)
 }
 
+/// Interrupts a render and waits for its end.
 fn end((mut child, mut said, mut stderr): (Child, String, BufReader<std::process::ChildStderr>)) -> Answer {
     signal(&child, "-INT");
     stderr.read_to_string(&mut said).unwrap();
     Answer { code: child.wait().unwrap().code(), stdout: String::new(), stderr: said }
 }
 
-/// The system refuses to write on after two blocks, as it does on a full disk: the old files stay, nothing else does, and the
-/// error is one line that names the file.
+/// If a disk fills up during a write, the old files stay, no partial file is left, and a one-line error names the file.
+/// A limit on the file size of two blocks acts as the full disk.
 #[test]
-fn a_disk_that_fills_up_leaves_the_old_files() {
+fn a_disk_that_fills_up_keeps_the_old_files() {
     let folder = folder();
     let image = folder.path().join("a.exr");
     fs::write(&image, "old").unwrap();
@@ -61,7 +63,7 @@ fn a_disk_that_fills_up_leaves_the_old_files() {
         command.args(format!("--quiet --spp 1 --aov all --device {} {SMALL}", device()).split_whitespace());
         command.args([other, kept.to_str().unwrap(), "-o", image.to_str().unwrap(), BOX]);
         command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
-        // Mesa's own cache would meet the limit, too.
+        // The limit would affect Mesa's shader cache, too.
         command.env("MESA_SHADER_CACHE_DISABLE", "true");
         Answer::of(&mut command).assert_refused(3, &["a.exr", "cannot write"]);
         for file in [&image, &kept] {
@@ -71,14 +73,15 @@ fn a_disk_that_fills_up_leaves_the_old_files() {
     assert_eq!(names(folder.path()), ["a.exr", "kept--checkpoint", "kept--stats"]);
 }
 
-/// A file system that is full, where tests may make one: what fits is written, and the image is kept elsewhere.
+/// On a full file system, files that fit are written and the image is saved to the temporary folder. Left out if no
+/// file system can be mounted.
 #[test]
-fn an_image_that_a_full_disk_does_not_take_is_kept() {
+fn an_image_that_does_not_fit_is_saved_elsewhere() {
     let folder = folder();
     let [disk, kept] = ["disk", "kept"].map(|name| folder.path().join(name));
     fs::create_dir(&disk).unwrap();
     fs::create_dir(&kept).unwrap();
-    // The mount is in a name space of its own, and goes with the process. A page is left: enough for the .png alone.
+    // The mount is in its own namespace and ends with the process. One page is free: enough for the .png only.
     let script = "mount -t tmpfs -o size=64k none \"$1\" || exit 77; head -c 60000 /dev/zero > \"$1/rest\"
         shift; \"$@\"; code=$?; ls -A \"$DISK\" > \"$TMPDIR/list\"; exit $code";
     let mut command = Command::new("unshare");
@@ -100,8 +103,8 @@ fn an_image_that_a_full_disk_does_not_take_is_kept() {
     assert_eq!((image.width, image.height, rescued.len()), (24, 16, 1));
 }
 
-/// The folder was there when the render began. Gone meanwhile, it is made anew; with a file in its place the image is kept
-/// elsewhere, and the error says where.
+/// An output folder that vanishes during the render is created again. If a file has taken its place, the image is saved
+/// elsewhere and the error says where.
 #[test]
 fn an_output_folder_may_vanish() {
     let folder = folder();
@@ -130,9 +133,9 @@ fn an_output_folder_may_vanish() {
     assert_eq!(fs::read_to_string(&outputs).unwrap(), "a file");
 }
 
-/// What can be written is, whatever else cannot.
+/// A file that cannot be written does not prevent the others from being written.
 #[test]
-fn one_file_that_cannot_be_written_does_not_cost_the_others() {
+fn one_failed_file_does_not_affect_the_others() {
     let folder = folder();
     let [lost, kept, state] = ["lost/a.exr", "b.exr", "lost/state"].map(|name| folder.path().join(name));
     fs::create_dir(folder.path().join("lost")).unwrap();

@@ -1,5 +1,5 @@
-//! What a render notices of itself, and what it survives: numbers that are none, devices that are lost, disks that are full,
-//! signals, and processes that share a cache.
+//! Faults that a render reports or survives: invalid samples, lost devices, full disks, signals, and processes that
+//! share a cache.
 
 mod cache;
 #[path = "../common/device.rs"]
@@ -8,7 +8,7 @@ mod conditioning;
 mod device;
 #[cfg(unix)]
 mod disk;
-// Other tests use the rest of these.
+// Other test binaries use the remaining functions of these files.
 #[allow(dead_code)]
 #[path = "../common/meshes.rs"]
 mod meshes;

@@ -12,23 +12,24 @@ use penumbra::Image;
 use crate::disk::{SMALL, begin, names, signal};
 use crate::program::{BOX, device, folder, penumbra};
 
-/// Every file is whole, and there is none that the user did not ask for.
-fn assert_whole(folder: &Path, asked: &[String]) {
+/// Asserts that every file in the folder is complete and one of the requested outputs.
+fn assert_whole(folder: &Path, requested: &[String]) {
     for name in names(folder) {
-        assert!(asked.contains(&name), "{name} is left");
+        assert!(requested.contains(&name), "{name} is left");
         let path = folder.join(&name);
         match path.extension().unwrap().to_str().unwrap() {
-            "exr" | "png" => drop(Image::read(&path).unwrap_or_else(|error| panic!("half a file is left: {error}"))),
+            "exr" | "png" => drop(Image::read(&path).unwrap_or_else(|error| panic!("a partial file is left: {error}"))),
             _ => drop(serde_json::from_slice::<serde_json::Value>(&fs::read(&path).unwrap()).unwrap()),
         }
     }
 }
 
-/// While the scene is read, kernels compile, photons fly, samples are taken and files are written: the process ends, with
-/// the signal's code or after writing, and leaves no half of a file.
+/// A signal ends the process at any time and never leaves a partial file: while the scene is read, kernels compile,
+/// photons are traced, samples are taken, or files are written. The exit code is that of the signal, or of a complete
+/// render.
 #[test]
 fn a_signal_may_come_at_any_time() {
-    let asked = ["a.exr", "a.png", "a.json"].map(str::to_owned);
+    let requested = ["a.exr", "a.png", "a.json"].map(str::to_owned);
     let mut written = [false; 2];
     for (moment, name) in
         [0u64, 10, 30, 80, 150, 300, 500, 800, 1200, 2000].into_iter().zip(["-INT", "-TERM"].into_iter().cycle())
@@ -40,22 +41,22 @@ fn a_signal_may_come_at_any_time() {
         let mut child = penumbra(&arguments, &files).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         thread::sleep(Duration::from_millis(moment));
         signal(&child, name);
-        // No code where the signal came before the program could hear it.
+        // There is no exit code if the signal came before the program handled it.
         let code = child.wait().unwrap().code();
         let expected = [None, Some(0), Some(130), Some(if name == "-INT" { 130 } else { 143 })];
         assert!(expected.contains(&code), "{moment} ms, {name}: {code:?}");
-        assert_whole(folder.path(), &asked);
+        assert_whole(folder.path(), &requested);
         written[usize::from(names(folder.path()).is_empty())] = true;
     }
     assert!(written[1], "no signal came before there was something to write");
 }
 
-/// The first Ctrl-C ends the samples; a second one ends the writing, at once, and no file is left that is not whole.
+/// The first Ctrl-C ends sampling, and a second one ends writing at once, without leaving a partial file.
 #[test]
 fn a_second_signal_ends_the_process_at_once() {
     let folder = folder();
-    let asked: Vec<String> = (0..40).map(|i| format!("{i}.exr")).collect();
-    let outputs: Vec<_> = asked.iter().map(|name| folder.path().join(name)).collect();
+    let requested: Vec<String> = (0..40).map(|i| format!("{i}.exr")).collect();
+    let outputs: Vec<_> = requested.iter().map(|name| folder.path().join(name)).collect();
     let outputs: Vec<&Path> = outputs.iter().map(|path| path.as_path()).collect();
     let large = "--width 256 --height 256 --photons 4096 --max-bounces 0 --aov all";
     let (mut child, mut said, mut stderr) = begin(large, &outputs);
@@ -68,5 +69,5 @@ fn a_second_signal_ends_the_process_at_once() {
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     let files = names(folder.path()).len();
     assert!((1..40).contains(&files), "{files} of 40 files are there: {said}");
-    assert_whole(folder.path(), &asked);
+    assert_whole(folder.path(), &requested);
 }

@@ -1,10 +1,10 @@
-//! A file is replaced whole or not at all.
+//! Atomic writes: a file is replaced whole or not at all.
 
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use penumbra::render::film::{Image, View, check_writable, write_atomically};
+use penumbra::internal::render::film::{Image, View, check_writable, write_atomically};
 
 fn files(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> =
@@ -32,7 +32,7 @@ fn a_failing_write_leaves_the_old_file_and_no_other() {
 }
 
 #[test]
-fn an_image_that_cannot_be_coded_leaves_the_old_file() {
+fn an_image_that_cannot_be_encoded_leaves_the_old_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut image = Image::new(2, 1);
     image.add_channel("Z", vec![1.0; 2]);
@@ -40,7 +40,7 @@ fn an_image_that_cannot_be_coded_leaves_the_old_file() {
         let path = folder.path().join(name);
         fs::write(&path, "old").unwrap();
         if name == "a.exr" {
-            // Longer than the format can say.
+            // Longer than the format allows.
             image.add_channel("x".repeat(256), vec![1.0; 2]);
         }
         let error = image.write(&path, View::Neutral, 0.0).unwrap_err();
@@ -51,7 +51,7 @@ fn an_image_that_cannot_be_coded_leaves_the_old_file() {
 }
 
 #[test]
-fn outputs_are_judged_before_anything_is_rendered() {
+fn outputs_are_checked_before_anything_is_rendered() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("old.exr"), "old").unwrap();

@@ -1,13 +1,14 @@
-//! EXR: what is written comes back, and what is damaged is refused.
+//! EXR: written images are read back without loss, and damaged files are refused.
 
 use std::fs;
 use std::path::Path;
 
 use glam::{DVec3, Mat4, Vec3};
-use penumbra::render::film::{Image, Metadata, View};
-use penumbra::scene::{Camera, Normalisation, Projection};
+use penumbra::internal::render::film::{Image, Metadata, View};
+use penumbra::internal::scene::{Camera, Normalisation, Projection};
 
-/// 37 x 21 pixels (more than one block of 16 lines, and a rest), with values that f16 or decimal text would lose.
+/// An image of 37 x 21 pixels, which is one block of 16 lines and a part, with values that f16 or decimal text cannot
+/// represent.
 fn sample() -> Image {
     let mut image = Image::new(37, 21);
     let names = ["shadow.lamp.class", "R", "G", "B", "A", "N.X", "Z", "direct.R", "shadow.Größe 灯.ni"];
@@ -59,7 +60,7 @@ fn read(bytes: &[u8]) -> Result<Image, String> {
 }
 
 #[test]
-fn everything_comes_back_bit_for_bit() {
+fn images_are_read_back_bit_for_bit() {
     let image = sample();
     let back = read(&written(&image)).unwrap();
     assert_eq!((back.width, back.height), (image.width, image.height));
@@ -71,9 +72,9 @@ fn everything_comes_back_bit_for_bit() {
     assert!(back.channels.is_sorted_by(|a, b| a.name < b.name));
 }
 
-/// The header, byte by byte as "OpenEXR File Layout" has it: what other programs rely on.
+/// The header matches "OpenEXR File Layout" byte by byte, because other programs rely on it.
 #[test]
-fn the_header_is_as_the_format_says() {
+fn the_header_follows_the_specification() {
     let bytes = written(&sample());
     let attribute = |name: &str, kind: &str| {
         let start = [name.as_bytes(), b"\0", kind.as_bytes(), b"\0"].concat();
@@ -84,9 +85,9 @@ fn the_header_is_as_the_format_says() {
     let floats = |bytes: &[u8]| -> Vec<f32> {
         bytes.chunks(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect()
     };
-    // Version 2, one part of scan lines (no tiles, nothing deep), names longer than 31 bytes.
+    // Version 2, one part of scan lines, no tiles, no deep data, names longer than 31 bytes.
     assert_eq!(bytes[..8], [0x76, 0x2f, 0x31, 0x01, 2, 4, 0, 0]);
-    // ZIP of 16 lines; lines from the top.
+    // ZIP of 16 lines, with lines from top to bottom.
     assert_eq!(attribute("compression", "compression"), [3]);
     assert_eq!(attribute("lineOrder", "lineOrder"), [0]);
     let rec709 = [0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290];
@@ -113,27 +114,27 @@ fn cameras_follow_the_conventions_of_pbrt() {
     image.add_channel("R", vec![0.0; image.pixels()]);
     image.add_camera(&camera, &normalisation);
     let matrix = |name: &str| match image.metadata[name] {
-        // Rows for row vectors are columns for column vectors.
+        // The rows of a matrix for row vectors are the columns of the matrix for column vectors.
         Metadata::Matrix(matrix) => Mat4::from_cols_array(&matrix),
         _ => panic!("{name} is a matrix"),
     };
-    // f32 matrices at distances of some tens.
+    // The tolerance for f32 matrices at distances of about 50.
     let near = |found: Vec3, expected: Vec3| assert!((found - expected).length() < 1e-4, "{found} for {expected}");
 
     // 8 in front, 3 to the right, 2 up.
     let point = Vec3::new(12.0 - 8.0, -20.0 + 3.0, 46.0 + 2.0);
     near(matrix("worldToCamera").transform_point3(point), Vec3::new(3.0, 2.0, 8.0));
-    // 90 degrees: half the view is 8 high there and 16 wide. The near plane is 1 away: z = 1 - 1/8 on the screen.
+    // At 90 degrees half the view is 8 high and 16 wide there. The near plane is at 1, so z = 1 - 1/8 on the screen.
     let expected = Vec3::new(0.5 + 0.5 * 3.0 / 16.0, 0.5 + 0.5 * 2.0 / 8.0, 0.5 + 0.5 * (1.0 - 1.0 / 8.0));
     near(matrix("worldToNDC").project_point3(point), expected);
 }
 
-/// A header's attribute: name, type, size, value.
+/// An attribute of the header: name, type, size, value.
 fn attribute(name: &str, kind: &str, value: &[u8]) -> Vec<u8> {
     [name.as_bytes(), b"\0", kind.as_bytes(), b"\0", &(value.len() as u32).to_le_bytes(), value].concat()
 }
 
-/// An uncompressed EXR of one f32 channel `Y` with that sampling and data window, without any pixels.
+/// An uncompressed EXR without pixels, with one f32 channel `Y` of that sampling and data window.
 fn header(sampling: u32, window: [i32; 4]) -> Vec<u8> {
     let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>();
     let window: Vec<u8> = window.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -155,7 +156,7 @@ fn header(sampling: u32, window: [i32; 4]) -> Vec<u8> {
 
 #[test]
 fn a_file_made_by_hand_is_read() {
-    // 2 x 2 pixels at (5, 7): a table of two offsets, then for each line its y, its size and its samples.
+    // 2 x 2 pixels at (5, 7): a table of two offsets, then y, size and samples of each line.
     let mut bytes = header(1, [5, 7, 6, 8]);
     let start = bytes.len() as u64 + 16;
     bytes.extend([start, start + 16].map(u64::to_le_bytes).concat());
@@ -195,7 +196,7 @@ fn hostile_headers_are_errors() {
         (dwa, "compression: DWAA and DWAB are not supported"),
         (part(0x08), "file: holds deep data"),
         (part(0x10), "file: holds several parts"),
-        // A header without its pixels: small, about as large as it may be, and larger than its 300 bytes can hold.
+        // Headers without pixels: small, about as large as plausible, and larger than 300 bytes can hold.
         (header(1, [0, 0, 1, 1]), "file: damaged EXR"),
         (header(1, [0, 0, 499, 499]), "file: damaged EXR"),
         (header(1, [0, 0, 0, 249_999]), "file: damaged EXR"),
@@ -204,18 +205,19 @@ fn hostile_headers_are_errors() {
         let error = read(&bytes).unwrap_err();
         assert!(error.starts_with(expected), "{error} for {expected}");
     }
-    // Two data windows, whichever comes first.
+    // Two data windows in either order.
     for windows in [[9999, 1], [1, 9999]] {
         let mut bytes = header(1, [0, 0, windows[0], windows[0]]);
         let second: Vec<u8> = [0, 0, windows[1], windows[1]].into_iter().flat_map(i32::to_le_bytes).collect();
         bytes.splice(8..8, attribute("dataWindow", "box2i", &second));
         assert!(read(&bytes).unwrap_err().starts_with("dataWindow: claims 400000000 bytes"));
     }
-    // What follows an attribute without a type is read otherwise by the decoder: here as a window of 85 GB (found by fuzzing).
+    // What follows an attribute without a type is read otherwise by the decoder: here as a window of 85 GB (found by
+    // fuzzing).
     let mut bytes = header(1, [0, 0, 1, 1]);
     bytes.splice(8..8, attribute("a", "", &[]));
     assert_eq!(read(&bytes).unwrap_err(), "a: attribute without a type");
-    // An attribute that claims 2 GB of itself.
+    // An attribute that claims a size of 2 GB.
     let mut bytes = header(1, [0, 0, 1, 1]);
     let at = bytes.windows(6).position(|window| window == b"chlist").unwrap() + 7;
     bytes[at..at + 4].copy_from_slice(&i32::MAX.to_le_bytes());
@@ -223,12 +225,12 @@ fn hostile_headers_are_errors() {
 }
 
 #[test]
-fn damage_anywhere_is_survived() {
+fn damage_anywhere_causes_no_panic() {
     let bytes = written(&sample());
     for length in (0..bytes.len()).step_by(bytes.len() / 200) {
         assert!(read(&bytes[..length]).is_err(), "{length} of {} bytes", bytes.len());
     }
-    // Any byte of the header, set to what is likeliest to hurt; the pixels may come out changed, or refused.
+    // Every byte of the header is set to extreme values. The pixels may change, or the file may be refused.
     let end = bytes.windows(17).position(|window| window == b"screenWindowWidth").unwrap() + 40;
     for at in 0..end {
         for value in [0, 0x7f, 0xff] {
@@ -242,7 +244,7 @@ fn damage_anywhere_is_survived() {
 }
 
 #[test]
-fn what_the_format_cannot_say_is_refused() {
+fn images_that_the_format_cannot_represent_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
     let refused = |change: &dyn Fn(&mut Image), expected: &str| {

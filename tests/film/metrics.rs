@@ -1,7 +1,7 @@
-//! Metrics against values worked out by hand and by the authors' own tools.
+//! Metrics against values computed by hand and by the authors' own tools.
 
-use penumbra::render::film::Image;
-use penumbra::report::metrics::{flip, mae, p99, relmse, rmse};
+use penumbra::internal::render::film::Image;
+use penumbra::internal::report::metrics::{flip, mae, p99, relmse, rmse};
 
 /// An image whose pixels are `colour(x, y)`.
 fn image(width: u32, height: u32, colour: impl Fn(u32, u32) -> [f32; 3]) -> Image {
@@ -14,7 +14,7 @@ fn image(width: u32, height: u32, colour: impl Fn(u32, u32) -> [f32; 3]) -> Imag
 }
 
 #[test]
-fn measures_are_what_their_formulas_say() {
+fn measures_follow_their_formulas() {
     let x = image(2, 1, |x, _| if x == 0 { [1.0, 2.0, 0.0] } else { [3.0, 0.5, 0.25] });
     let r = image(2, 1, |x, _| if x == 0 { [0.0, 2.0, 1.0] } else { [1.0, 0.5, 0.25] });
     // Differences 1, 0, -1, 2, 0, 0.
@@ -26,8 +26,8 @@ fn measures_are_what_their_formulas_say() {
 }
 
 #[test]
-fn the_percentile_is_the_smallest_that_99_of_100_do_not_exceed() {
-    // Differences 1 to 300, each once: 297 of them are 297 at most.
+fn the_percentile_is_the_minimum_that_99_of_100_do_not_exceed() {
+    // Differences of 1 to 300, each once: 297 of them are at most 297.
     let x = image(10, 10, |x, y| [0, 1, 2].map(|c| ((x + 10 * y) * 3 + c + 1) as f32));
     assert_eq!(p99(&x, &image(10, 10, |_, _| [0.0; 3])).unwrap(), 297.0);
     let one = image(1, 1, |_, _| [1.0, 2.0, 7.0]);
@@ -36,7 +36,7 @@ fn the_percentile_is_the_smallest_that_99_of_100_do_not_exceed() {
 
 #[test]
 fn large_images_lose_no_digits() {
-    // Every square is the same number, so the mean is that number however many there are.
+    // All squares are equal, so the mean is that number for any number of pixels.
     let x = image(2048, 2048, |_, _| [0.1; 3]);
     let r = image(2048, 2048, |_, _| [0.0; 3]);
     let expected = f64::from(0.1f32);
@@ -44,8 +44,8 @@ fn large_images_lose_no_digits() {
     assert!((rmse(&x, &r).unwrap() / expected - 1.0).abs() < 7168.0 * f64::EPSILON);
 }
 
-/// The scene-linear value that the neutral view shows as these sRGB codes, which must be 225 at most: where nothing
-/// is compressed its inverse is plain (out = x - offset, and 6.25 x^2 for a darkest component below 0.08).
+/// The scene-linear colour that the neutral view maps to these sRGB codes, which must be at most 225. There the view
+/// does not compress and is easy to invert (out = x - offset, and 6.25 x^2 for a minimum component below 0.08).
 fn shown_as(codes: [u32; 3]) -> [f32; 3] {
     let linear = codes.map(|code| {
         let x = f64::from(code) / 255.0;
@@ -56,13 +56,13 @@ fn shown_as(codes: [u32; 3]) -> [f32; 3] {
     linear.map(|x| (x + offset) as f32)
 }
 
-/// Means given by `flip.evaluate(reference, test, "LDR")` of flip-evaluator 1.7, by the authors of FLIP, for the same
-/// sRGB images of 48 x 32 pixels.
+/// The expected values are means of `flip.evaluate(reference, test, "LDR")` of flip-evaluator 1.7, by the authors of
+/// FLIP, for the same sRGB images of 48 x 32 pixels.
 #[test]
-fn flip_is_that_of_its_authors() {
+fn flip_agrees_with_its_authors() {
     let check = |reference: &Image, test: &Image, expected: f64| {
         let found = flip(test, reference).unwrap();
-        // The authors' versions differ in the order of f32 sums over 1536 pixels and in their filters' rounding.
+        // The authors' versions differ in the order of f32 sums over 1536 pixels and in the rounding of filters.
         assert!((found - expected).abs() < 2e-4, "{found} for {expected}");
     };
     let black = image(48, 32, |_, _| [0.0; 3]);
@@ -80,7 +80,7 @@ fn flip_is_that_of_its_authors() {
 }
 
 #[test]
-fn an_image_is_no_way_from_itself() {
+fn the_error_of_an_image_against_itself_is_zero() {
     let x = image(40, 30, |x, y| [x as f32, y as f32 * 0.01, 1e8]);
     for metric in [rmse, relmse, mae, p99, flip] {
         assert_eq!(metric(&x, &x).unwrap(), 0.0);
@@ -88,7 +88,7 @@ fn an_image_is_no_way_from_itself() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_named() {
+fn errors_of_incomparable_images_name_the_cause() {
     let good = image(3, 2, |_, _| [1.0; 3]);
     let other = image(2, 3, |_, _| [1.0; 3]);
     let mut grey = Image::new(3, 2);

@@ -1,6 +1,6 @@
-//! PNG, read back with another crate than writes it.
+//! PNG files, read back with a different crate.
 
-use penumbra::render::film::{Image, View};
+use penumbra::internal::render::film::{Image, View};
 
 fn image(channels: &[(&str, &[f32])]) -> Image {
     let mut image = Image::new(2, 2);
@@ -23,14 +23,14 @@ fn pixels_are_coded_in_srgb_after_exposure() {
     image.write_png(&path, View::Standard, 1.0).unwrap();
     let png = image::open(&path).unwrap();
     assert_eq!(png.color(), image::ColorType::Rgb8);
-    // Linear 1/2 is code 187.52 and 1/5 is 123.54 of IEC 61966-2-1.
+    // In IEC 61966-2-1, linear 1/2 has the code 187.52, and 1/5 has 123.54.
     assert_eq!(png.to_rgb8().into_raw(), [0, 0, 255, 188, 255, 0, 124, 124, 124, 255, 0, 0]);
 
     image.write_png(&path, View::Raw, 0.0).unwrap();
     assert_eq!(image::open(&path).unwrap().to_rgb8().into_raw(), [0, 0, 128, 64, 128, 0, 26, 26, 26, 255, 0, 0]);
 }
 
-/// A PNG is a picture over black: what is half covered shows as it is, and there is no alpha.
+/// A PNG has premultiplied colour over black, without alpha.
 #[test]
 fn transparency_is_over_black() {
     let folder = tempfile::tempdir().unwrap();
@@ -48,7 +48,7 @@ fn transparency_is_over_black() {
 }
 
 #[test]
-fn srgb_codes_come_back_as_they_were() {
+fn srgb_codes_are_preserved() {
     let folder = tempfile::tempdir().unwrap();
     let (first, second) = (folder.path().join("a.png"), folder.path().join("b.png"));
     let codes: Vec<u8> = (0..=255).flat_map(|i: u8| [i, 255 - i, i / 2]).collect();
@@ -58,7 +58,7 @@ fn srgb_codes_come_back_as_they_were() {
 }
 
 #[test]
-fn radiance_hdr_is_read_as_it_is() {
+fn radiance_hdr_is_read_without_change() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.hdr");
     // Flat RGBE: mantissa / 256 * 2^(exponent - 128).
@@ -69,18 +69,18 @@ fn radiance_hdr_is_read_as_it_is() {
 }
 
 #[test]
-fn what_is_no_image_is_an_error() {
+fn files_that_are_not_images_are_errors() {
     let folder = tempfile::tempdir().unwrap();
-    // A PNG header (with its right checksum) of 400,000 x 400,000 pixels: 590 GB as RGBA, and nothing behind it.
+    // A PNG header with a valid checksum for 400,000 x 400,000 pixels, 590 GB as RGBA, without data.
     let mut huge = Vec::new();
     png::Encoder::new(&mut huge, 400_000, 400_000).write_header().unwrap();
-    // 14 MB as 64 bits a texel, in 302 bytes: of as many bits as they are, not of one (found by fuzzing).
+    // 14 MB of pixels with 64 bits each in 302 bytes. The limit must use these 64 bits, not one (found by fuzzing).
     let mut wide = Vec::new();
     let mut encoder = png::Encoder::new(&mut wide, 9, 200_000);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Sixteen);
     encoder.write_header().unwrap().write_chunk(png::chunk::IDAT, &[0; 245]).unwrap();
-    // Radiance files whose size is none, or not to be had of so few bytes.
+    // Radiance files whose size is zero, or too large for so few bytes.
     let radiance = |size: &str| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n").into_bytes();
     for (name, bytes) in [
         ("nothing.hdr", radiance("-Y 0 +X 7")),

@@ -1,6 +1,6 @@
-//! Tone mapping against the closed forms of its sources.
+//! Tone mapping against the formulas of its sources.
 
-use penumbra::render::film::View;
+use penumbra::internal::render::film::View;
 
 /// IEC 61966-2-1, in f64.
 fn srgb(x: f64) -> f64 {
@@ -17,13 +17,13 @@ fn assert_near(found: [f32; 3], expected: [f64; 3], tolerance: f64) {
 }
 
 #[test]
-fn neutral_takes_the_fresnel_part_off_and_keeps_base_colours() {
-    // Lit by white light of irradiance pi a base colour returns itself and the 4 % that dielectrics reflect.
+fn neutral_subtracts_the_fresnel_part_and_keeps_base_colours() {
+    // Under white light of irradiance pi, a surface reflects its base colour and the 4 % of dielectrics.
     for base in [[0.1, 0.3, 0.7], [0.05, 0.05, 0.05], [0.7, 0.2, 0.5]] {
         let colour = base.map(|x| x as f32 + 0.04);
         assert_near(View::Neutral.apply(colour), base.map(srgb), ROUNDING);
     }
-    // Below 0.08 the offset is x - 6.25 x^2, so the darkest component becomes 6.25 x^2.
+    // Below 0.08 the offset is x - 6.25 x^2, so the minimum component becomes 6.25 x^2.
     let darkest = 6.25 * 0.04 * 0.04;
     let expected = [darkest, 0.5 - (0.04 - darkest), 0.3 - (0.04 - darkest)];
     assert_near(View::Neutral.apply([0.04, 0.5, 0.3]), expected.map(srgb), ROUNDING);
@@ -34,7 +34,7 @@ fn neutral_compresses_highlights() {
     // Grey 2.04: peak 2 after the offset, 1 - 0.24^2 / (2 + 0.24 - 0.76).
     let peak = 1.0 - 0.24 * 0.24 / 1.48;
     assert_near(View::Neutral.apply([2.04; 3]), [srgb(peak); 3], ROUNDING);
-    // Red of the same peak goes towards white by 1 - 1 / (0.15 (2 - peak) + 1); its darkest component is 0.
+    // Red of the same peak moves towards white by 1 - 1 / (0.15 (2 - peak) + 1). Its minimum component is 0.
     let white = 1.0 - 1.0 / (0.15 * (2.0 - peak) + 1.0);
     let red = [peak * (1.0 - white) + peak * white, peak * white, peak * white];
     assert_near(View::Neutral.apply([2.0, 0.0, 0.0]), red.map(srgb), ROUNDING);
@@ -48,7 +48,7 @@ fn standard_and_raw_clip() {
 
 #[test]
 fn agx_is_the_published_fit_along_greys() {
-    // The matrices keep greys but for their rounding to four digits, so a grey goes through the curve alone.
+    // The matrices keep greys, up to their rounding to four digits, so only the curve changes a grey.
     for ev in [-6.0f64, -2.0, 0.0, 1.5, 3.0, 5.0] {
         let grey = 0.18 * ev.exp2();
         let x = (grey.log2() + 12.47393) / (4.026069 + 12.47393);
@@ -62,15 +62,15 @@ fn agx_is_the_published_fit_along_greys() {
 }
 
 #[test]
-fn agx_takes_saturated_highlights_to_white_and_black_to_black() {
+fn agx_maps_saturated_highlights_to_white_and_black_to_black() {
     assert_eq!(View::Agx.apply([0.0; 3]), [0.0; 3]);
-    // The path to white is what AgX is for: clipping would leave pure blue.
+    // AgX desaturates highlights, where clipping would leave pure blue.
     let blue = View::Agx.apply([0.0, 0.0, 1000.0]);
     assert!(blue[0] > 0.5 && blue[1] > 0.5, "{blue:?}");
 }
 
 #[test]
-fn every_view_is_total_bounded_and_rises_along_greys() {
+fn every_view_is_total_bounded_and_monotonic_along_greys() {
     let hostile = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 0.0, -0.0, 1e-45, 1.0];
     for view in View::ALL {
         for r in hostile {
@@ -87,7 +87,7 @@ fn every_view_is_total_bounded_and_rises_along_greys() {
 }
 
 #[test]
-fn views_are_called_what_they_print() {
+fn views_parse_from_their_printed_names() {
     for view in View::ALL {
         assert_eq!(view.to_string().parse::<View>().unwrap(), view);
     }

@@ -1,7 +1,7 @@
-//! The earlier methods that shadow photons are compared with: each is as right, and as wrong, as it says.
+//! The earlier methods that shadow photons are compared with: each has the error that it claims, no more and no less.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
 
 use crate::meshes::{camera, cube, inside_out, scene, square, surface};
@@ -9,14 +9,22 @@ use crate::setup::{render, render_scene, scene_file};
 
 fn settings(technique: Technique, size: [u32; 2], spp: u32) -> Settings {
     let [width, height] = size;
-    Settings { technique, width, height, spp, max_bounces: 0, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = width;
+        s.image.height = height;
+        s.image.spp = spp;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
-/// A room with pillars under 48 point lights, from bright ones to some of a thousandth of their power, and a square one.
+/// A room with pillars under a square light and 48 point lights, the weakest of which have a thousandth of the power of
+/// the strongest.
 fn hall() -> (Scene, Camera) {
     let pillar = |i: u32| {
-        let place = DVec3::new(0.28 * f64::from(i % 3) - 0.28, -0.3, 0.25 * f64::from(i / 3) - 0.3);
-        cube(place, 0.06)
+        let centre = DVec3::new(0.28 * f64::from(i % 3) - 0.28, -0.3, 0.25 * f64::from(i / 3) - 0.3);
+        cube(centre, 0.06)
     };
     let lamp = |i: u32| {
         let (x, z) = (f64::from(i % 8) / 8.0 - 0.44, f64::from(i / 8) / 6.0 - 0.42);
@@ -33,40 +41,43 @@ fn hall() -> (Scene, Camera) {
     (scene(&meshes, (0..48).map(lamp).collect()), view)
 }
 
-/// Without a tolerance Ward's method tests every light, and the image is `two-pass`'s. With one, no sample is off by more
-/// than that share of it, from many fewer rays; the method's promise, which half the tolerance does not keep.
+/// Ward's method keeps its promise: no sample deviates by more than the tolerance, with far fewer rays. At tolerance 0
+/// it tests every light, and the image is that of `two-pass`.
 #[test]
 fn wards_error_is_within_its_tolerance() {
     let (mut scene, view) = hall();
-    // A light with a surface has its noise taken out where it is guessed: not the same samples.
+    // Where the visibility of an area light is guessed, it has no sampling noise. Such lights are removed below.
     let of = |scene: &Scene, technique, shadow_tolerance| {
-        let settings = Settings { shadow_tolerance, ..settings(technique, [64, 48], 2) };
+        let settings = settings(technique, [64, 48], 2).with(|s| s.ward.tolerance = shadow_tolerance);
         render_scene(scene.clone(), &view, &settings)
     };
     let off = |(a, _): &(Image, Statistics), (b, _): &(Image, Statistics)| {
         let [a, b] = [a, b].map(|image| image.channel("G").unwrap());
         a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs() / b.max(1e-9))).fold(0.0, f64::max)
     };
-    let (all, none) = (of(&scene, Technique::TwoPass, 0.0), of(&scene, Technique::WardAdaptive, 0.0));
-    // Sums of the same samples, in other groups.
+    let (all, none) = (of(&scene, Technique::TWO_PASS, 0.0), of(&scene, Technique::WARD_ADAPTIVE, 0.0));
+    // The same samples are summed in different groups.
     assert!(off(&none, &all) < 1e-5, "tolerance 0: {} off", off(&none, &all));
     assert_eq!(none.1.rays.shadow, all.1.rays.shadow);
 
     scene.lights.remove(0);
-    scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::scene::NO_LIGHT);
+    scene.triangles.iter_mut().for_each(|triangle| triangle.light = penumbra::internal::scene::NO_LIGHT);
     scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
-    let all = of(&scene, Technique::TwoPass, 0.0);
+    let all = of(&scene, Technique::TWO_PASS, 0.0);
     for tolerance in [0.02, 0.1, 0.3] {
-        let some = of(&scene, Technique::WardAdaptive, tolerance);
+        let some = of(&scene, Technique::WARD_ADAPTIVE, tolerance);
         let (off, rays) = (off(&some, &all), some.1.rays.shadow as f64 / all.1.rays.shadow as f64);
         println!("tolerance {tolerance}: {off} off at most, {rays} of the rays");
-        // What is found is never more than the true light; keys keep twelve bits of a potential.
+        // The result never exceeds the true light. The sort keys keep twelve bits of a potential, hence the factor.
         assert!(off < 1.001 * f64::from(tolerance), "tolerance {tolerance}: {off} off");
-        assert!(off > 0.0 && rays < 0.8, "tolerance {tolerance}: {off} off, {rays} of the rays: no test");
+        assert!(
+            off > 0.0 && rays < 0.8,
+            "tolerance {tolerance}: {off} off, {rays} of the rays: the test is not sensitive"
+        );
     }
 }
 
-/// Mean difference of two images' greens, and its standard error: pixels differ by noise of their own.
+/// Mean difference of two images' green channels, and its standard error: the noise of pixels is independent.
 fn difference(a: &Image, b: &Image) -> (f64, f64) {
     let [a, b] = [a, b].map(|image| image.channel("G").unwrap());
     let n = a.len() as f64;
@@ -75,38 +86,42 @@ fn difference(a: &Image, b: &Image) -> (f64, f64) {
     (mean, (all.map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
 }
 
-/// Tags that stand where their neighbours agree leave the mean of `two-pass` as it is, in both scenes of the paper, with a
-/// third of the rays at most; a thousandth of the light would be missed. Cells that are dark where no ray saw the light lose
-/// some of it and gain none, and the more the coarser they are.
+/// Voxel tags are unbiased and visibility cells lose light. Tags that hold only where all neighbours agree keep the
+/// mean of `two-pass` in both scenes of the paper, with at most a third of the rays; a loss of 0.1 % would be detected.
+/// Cells are dark if none of their rays reached the light, so they lose light but never add any, and coarser cells lose
+/// more.
 #[test]
-fn tags_do_not_bias_and_cells_darken() {
+fn tags_are_unbiased_and_cells_darken() {
     for name in ["box.glb", "sphere.glb"] {
         let of = |technique, cells, cell_rays| {
-            let settings = Settings { cells, cell_rays, ..settings(technique, [96, 96], 32) };
+            let settings = settings(technique, [96, 96], 32).with(|s| {
+                s.cells.resolution = cells;
+                s.cells.rays_per_light = cell_rays;
+            });
             render(&scene_file(name), &settings)
         };
-        let Settings { cells, cell_rays, .. } = Settings::default();
-        let (all, counts) = of(Technique::TwoPass, cells, cell_rays);
-        let (tagged, tests) = of(Technique::VoxelTags, cells, cell_rays);
+        let (cells, cell_rays) = (Settings::default().cells.resolution, Settings::default().cells.rays_per_light);
+        let (all, counts) = of(Technique::TWO_PASS, cells, cell_rays);
+        let (tagged, tests) = of(Technique::VOXEL_TAGS, cells, cell_rays);
         let mean = all.channel("G").unwrap().iter().map(|v| f64::from(*v)).sum::<f64>() / all.pixels() as f64;
         let (off, error) = difference(&tagged, &all);
         let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
         println!("{name}: tags {off} +- {error} of {mean}, {rays} of the rays and {} of cells", tests.rays.cell);
-        // Where no light has a closed form both are of the same samples, and nothing differs at all.
+        // Without a closed form for any light both use the same samples, and the difference is 0.
         assert!(off.abs() <= 3.5 * error, "{name}: {off} +- {error}");
         assert!(rays < 0.34 && tests.rays.cell > 0, "{name}: {rays} of the rays");
-        assert!((off - 1e-3 * mean).abs() > 3.5 * error, "{name}: a thousandth is not seen");
+        assert!((off - 1e-3 * mean).abs() > 3.5 * error, "{name}: a thousandth would not be detected");
 
-        // Of a pixel past what noise does to it.
+        // Numbers of pixels that are darker and brighter by more than their noise.
         let lost_and_gained = |dark: &Image| {
             [1.0, -1.0].map(|sign| {
                 let pairs = all.channel("G").unwrap().iter().zip(dark.channel("G").unwrap());
                 pairs.filter(|(all, dark)| sign * (*all - *dark) > 0.2 * all.max(**dark).max(0.01)).count()
             })
         };
-        // Two rays from each of a few large cells: some that are partly lit see nothing.
+        // With two rays from each large cell, all rays of some partly lit cells are occluded.
         let (coarse, fine) =
-            (of(Technique::VisibilityCells, 12, 2).0, of(Technique::VisibilityCells, cells, cell_rays).0);
+            (of(Technique::VISIBILITY_CELLS, 12, 2).0, of(Technique::VISIBILITY_CELLS, cells, cell_rays).0);
         let [[lost, gained], [less, _]] = [&coarse, &fine].map(lost_and_gained);
         println!("{name}: {lost} pixels darker, {gained} brighter; {less} of fine cells");
         assert!(lost > 10 && gained == 0 && less < lost, "{name}: {lost} pixels darker, {gained} brighter; {less}");

@@ -1,4 +1,4 @@
-//! Whole renders against references and closed forms.
+//! Whole renders against references, closed forms and each other.
 
 #[path = "../common/device.rs"]
 mod device;

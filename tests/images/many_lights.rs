@@ -1,7 +1,7 @@
-//! A few of many lights at each point: the same image, from a fraction of the rays.
+//! Light sampling: a few of many lights at each point give the same image from a fraction of the rays.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::LightSampling;
 use penumbra::{Aov, Camera, Image, Settings, Statistics, Technique};
 
@@ -17,7 +17,7 @@ fn rooms(lights: u32) -> (Scene, Camera) {
     };
     let lamp = |i: u32| {
         let at = |step: f64| (f64::from(i) * step).fract() * 0.94 - 0.47;
-        // Two irrational steps: nowhere in rows.
+        // Irrational steps avoid rows of lights.
         let position =
             DVec3::new(at(0.754_877_666), -0.2 + 0.3 * (at(0.381_966_011) + 0.5), at(0.569_840_291)).as_vec3();
         let intensity = Vec3::splat(2.0 / lights as f32 * 0.01f32.powf((i * 29 % lights) as f32 / lights as f32));
@@ -34,14 +34,13 @@ fn rooms(lights: u32) -> (Scene, Camera) {
 
 fn render(lights: u32, changed: impl Fn(Settings) -> Settings) -> (Image, Statistics) {
     let (scene, view) = rooms(lights);
-    let settings = Settings {
-        width: 32,
-        height: 32,
-        max_bounces: 0,
-        photons: 2000,
-        aovs: vec![Aov::Variance],
-        ..Settings::default()
-    };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 32;
+        s.image.height = 32;
+        s.indirect.max_bounces = 0;
+        s.visibility_map.photons_per_light = 2000;
+        s.image.aovs = vec![Aov::Variance];
+    });
     render_scene(scene, &view, &changed(settings))
 }
 
@@ -49,12 +48,20 @@ fn has(statistics: &Statistics, part: &str) -> bool {
     statistics.kept.iter().any(|kept| kept == part)
 }
 
-/// Zones, power and equal chances give the image that asks all lights; zones also where no photon speaks for most of the lights, as
-/// long as they are audited. Without audits what they do not speak for is missing, which is seen.
+/// Light sampling is unbiased: by zones, by power and uniformly it gives the image of all lights. Zones are unbiased
+/// even if most lights have no photon, as long as they are audited. Without audits the light of those lights is
+/// missing, which is detected.
 #[test]
-fn chosen_lights_bring_all_light() {
-    let settings = |spp, seed| move |settings: Settings| Settings { spp, seed, ..settings };
-    let all = render(200, |s| Settings { technique: Technique::TwoPass, ..settings(8, 1)(s) });
+fn sampled_lights_give_all_light() {
+    let settings = |spp, seed| {
+        move |settings: Settings| {
+            settings.with(|s| {
+                s.image.spp = spp;
+                s.image.seed = seed;
+            })
+        }
+    };
+    let all = render(200, |s| settings(8, 1)(s).with(|s| s.technique = Technique::TWO_PASS));
     assert!(!has(&all.1, "light_sampling"));
     let truth = mean_and_error(&all.0, "G");
     println!("all lights: {truth:?}, {} rays", all.1.rays.shadow);
@@ -73,37 +80,60 @@ fn chosen_lights_bring_all_light() {
     assert!(has(&zones.1, "zones") && has(&zones.1, "light_sampling"));
     let (found, off) = of("zones", &zones);
     assert!(off < 3.5 && found.1 < 0.02 * found.0, "zones: {off}");
-    // By the sample, eight of 201 lights.
+    // Per sample: eight of 201 lights.
     assert!(zones.1.rays.shadow / 32 < all.1.rays.shadow / 8 / 10, "{} rays", zones.1.rays.shadow);
 
-    for choice in [LightSampling::Power, LightSampling::Uniform] {
-        let some = render(200, |s| Settings { light_sampling: Some(choice), ..settings(32, 3)(s) });
-        let ((_, error), off) = of(choice.name(), &some);
-        assert!(off < 3.5, "{choice}: {off}");
-        assert!(error > 2.0 * found.1, "{choice} is no noisier than zones: {error}");
-        let paths = render(200, |s| Settings {
-            technique: Technique::Path,
-            light_sampling: Some(choice),
-            ..settings(64, 3)(s)
+    for sampling in [LightSampling::Power, LightSampling::Uniform] {
+        let some = render(200, |s| settings(32, 3)(s).with(|s| s.light_sampling.strategy = Some(sampling)));
+        let ((_, error), off) = of(sampling.name(), &some);
+        assert!(off < 3.5, "{sampling}: {off}");
+        assert!(error > 2.0 * found.1, "{sampling} is no noisier than zones: {error}");
+        let paths = render(200, |s| {
+            settings(64, 3)(s).with(|s| {
+                s.technique = Technique::PATH;
+                s.light_sampling.strategy = Some(sampling);
+            })
         });
         let (_, off) = of("path", &paths);
-        assert!(off < 3.5, "path, {choice}: {off}");
+        assert!(off < 3.5, "path, {sampling}: {off}");
     }
 
-    // One ray of each light; and zones list 64 of them.
-    let blind = |audit| render(200, |s| Settings { photons: 1, audit, ..settings(32, 4)(s) });
-    let (_, off) = of("one photon, audited", &blind(Settings::default().audit));
+    // One photon ray from each light; zones list 64 lights.
+    let one_photon = |audit| {
+        render(200, |s| {
+            settings(32, 4)(s).with(|s| {
+                s.visibility_map.photons_per_light = 1;
+                s.visibility_map.audit = audit;
+            })
+        })
+    };
+    let (_, off) = of("one photon, audited", &one_photon(Settings::default().visibility_map.audit));
     assert!(off < 3.5, "one photon, audited: {off}");
-    let ((mean, _), off) = of("one photon, not audited", &blind(0.0));
-    assert!(off > 10.0 && mean < truth.0, "what zones do not speak for is not missed: {off}");
+    let ((mean, _), off) = of("one photon, not audited", &one_photon(0.0));
+    assert!(off > 10.0 && mean < truth.0, "the light of lights outside the zones is not missing: {off}");
 }
 
-/// More lights than a photon's word has room for are chosen by power, and the image is that of all of them.
+/// If there are more lights than a photon's light index can hold, lights are sampled by power, without bias.
 #[test]
-fn more_lights_than_photons_can_name_are_chosen_by_power() {
-    let small = |settings: Settings| Settings { width: 12, height: 12, ..settings };
-    let all = render(2100, |s| Settings { technique: Technique::TwoPass, spp: 4, ..small(s) });
-    let some = render(2100, |s| Settings { spp: 256, seed: 1, ..small(s) });
+fn more_lights_than_photons_can_index_are_sampled_by_power() {
+    let small = |settings: Settings| {
+        settings.with(|s| {
+            s.image.width = 12;
+            s.image.height = 12;
+        })
+    };
+    let all = render(2100, |s| {
+        small(s).with(|s| {
+            s.technique = Technique::TWO_PASS;
+            s.image.spp = 4;
+        })
+    });
+    let some = render(2100, |s| {
+        small(s).with(|s| {
+            s.image.spp = 256;
+            s.image.seed = 1;
+        })
+    });
     assert!(has(&some.1, "light_sampling") && !has(&some.1, "zones") && !has(&some.1, "visibility_map"));
     let [all, some] = [&all, &some].map(|(image, _)| mean_and_error(image, "G"));
     println!("{all:?}, {some:?}");

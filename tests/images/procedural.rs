@@ -1,11 +1,11 @@
-//! Objects that functions describe, in whole renders: against closed forms, and against meshes of the same shape.
+//! Procedural objects in whole renders: against closed forms, and against meshes of the same shape.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use penumbra::procedural::Role;
-use penumbra::scene::{LightKind, Material, Volume};
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{LightKind, Material, Specular, Transmission, Volume};
 use penumbra::{Aov, Image, Scene, Settings, Technique};
 
 use crate::meshes::{camera, panorama, scene, square, surface};
@@ -24,11 +24,17 @@ fn sponge(world: DAffine3, albedo: f32) -> Object<'static> {
 }
 
 fn settings(technique: Technique, size: u32, spp: u32) -> Settings {
-    Settings { technique, width: size, height: size, spp, aovs: vec![Aov::Variance], ..Settings::default() }
+    Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = size;
+        s.image.height = size;
+        s.image.spp = spp;
+        s.image.aovs = vec![Aov::Variance];
+    })
 }
 
-/// Under a directional light a Lambertian sphere of albedo a shows a / pi times the cosine at each pixel, and nothing where the
-/// light does not come; both kinds of functions do. Albedo one percent off is seen.
+/// A procedural sphere under a directional light has Lambert's shading at each pixel: albedo / pi times the cosine on
+/// the lit side and 0 on the other. This holds for both kinds of functions. An albedo that is 1 % off is detected.
 #[test]
 fn spheres_have_lamberts_shading() {
     let (albedo, towards) = (0.5f32, DVec3::new(0.4, 0.7, 0.6).normalize());
@@ -38,7 +44,7 @@ fn spheres_have_lamberts_shading() {
     for role in [Role::Intersection, Role::Distance] {
         let mut scene = scene(&[], vec![light.clone()]);
         place(&mut scene, &[sphere(role, at(DVec3::ZERO, 0.5), surface(albedo, 0.0))]);
-        let (image, statistics) = render_scene(scene, &view, &settings(Technique::Path, size, 1));
+        let (image, statistics) = render_scene(scene, &view, &settings(Technique::PATH, size, 1));
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
         let (mut lit, mut wrong, mut blind) = (0, 0, 0);
@@ -54,12 +60,12 @@ fn spheres_have_lamberts_shading() {
             } else {
                 0.0
             };
-            // At the outline and at the terminator roundings decide.
+            // At the outline and at the terminator the result depends on rounding.
             if (offset - 0.5).abs() < 1e-3 || (cosine != 0.0 && cosine.abs() < 1e-3) {
                 continue;
             }
             let expected = f64::from(albedo) / PI * cosine.max(0.0);
-            // Normals are coded to 7e-5, twice.
+            // Normals are encoded twice, with an error of 7e-5 each.
             let off = |shown: f64| (shown - expected).abs() > 1e-4;
             lit += usize::from(expected > 0.0);
             wrong += usize::from(off(f64::from(*shown)));
@@ -69,8 +75,8 @@ fn spheres_have_lamberts_shading() {
     }
 }
 
-/// White furnaces: where all is white and radiance is 1 all around, it is 1 everywhere, in the holes of the sponge too. Albedo
-/// 0.95 is seen.
+/// The white furnace: if all surfaces are white and the radiance of the sky is 1, it is 1 everywhere, even in the holes
+/// of the sponge. An albedo of 0.95 is detected.
 #[test]
 fn white_furnaces_are_white() {
     let furnace = |albedo: f32| {
@@ -84,37 +90,37 @@ fn white_furnaces_are_white() {
     };
     let view = camera(DVec3::new(0.1, 0.3, 1.2), DVec3::new(-0.1, -0.3, -1.2), 0.7);
     let mean = |technique, albedo, spp| {
-        let settings = Settings { max_bounces: 64, ..settings(technique, 32, spp) };
+        let settings = settings(technique, 32, spp).with(|s| s.indirect.max_bounces = 64);
         let (image, statistics) = render_scene(furnace(albedo), &view, &settings);
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense), (0, 0), "rays were lost");
         mean_and_error(&image, "G")
     };
-    let (white, error) = mean(Technique::Path, 1.0, 32);
+    let (white, error) = mean(Technique::PATH, 1.0, 32);
     println!("path: {white} +- {error}");
     assert!(error < 0.003 && (white - 1.0).abs() < 0.002 + 3.0 * error, "{white} +- {error}");
-    let (grey, error) = mean(Technique::Path, 0.95, 32);
+    let (grey, error) = mean(Technique::PATH, 0.95, 32);
     assert!(1.0 - grey > 0.002 + 3.0 * error, "albedo 0.95: {grey} +- {error}");
 }
 
-/// The mean difference of two images, over the mean of the first.
+/// The mean absolute difference of two images, over the mean of the first.
 fn difference(a: &Image, b: &Image) -> f64 {
     let (a, b) = (a.channel("G").unwrap(), b.channel("G").unwrap());
     let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum();
     sum / a.iter().map(|a| f64::from(*a)).sum::<f64>()
 }
 
-/// A ball of tinted glass over a floor under a panorama: what it shows, and what light and shadow it throws on the floor, are those of
-/// a mesh with the sphere's normals at its corners; the same random numbers make the same noise. An index of refraction of 1.45 for
-/// 1.5 is seen, and so is a thin wall.
+/// A procedural ball of tinted glass matches a mesh with the sphere's normals: its appearance, and its light and shadow
+/// on the floor. The same random numbers give both the same noise. An index of refraction of 1.45 instead of 1.5 is
+/// detected, and so is glass without a volume.
 #[test]
-fn glass_is_that_of_the_mesh() {
+fn glass_matches_the_mesh() {
     let centre = DVec3::new(0.0, 0.25, 0.0);
     let glass = |ior: f32| Material {
         roughness: 0.0,
-        transmission: 1.0,
+        transmission: Transmission::with_factor(1.0),
         ior,
-        specular: 1.0,
+        specular: Specular::with_factor(1.0),
         volume: Some(Volume { attenuation_distance: 0.4, attenuation_colour: Vec3::new(0.9, 0.5, 0.4) }),
         ..surface(1.0, 0.0)
     };
@@ -123,7 +129,7 @@ fn glass_is_that_of_the_mesh() {
     let render = |mut scene: Scene| {
         let sky = panorama(16, 8, |d| DVec3::new(1.0 + d.x, 1.0 + d.y, 1.0) * 0.5);
         scene.set_environment(Arc::new(sky), 0.0, 1.0).unwrap();
-        let settings = Settings { max_bounces: 16, ..settings(Technique::Path, 32, 16) };
+        let settings = settings(Technique::PATH, 32, 16).with(|s| s.indirect.max_bounces = 16);
         let (image, statistics) = render_scene(scene, &view, &settings);
         let lost = statistics.conditioning;
         assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
@@ -146,18 +152,20 @@ fn glass_is_that_of_the_mesh() {
     for role in [Role::Intersection, Role::Distance] {
         let image = of_function(role);
         let off = difference(&mesh, &image);
-        let seen = others.each_ref().map(|other| difference(other, &image));
-        println!("{role:?}: {off}, of another index and of a thin wall {seen:?}");
-        // Paths that pass the outline on one side of it or the other, between chords of a 128th of a turn and the sphere, go
-        // their own ways.
-        assert!(off < 0.004 && seen.iter().all(|seen| *seen > 2.0 * off), "{role:?}: {off}, others {seen:?}");
+        let altered = others.each_ref().map(|other| difference(other, &image));
+        println!("{role:?}: {off}, with another index and with a thin wall {altered:?}");
+        // Paths between the sphere's outline and the mesh's chords of 1/128 of a circle diverge.
+        assert!(
+            off < 0.004 && altered.iter().all(|altered| *altered > 2.0 * off),
+            "{role:?}: {off}, others {altered:?}"
+        );
     }
 }
 
-/// A ball over a floor under a square lamp: shade and shadow are those of a mesh of 32,512 triangles, whose corners lie on the
-/// sphere; the same random numbers make the same noise. A ball a fiftieth larger is seen.
+/// A procedural ball under a square lamp matches a mesh of 32,512 triangles with corners on the sphere, in shading and
+/// shadow. The same random numbers give both the same noise. A ball that is 2 % larger is detected.
 #[test]
-fn shadows_are_those_of_the_mesh() {
+fn shadows_match_the_mesh() {
     let (floor, ball) = (surface(0.7, 0.0), surface(0.6, 0.0));
     let room = || {
         let lamp = square(DVec3::new(0.3, 0.7, 0.2), 0.1 * DVec3::X, 0.1 * DVec3::Z);
@@ -176,19 +184,20 @@ fn shadows_are_those_of_the_mesh() {
     };
     let view = camera(DVec3::new(0.0, 0.8, 1.2), DVec3::new(0.0, -0.6, -1.2), 0.8);
     let render = |scene: Scene, technique| {
-        let settings = Settings { max_bounces: 0, ..settings(technique, 64, 16) };
+        let settings = settings(technique, 64, 16).with(|s| s.indirect.max_bounces = 0);
         render_scene(scene, &view, &settings)
     };
-    let (mesh, _) = render(of_mesh(), Technique::TwoPass);
+    let (mesh, _) = render(of_mesh(), Technique::TWO_PASS);
     for role in [Role::Intersection, Role::Distance] {
-        let (image, statistics) = render(of_function(role, 0.2), Technique::TwoPass);
+        let (image, statistics) = render(of_function(role, 0.2), Technique::TWO_PASS);
         let off = difference(&mesh, &image);
-        let (larger, _) = render(of_function(role, 0.204), Technique::TwoPass);
-        let seen = difference(&mesh, &larger);
-        println!("{role:?}: {off}, a fiftieth more {seen}");
-        // Chords of 128th turns are off the sphere by 3e-4 of the radius, and normals of triangles by 0.7 degrees, to either side.
-        assert!(off < 0.003 && seen > 2.0 * off, "{role:?}: {off}, a fiftieth more {seen}");
-        let (few, photons) = render(of_function(role, 0.2), Technique::ShadowPhotons);
+        let (larger, _) = render(of_function(role, 0.204), Technique::TWO_PASS);
+        let altered = difference(&mesh, &larger);
+        println!("{role:?}: {off}, 2 % larger {altered}");
+        // Chords of 1/128 of a circle deviate from the sphere by 3e-4 of the radius, and normals of triangles by up to
+        // 0.7 degrees.
+        assert!(off < 0.003 && altered > 2.0 * off, "{role:?}: {off}, 2 % larger {altered}");
+        let (few, photons) = render(of_function(role, 0.2), Technique::SHADOW_PHOTONS);
         let apart = deviation(mean_and_error(&image, "G"), mean_and_error(&few, "G"));
         assert!(apart < 3.5, "{role:?}: shadow photons are {apart} standard errors off");
         let (all, few) = (statistics.rays.shadow, photons.rays.shadow);

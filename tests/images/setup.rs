@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use penumbra::scene::ImportOptions;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Camera, Image, Renderer, Scene, Settings, Statistics};
 
 pub use crate::device::gpu;
@@ -12,7 +12,7 @@ pub fn scene_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
-/// A file of the folder `reference` of `PENUMBRA_SHARED`, where that is set; says what is left out where it is not.
+/// A file of the folder `reference` in `PENUMBRA_SHARED`. Prints a line and returns `None` if that variable is not set.
 pub fn reference_file(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("PENUMBRA_SHARED");
     if folder.is_none() {
@@ -21,23 +21,23 @@ pub fn reference_file(name: &str) -> Option<PathBuf> {
     Some(Path::new(&folder?).join("reference").join(name))
 }
 
-/// Renders all samples that the settings ask for, with a soft light where the file has none.
+/// Renders all samples of the settings, with a default light if the file has none.
 pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
     let scene = Scene::load(file, &ImportOptions { default_light: true, ..ImportOptions::default() }).unwrap();
     let camera = scene.cameras.first().cloned().unwrap_or_else(|| scene.frame_camera());
     render_scene(scene, &camera, settings)
 }
 
-/// As [`render`], of a scene that is there.
+/// As [`render`], for a scene in memory.
 pub fn render_scene(scene: Scene, camera: &Camera, settings: &Settings) -> (Image, Statistics) {
     let mut renderer = Renderer::new(gpu(), scene, camera, settings).unwrap();
-    while renderer.samples() < settings.spp {
+    while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }
     (renderer.image().unwrap(), renderer.statistics().unwrap())
 }
 
-/// Mean of a channel, and the standard error of that mean by its variance channel (`variance.R` for `R`).
+/// Mean of a channel, and the standard error of that mean from its variance channel (`variance.R` for `R`).
 pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
     let mean = |name: &str| {
         let samples = image.channel(name).unwrap();
@@ -47,7 +47,7 @@ pub fn mean_and_error(image: &Image, channel: &str) -> (f64, f64) {
     (mean(channel), (mean(&format!("variance.{channel}")) / pixels).sqrt())
 }
 
-/// The standard errors between two means.
+/// The distance of two means in standard errors.
 pub fn deviation((a, error_a): (f64, f64), (b, error_b): (f64, f64)) -> f64 {
     (a - b).abs() / error_a.hypot(error_b)
 }

@@ -1,33 +1,33 @@
-//! The global map shown: all light by density estimation on its photons, with positive energy and with negative.
+//! The techniques that show the global map directly, by density estimation: `photon-map` and `negative-photons`.
 
 use glam::DVec3;
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::{Settings, Technique};
 
 use crate::meshes::{camera, cube, scene, sphere, square, surface};
 use crate::setup::{mean_and_error, render_scene};
 
-const SHOWN: [Technique; 2] = [Technique::PhotonMap, Technique::NegativePhotons];
+const SHOWN: [Technique; 2] = [Technique::PHOTON_MAP, Technique::NEGATIVE_PHOTONS];
 
-/// The mean of the image by direct light alone.
+/// The mean of an image of direct light only.
 fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photons: u32) -> f64 {
-    let settings = Settings {
-        technique,
-        width: 48,
-        height: 48,
-        spp: 16,
-        max_bounces: 0,
-        flux_photons,
-        aovs: vec![penumbra::Aov::Variance],
-        ..Settings::default()
-    };
+    let settings = Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 48;
+        s.image.height = 48;
+        s.image.spp = 16;
+        s.indirect.max_bounces = 0;
+        s.indirect.photons = flux_photons;
+        s.image.aovs = vec![penumbra::Aov::Variance];
+    });
     mean_and_error(&render_scene(scene, view, &settings).0, "G").0
 }
 
-/// A cloth lies just over a table, a block stands on it, and a board that is unlit shades a part of both. A disc of photons is
-/// higher than the cloth is over the table: negative photons below the cloth are not its own, and what they take has to be given
-/// by taking the table as lit too. Means are the same within 2 %, of the photons of 65,536 rays, some ten thousand of which lie
-/// in view, and those of shadow rays within 6 %: light leaks over the edges of shadows within a disc (0.1 % of a million rays).
+/// Negative photons below a surface do not darken it. A cloth lies just above a table, with a block on it, and an unlit
+/// board casts a shadow on both. The search discs are higher than the gap between cloth and table, so estimates on the
+/// cloth include the table's negative photons. They balance because the table counts as lit too. The means of both
+/// techniques agree within 2 % (65,536 rays, some ten thousand photons in view). They agree with shadow rays within 6
+/// %, because light leaks across shadow edges within a disc (0.1 % with a million rays).
 #[test]
 fn hidden_layers_do_not_darken() {
     let lamp = square(DVec3::Y, DVec3::X * 0.02, DVec3::Z * 0.02);
@@ -45,20 +45,22 @@ fn hidden_layers_do_not_darken() {
     };
     let view = camera(DVec3::new(0.0, 0.4, 0.9), DVec3::new(0.0, -0.45, -0.9), 0.6);
     let of = |board, technique| mean(scene(&meshes(board), Vec::new()), &view, technique, 65_536);
-    let shaded = of(true, Technique::TwoPass);
-    let without_board = of(false, Technique::TwoPass);
-    assert!(without_board > 1.1 * shaded, "the board shades too little to be missed: {without_board}, {shaded}");
+    let shaded = of(true, Technique::TWO_PASS);
+    let without_board = of(false, Technique::TWO_PASS);
+    assert!(without_board > 1.1 * shaded, "the board's shadow is too small to be detected: {without_board}, {shaded}");
     let [positive, negative] = SHOWN.map(|technique| of(true, technique));
     println!("{positive}, by negative energy {negative}, by shadow rays {shaded}");
     assert!((positive / shaded - 1.0).abs() < 0.06, "{positive}, by shadow rays {shaded}");
     assert!((negative / positive - 1.0).abs() < 0.02, "{positive}, by negative energy {negative}");
 }
 
-/// A ball of triangles 22 degrees wide with smooth normals, lit from the camera: points are up to 2 % of the radius over the triangles that
-/// photons lie on, farther than discs of 60,000 photons are high. Means are those of shadow rays on the smooth ball within 3 %: the
-/// triangles' area is 4 % less than the ball's, and seen from the light they get what it sends into their outline, 1 % less.
+/// Density estimation on a smooth surface finds the photons, which lie on its flat triangles. The ball has smooth
+/// normals and triangles that span 22 degrees, and is lit from the camera. Shading points are up to 2 % of the radius
+/// above the triangles, more than the height of the discs of 60,000 photons. The means are those of shadow rays on the
+/// smooth ball within 3 %: the area of the triangles is 4 % smaller than the ball's, and their outline as seen from the
+/// light receives 1 % less.
 #[test]
-fn photons_lie_on_the_triangles_of_smooth_surfaces() {
+fn photons_are_found_below_smooth_surfaces() {
     let eye = DVec3::Z * 3.0;
     let ball = || {
         let light =
@@ -68,8 +70,8 @@ fn photons_lie_on_the_triangles_of_smooth_surfaces() {
         scene
     };
     let view = camera(eye, DVec3::NEG_Z, 0.4);
-    let expected = mean(ball(), &view, Technique::TwoPass, 65_536);
-    // One ray in 140 meets the ball.
+    let expected = mean(ball(), &view, Technique::TWO_PASS, 65_536);
+    // One photon ray in 140 hits the ball.
     for technique in SHOWN {
         let found = mean(ball(), &view, technique, 1 << 23);
         println!("{technique}: {found}, by shadow rays {expected}");

@@ -1,13 +1,13 @@
 //! Rays that lights send to what there is to light, against rays that they send anywhere.
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu_scene::{GpuLights, Receivers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
+use penumbra::internal::scene::{LightKind, Material, Scene, Specular};
 
 use crate::kit::gpu;
 use crate::light::{Emitted, cube, emit, scene, sphere, square};
 
-const RECEIVERS: Receivers = Receivers { centre: Vec3::new(0.1, -0.2, 0.05), radius: 0.3 };
+const RECEIVERS: ReceiverBounds = ReceiverBounds { centre: Vec3::new(0.1, -0.2, 0.05), radius: 0.3 };
 
 /// Lamps of every kind about the receivers, near and far, and among them: those are not aimed.
 fn lights() -> Scene {
@@ -85,9 +85,13 @@ fn aimed_rays_are_the_lights_own() {
         }
         let total = |rays: &[Emitted]| rays.iter().map(|ray| ray.flux).sum::<f64>();
         let share = total(&aimed) / total(&anywhere);
-        println!("light {light}: share {share}, as the host has it {}", info.aimed);
+        println!("light {light}: share {share}, as the host has it {}", info.received_share);
         // Of few triangles near by the middles are not the mean: it shares out rays among lights, and need not be exact.
-        assert!((share / info.aimed).ln().abs() < 1.5f64.ln(), "light {light}: {share}, {}", info.aimed);
+        assert!(
+            (share / info.received_share).ln().abs() < 1.5f64.ln(),
+            "light {light}: {share}, {}",
+            info.received_share
+        );
         let met = aimed.iter().filter(|ray| part(ray, 1e-5).is_some()).count();
         if share < 0.5 {
             narrowed += 1;
@@ -107,13 +111,13 @@ fn aimed_rays_are_the_lights_own() {
     assert!(compared > 80 && largest[0] < 4.5 && largest[1] > 4.5, "{compared}, {largest:?}");
 }
 
-/// Receivers are all surfaces but those of black lamps; where there is nothing else there are none.
+/// ReceiverBounds are all surfaces but those of black lamps; where there is nothing else there are none.
 #[test]
 fn black_lamps_receive_nothing() {
     let black = Material {
         base_colour: Vec3::ZERO.extend(1.0),
         metallic: 0.0,
-        specular: 0.0,
+        specular: Specular::with_factor(0.0),
         emissive: Vec3::ONE,
         ..Material::default()
     };
@@ -121,12 +125,12 @@ fn black_lamps_receive_nothing() {
         &[(cube(DVec3::X * 0.5, 0.1), Material::default()), (cube(DVec3::NEG_X * 0.8, 0.1), black.clone())],
         Vec::new(),
     );
-    let receivers = Receivers::of(&scene).unwrap();
+    let receivers = ReceiverBounds::of(&scene).unwrap();
     assert_eq!(receivers.centre, Vec3::X * 0.5);
     let radius = 0.03f32.sqrt();
     assert!(receivers.radius > radius && receivers.radius < radius + 2e-4, "{receivers:?}");
-    scene.materials[1].specular = 0.5;
-    assert!(Receivers::of(&scene).unwrap().radius > 0.7, "what shines and reflects receives as well");
+    scene.materials[1].specular.factor = 0.5;
+    assert!(ReceiverBounds::of(&scene).unwrap().radius > 0.7, "what shines and reflects receives as well");
     scene.materials = vec![black.clone(), black];
-    assert_eq!(Receivers::of(&scene), None);
+    assert_eq!(ReceiverBounds::of(&scene), None);
 }

@@ -1,12 +1,15 @@
 //! The BSDF against glTF's formulas in f64, reciprocity, energy, and its sampler against its density.
 
+use crate::kit::new_kernel;
+use kernel_kit::{Buffer, Kernel, Resources};
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, LazyLock, Mutex};
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::gpu::{Buffer, Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::{sheen, sobol};
+use penumbra::internal::gpu_scene::{sheen, sobol};
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::{Random, chi_square};
@@ -242,14 +245,14 @@ impl Tested {
 
 fn features(t: &Tested) -> Features {
     let specialisation = [
-        ("glossy", t.glossy),
-        ("transmission", t.lobes.transmission > 0.0),
-        ("clearcoat", t.lobes.coat > 0.0),
-        ("coat_normals", t.lobes.coat_tilt != 0.0),
-        ("anisotropy", t.lobes.along.is_some()),
-        ("sheen", t.lobes.sheen > 0.0),
+        (Feature::Glossy, t.glossy),
+        (Feature::Transmission, t.lobes.transmission > 0.0),
+        (Feature::Clearcoat, t.lobes.coat > 0.0),
+        (Feature::CoatNormals, t.lobes.coat_tilt != 0.0),
+        (Feature::Anisotropy, t.lobes.along.is_some()),
+        (Feature::Sheen, t.lobes.sheen > 0.0),
     ];
-    specialisation.into_iter().fold(device_features(gpu()), |features, (name, on)| features.with(name, on))
+    specialisation.into_iter().fold(device_features(gpu()), |features, (feature, on)| features.with(feature, on))
 }
 
 /// The test kernel, made once for all surfaces that it serves.
@@ -258,14 +261,14 @@ fn kernel(features: Features, count: usize, stratified: bool) -> Arc<Kernel> {
     static MADE: LazyLock<Made> = LazyLock::new(Made::default);
     let mut made = MADE.lock().unwrap();
     let made = made.entry((features, count, stratified)).or_insert_with_key(|(features, ..)| {
-        let composed = compose::compose_source("bsdf", include_str!("shaders/bsdf.wgsl"), features).unwrap();
+        let composed = compose_source("bsdf", include_str!("shaders/bsdf.wgsl"), features).unwrap();
         let constants = [
             ("count", count as f64),
             ("seed", 4242.0),
             ("stratified", f64::from(u8::from(stratified))),
-            ("least_sheen_roughness", Fibres::LEAST),
+            ("min_sheen_roughness", Fibres::LEAST),
         ];
-        Arc::new(Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap())
+        Arc::new(new_kernel(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap())
     });
     made.clone()
 }

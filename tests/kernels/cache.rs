@@ -1,14 +1,14 @@
-//! Pass `cache` against interpolation in f64 over all records that reach a point's block of the image.
+//! Pass `cache` against interpolation in f64 over all records that reach the block of the image that a point is in.
 
+use kernel_kit::{POISON, whole_rows};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::Features;
-use penumbra::gpu::buffer::{POISON, whole_rows};
-use penumbra::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
-use penumbra::passes::gather::RecordHead;
-use penumbra::passes::path::GROUP;
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::kernels::PATH_GROUP;
+use penumbra::internal::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
+use penumbra::internal::passes::gather::RecordHead;
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{point, point_normal};
@@ -18,8 +18,8 @@ use crate::statistics::Random;
 /// Pixels of a block's side.
 const BLOCK: f64 = 8.0;
 
-/// Records that together weigh less do not speak well enough for a point.
-const ENOUGH: f64 = 0.3;
+/// A point whose records weigh less than this in total needs a record of its own.
+const MIN_WEIGHT: f64 = 0.3;
 
 /// A record, and the part of the image that it reaches.
 #[derive(Clone)]
@@ -48,7 +48,7 @@ struct Outcome {
     radiance: Vec<[f32; 4]>,
 }
 
-/// Points in a slab and records among them; of the points some are nothing and some are black.
+/// Points in a slab and records among them; some points are invalid and some are black.
 fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, random: &mut Random) -> Setup {
     let slab = |random: &mut Random| (random.point() * DVec3::new(0.5, 0.5, 0.01)).as_vec3();
     let about_z = |random: &mut Random| {
@@ -58,8 +58,8 @@ fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, ra
     let count = tile.point_count as usize;
     let points = (0..count)
         .map(|_| {
-            let place = point(slab(random), Vec3::Z);
-            if random.uniform() < 0.05 { Point { normal: INVALID_POINT, ..place } } else { place }
+            let valid = point(slab(random), Vec3::Z);
+            if random.uniform() < 0.05 { Point { normal: INVALID_POINT, ..valid } } else { valid }
         })
         .collect();
     let albedos =
@@ -82,18 +82,18 @@ fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, ra
             Record { head, irradiance, translation, rotation, reach }
         })
         .collect();
-    Setup { size, tile, points, albedos, records, features: features.with("indirect", true) }
+    Setup { size, tile, points, albedos, records, features: features.with(Feature::Indirect, true) }
 }
 
-/// The point's shading normal: another than its surface's.
+/// The point's shading normal, which is not its geometric one.
 fn shading_normal(i: usize) -> DVec3 {
-    let turn = i as f64 * 0.37;
-    DVec3::new(0.2 * turn.cos(), 0.2 * turn.sin(), 1.0).normalize()
+    let angle = i as f64 * 0.37;
+    DVec3::new(0.2 * angle.cos(), 0.2 * angle.sin(), 1.0).normalize()
 }
 
 impl Setup {
     fn bent(&self) -> bool {
-        self.features.has("smooth_normals") || self.features.has("normal_maps")
+        self.features.has(Feature::SmoothNormals) || self.features.has(Feature::NormalMaps)
     }
 
     fn run(&self) -> Outcome {
@@ -118,7 +118,7 @@ impl Setup {
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {
             surfaces.push(albedo.extend(f32::from_bits(oct_encode(shading_normal(i)))));
-            if self.features.has("glossy") {
+            if self.features.has(Feature::Glossy) {
                 let [f0, f90] = [0.04, 1.0].map(|part| if is_glossy(i) { part } else { 0.0 });
                 surfaces.extend([Vec3::splat(f0).extend(f90), Vec4::NAN]);
             }
@@ -132,7 +132,7 @@ impl Setup {
         let pass = Cache::new(gpu(), &self.features).unwrap();
         let bound = pass.bind(gpu(), &tile, &buffers, &gpu_scene).unwrap();
         let mut frame = gpu().frame("test");
-        bound.record_place(&mut frame, &buffers, &self.tile);
+        bound.record_requests(&mut frame, &buffers, &self.tile);
         bound.record_interpolate(&mut frame, &buffers, &self.tile);
         frame.submit().unwrap();
         let mut radiance: Vec<[f32; 4]> = gpu().read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
@@ -144,7 +144,7 @@ impl Setup {
         assert!(beyond.iter().all(|word| *word == POISON), "queued behind {queued}");
         path_points.sort_unstable();
         let [x, y, z, beyond]: [u32; 4] = gpu().read::<[u32; 4]>(&buffers.path_arguments, 1).unwrap()[0];
-        let groups = queued.div_ceil(GROUP);
+        let groups = queued.div_ceil(PATH_GROUP);
         assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
         Outcome { wanted: wanted(gpu(), &buffers).unwrap(), path_points, radiance }
     }
@@ -157,15 +157,16 @@ impl Setup {
         // The block's span along each axis, in blocks.
         let block = [0, 1].map(|axis| {
             let (at, of) = film[axis];
-            let most = (f64::from(self.size[axis]) / BLOCK).ceil() - 1.0;
-            ((f64::from(at) + 0.5) / f64::from(of) * f64::from(self.size[axis]) / BLOCK).floor().min(most)
+            let last = (f64::from(self.size[axis]) / BLOCK).ceil() - 1.0;
+            ((f64::from(at) + 0.5) / f64::from(of) * f64::from(self.size[axis]) / BLOCK).floor().min(last)
         });
         let reaches = |record: &&Record| {
             record.reach.is_some_and(|[low, high]| {
                 (0..2).all(|axis| {
                     let blocks = f64::from(self.size[axis]) / BLOCK;
                     let [low, high] = [low, high].map(|end| f64::from(end[axis]) * blocks);
-                    // What ends before the image, reaches its first blocks: a corner's coordinate is clamped.
+                    // A reach that ends outside the image includes its first blocks: the coordinates of corners are
+                    // clamped.
                     low.max(0.0) < block[axis] + 1.0 && high.max(0.0) >= block[axis]
                 })
             })
@@ -181,29 +182,29 @@ impl Setup {
             let off_plane = offset.dot((n + side) / 2.0);
             let distance = (offset.length_squared() + 99.0 * off_plane.powi(2)).sqrt() / f64::from(head.size);
             // 20 degrees.
-            let turned = ((1.0 - n.dot(side)).max(0.0) / (1.0 - 20f64.to_radians().cos())).sqrt();
-            let w = (1.0 - distance.max(turned)).max(0.0);
-            // Of coordinates in f32, and of the root of the small difference of cosines, which is 3e-4 at least.
-            let w_off = 1e-5 + 3e-6 / turned.max(2e-3);
-            if distance.max(turned) > 1.0 + w_off {
+            let normal_distance = ((1.0 - n.dot(side)).max(0.0) / (1.0 - 20f64.to_radians().cos())).sqrt();
+            let w = (1.0 - distance.max(normal_distance)).max(0.0);
+            // Error of coordinates in f32, and of the root of the small difference of cosines, which is at least 3e-4.
+            let w_off = 1e-5 + 3e-6 / normal_distance.max(2e-3);
+            if distance.max(normal_distance) > 1.0 + w_off {
                 continue;
             }
             let mut change = DVec3::from([0, 1, 2].map(|c| translation[c].dot(offset)));
             if self.bent() {
                 change += DVec3::from([0, 1, 2].map(|c| rotation[c].dot(side.cross(n))));
             }
-            let told = *irradiance + change.clamp(-*irradiance, *irradiance);
-            sum += w * told;
+            let value = *irradiance + change.clamp(-*irradiance, *irradiance);
+            sum += w * value;
             weight += w;
             off += w_off;
-            sum_off += w_off * told.max_element() + w * 2e-5;
+            sum_off += w_off * value.max_element() + w * 2e-5;
         }
         let mean = if weight > 0.0 { sum / weight } else { DVec3::ZERO };
         let error = (sum_off + off * mean.max_element()) / (weight - off).max(1e-9);
         (mean, weight, off, error)
     }
 
-    /// Points whose light, or place in a list, is not what it should be; and those that were in doubt.
+    /// Numbers of points whose light or lists are wrong, and of points that rounding leaves undecided.
     fn compare(&self, outcome: &Outcome) -> (usize, usize) {
         let (mut wrong, mut doubtful) = (0, 0);
         for i in 0..self.points.len() {
@@ -211,19 +212,19 @@ impl Setup {
             let (wanted, queued) = (is_in(&outcome.wanted), is_in(&outcome.path_points));
             let got = outcome.radiance[i].map(f64::from);
             let light = DVec3::new(got[0], got[1], got[2]);
-            let beyond = self.features.has("glossy") && is_glossy(i) && self.points[i].normal != INVALID_POINT;
+            let beyond = self.features.has(Feature::Glossy) && is_glossy(i) && self.points[i].normal != INVALID_POINT;
             if self.points[i].normal == INVALID_POINT || self.albedos[i] == Vec3::ZERO {
                 wrong += usize::from(wanted || queued != beyond || light != DVec3::ZERO || got[3] != 1.0);
                 continue;
             }
             let (irradiance, weight, off, error) = self.expected(i);
-            if (weight - ENOUGH).abs() <= off || (off > 0.0 && weight <= 2.0 * off) {
+            if (weight - MIN_WEIGHT).abs() <= off || (off > 0.0 && weight <= 2.0 * off) {
                 doubtful += 1;
                 continue;
             }
             let covered = weight > 0.0;
             let right = self.albedos[i].as_dvec3() * irradiance / PI;
-            let lists = wanted == (weight < ENOUGH) && queued == (!covered || beyond);
+            let lists = wanted == (weight < MIN_WEIGHT) && queued == (!covered || beyond);
             let lit = (light - right).abs().max_element() <= error + 1e-6 && got[3] == f64::from(u8::from(covered));
             wrong += usize::from(!(lists && lit));
         }
@@ -241,10 +242,10 @@ fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) ->
     Tile { width, height, first_row, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
 }
 
-/// How far interpolated light is off, over the light times the largest coordinate in units of the smallest radius of a
-/// record, where records speak well for the point.
+/// Errors of interpolated light, relative to the light times the largest coordinate in units of the smallest radius of
+/// a record; for points that need no record of their own.
 pub fn rounding() -> Vec<f64> {
-    let features = device_features(gpu()).with("smooth_normals", true);
+    let features = device_features(gpu()).with(Feature::SmoothNormals, true);
     let setup = setup([128, 64], tile_of([128, 64], 0, 64, 1), 500, features, &mut Random(13));
     let outcome = setup.run();
     let largest = 0.5 / 0.02;
@@ -255,18 +256,18 @@ pub fn rounding() -> Vec<f64> {
             let right = setup.albedos[i].as_dvec3() * irradiance / PI;
             let [r, g, b, _] = outcome.radiance[i].map(f64::from);
             let off = (DVec3::new(r, g, b) - right).abs().max_element() / (right.max_element() * largest);
-            (weight >= ENOUGH).then_some(off)
+            (weight >= MIN_WEIGHT).then_some(off)
         })
         .collect()
 }
 
-/// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks, several
-/// samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are those of brute
-/// force, with and without rotational gradients and glossy surfaces.
+/// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks,
+/// several samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are
+/// those of brute force, with and without rotational gradients and glossy surfaces.
 #[test]
 fn light_is_that_of_all_records_in_reach() {
     let plain = device_features(gpu());
-    let bent = plain.clone().with("smooth_normals", true).with("glossy", true);
+    let bent = plain.clone().with(Feature::SmoothNormals, true).with(Feature::Glossy, true);
     let mut random = Random(6);
     let whole = [70, 45];
     let cases = [
@@ -291,15 +292,15 @@ fn light_is_that_of_all_records_in_reach() {
         listed += outcome.wanted.len();
         queued += outcome.path_points.len();
     }
-    println!("{checked} points, {doubts} in doubt, {listed} want records, {queued} are queued for paths");
+    println!("{checked} points, {doubts} undecided, {listed} need records, {queued} are queued for paths");
     assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
 }
 
-/// The comparison sees records that are moved, that are turned, whose gradients are left out or not bounded, that reach farther
-/// or are missing.
+/// The comparison finds records that are moved, that are turned, whose gradients are left out or not bounded, that
+/// reach farther or are missing.
 #[test]
 fn the_comparison_sees_planted_faults() {
-    let features = device_features(gpu()).with("smooth_normals", true);
+    let features = device_features(gpu()).with(Feature::SmoothNormals, true);
     let mut setup = setup([64, 64], tile_of([64, 64], 0, 64, 1), 400, features, &mut Random(9));
     let outcome = setup.run();
     assert_eq!(setup.compare(&outcome).0, 0);
@@ -311,7 +312,7 @@ fn the_comparison_sees_planted_faults() {
         ("no translational gradient", |r| r.translation = [DVec3::ZERO; 3]),
         ("no rotational gradient", |r| r.rotation = [DVec3::ZERO; 3]),
         ("wider", |r| r.head.size *= 1.1),
-        ("seen nowhere", |r| r.reach = None),
+        ("visible nowhere", |r| r.reach = None),
         ("channels exchanged", |r| r.translation.swap(0, 1)),
     ];
     for (name, fault) in faults {
@@ -334,7 +335,7 @@ fn every_point_is_listed_past_the_dispatch_limit() {
     assert!(count > 65_535 * 64);
     let points = vec![point(Vec3::ZERO, Vec3::Z); count];
     let albedos = vec![Vec3::ONE; count];
-    let features = device_features(gpu()).with("indirect", true);
+    let features = device_features(gpu()).with(Feature::Indirect, true);
     let outcome = Setup { size, tile, points, albedos, records: Vec::new(), features }.run();
     assert!(outcome.wanted.iter().copied().eq(0..count as u32));
     assert!(outcome.path_points.iter().copied().eq(0..count as u32));

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec3, UVec3, Vec3};
-use penumbra::passes::cells::{CellGrid, CellPoint, Cells, grid_of};
-use penumbra::passes::classify::{Chunk, Class, Classified};
-use penumbra::passes::grid::GridShape;
-use penumbra::passes::{INVALID_POINT, Point, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::passes::cells::{CellGrid, CellPoint, Cells};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified};
+use penumbra::internal::passes::grid::GridShape;
+use penumbra::internal::passes::{INVALID_POINT, Point, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -20,7 +20,7 @@ use crate::statistics::Random;
 const CELLS: u32 = 9;
 const RAYS: u32 = 24;
 
-const PLACE: Vec3 = Vec3::new(0.15, 0.4, 0.1);
+const POSITION: Vec3 = Vec3::new(0.15, 0.4, 0.1);
 const DIRECTION: Vec3 = Vec3::new(0.182_574_19, -0.912_870_9, -0.365_148_37);
 
 /// A floor and two panels over it, under a point light, a directional one and a small square one.
@@ -29,7 +29,7 @@ fn room() -> Scene {
     let panels = [level(0.0, -0.5, 0.0, 0.6), level(-0.2, -0.1, 0.1, 0.2), level(0.3, 0.0, -0.2, 0.15)].concat();
     let lamp = square(DVec3::new(0.0, 0.45, 0.0), DVec3::X * 0.15, DVec3::Z * 0.15);
     let punctual = vec![
-        LightKind::Point { position: PLACE, intensity: Vec3::ONE, range: f32::INFINITY },
+        LightKind::Point { position: POSITION, intensity: Vec3::ONE, range: f32::INFINITY },
         LightKind::Directional { direction: DIRECTION, irradiance: Vec3::ONE },
     ];
     scene(&[(panels, surface(0.5, 0.0)), (lamp, surface(0.0, 3.0))], punctual)
@@ -66,24 +66,24 @@ fn points(scene: &Scene, shape: &GridShape) -> Vec<CellPoint> {
     cells.into_values().filter(|all| all.len() >= RAYS as usize).flat_map(|all| all[..RAYS as usize].to_vec()).collect()
 }
 
-/// Whether a punctual light is seen from the point; none where that hangs on rounding.
-fn sees(scene: &Scene, light: usize, point: &CellPoint) -> Option<bool> {
+/// Whether a punctual light is visible from the point; none where that depends on rounding.
+fn is_visible(scene: &Scene, light: usize, point: &CellPoint) -> Option<bool> {
     let position = Vec3::from(point.position).as_dvec3();
     let (direction, distance) = match light {
-        1 => ((PLACE.as_dvec3() - position).normalize(), (PLACE.as_dvec3() - position).length()),
+        1 => ((POSITION.as_dvec3() - position).normalize(), (POSITION.as_dvec3() - position).length()),
         _ => (-DIRECTION.as_dvec3().normalize(), 4.0),
     };
     let origin = position + DVec3::Y * 2e-5;
     LightPoint { origin, pdf: 1.0, direction, distance, radiance: DVec3::ONE }.visible(scene)
 }
 
-/// By light and cell: seen and blocked rays that are certain, and those in doubt.
+/// By light and cell: visible and blocked rays that are certain, and those in doubt.
 fn expected(scene: &Scene, shape: &GridShape, points: &[CellPoint]) -> Vec<[u32; 3]> {
     let cells = shape.cells() as usize;
     let mut counts = vec![[0; 3]; cells * LIGHTS];
     for light in 1..LIGHTS {
         for point in points {
-            let kind = match sees(scene, light, point) {
+            let kind = match is_visible(scene, light, point) {
                 Some(true) => 0,
                 Some(false) => 1,
                 None => 2,
@@ -95,7 +95,7 @@ fn expected(scene: &Scene, shape: &GridShape, points: &[CellPoint]) -> Vec<[u32;
 }
 
 /// The words of all cells.
-fn judged(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (Vec<Classified>, u64) {
+fn classified(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (Vec<Classified>, u64) {
     let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays, seed: 5 };
     // Two batches.
@@ -105,22 +105,26 @@ fn judged(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (
     (table.words(gpu(), LIGHTS as u32).unwrap().into_iter().map(Classified::new).collect(), table.rays)
 }
 
-/// Rays of punctual lights see what f64 lines see, one for each point; a cell is shadowed where none is seen, and else a
-/// boundary whose visibility is the share that is. Light from elsewhere would be noticed.
+/// Rays of punctual lights reach what f64 lines reach, one for each point. A cell is shadowed where none reaches the
+/// light, else a boundary whose visibility is the share that does. Light from elsewhere would be noticed.
 #[test]
-fn rays_see_what_lines_see() {
-    let stage = stage(Technique::VisibilityCells);
-    let shape = grid_of(&stage.scene, CELLS);
+fn rays_reach_what_lines_reach() {
+    let stage = stage(Technique::VISIBILITY_CELLS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let points = points(&stage.scene, &shape);
-    let (words, rays) = judged(&stage, shape, &points, RAYS);
+    let (words, rays) = classified(&stage, shape, &points, RAYS);
     let counts = expected(&stage.scene, &shape, &points);
     let cells = shape.cells() as usize;
-    let (mut seen_in, mut mixed, mut off_by_shift) = (0, 0, 0);
+    let (mut visible_count, mut mixed, mut off_by_shift) = (0, 0, 0);
     for light in 1..LIGHTS {
         for cell in 0..cells {
-            let (got, [seen, blocked, doubtful]) = (words[light * cells + cell], counts[light * cells + cell]);
-            assert_eq!(got.n_i + got.n_s, seen + blocked + doubtful, "light {light}, cell {cell}: rays");
-            assert!(got.n_i >= seen && got.n_s >= blocked, "light {light}, cell {cell}: {got:?} {:?}", [seen, blocked]);
+            let (got, [visible, blocked, doubtful]) = (words[light * cells + cell], counts[light * cells + cell]);
+            assert_eq!(got.n_i + got.n_s, visible + blocked + doubtful, "light {light}, cell {cell}: rays");
+            assert!(
+                got.n_i >= visible && got.n_s >= blocked,
+                "light {light}, cell {cell}: {got:?} {:?}",
+                [visible, blocked]
+            );
             let class = match (got.n_i, got.n_s) {
                 (0, 0) => Class::Unknown,
                 (0, _) => Class::Shadowed,
@@ -131,13 +135,13 @@ fn rays_see_what_lines_see() {
                 let share = got.n_i as f32 / (got.n_i + got.n_s) as f32;
                 assert!((got.visibility - share).abs() < 0.6 / 2047.0);
             }
-            seen_in += seen;
-            mixed += u32::from(seen > 0 && blocked > 0);
-            // The neighbour's rays are others.
+            visible_count += visible;
+            mixed += u32::from(visible > 0 && blocked > 0);
+            // The neighbour has other rays.
             off_by_shift += u32::from(counts[light * cells + (cell + 1) % cells][0] > got.n_i);
         }
     }
-    println!("{} points, {rays} rays, {seen_in} seen, {mixed} cells mixed", points.len());
+    println!("{} points, {rays} rays, {visible_count} visible, {mixed} cells mixed", points.len());
     assert!(mixed > 10 && off_by_shift > 10, "{mixed} mixed cells, {off_by_shift} differ from the next: no test");
     let punctual = 2 * points.len() as u64;
     assert!(rays >= punctual && rays <= punctual + points.len() as u64);
@@ -146,15 +150,15 @@ fn rays_see_what_lines_see() {
 /// A voxel's tag stands where all around it have it too; the cells' method goes by each cell alone.
 #[test]
 fn tags_stand_where_neighbours_agree() {
-    let [cells_stage, tags_stage] = [Technique::VisibilityCells, Technique::VoxelTags].map(stage);
-    let shape = grid_of(&cells_stage.scene, CELLS);
+    let [cells_stage, tags_stage] = [Technique::VISIBILITY_CELLS, Technique::VOXEL_TAGS].map(stage);
+    let shape = GridShape::over_scene(&cells_stage.scene, CELLS);
     let points = points(&cells_stage.scene, &shape);
-    let (plain, _) = judged(&cells_stage, shape, &points, RAYS);
-    let (tagged, _) = judged(&tags_stage, shape, &points, RAYS);
+    let (plain, _) = classified(&cells_stage, shape, &points, RAYS);
+    let (tagged, _) = classified(&tags_stage, shape, &points, RAYS);
     let [width, height, depth] = shape.size;
     let (mut counts, mut alone_differs) = ([0; 5], 0);
-    for (place, got) in tagged.iter().enumerate() {
-        let (light, cell) = (place as u32 / shape.cells(), place as u32 % shape.cells());
+    for (index, got) in tagged.iter().enumerate() {
+        let (light, cell) = (index as u32 / shape.cells(), index as u32 % shape.cells());
         let at = UVec3::new(cell % width, cell / width % height, cell / (width * height));
         let (mut lit, mut shadowed) = (true, true);
         for (z, y, x) in (0..27).map(|i| (i / 9, i / 3 % 3, i % 3)) {
@@ -167,7 +171,7 @@ fn tags_stand_where_neighbours_agree() {
             lit &= near.n_s == 0;
             shadowed &= near.n_i == 0;
         }
-        let own = &plain[place];
+        let own = &plain[index];
         let class = match (own.n_i + own.n_s, lit, shadowed) {
             (0, ..) => Class::Unknown,
             (_, true, _) => Class::Lit,
@@ -182,11 +186,11 @@ fn tags_stand_where_neighbours_agree() {
     assert!(counts[1..].iter().all(|n| *n > 5) && alone_differs > 10, "{counts:?}, {alone_differs}: no test");
 }
 
-/// The share of a cell's rays that see a light with a surface is what f64 lines between random points of both give.
+/// The share of a cell's rays that reach a light with a surface is what f64 lines between random points of both give.
 #[test]
 fn shares_are_visibilities() {
-    let stage = stage(Technique::VisibilityCells);
-    let shape = grid_of(&stage.scene, CELLS);
+    let stage = stage(Technique::VISIBILITY_CELLS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let rays = 480;
     let mut random = Random(9);
     // Under the edge of a panel.
@@ -204,17 +208,17 @@ fn shares_are_visibilities() {
             own.push(CellPoint { position, triangle: triangle(p).unwrap() as u32 });
         }
     }
-    let (words, _) = judged(&stage, shape, &own, rays as u32);
+    let (words, _) = classified(&stage, shape, &own, rays as u32);
     let got = words[SQUARE * shape.cells() as usize + home];
-    let (mut seen, total) = (0.0, 20_000);
+    let (mut visible, total) = (0.0, 20_000);
     for i in 0..total {
         let from = Vec3::from(own[i % rays].position).as_dvec3();
         let p = random.point();
         let to = DVec3::new(0.15 * p.x, 0.45, 0.15 * p.z);
         let blocked = crossings(&stage.scene, from, to - from).iter().any(|c| c.t > 1e-4 && c.t < 1.0 - 1e-4);
-        seen += f64::from(u8::from(!blocked));
+        visible += f64::from(u8::from(!blocked));
     }
-    let (share, expected) = (f64::from(got.n_i) / f64::from(got.n_i + got.n_s), seen / total as f64);
+    let (share, expected) = (f64::from(got.n_i) / f64::from(got.n_i + got.n_s), visible / total as f64);
     let error = (expected * (1.0 - expected) / rays as f64).sqrt();
     println!("{share}, expected {expected} +- {error}");
     assert!(expected > 0.1 && expected < 0.9, "{expected}: no test");
@@ -227,8 +231,8 @@ fn shares_are_visibilities() {
 /// Points get the word of their cell; those that face away from the light are dark, and so is what lies nowhere.
 #[test]
 fn points_have_the_class_of_their_cell() {
-    let stage = stage(Technique::VoxelTags);
-    let shape = grid_of(&stage.scene, CELLS);
+    let stage = stage(Technique::VOXEL_TAGS);
+    let shape = GridShape::over_scene(&stage.scene, CELLS);
     let own = points(&stage.scene, &shape);
     let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays: RAYS, seed: 5 };
@@ -242,18 +246,18 @@ fn points_have_the_class_of_their_cell() {
     let tile = whole([points.len() as u32, 1], 1);
     let mut buffers = TileBuffers::new(gpu(), &stage.features, tile.point_count, false).unwrap();
     buffers.points = gpu().upload("test/points", &points).unwrap();
-    let slots = 2 * points.len();
-    let classes = gpu().poisoned::<u32>("test/classes", slots + 3).unwrap();
+    let candidates = 2 * points.len();
+    let classes = gpu().poisoned::<u32>("test/classes", candidates + 3).unwrap();
     let bound = pass.bind(gpu(), &buffers, &table, &classes, &stage.gpu_scene).unwrap();
     let mut frame = gpu().frame("test");
     bound.record(&mut frame, &tile, &Chunk { first_light: 1, lights: 2, dilate: 0, audit_probability: 0.0 });
     frame.submit().unwrap();
-    let got: Vec<u32> = gpu().read(&classes, slots + 3).unwrap();
-    for (slot, got) in got[..slots].iter().enumerate() {
-        let (light, point) = (1 + slot / points.len(), &points[slot % points.len()]);
+    let got: Vec<u32> = gpu().read(&classes, candidates + 3).unwrap();
+    for (candidate, got) in got[..candidates].iter().enumerate() {
+        let (light, point) = (1 + candidate / points.len(), &points[candidate % points.len()]);
         let word = words[light * shape.cells() as usize + cell_of(&shape, point.position)];
         let expected = if point.normal == oct_encode(DVec3::Y) { word } else { Class::Dark as u32 };
-        assert_eq!(*got, expected, "slot {slot}");
+        assert_eq!(*got, expected, "candidate {candidate}");
     }
-    assert!(got[slots..].iter().all(|word| *word == penumbra::gpu::buffer::POISON), "past the end");
+    assert!(got[candidates..].iter().all(|word| *word == kernel_kit::POISON), "past the end");
 }

@@ -1,11 +1,12 @@
 //! Pass `classify` against brute force on the CPU.
 
 use glam::Vec3;
-use penumbra::gpu::{Features, Gpu, Resources};
-use penumbra::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers, Queue};
-use penumbra::passes::grid::{Grid, GridShape, Photon};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::statistics::Counter;
+use kernel_kit::{Gpu, Resources};
+use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers, Queue};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::specialisation::features::{Feature, Features};
+use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, nearest_kinds, point_normal};
@@ -52,9 +53,9 @@ impl<'a> Setup<'a> {
 
     fn run(&self, gpu: &Gpu) -> Outcome {
         let features: Features = device_features(gpu)
-            .with("paper_counting", self.paper_counting)
-            .with("visibility_estimate", self.visibility_estimate)
-            .with("visibility_map", true);
+            .with(Feature::PaperCounting, self.paper_counting)
+            .with(Feature::VisibilityEstimate, self.visibility_estimate)
+            .with(Feature::VisibilityMap, true);
         let photons = gpu.upload("test/photons", self.photons).unwrap();
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
         tile.points = gpu.upload("test/points", self.points).unwrap();
@@ -62,18 +63,18 @@ impl<'a> Setup<'a> {
             .unwrap()
             .build(gpu, &photons, self.photons.len() as u32, self.lights, self.shape)
             .unwrap();
-        let slots = self.tile.point_count * self.chunk.lights;
-        let mut buffers = ClassifyBuffers::new(gpu, slots).unwrap();
-        buffers.classes = gpu.poisoned::<u32>("test/classes", slots as usize).unwrap();
-        buffers.dilated_classes = gpu.poisoned::<u32>("test/dilated", slots as usize).unwrap();
+        let candidates = self.tile.point_count * self.chunk.lights;
+        let mut buffers = ClassifyBuffers::new(gpu, candidates).unwrap();
+        buffers.classes = gpu.poisoned::<u32>("test/classes", candidates as usize).unwrap();
+        buffers.dilated_classes = gpu.poisoned::<u32>("test/dilated", candidates as usize).unwrap();
         let pass = Classify::new(gpu, &features, self.nearest, self.exact_counts).unwrap();
         let bound = pass.bind(gpu, &tile, Some(&grid), &buffers, &Resources::new()).unwrap();
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &buffers, &self.tile, &self.chunk, 128);
         frame.submit().unwrap();
-        let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, 4).unwrap();
+        let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, Queue::COUNT).unwrap();
         Outcome {
-            words: gpu.read(buffers.final_classes(self.chunk.dilate), slots as usize).unwrap(),
+            words: gpu.read(buffers.final_classes(self.chunk.dilate), candidates as usize).unwrap(),
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
             boundary_queue: gpu.read(&buffers.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap(),
             audit_queue: gpu.read(&buffers.audit_queue, lengths[Queue::Audit as usize] as usize).unwrap(),
@@ -81,19 +82,20 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// Compares every `step`-th slot with brute force; slots whose answer hangs on rounding are left out, and are few.
+    /// Compares every `step`-th candidate with brute force. Those whose answer depends on rounding are left out, and
+    /// are few.
     fn compare(&self, gpu: &Gpu, step: usize) -> [usize; 5] {
         let outcome = self.run(gpu);
-        let (mut checked, mut doubtful, mut seen) = (0, 0, [0; 5]);
-        for slot in (0..outcome.words.len()).step_by(step) {
-            let point = &self.points[slot % self.points.len()];
-            let got = Classified::new(outcome.words[slot]);
-            seen[got.class as usize] += 1;
+        let (mut checked, mut doubtful, mut counts) = (0, 0, [0; 5]);
+        for candidate in (0..outcome.words.len()).step_by(step) {
+            let point = &self.points[candidate % self.points.len()];
+            let got = Classified::new(outcome.words[candidate]);
+            counts[got.class as usize] += 1;
             if point.normal == INVALID_POINT {
                 assert_eq!(got.class, Class::Dark);
                 continue;
             }
-            let light = self.chunk.first_light + (slot / self.points.len()) as u32;
+            let light = self.chunk.first_light + (candidate / self.points.len()) as u32;
             let reach = f64::from(self.shape.reach());
             let k = self.nearest as usize;
             let Some(expected) = nearest_kinds(self.photons, point, light, k, reach, !self.paper_counting) else {
@@ -107,24 +109,24 @@ impl<'a> Setup<'a> {
                 Some((0, _)) => Class::Shadowed,
                 Some(_) => Class::Boundary,
             };
-            assert_eq!(got.class, class, "slot {slot}, {point:?}: {got:?}, expected {expected:?}");
+            assert_eq!(got.class, class, "candidate {candidate}, {point:?}: {got:?}, expected {expected:?}");
             if let Some((n_i, n_s)) = expected
                 && self.exact_counts
             {
-                assert_eq!((got.n_i as usize, got.n_s as usize), (n_i, n_s), "slot {slot}, {point:?}");
+                assert_eq!((got.n_i as usize, got.n_s as usize), (n_i, n_s), "candidate {candidate}, {point:?}");
                 // Half a step of eleven bits; a whole one marks a decided point near a boundary.
                 let step = if got.class == Class::Boundary { 0.6 } else { 1.1 };
                 assert!((f64::from(got.visibility) - n_i as f64 / k as f64).abs() < step / 2047.0);
             }
         }
         // Photons of one k-th distance in 1e-6 of it: density times that is about k per million.
-        assert!(doubtful * 100 <= checked, "{doubtful} of {checked} slots are in doubt");
-        seen
+        assert!(doubtful * 100 <= checked, "{doubtful} of {checked} candidates are in doubt");
+        counts
     }
 }
 
-/// The box of the paper, camera points: classes and counts are those of brute force, with and without normals, with exact
-/// counts and without.
+/// The box of the paper, camera points: classes and counts are those of brute force, with and without normals, with
+/// exact counts and without.
 #[test]
 fn a_room_is_classified_as_by_brute_force() {
     let gpu = gpu();
@@ -143,16 +145,16 @@ fn a_room_is_classified_as_by_brute_force() {
         let mut setup = Setup::new(&photons, &points, shape, nearest);
         setup.paper_counting = paper_counting;
         setup.exact_counts = exact_counts;
-        let seen = setup.compare(gpu, 7);
-        println!("k {nearest}, paper {paper_counting}: {seen:?}");
+        let counts = setup.compare(gpu, 7);
+        println!("k {nearest}, paper {paper_counting}: {counts:?}");
         // Of 200 photons few neighbourhoods are all in the shadow.
-        let least = if nearest <= 50 { 20 } else { 1 };
-        assert!([Class::Lit, Class::Shadowed].iter().all(|c| seen[*c as usize] >= least), "{seen:?}");
+        let min_count = if nearest <= 50 { 20 } else { 1 };
+        assert!([Class::Lit, Class::Shadowed].iter().all(|c| counts[*c as usize] >= min_count), "{counts:?}");
     }
 }
 
-/// Boundaries widen by one pixel on the same surface, from a copy of the classes; counters and queues agree with the
-/// words, and the audited share is what was asked for.
+/// Boundaries are dilated by one pixel on the same surface, from a copy of the classes; counters and queues agree with
+/// the words, and the audited share is as set.
 #[test]
 fn queues_hold_what_the_classes_say() {
     let gpu = gpu();
@@ -170,9 +172,9 @@ fn queues_hold_what_the_classes_say() {
         setup.chunk.dilate = dilate;
         let outcome = setup.run(gpu);
         let traced = |word: u32| matches!(Classified::new(word).class, Class::Boundary | Class::Unknown);
-        for slot in 0..points.len() as i32 {
-            let word = undilated[slot as usize];
-            let (x, y) = (slot % width as i32, slot / width as i32);
+        for candidate in 0..points.len() as i32 {
+            let word = undilated[candidate as usize];
+            let (x, y) = (candidate % width as i32, candidate / width as i32);
             let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
             let mut inside = near.filter(|(x, y)| (0..width as i32).contains(x) && (0..height as i32).contains(y));
             let widened = dilate == 1
@@ -180,18 +182,18 @@ fn queues_hold_what_the_classes_say() {
                 && inside.any(|(x, y)| {
                     let other = (x + y * width as i32) as usize;
                     // In the room one surface is one plane: the same normal, and no offset along it.
-                    let (a, b) = (&points[slot as usize], &points[other]);
+                    let (a, b) = (&points[candidate as usize], &points[other]);
                     let n = point_normal(a.normal).as_vec3();
                     let offset = (Vec3::from(b.position) - Vec3::from(a.position)).dot(n);
                     traced(undilated[other]) && a.normal == b.normal && offset.abs() < 1e-3
                 });
             let expected = if widened { (word & !7) | Class::Boundary as u32 } else { word };
-            assert_eq!(outcome.words[slot as usize], expected, "pixel {x}, {y}, dilation {dilate}");
+            assert_eq!(outcome.words[candidate as usize], expected, "pixel {x}, {y}, dilation {dilate}");
         }
         let mut classes = [0; 5];
-        let valid = |slot: usize| points[slot].normal != INVALID_POINT;
-        for slot in (0..points.len()).filter(|s| valid(*s)) {
-            classes[Classified::new(outcome.words[slot]).class as usize] += 1;
+        let valid = |candidate: usize| points[candidate].normal != INVALID_POINT;
+        for candidate in (0..points.len()).filter(|s| valid(*s)) {
+            classes[Classified::new(outcome.words[candidate]).class as usize] += 1;
         }
         let first = Counter::Dark as usize;
         assert_eq!(outcome.counters[first..first + 5], classes);
@@ -219,9 +221,9 @@ fn queues_hold_what_the_classes_say() {
     }
 }
 
-/// Where the photons' own visibility is shown, boundaries ask no shadow rays: only points without any photon do.
+/// Where the photons' own visibility is shown, boundaries trace no shadow rays: only points without any photon do.
 #[test]
-fn the_estimate_asks_only_where_there_are_no_photons() {
+fn the_estimate_traces_only_where_there_are_no_photons() {
     let gpu = gpu();
     let room = Room::new(0.05);
     let mut photons = room.photons(20_000, 0, &mut Random(8));
@@ -235,13 +237,14 @@ fn the_estimate_asks_only_where_there_are_no_photons() {
     let outcome = setup.run(gpu);
     assert!(outcome.words == every.words, "the classes are others");
     assert_eq!(outcome.counters, every.counters);
-    let asked = |word: u32| {
+    let traced = |word: u32| {
         let found = Classified::new(word);
         found.class == Class::Unknown && found.n_i + found.n_s == 0
     };
     let mut queue = outcome.boundary_queue;
     queue.sort_unstable();
-    let expected: Vec<u32> = (0..points.len() as u32).filter(|slot| asked(outcome.words[*slot as usize])).collect();
+    let expected: Vec<u32> =
+        (0..points.len() as u32).filter(|candidate| traced(outcome.words[*candidate as usize])).collect();
     assert!(expected.len() > 100 && every.boundary_queue.len() > expected.len() + 100, "nothing to tell apart");
     assert_eq!(queue, expected);
     assert_eq!(outcome.arguments[4..7], [(queue.len() as u32).div_ceil(128), 1, 1]);

@@ -1,13 +1,16 @@
 //! The environment: look-ups against bilinear interpolation in f64, directions against their density, photons against
 //! the irradiance of the panorama.
 
+use crate::kit::new_kernel;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuLights;
-use penumbra::scene::{Panorama, Scene};
+use penumbra::internal::gpu_scene::GpuLights;
+use penumbra::internal::scene::{Panorama, Scene};
 
 use crate::kit::{device_features, gpu};
 use crate::light::cube;
@@ -22,15 +25,14 @@ fn surrounded(panorama: &Panorama, rotation: f64, strength: f32) -> Scene {
 }
 
 fn features() -> Features {
-    device_features(gpu()).with("environment", true)
+    device_features(gpu()).with(Feature::Environment, true)
 }
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
 fn run(scene: &Scene, entry: &str, directions: &[DVec3], count: usize, per_item: usize) -> Vec<[f32; 4]> {
-    let composed =
-        compose::compose_source("environment", include_str!("shaders/environment.wgsl"), &features()).unwrap();
+    let composed = compose_source("environment", include_str!("shaders/environment.wgsl"), &features()).unwrap();
     let constants = [("count", count as f64), ("seed", 99.0)];
-    let kernel = Kernel::new(gpu(), &composed, &constants, &["directions", "results"]).unwrap();
+    let kernel = new_kernel(gpu(), &composed, &constants, &["directions", "results"]).unwrap();
     let gpu_scene = GpuLights::new(gpu(), scene, None).unwrap();
     let directions: Vec<_> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
     let directions = gpu().upload("test/directions", &directions).unwrap();

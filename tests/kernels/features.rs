@@ -1,16 +1,20 @@
 //! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
 
+use kernel_kit::{Composed, Feature as _};
+use penumbra::Result;
+use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
-use penumbra::gpu::{Features, compose};
-use penumbra::procedural::Role;
-use penumbra::scene::{
-    AlphaMode, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Texture, TextureImage, TextureSlot, Wrap,
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::{
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Sheen, Specular,
+    Texture, TextureImage, TextureInfo, Transmission, Wrap,
 };
+use penumbra::internal::specialisation::Specialisation;
 use penumbra::settings::LightSampling;
-use penumbra::specialisation::Specialisation;
 use penumbra::{Aov, Settings, Technique};
 use rayon::prelude::*;
 
@@ -19,23 +23,23 @@ use crate::path::{camera, render_with, scene, surface};
 use crate::procedurals::{self, Object};
 use crate::stage::hash1;
 
-/// A choice for each of some thirty properties of a scene, its settings and the device.
+/// A selection for each of some thirty properties of a scene, its settings and the device.
 #[derive(Clone, Copy)]
-struct LightSampler(u64);
+struct Selection(u64);
 
 /// Choices by chance: of two properties each of the four combinations is in one of four, so that 192 leave one out of
 /// the two thousand with a probability of 2e-13.
-fn choices() -> impl ParallelIterator<Item = LightSampler> {
-    (0..192u32).into_par_iter().map(|i| LightSampler(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
+fn selections() -> impl ParallelIterator<Item = Selection> {
+    (0..192u32).into_par_iter().map(|i| Selection(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
 
-impl LightSampler {
+impl Selection {
     fn has(self, property: u64) -> bool {
         self.0 >> property & 1 != 0
     }
 
     fn scene(self) -> Scene {
-        let slot = |uv_set| Some(TextureSlot { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let slot = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
         let plain = surface(0.5, 0.0);
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);
@@ -55,11 +59,17 @@ impl LightSampler {
         for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
+        let normal_texture = slot(0).filter(|_| self.has(48));
+        let clearcoat = Clearcoat { normal_texture, ..Clearcoat::with_factor(1.0) };
         let lobed = [
-            Material { transmission: 1.0, ..plain.clone() },
-            Material { clearcoat: 1.0, clearcoat_normal_texture: slot(0).filter(|_| self.has(48)), ..plain.clone() },
-            Material { specular: 1.0, anisotropy: 0.5, ..plain.clone() },
-            Material { sheen_colour: Vec3::ONE, ..plain },
+            Material { transmission: Transmission::with_factor(1.0), ..plain.clone() },
+            Material { clearcoat, ..plain.clone() },
+            Material {
+                specular: Specular::with_factor(1.0),
+                anisotropy: Anisotropy::with_strength(0.5),
+                ..plain.clone()
+            },
+            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
@@ -104,11 +114,11 @@ impl LightSampler {
     }
 
     fn features(self) -> Features {
-        let techniques = Technique::ALL;
+        let techniques: Vec<Technique> = Technique::all().collect();
         let aovs = (23..).zip([Aov::Albedo, Aov::Normal, Aov::Position, Aov::Shadow]);
         // One in four is of the technique that has zones.
         let technique = match self.has(46) && self.has(47) {
-            true => Technique::ShadowPhotons,
+            true => Technique::SHADOW_PHOTONS,
             false => techniques[hash1(self.0 as u32) as usize % techniques.len()],
         };
         let light_sampling = match technique.uses_zones() {
@@ -116,40 +126,37 @@ impl LightSampler {
             _ if self.has(41) => LightSampling::Uniform,
             _ => LightSampling::Power,
         };
-        let settings = Settings {
-            technique,
-            light_sampling: (self.has(43) || self.has(44)).then_some(light_sampling),
-            sampled_lights: 2,
-            audit: if self.has(18) { 1.0 } else { 0.0 },
-            paper_counting: self.has(19),
-            max_bounces: if self.has(20) { 64 } else { 0 },
-            cache: self.has(21),
-            // The last, of the classes, leaves no choice of lights.
-            aovs: aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect(),
-            ..Settings::default()
-        };
+        let settings = Settings::default().with(|s| {
+            s.technique = technique;
+            s.light_sampling.strategy = (self.has(43) || self.has(44)).then_some(light_sampling);
+            s.light_sampling.sampled_lights = 2;
+            s.visibility_map.audit = if self.has(18) { 1.0 } else { 0.0 };
+            s.visibility_map.paper_counting = self.has(19);
+            s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
+            s.indirect.irradiance_cache.enabled = self.has(21);
+            // The last, of the classes, leaves no selection of lights.
+            s.image.aovs =
+                aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect();
+        });
         let specialisation = Specialisation::new(&self.scene(), &settings);
-        let features = specialisation.features.with("texture_loads", self.has(27)).with("interleave", self.has(28));
+        let features =
+            specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
         // Renders of glossy scenes leave it out, but so few sets are of scenes that are not.
-        let few_sampled = self.has(61) && features.has("visibility_map") && !features.has("light_sampling");
-        features.with("shallow_bvh", self.has(60)).with("few_sampled", few_sampled)
+        let few_sampled = self.has(61) && features.has(Feature::VisibilityMap) && !features.has(Feature::LightSampling);
+        features.with(Feature::ShallowBvh, self.has(60)).with(Feature::FewSampled, few_sampled)
     }
-}
-
-fn kernels() -> impl Iterator<Item = &'static (&'static str, &'static str)> {
-    compose::SHADERS.iter().filter(|(path, _)| !path.starts_with("lib/"))
 }
 
 /// Whether a render of those features runs the kernel.
 fn runs(kernel: &str, features: &Features) -> bool {
     match kernel {
-        "photons" | "grid" => features.has("visibility_map") || features.has("zones"),
-        "sample_lights" => features.has("light_sampling"),
-        "zones" => features.has("zones"),
-        "flux" | "irradiance" => features.has("global_map"),
-        "cells" => features.has("cells"),
-        "ward" => features.has("ward"),
-        "gather" | "cache" => features.has("irradiance_cache"),
+        "photons" | "grid" => features.has(Feature::VisibilityMap) || features.has(Feature::Zones),
+        "sample_lights" => features.has(Feature::LightSampling),
+        "zones" => features.has(Feature::Zones),
+        "flux" | "irradiance" => features.has(Feature::GlobalMap),
+        "cells" => features.has(Feature::Cells),
+        "ward" => features.has(Feature::Ward),
+        "gather" | "cache" => features.has(Feature::IrradianceCache),
         _ => true,
     }
 }
@@ -158,26 +165,26 @@ fn runs(kernel: &str, features: &Features) -> bool {
 /// chance; each feature is in some of them and out of others. An error where two features meet would be seen.
 #[test]
 fn reachable_features_compose() {
-    let sets: BTreeSet<Features> = choices().map(LightSampler::features).collect();
-    for feature in compose::FEATURES {
-        let (with, without): (Vec<_>, Vec<_>) = sets.iter().partition(|set| set.has(feature));
-        assert!(!with.is_empty() && !without.is_empty(), "{feature}: in {} sets of {}", with.len(), sets.len());
+    let sets: BTreeSet<Features> = selections().map(Selection::features).collect();
+    for feature in Feature::ALL {
+        let (with, without): (Vec<_>, Vec<_>) = sets.iter().partition(|set| set.has(*feature));
+        assert!(!with.is_empty() && !without.is_empty(), "{feature:?}: in {} sets of {}", with.len(), sets.len());
     }
-    let wrong = |kernel: &str, source: &str| -> Vec<String> {
+    let wrong = |kernel: &str, composed: &(dyn Fn(&Features) -> Result<Composed> + Sync)| -> Vec<String> {
         let errors = sets.par_iter().filter(|set| runs(kernel, set)).filter_map(|set| {
-            let names: Vec<_> = set.names().collect();
-            compose::compose_source(kernel, source, set).err().map(|error| format!("{}: {error}", names.join(" ")))
+            let names: Vec<_> = set.iter().map(Feature::name).collect();
+            composed(set).err().map(|error| format!("{}: {error}", names.join(" ")))
         });
         errors.collect()
     };
-    for (kernel, source) in kernels() {
+    for kernel in kernel_stems() {
         let running = sets.iter().filter(|set| runs(kernel, set)).count();
         assert!(running >= 8, "{kernel} runs with {running} of {} sets", sets.len());
-        let wrong = wrong(kernel, source);
+        let wrong = wrong(kernel, &|set| compose(kernel, set));
         assert!(wrong.is_empty(), "{kernel}: {} of {} sets, {}", wrong.len(), sets.len(), wrong[0]);
     }
     let fault = "@compute @workgroup_size(1) fn nothing() { @if(uv1 && !glossy) { let x: u32 = 1.0; } }";
-    let found = wrong("fault", fault).len();
+    let found = wrong("fault", &|set| compose_source("fault", fault, set)).len();
     assert!(found > 0 && found < sets.len(), "a fault where two features meet is in {found} of {} sets", sets.len());
 }
 
@@ -185,28 +192,28 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [&str; 21] = [
-        "needles",
-        "textures",
-        "uv1",
-        "vertex_colours",
-        "normal_maps",
-        "smooth_normals",
-        "glossy",
-        "transmission",
-        "clearcoat",
-        "coat_normals",
-        "anisotropy",
-        "sheen",
-        "alpha_test",
-        "unlit",
-        "procedurals",
-        "point_lights",
-        "spot_lights",
-        "directional_lights",
-        "many_emitters",
-        "emitter_pairs",
-        "emissive_textures",
+    const FORCED: [Feature; 21] = [
+        Feature::Needles,
+        Feature::Textures,
+        Feature::Uv1,
+        Feature::VertexColours,
+        Feature::NormalMaps,
+        Feature::SmoothNormals,
+        Feature::Glossy,
+        Feature::Transmission,
+        Feature::Clearcoat,
+        Feature::CoatNormals,
+        Feature::Anisotropy,
+        Feature::Sheen,
+        Feature::AlphaTest,
+        Feature::Unlit,
+        Feature::Procedurals,
+        Feature::PointLights,
+        Feature::SpotLights,
+        Feature::DirectionalLights,
+        Feature::ManyEmitters,
+        Feature::EmitterPairs,
+        Feature::EmissiveTextures,
     ];
     let room = || {
         let lamp = square(DVec3::new(0.0, 0.45, 0.0), 0.2 * DVec3::X, 0.2 * DVec3::Z);
@@ -215,11 +222,11 @@ fn features_that_are_not_needed_change_nothing() {
         scene(&[(walls, surface(0.6, 0.0)), (ball, surface(0.8, 0.0)), (lamp, surface(0.0, 5.0))], Vec::new())
     };
     let view = camera(DVec3::new(0.0, 0.1, 0.45), DVec3::new(0.0, -0.3, -1.0), 1.2);
-    let image = |forced: &[&'static str]| {
+    let image = |forced: &[Feature]| {
         let rendered = render_with(room(), &view, 24, 16, 4, |features| {
             forced.iter().fold(features, |features, feature| {
-                assert!(!features.has(feature), "{feature} is needed: nothing is forced");
-                features.with(feature, true)
+                assert!(!features.has(*feature), "{feature:?} is needed: nothing is forced");
+                features.with(*feature, true)
             })
         });
         rendered.all().collect::<Vec<f64>>()

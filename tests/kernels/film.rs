@@ -1,10 +1,11 @@
 //! Pass `film` against sums in f64.
 
 use glam::DVec4;
-use penumbra::gpu::{Features, Gpu};
-use penumbra::passes::Tile;
-use penumbra::passes::film::{Film, Plane};
-use penumbra::statistics::Counter;
+use kernel_kit::Gpu;
+use penumbra::internal::passes::Tile;
+use penumbra::internal::passes::film::{Film, Plane};
+use penumbra::internal::specialisation::features::Features;
+use penumbra::internal::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::Random;
@@ -55,8 +56,8 @@ fn nan_max(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
 
-/// 65,536 samples a pixel, a thousandth of them a thousand times as bright and the first a firefly that hides all that
-/// follow from a plain sum: nothing is lost.
+/// 65,536 samples for each pixel lose no precision. A thousandth of them are a thousand times as bright, and the first
+/// is a firefly in which an uncompensated sum would lose all others.
 #[test]
 fn sums_of_65536_samples_lose_nothing() {
     // Over two workgroups.
@@ -85,12 +86,12 @@ fn sums_of_65536_samples_lose_nothing() {
     }
     let got = plane.means(gpu, (BATCHES * LAYERS) as u32).unwrap();
     let expected = means(batches.iter().flatten(), PIXELS);
-    // A compensated sum of n numbers of one sign errs by 2^-24 and n 2^-48 of itself.
+    // The relative error of a compensated sum of n numbers of one sign is at most 2^-24 + n 2^-48.
     let found = error(&got, &expected);
     assert!(found <= 1e-6, "relative error {found}");
     assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
 
-    // What the comparison must catch: plain sums, and one sample of all that is left out.
+    // The comparison must catch uncompensated sums, and a single sample that is left out.
     let mut plain = vec![[0f32; 4]; PIXELS];
     for (i, sample) in batches.iter().flatten().enumerate() {
         plain[i % PIXELS].iter_mut().zip(sample).for_each(|(sum, x)| *sum += x);
@@ -99,7 +100,7 @@ fn sums_of_65536_samples_lose_nothing() {
     let plain: Vec<DVec4> = plain.iter().map(|sum| DVec4::from_array(sum.map(f64::from)) / count).collect();
     assert!(error(&plain, &expected) > 1e-4, "these samples need no compensation");
     batches[7][100] = [0.0; 4];
-    assert!(error(&got, &means(batches.iter().flatten(), PIXELS)) > 1e-6, "a lost sample is not seen");
+    assert!(error(&got, &means(batches.iter().flatten(), PIXELS)) > 1e-6, "a lost sample is not found");
 }
 
 /// Samples with a NaN or an infinity in any component are left out of all four and counted, each once; the others
@@ -115,10 +116,10 @@ fn samples_that_are_not_finite_are_left_out_and_counted() {
         let mut samples: Samples = (0..pixels * layers)
             .map(|_| [random.uniform() as f32, -2.5, random.uniform() as f32 * 1e30, 1.0])
             .collect();
-        // Every third sample is bad, but for one pixel of which all are.
-        let spoilt: Vec<usize> =
+        // Every third sample is invalid, and all those of one pixel.
+        let invalid: Vec<usize> =
             (0..samples.len()).filter(|i| i % 3 == 1 || (i % pixels == pixels / 2 && pixels > 1)).collect();
-        for (k, i) in spoilt.iter().enumerate() {
+        for (k, i) in invalid.iter().enumerate() {
             samples[*i][k % 4] = bad[k / 4 % bad.len()];
         }
         let buffer = gpu.upload("test/samples", &samples).unwrap();
@@ -129,14 +130,14 @@ fn samples_that_are_not_finite_are_left_out_and_counted() {
         let found = error(&got, &means(samples.iter(), pixels));
         assert!(found <= 1e-6, "{pixels} pixels: relative error {found}");
         let mut expected = [0u32; Counter::COUNT];
-        expected[Counter::NotFinite as usize] = spoilt.len() as u32;
+        expected[Counter::NotFinite as usize] = invalid.len() as u32;
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), expected, "{pixels} pixels");
-        samples[spoilt[0]] = [0.5; 4];
+        samples[invalid[0]] = [0.5; 4];
         assert!(error(&got, &means(samples.iter(), pixels)) > 1e-6, "a sample that was left out is not missed");
     }
 }
 
-/// Only the layers from `first_point` on are summed: all around are NaNs.
+/// Only the layers from `first_point` on are summed; all samples around them are NaNs.
 #[test]
 fn the_layers_of_one_light_are_found_among_many() {
     const PIXELS: u32 = 65;
@@ -157,12 +158,12 @@ fn the_layers_of_one_light_are_found_among_many() {
         assert!(error(&got, &expected(own.clone())) <= 1e-6, "from {first_point}");
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT], "from {first_point}");
         let moved = if own.start > 0 { own.start - 1..own.end - 1 } else { own.start + 1..own.end + 1 };
-        assert!(error(&got, &expected(moved)) > 1e-6, "one point off is not seen");
+        assert!(error(&got, &expected(moved)) > 1e-6, "an offset of one point is not found");
     }
 }
 
-/// Squares of the sum of two parts, of as many vectors as the first or of one; a square that overflows is left out
-/// and counted as such, a sample that is no number only left out: `accumulate` counts it.
+/// Sums squares of the sum of two parts; the second has as many vectors as the first, or one. A square that overflows
+/// is left out and counted as such. A sample that is not finite is only left out: `accumulate` counts it.
 #[test]
 fn squares_are_of_the_whole() {
     const PIXELS: usize = 65;
@@ -188,17 +189,18 @@ fn squares_are_of_the_whole() {
             };
             means(first.iter().enumerate().map(square).collect::<Samples>().iter(), PIXELS)
         };
-        // The sum is rounded, its square is, and the total.
+        // The sum, its square and the total are each rounded.
         let found = error(&got, &squares(&other));
         assert!(found <= 1e-6, "relative error {found}");
         let mut expected = [0u32; Counter::COUNT];
         expected[Counter::NearOverflow as usize] = 1;
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), expected);
-        assert!(error(&got, &squares(&[[0.0; 4]])) > 1e-3, "a part that is left out is not seen");
+        assert!(error(&got, &squares(&[[0.0; 4]])) > 1e-3, "a part that is left out is not found");
     }
 }
 
-/// Pixels whose sum is beyond 2^104 in any component, whatever its sign, once for each batch that leaves them there.
+/// Counts pixels whose sum is beyond 2^104 in any component, of either sign, once for each batch that leaves them
+/// there.
 #[test]
 fn sums_near_overflow_are_counted() {
     const PIXELS: usize = 130;

@@ -1,12 +1,14 @@
 //! Pass `flux`: photons bring all of the lights' power to the surfaces, and no more, in words that keep its mean.
 
+use crate::kit::new_kernel;
+use kernel_kit::{POISON, Resources};
+use penumbra::internal::kernels::{compose, compose_source};
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::{Kernel, Resources, buffer::POISON, compose};
-use penumbra::passes::flux::Flux;
-use penumbra::passes::grid::Photon;
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::passes::flux::{Flux, FluxSettings};
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::{device_features, gpu};
@@ -18,7 +20,7 @@ use crate::statistics::{Random, chi_square, z_test};
 const SEED: u32 = 7;
 
 fn stage(scene: Scene) -> Stage {
-    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::ShadowPhotons, |features| features)
+    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A room of edge 1 whose walls reflect the share `albedo`.
@@ -30,7 +32,7 @@ fn point_light(position: Vec3, intensity: Vec3) -> LightKind {
     LightKind::Point { position, intensity, range: f32::INFINITY }
 }
 
-/// Steps of flux that a photon's word tells, by channel.
+/// Steps of flux in a photon's word, by channel.
 pub fn steps(word: u32) -> DVec3 {
     DVec3::from([14, 19, 24].map(|at| f64::from((word >> at & 31) << (3 * (word >> 29 & 3)))))
 }
@@ -45,32 +47,33 @@ struct Traced {
 impl Traced {
     fn new(stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
         let pass = Flux::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
-        let traced = pass.trace(gpu(), &stage.gpu_scene, &stage.gpu_scene.lights, rays, max_bounces, SEED).unwrap();
+        let settings = FluxSettings { rays, max_bounces, seed: SEED };
+        let traced = pass.trace(gpu(), &stage.gpu_scene, &stage.gpu_scene.lights, settings).unwrap();
         assert_eq!(traced.cut, 0);
         let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
         Traced { photons, emitted: traced.emitted, rays: traced.rays, step: traced.step }
     }
 
-    /// Power of the photons that a test asks for, by channel.
-    fn power(&self, asked: impl Fn(DVec3) -> bool) -> DVec3 {
-        let asked = self.photons.iter().filter(|p| asked(Vec3::from(p.position).as_dvec3()));
-        asked.map(|p| steps(p.word)).sum::<DVec3>() * self.step
+    /// Power of the photons at the positions that `within` accepts, by channel.
+    fn power(&self, within: impl Fn(DVec3) -> bool) -> DVec3 {
+        let photons = self.photons.iter().filter(|p| within(Vec3::from(p.position).as_dvec3()));
+        photons.map(|p| steps(p.word)).sum::<DVec3>() * self.step
     }
 
-    /// Standard error of a sum by the rounding of words: half a step at most, of 8 where a channel has up to 8 units.
+    /// Standard error of a sum by the rounding of words: at most half a step, of 8 where a channel has up to 8 units.
     fn rounding(&self) -> f64 {
         (self.photons.len() as f64).sqrt() * 4.0 * self.step
     }
 }
 
-/// In a closed room that absorbs the share 1 - a, what the photons leave at the walls, (1 - a) of their flux, is what
-/// the light emits: a box and a sphere, from a point light and from the walls themselves. Paths have n bounces with chance
-/// a^n (1 - a): a ray's share wavers by sqrt(a).
+/// In a closed room of albedo a, the walls absorb (1 - a) of the flux of the photons, which is the power that the light
+/// emits: a box and a sphere, lit by a point light and by the walls themselves. A path has n bounces with probability
+/// a^n (1 - a), so the standard deviation of a ray's share is sqrt(a).
 #[test]
 fn closed_rooms_keep_their_energy() {
     let ball = |albedo, emission| (inside_out(sphere(DVec3::ZERO, 0.5, 8)), surface(albedo, emission));
     let light = || vec![point_light(Vec3::new(0.1, 0.2, -0.1), Vec3::ONE)];
-    // 0.99 takes a hundred bounces a ray: fewer rays.
+    // With albedo 0.99 a ray takes a hundred bounces: fewer rays.
     for (albedo, rays) in [(0.5, 1 << 15), (0.9, 1 << 15), (0.99, 1 << 13)] {
         let glowing = (room(albedo).0, surface(albedo, 0.3));
         for (name, scene) in [
@@ -80,7 +83,7 @@ fn closed_rooms_keep_their_energy() {
         ] {
             let stage = stage(scene);
             let emitted = stage.gpu_scene.lights.lights[0].power;
-            // Beyond 4000 bounces a path goes on with a chance of 1e-18.
+            // A path has more than 4000 bounces with probability 1e-18.
             let traced = Traced::new(&stage, rays, 4000);
             assert_eq!(traced.emitted, rays);
             assert_eq!(traced.rays, traced.photons.len() as u64, "{name}, {albedo}: rays that left the room");
@@ -94,8 +97,8 @@ fn closed_rooms_keep_their_energy() {
     }
 }
 
-/// Walls of another albedo in each channel: each keeps its energy, though the strongest decides how far a photon goes. Where one
-/// reflects nothing its flux is all in the first photons.
+/// The walls have another albedo in each channel. Each channel keeps its energy, though the strongest one decides how
+/// far a photon goes. The flux of a channel of albedo 0 is all in the first photons.
 #[test]
 fn colours_keep_their_energy() {
     let albedo = Vec3::new(0.0, 0.5, 0.9);
@@ -107,7 +110,8 @@ fn colours_keep_their_energy() {
     let absorbed = (DVec3::ONE - albedo.as_dvec3()) * traced.power(|_| true);
     let survival = f64::from(albedo.z);
     for channel in 0..3 {
-        // Of N photons of a path, N > k with chance p^k, the k-th carries r^k: the sum (1 - r^N) / (1 - r), or N.
+        // A path has N > k photons with probability p^k, and the k-th carries r^k: the sum is (1 - r^N) / (1 - r), or
+        // N.
         let a = f64::from(albedo[channel]);
         let r = a / survival;
         let power_mean = |r: f64| r * (1.0 - survival) / (1.0 - survival * r);
@@ -121,7 +125,7 @@ fn colours_keep_their_energy() {
     }
 }
 
-/// What reflects nothing stores nothing, and ends the path: black walls, and unlit ones.
+/// Black walls and unlit walls store no photons, and end the path.
 #[test]
 fn black_and_unlit_walls_store_nothing() {
     let (walls, black) = room(0.0);
@@ -133,7 +137,8 @@ fn black_and_unlit_walls_store_nothing() {
     }
 }
 
-/// At most `max_bounces` bounces come before a photon: one photon a ray at 0; in all a ray leaves the sum of a^k.
+/// There are at most `max_bounces` bounces before a photon: with 0, one photon for each ray; in total a ray leaves the
+/// sum of a^k.
 #[test]
 fn bounces_are_bounded() {
     const ALBEDO: f32 = 0.9;
@@ -156,11 +161,11 @@ fn bounces_are_bounded() {
     }
 }
 
-/// Three lights of one colour each, of powers as 1 to 40: first hits bring each light's power by its closed form, the two sides
-/// of a mesh half of it each.
+/// Three lights of one colour each, with powers in the ratio of 1 to 40: the first hits bring each light's power by its
+/// closed form, and each side of a mesh half of that.
 #[test]
 fn every_light_sends_its_power() {
-    // It reflects: what reaches it of the others is stored there.
+    // It reflects, so photons of the other lights are stored there.
     let lamp = Material { emissive: Vec3::X * 0.5, double_sided: true, ..surface(0.5, 0.0) };
     let panel = square(DVec3::new(0.0, 0.1, 0.0), DVec3::Z * 0.1, DVec3::X * 0.2);
     let (inner, outer) = (0.9f32, 0.6f32);
@@ -176,8 +181,8 @@ fn every_light_sends_its_power() {
     let scene = scene(&[(panel, lamp), room(0.5)], vec![point, spot]);
     let traced = Traced::new(&stage(scene), 1 << 16, 0);
     let arrived = traced.power(|_| true);
-    // Radiance times pi times area, both sides; intensity over the sphere; and over the spot's cone, between the cones the
-    // square of a ramp in the cosine.
+    // Radiance times pi times area, both sides; intensity over the sphere; and over the spot's cone, between the cones
+    // the square of a ramp in the cosine.
     let (i, o) = (f64::from(inner), f64::from(outer));
     let cone = [3.0, 5.0].map(|power| ((1.0 - i) + (i - o) / power) / (1.0 - o));
     let expected = [2.0 * 0.5 * PI * 0.08, 0.8 * 4.0 * PI, 2.0 * 2.0 * PI * (1.0 - o) * cone[0]];
@@ -198,8 +203,8 @@ fn every_light_sends_its_power() {
     }
 }
 
-/// A point light in the middle of a room whose corners are out of its range: what arrives is its windowed irradiance, summed
-/// over the walls.
+/// A point light in the middle of a room whose corners are out of its range: what arrives is its windowed irradiance,
+/// summed over the walls.
 #[test]
 fn ranges_take_their_part() {
     let range = 0.7;
@@ -212,7 +217,7 @@ fn ranges_take_their_part() {
         (1.0 - (d / range).powi(4)).max(0.0) * 0.5 / d.powi(3)
     };
     let expected = 6.0 * (0..N * N).map(irradiance).sum::<f64>() / (N * N) as f64;
-    // Shares from 0 to 1 waver by a half at most.
+    // Shares from 0 to 1 have a standard deviation of at most a half.
     let error = 4.0 * PI * 0.5 / f64::from(traced.emitted).sqrt() + traced.rounding();
     z_test(traced.power(|_| true).x, error, expected, 1).unwrap();
     z_test(4.0 * PI, error, expected, 1).expect_err("no window");
@@ -233,7 +238,8 @@ fn suns_send_their_irradiance() {
     z_test(traced.power(|_| true).y * 1.05, error, expected, 1).expect_err("five percent too much");
 }
 
-/// Photons of a square light lie on the floor as the irradiance by Lambert's formula, and none on the ceiling behind it.
+/// Photons of a square light lie on the floor as the irradiance by Lambert's formula, and none on the ceiling behind
+/// it.
 #[test]
 fn photons_lie_as_light_does() {
     let panel = square(DVec3::new(0.1, 0.3, 0.0), DVec3::X * 0.15, DVec3::Z * 0.1);
@@ -252,11 +258,11 @@ fn photons_lie_as_light_does() {
         // Means over a cell by midpoints; flux of all is pi times the area 0.06.
         let at = |k: usize, n: usize| (k as f64 + 0.5) / n as f64 - 0.5;
         let mean = |cell: usize| {
-            let place = |k: usize| {
+            let position = |k: usize| {
                 let x = at(cell % CELLS * 4 + k % 4, 4 * CELLS);
                 DVec3::new(x, -0.5, at(cell / CELLS * 4 + k / 4, 4 * CELLS))
             };
-            (0..16).map(|k| form_factor(&light, false, place(k), DVec3::Y, true)).sum::<f64>() / 16.0
+            (0..16).map(|k| form_factor(&light, false, position(k), DVec3::Y, true)).sum::<f64>() / 16.0
         };
         let all = f64::from(traced.emitted) / (PI * 0.06 * (CELLS * CELLS) as f64);
         (0..CELLS * CELLS).map(|cell| mean(cell) * all).collect()
@@ -275,11 +281,12 @@ struct Request {
     room: usize,
 }
 
-/// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and counts.
+/// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and
+/// counts.
 fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
-    let composed = compose::compose("flux", &stage.features).unwrap();
+    let composed = compose("flux", &stage.features).unwrap();
     let constants = composed.overrides(&stage.gpu_scene.constants());
-    let kernel = Kernel::new(gpu(), &composed, &constants, &[]).unwrap();
+    let kernel = new_kernel(gpu(), &composed, &constants, &[]).unwrap();
     let photons = gpu().poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
     let counts = gpu().buffer::<[u32; 5]>("test/counts", 1).unwrap();
     let ray_table = gpu().upload("test/rays", &[0, rays]).unwrap();
@@ -295,8 +302,9 @@ fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5])
     (gpu().read(&photons, request.room).unwrap(), counts)
 }
 
-/// The photons depend on their rays alone: batches of no ray, of one and about a workgroup, each behind the photons of those
-/// before, bring those that the pass brings in its own, which has to grow its buffer for them. Nothing else is written.
+/// The photons depend only on their rays: batches of no ray, of one and about a workgroup, each behind the photons of
+/// earlier ones, bring the same photons as the pass's own batches, for which it has to grow its buffer. Nothing else is
+/// written.
 #[test]
 fn batches_do_not_show() {
     let stage = stage(scene(&[room(0.9)], vec![point_light(Vec3::new(0.2, 0.1, 0.3), Vec3::ONE)]));
@@ -330,8 +338,8 @@ fn batches_do_not_show() {
     assert!(by_pass != collected, "a photon that is lost");
 }
 
-/// More rays than 65,535 workgroups have are all traced; photons that find no room are counted all the same, and so are
-/// those that carry more than a word holds, which is what remains of them, and those that carry no number.
+/// More rays than 65,535 workgroups have are all traced. Photons without room are counted, and so are those whose flux
+/// is clipped to what a word holds, and those whose flux is not finite.
 #[test]
 fn what_has_no_room_is_counted() {
     let stage = stage(scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
@@ -347,17 +355,17 @@ fn what_has_no_room_is_counted() {
     let (photons, counts) = run(&stage, count, &request);
     assert_eq!(counts, [64, 0, 64, 0, 0]);
     assert!(photons[..64].iter().all(|photon| steps(photon[3]).x < 31.0 * 512.0));
-    // What is no number is stored nowhere.
+    // Photons whose flux is not finite are stored nowhere.
     let (photons, counts) = run(&stage, 64, &Request { inverse_unit: f32::INFINITY, ..request });
     assert_eq!(counts, [0, 0, 64, 0, 64]);
     assert!(photons.iter().flatten().all(|word| *word == POISON));
 }
 
-/// A word's steps are the flux in 31sts of the least power of 8 that holds it, up by chance so that the mean over the lots
-/// is the flux itself; normal and sign are left alone.
+/// A word's steps are the flux in 31sts of the smallest power of 8 that holds it, rounded up at random so that the mean
+/// over xi is the flux itself; normal and sign are unchanged.
 #[test]
 fn words_keep_the_mean_of_flux() {
-    const LOTS: usize = 64;
+    const RANDOM_NUMBERS: usize = 64;
     let mut random = Random(3);
     // The ends of the exponents, and fluxes of all sizes; the other channels are weaker.
     let largest = [0.0, 1e-9, 0.03, 1.0, 1.0001, 8.0, 8.001, 64.0, 64.01, 511.0, 512.0];
@@ -366,45 +374,45 @@ fn words_keep_the_mean_of_flux() {
         let size = 512.0 * (-9.0 * random.uniform()).exp();
         DVec3::new(size * random.uniform(), size, size * random.uniform().powi(4))
     }));
-    let items = fluxes.len() * LOTS;
-    let lot = |i: usize| ((i % LOTS) as f32 + 0.5) / LOTS as f32;
-    let asked: Vec<Vec4> = (0..items).map(|i| fluxes[i / LOTS].as_vec3().extend(lot(i))).collect();
-    // A normal's code, and whether it is a shadow photon's.
+    let items = fluxes.len() * RANDOM_NUMBERS;
+    let xi = |i: usize| ((i % RANDOM_NUMBERS) as f32 + 0.5) / RANDOM_NUMBERS as f32;
+    let inputs: Vec<Vec4> = (0..items).map(|i| fluxes[i / RANDOM_NUMBERS].as_vec3().extend(xi(i))).collect();
+    // The code of a normal, and whether it is a shadow photon.
     let marks: Vec<[u32; 2]> =
-        (0..items).map(|i| [(random.uniform() * 16384.0) as u32, (i / LOTS % 2) as u32]).collect();
+        (0..items).map(|i| [(random.uniform() * 16384.0) as u32, (i / RANDOM_NUMBERS % 2) as u32]).collect();
     let source = include_str!("shaders/flux_word.wgsl");
-    let composed = compose::compose_source("flux_word", source, &device_features(gpu())).unwrap();
-    let kernel = Kernel::new(gpu(), &composed, &[("count", items as f64)], &[]).unwrap();
-    let asked = gpu().upload("test/asked", &asked).unwrap();
+    let composed = compose_source("flux_word", source, &device_features(gpu())).unwrap();
+    let kernel = new_kernel(gpu(), &composed, &[("count", items as f64)], &[]).unwrap();
+    let inputs = gpu().upload("test/fluxes", &inputs).unwrap();
     let marked = gpu().upload("test/marks", &marks).unwrap();
     let words = gpu().poisoned::<[u32; 4]>("test/words", items).unwrap();
-    let own = Resources::new().with("asked", &asked).with("marks", &marked).with("words", &words);
+    let own = Resources::new().with("fluxes", &inputs).with("marks", &marked).with("words", &words);
     let bound = kernel.bind(gpu(), "encode", &[&own]).unwrap();
     let mut frame = gpu().frame("test");
     frame.run(&bound, items as u32, &[0u32; 0]);
     frame.submit().unwrap();
     let words: Vec<[u32; 4]> = gpu().read(&words, items).unwrap();
-    // Half of the step between lots, and sums of up to 32 in f32, which err by 2e-6.
-    const MOST_OFF: f64 = 0.5 / LOTS as f64 + 4e-6;
+    // Half of the step between values of xi, and sums of up to 32 in f32, which err by 2e-6.
+    const MAX_ERROR: f64 = 0.5 / RANDOM_NUMBERS as f64 + 4e-6;
     let mut blind = 0;
-    for (flux, (words, marks)) in fluxes.iter().zip(words.chunks(LOTS).zip(marks.chunks(LOTS))) {
+    for (flux, (words, marks)) in fluxes.iter().zip(words.chunks(RANDOM_NUMBERS).zip(marks.chunks(RANDOM_NUMBERS))) {
         let flux = flux.as_vec3().as_dvec3();
         let scale = [1.0, 8.0, 64.0, 512.0].into_iter().find(|scale| flux.max_element() <= *scale).unwrap();
         let exact = flux * 31.0 / scale;
         for (word, mark) in words.iter().zip(marks) {
             assert_eq!((word[0] & 0x3fff, word[0] >> 31), (mark[0], mark[1]));
-            let told = steps(word[0]);
+            let decoded = steps(word[0]);
             let sign = if mark[1] == 1 { -1.0 } else { 1.0 };
-            assert_eq!(DVec3::from([1, 2, 3].map(|c| f64::from(word[c] as i32))), told * sign);
-            let off = (told / scale - exact).abs();
-            assert!(off.max_element() < 1.0 + 4e-6, "{flux}: {told}");
+            assert_eq!(DVec3::from([1, 2, 3].map(|c| f64::from(word[c] as i32))), decoded * sign);
+            let off = (decoded / scale - exact).abs();
+            assert!(off.max_element() < 1.0 + 4e-6, "{flux}: {decoded}");
         }
         let off = |words: &[[u32; 4]]| {
             let mean = words.iter().map(|word| steps(word[0]) / scale).sum::<DVec3>() / words.len() as f64;
             (mean - exact).abs().max_element()
         };
-        assert!(off(words) <= MOST_OFF, "{flux}: the mean is off by {} steps", off(words));
-        blind += usize::from(off(&words[LOTS / 2..=LOTS / 2]) <= MOST_OFF);
+        assert!(off(words) <= MAX_ERROR, "{flux}: the mean is off by {} steps", off(words));
+        blind += usize::from(off(&words[RANDOM_NUMBERS / 2..=RANDOM_NUMBERS / 2]) <= MAX_ERROR);
     }
     assert!(blind < fluxes.len() / 5, "{blind} words to the nearest step pass for a mean");
 }

@@ -1,18 +1,19 @@
-//! Pass `gather`: records whose rays find irradiance that is put there by hand, against closed forms of the light, of its
-//! gradients and of the distances; and rays that are traced on, in furnaces.
+//! Pass `gather`: records whose rays look up irradiance that the test supplies, against closed forms of the light, of
+//! its gradients and of the distances; and rays that paths continue, in furnaces.
 
+use kernel_kit::{Binding, Bindings, Buffer, POISON, Table, TableFormat, whole_rows};
+use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::buffer::{POISON, TableFormat, whole_rows};
-use penumbra::gpu::{Binding, Bindings, Buffer, Table};
-use penumbra::passes::gather::{Gather, GatherSettings, RecordHead};
-use penumbra::passes::grid::{Grid, Photon, SortedPhotons};
-use penumbra::passes::irradiance::place_grid;
-use penumbra::passes::{Point, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordHead};
+use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
+use penumbra::internal::passes::irradiance::irradiance_point_grid;
+use penumbra::internal::passes::{Point, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::specialisation::kernels::sorting_grid;
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::irradiance::carrying;
 use crate::kit::gpu;
@@ -22,31 +23,31 @@ use crate::rooms::point;
 use crate::stage::{Stage, oct_encode};
 use crate::statistics::{Random, mean_and_error, z_test};
 
-/// Rays of a record, about.
+/// Approximate number of rays of a record.
 const RAYS: u32 = 256;
 
 /// Height of the image: a pixel's size, which bounds distances from below, is a few ten-thousandths.
 const HEIGHT: u32 = 8192;
 
-/// Places with irradiance that is known.
+/// Irradiance points with values that the test supplies.
 struct Known {
-    places: SortedPhotons,
+    points: SortedPhotons,
     table: Table,
     shape: Buffer,
 }
 
 impl Known {
-    /// Irradiance of all channels and radius at positions with their normals.
-    fn new(stage: &Stage, places: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
-        let photons: Vec<Photon> = places.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
-        let shape = place_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
-        let buffer = gpu().upload("test/places", &photons).unwrap();
-        let grid = Grid::sorting_only(gpu(), &stage.features).unwrap();
-        // Nothing is in the way of look-ups anywhere in the disc.
+    /// Irradiance points at positions with normals, all with this irradiance in every channel and this radius.
+    fn new(stage: &Stage, points: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
+        let photons: Vec<Photon> = points.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
+        let shape = irradiance_point_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
+        let buffer = gpu().upload("test/irradiance_points", &photons).unwrap();
+        let grid = Grid::sorting_only(gpu(), &sorting_grid(&stage.features)).unwrap();
+        // The whole disc is clear.
         let disc = f32::from_bits(radius.to_bits() | 255);
         let values = vec![[irradiance, irradiance, irradiance, disc]; photons.len().max(1)];
         Known {
-            places: grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap(),
+            points: grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap(),
             table: gpu().table("test/irradiances", &values, TableFormat::Float).unwrap(),
             shape: gpu().upload("test/shape", &[shape]).unwrap(),
         }
@@ -58,39 +59,40 @@ impl Bindings for Known {
         match name {
             "irradiance_table" => Some((&self.table).into()),
             "irradiance_grid" => Some((&self.shape).into()),
-            _ => self.places.get(name),
+            _ => self.points.get(name),
         }
     }
 }
 
-/// The radius of discs that hold two dozen of 20,000 places on a unit of area, so that no point is without one.
+/// Radius of discs that hold two dozen of 20,000 irradiance points on a unit of area, so that every position is near
+/// one.
 const NEAR: f32 = 0.022;
 
-/// Places all over triangles, and their normals.
-fn places_on(triangles: &[Corners], count: usize, random: &mut Random) -> Vec<(DVec3, DVec3)> {
+/// Positions distributed over triangles, and their normals.
+fn positions_on(triangles: &[Corners], count: usize, random: &mut Random) -> Vec<(DVec3, DVec3)> {
     let across = |[a, b, c]: &Corners| (*b - *a).cross(*c - *a);
     let area: f64 = triangles.iter().map(|t| across(t).length()).sum();
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     for t in triangles {
         let share = (count as f64 * across(t).length() / area).ceil() as usize;
-        places.extend((0..share).map(|_| {
+        positions.extend((0..share).map(|_| {
             let (u, v) = (random.uniform(), random.uniform());
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             (t[0] + u * (t[1] - t[0]) + v * (t[2] - t[0]), across(t).normalize())
         }));
     }
-    places
+    positions
 }
 
-/// A scene for gathers; `bent` makes records keep rotational gradients.
+/// A scene for gathers; with `bent` records have rotational gradients.
 fn stage(meshes: &[(Vec<Corners>, Material)], bent: bool) -> Stage {
-    // Where no mesh is a light a far one is one, weak enough not to count: without any there is nothing to gather.
+    // A far light, too weak to count: a scene without lights gathers nothing.
     let dim = LightKind::Point { position: Vec3::splat(50.0), intensity: Vec3::splat(1e-9), range: f32::INFINITY };
     let scene: Scene = scene(meshes, vec![dim]);
     let view = camera(DVec3::new(0.0, 0.3, 1.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [HEIGHT, HEIGHT], Technique::ShadowPhotons, |f| {
-        let smooth = bent || f.has("smooth_normals");
-        f.with("smooth_normals", smooth)
+    Stage::new(scene, &view, [HEIGHT, HEIGHT], Technique::SHADOW_PHOTONS, |f| {
+        let smooth = bent || f.has(Feature::SmoothNormals);
+        f.with(Feature::SmoothNormals, smooth)
     })
 }
 
@@ -123,7 +125,7 @@ struct Gathering<'a> {
     stage: &'a Stage,
     known: &'a Known,
     max_bounces: u32,
-    /// Records that are there before.
+    /// Number of earlier records.
     before: u32,
 }
 
@@ -132,10 +134,11 @@ impl<'a> Gathering<'a> {
         Gathering { stage, known, max_bounces: 64, before: 0 }
     }
 
-    /// Gathers at the points `wanted` of those given, by each seed; the records and the rays that were traced on.
+    /// Gathers at the points `wanted` of those given, with each seed; the records, and the number of rays that paths
+    /// continued.
     fn run(&self, points: &[(DVec3, DVec3)], wanted: &[u32], seeds: std::ops::Range<u32>) -> (Vec<Vec<Record>>, u32) {
         let features = &self.stage.features;
-        let vectors = if features.has("smooth_normals") { 6 } else { 3 };
+        let vectors = if features.has(Feature::SmoothNormals) { 6 } else { 3 };
         let mut tile = TileBuffers::new(gpu(), features, points.len() as u32, true).unwrap();
         let of_device: Vec<Point> = points.iter().map(|(p, n)| point(p.as_vec3(), n.as_vec3())).collect();
         let surfaces: Vec<[f32; 4]> =
@@ -178,19 +181,20 @@ fn ceiling() -> Vec<Corners> {
     square(DVec3::new(0.1, 0.3, 0.0), DVec3::X * 0.25, DVec3::Z * 0.2)
 }
 
-/// What a ceiling of known irradiance sends to a place.
+/// Irradiance from a ceiling of known irradiance.
 fn from_ceiling(position: DVec3, normal: DVec3) -> f64 {
     f64::from(CEILING * BRIGHT) / PI * form_factor(&ceiling(), false, position, normal, true)
 }
 
-/// A floor under a bright ceiling: irradiance by Lambert's formula, and both gradients by its central differences. What the
-/// gradients themselves may be off: strata are a ninth of the way to the horizon, and an edge of the ceiling moves as if it
-/// were between two of them: a tenth of the largest. What a turn tells has no such edge: a fiftieth.
+/// A floor under a bright ceiling: irradiance by Lambert's formula, and both gradients by its central differences. The
+/// translational gradient may be off by a tenth of the largest: strata are a ninth of the way to the horizon, and an
+/// edge of the ceiling moves as if it were between two of them. The rotational gradient has no such edge, and may be
+/// off by a fiftieth.
 #[test]
 fn records_are_closed_forms_of_a_ceiling() {
     let mut random = Random(1);
     let stage = stage(&[(ceiling(), surface(CEILING, 0.0))], true);
-    let known = Known::new(&stage, &places_on(&ceiling(), 20_000, &mut random), BRIGHT, NEAR);
+    let known = Known::new(&stage, &positions_on(&ceiling(), 20_000, &mut random), BRIGHT, NEAR);
     let tilted = DVec3::new(0.3, 0.9, -0.2).normalize();
     let points = [
         (DVec3::new(0.1, 0.0, 0.0), DVec3::Y),
@@ -202,8 +206,8 @@ fn records_are_closed_forms_of_a_ceiling() {
     let (by_seed, followed) = Gathering::new(&stage, &known).run(&points, &[0, 1, 2, 3], 0..SEEDS);
     assert_eq!(followed, 0);
     let of = |i: usize, what: &dyn Fn(&Record) -> f64| {
-        let told: Vec<f64> = by_seed.iter().map(|records| what(&records[i])).collect();
-        mean_and_error(told.iter().copied())
+        let measured: Vec<f64> = by_seed.iter().map(|records| what(&records[i])).collect();
+        mean_and_error(measured.iter().copied())
     };
     for (i, (position, normal)) in points.into_iter().enumerate() {
         let head = &by_seed[0][i].head;
@@ -223,68 +227,68 @@ fn records_are_closed_forms_of_a_ceiling() {
             let at = |step: f64| from_ceiling(position + step * axis, normal);
             (at(STEP) - at(-STEP)) / (2.0 * STEP)
         });
-        let turns = axes.map(|axis| {
+        let rotations = axes.map(|axis| {
             let at = |step: f64| from_ceiling(position, glam::DQuat::from_axis_angle(axis, step) * normal);
             (at(STEP) - at(-STEP)) / (2.0 * STEP)
         });
         let size = |values: [f64; 2]| values[0].hypot(values[1]);
-        // In the middle both are nothing: a tenth of the irradiance, over the distance, is the scale there.
-        let scales = [size(slopes).max(expected / 3.0), size(turns).max(expected * 0.1)];
+        // In the middle both gradients are 0; the scale there is a tenth of the irradiance, over the distance.
+        let scales = [size(slopes).max(expected / 3.0), size(rotations).max(expected * 0.1)];
         for k in 0..2 {
             let (slope, slope_error) = of(i, &|record| record.along(axes[k]));
-            let (turn, turn_error) = of(i, &|record| record.about(axes[k]));
+            let (rotation, rotation_error) = of(i, &|record| record.about(axes[k]));
             println!(
-                "  along {slope:.4} +- {slope_error:.4}, {:.4}; about {turn:.4} +- {turn_error:.4}, {:.4}",
-                slopes[k], turns[k]
+                "  along {slope:.4} +- {slope_error:.4}, {:.4}; about {rotation:.4} +- {rotation_error:.4}, {:.4}",
+                slopes[k], rotations[k]
             );
-            for (name, told, error, expected, scale) in [
+            for (name, measured, error, expected, scale) in [
                 ("along", slope, slope_error + 0.1 / 4.0 * scales[0], slopes[k], scales[0]),
-                ("about", turn, turn_error + 0.02 / 4.0 * scales[1], turns[k], scales[1]),
+                ("about", rotation, rotation_error + 0.02 / 4.0 * scales[1], rotations[k], scales[1]),
             ] {
-                z_test(told, error, expected, 16).unwrap_or_else(|e| panic!("{i}, {name} {}: {e}", axes[k]));
+                z_test(measured, error, expected, 16).unwrap_or_else(|e| panic!("{i}, {name} {}: {e}", axes[k]));
                 if expected.abs() > 0.5 * scale {
-                    z_test(-told, error, expected, 16).expect_err("the other way");
-                    z_test(1.3 * told, error, expected, 16).expect_err("three tenths too much");
+                    z_test(-measured, error, expected, 16).expect_err("the other way");
+                    z_test(1.3 * measured, error, expected, 16).expect_err("three tenths too much");
                 }
             }
         }
     }
 }
 
-/// Harmonic mean distances: in the middle of a sphere its radius, between wide planes 3/2 of their distance, as the mean of the
-/// cosine is 2/3 there. Even light has no gradient.
+/// Harmonic mean distances: in the middle of a sphere its radius; between wide planes 3/2 of their distance, as the
+/// mean of the cosine is 2/3 there. Uniform light has no gradient.
 #[test]
 fn distances_are_harmonic_means() {
     let mut random = Random(2);
     let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
     let planes = square(DVec3::Y * 0.01, DVec3::X * 0.5, DVec3::Z * 0.5);
-    // The planes are nearer to each other than places elsewhere are.
+    // The planes are nearer to each other than irradiance points elsewhere are.
     for (name, mesh, expected, count, radius) in
         [("sphere", ball, 0.4, 40_000, NEAR), ("planes", planes, 0.015, 400_000, 0.3 * NEAR)]
     {
         let stage = stage(&[(mesh.clone(), surface(0.5, 0.0))], false);
-        let known = Known::new(&stage, &places_on(&mesh, count, &mut random), 1.0, radius);
+        let known = Known::new(&stage, &positions_on(&mesh, count, &mut random), 1.0, radius);
         let (by_seed, followed) = Gathering::new(&stage, &known).run(&[(DVec3::ZERO, DVec3::Y)], &[0], 0..64);
-        assert_eq!(followed, 0, "{name}: rays that found no place");
+        assert_eq!(followed, 0, "{name}: rays that found no irradiance point");
         if name == "sphere" {
             for records in &by_seed {
-                // What facets send differs by the rounding of their normals' lengths.
+                // The light of facets differs by the rounding of their normals' lengths.
                 let nothing = |v: &[f32; 4]| v[..3].iter().all(|slope| slope.abs() < 1e-6 * v[3]);
                 assert!(records[0].translation.iter().all(nothing), "{:?}", records[0]);
             }
         }
-        let told = by_seed.iter().map(|records| 1.0 / f64::from(records[0].head.distance));
-        let (mean, error) = mean_and_error(told);
-        // Facets of the sphere are up to 0.3 % nearer than its radius; of the planes rays below 1.2 degrees, 0.04 % of the cosine's
-        // weight, meet nothing.
+        let measured = by_seed.iter().map(|records| 1.0 / f64::from(records[0].head.distance));
+        let (mean, error) = mean_and_error(measured);
+        // Facets of the sphere are up to 0.3 % nearer than its radius. Between the planes, rays below 1.2 degrees hit
+        // nothing: 0.04 % of the cosine's weight.
         let error = error + 1e-3 / expected;
         z_test(mean, error, 1.0 / expected, 2).unwrap_or_else(|e| panic!("{name}: {e}"));
         z_test(1.05 * mean, error, 1.0 / expected, 2).expect_err("five percent too near");
     }
 }
 
-/// In a closed room that emits 1 and reflects a, light of bounces brings pi (a + a^2 + ...) to a wall, up to a^m for m bounces: by
-/// places that tell it, by rays that are traced on where there is no place, and where places stand for discs that are wider than the
+/// In a closed room that emits 1 and has albedo a, indirect light brings pi (a + a^2 + ...) to a wall, up to a^m for m
+/// bounces: by look-ups; by paths where there is no irradiance point; and by paths where the discs are wider than the
 /// rays are long.
 #[test]
 fn furnaces_are_white() {
@@ -293,24 +297,24 @@ fn furnaces_are_white() {
     let walls = inside_out(cube(DVec3::ZERO, 0.5));
     let stage = stage(&[(walls.clone(), surface(ALBEDO, 1.0))], false);
     let a = f64::from(ALBEDO);
-    let everywhere = places_on(&walls, 120_000, &mut random);
+    let everywhere = positions_on(&walls, 120_000, &mut random);
     let all = PI / (1.0 - a);
     let points = [(DVec3::new(0.1, -0.5, 0.2), DVec3::Y), (DVec3::new(-0.5, 0.45, 0.1), DVec3::X)];
-    for (name, places, radius, max_bounces, follows) in [
-        ("told", &everywhere[..], NEAR, 64, false),
-        ("no place", &[], NEAR, 64, true),
-        ("no place", &[], NEAR, 1, true),
-        ("no place", &[], NEAR, 2, true),
+    for (name, positions, radius, max_bounces, follows) in [
+        ("look-ups", &everywhere[..], NEAR, 64, false),
+        ("no irradiance point", &[], NEAR, 64, true),
+        ("no irradiance point", &[], NEAR, 1, true),
+        ("no irradiance point", &[], NEAR, 2, true),
         ("too wide", &everywhere[..], 1e3, 64, true),
     ] {
-        let known = Known::new(&stage, places, all as f32, radius);
+        let known = Known::new(&stage, positions, all as f32, radius);
         let gathering = Gathering { max_bounces, ..Gathering::new(&stage, &known) };
         const SEEDS: u32 = 32;
         let (by_seed, rays) = gathering.run(&points, &[0, 1], 0..SEEDS);
         assert_eq!(rays > 0, follows, "{name}: {rays} rays");
         let expected = PI * (1..=max_bounces).map(|k| a.powi(k as i32)).sum::<f64>();
-        let told = by_seed.iter().flatten().map(Record::irradiance);
-        let (mean, error) = mean_and_error(told);
+        let measured = by_seed.iter().flatten().map(Record::irradiance);
+        let (mean, error) = mean_and_error(measured);
         println!("{name}, {max_bounces}: {:.4} +- {:.4}", mean / expected, error / expected);
         // Sums of some hundred values in f32.
         let error = error + 1e-5 * expected;
@@ -319,32 +323,32 @@ fn furnaces_are_white() {
     }
 }
 
-/// A ray ends in a look-up where it has come as far as the place's disc is wide, and is traced on where it has not.
+/// A ray ends in a look-up where its length is at least the radius of the disc; otherwise a path continues it.
 #[test]
 fn near_places_are_not_asked() {
     let mut random = Random(4);
     let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
     let stage = stage(&[(ball.clone(), surface(0.5, 0.0))], false);
-    let places = places_on(&ball, 40_000, &mut random);
-    for (radius, asked) in [(0.395, true), (0.405, false)] {
-        let known = Known::new(&stage, &places, 3.0, radius);
+    let positions = positions_on(&ball, 40_000, &mut random);
+    for (radius, looked_up) in [(0.395, true), (0.405, false)] {
+        let known = Known::new(&stage, &positions, 3.0, radius);
         let (by_seed, rays) = Gathering::new(&stage, &known).run(&[(DVec3::ZERO, DVec3::Y)], &[0], 0..1);
-        // Traced on, a ray's path comes to places farther off: at its next vertex it asks.
-        assert_eq!(rays == 0, asked, "radius {radius}: {rays} rays");
-        let told = by_seed[0][0].irradiance();
+        // The path that continues a ray comes to more distant irradiance points, and looks up at its next vertex.
+        assert_eq!(rays == 0, looked_up, "radius {radius}: {rays} rays");
+        let measured = by_seed[0][0].irradiance();
         // pi times 3 a / pi; half of it after one bounce more.
-        let expected = if asked { 1.5 } else { 0.75 };
-        assert!((told - expected).abs() < 1e-4, "radius {radius}: {told}");
+        let expected = if looked_up { 1.5 } else { 0.75 };
+        assert!((measured - expected).abs() < 1e-4, "radius {radius}: {measured}");
     }
 }
 
-/// A record depends on its point alone: any choice of the points, about a workgroup, more than a dispatch's rays, and behind
-/// records before, gives the same bits.
+/// A record depends only on its point: any selection of the points, about a workgroup, more than a dispatch's rays, and
+/// after earlier records, gives the same bits.
 #[test]
 fn records_depend_on_their_points_alone() {
     let mut random = Random(5);
     let stage = stage(&[(ceiling(), surface(CEILING, 0.0))], true);
-    let known = Known::new(&stage, &places_on(&ceiling(), 5000, &mut random), BRIGHT, NEAR);
+    let known = Known::new(&stage, &positions_on(&ceiling(), 5000, &mut random), BRIGHT, NEAR);
     let points: Vec<(DVec3, DVec3)> = (0..1500)
         .map(|_| (random.point() * DVec3::new(0.4, 0.1, 0.4), (DVec3::Y + 0.3 * random.direction()).normalize()))
         .collect();
@@ -357,7 +361,7 @@ fn records_depend_on_their_points_alone() {
         assert_eq!(records.len(), count as usize);
         for (i, record) in wanted.iter().zip(&records) {
             assert!(*record == all[*i as usize], "point {i} of {count}");
-            assert!(*record != all[(*i as usize + 1) % 1500], "all records are alike: the test sees nothing");
+            assert!(*record != all[(*i as usize + 1) % 1500], "all records are equal: the test proves nothing");
         }
     }
 }

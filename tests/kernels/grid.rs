@@ -1,10 +1,13 @@
 //! Pass `grid` against a sort on the CPU.
 
+use crate::kit::new_kernel;
+use kernel_kit::{Bindings, Gpu, Resources};
+use penumbra::internal::kernels::{compose, compose_source};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::HashMap;
 
 use glam::Vec3;
-use penumbra::gpu::{Bindings, Features, Gpu, Kernel, Resources, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, photon};
@@ -16,7 +19,11 @@ struct DumpParameters { photons: u32, starts: u32 }
 @group(0) @binding(1) var<storage, read_write> dumped_starts: array<u32>;
 @group(0) @binding(2) var<storage, read> lengths: array<u32, 2>;
 @compute @workgroup_size(64)
-fn dump(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn dump(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = (group.x + group.y * groups.x) * 64u + lane;
     if i < lengths[0] { dumped_photons[i] = load_photon(i); }
     if i < lengths[1] { dumped_starts[i] = load_cell_start(i); }
@@ -24,8 +31,8 @@ fn dump(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
 
 /// The sorted photons and the start of every cell, as kernels see them.
 fn dump(gpu: &Gpu, grid: &PhotonGrid) -> (Vec<Photon>, Vec<u32>) {
-    let composed = compose::compose_source("dump", DUMP, &device_features(gpu)).unwrap();
-    let kernel = Kernel::new(gpu, &composed, &[], &[]).unwrap();
+    let composed = compose_source("dump", DUMP, &device_features(gpu)).unwrap();
+    let kernel = new_kernel(gpu, &composed, &[], &[]).unwrap();
     let (photons, starts) = (grid.photons, grid.shape.cells() * grid.lights + 1);
     let dumped_photons = gpu.poisoned::<Photon>("test/photons", photons as usize).unwrap();
     let dumped_starts = gpu.poisoned::<u32>("test/starts", starts as usize).unwrap();
@@ -46,7 +53,7 @@ fn key(photon: &Photon, shape: &GridShape) -> u32 {
         let at = ((photon.position[axis] - shape.origin[axis]) * shape.inverse_cell).floor();
         (at as i64).clamp(0, i64::from(shape.size[axis]) - 1) as u32
     };
-    let light = (photon.word >> 14) & 0x7ff;
+    let light = photon.light();
     ((light * shape.size[2] + cell(2)) * shape.size[1] + cell(1)) * shape.size[0] + cell(0)
 }
 
@@ -69,8 +76,12 @@ fn sorts(photons: &[Photon], shape: &GridShape, sorted: &[Photon], starts: &[u32
         })
 }
 
+fn map_features(gpu: &Gpu) -> Features {
+    device_features(gpu).with(Feature::VisibilityMap, true)
+}
+
 fn build(gpu: &Gpu, photons: &[Photon], lights: u32, shape: GridShape) -> PhotonGrid {
-    let pass = Grid::new(gpu, &device_features(gpu), 50).unwrap();
+    let pass = Grid::new(gpu, &map_features(gpu), 50).unwrap();
     let buffer = gpu.upload("test/photons", photons).unwrap();
     pass.build(gpu, &buffer, photons.len() as u32, lights, shape).unwrap()
 }
@@ -103,7 +114,7 @@ fn millions_of_photons_are_sorted() {
     let gpu = gpu();
     let count = 65_535 * 64 + 77;
     let photons = scattered(count, 2, &mut Random(2));
-    // Coarse cells, too full to be judged: this is about sorting.
+    // Coarse cells, too full to be classified: this is about sorting.
     let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 600, 2, 50);
     let (sorted, starts) = dump(gpu, &build(gpu, &photons, 2, shape));
     assert!(sorts(&photons, &shape, &sorted, &starts));
@@ -178,7 +189,7 @@ fn shapes_are_bounded() {
 #[test]
 fn settings_out_of_range_are_refused() {
     let gpu = gpu();
-    let features = device_features(gpu);
+    let features = map_features(gpu);
     for nearest in [0, 512] {
         let problem = Grid::new(gpu, &features, nearest).err().unwrap().to_string();
         assert!(problem.contains(&nearest.to_string()), "{problem}");
@@ -197,10 +208,10 @@ fn every_set_of_features_composes() {
         for paper_counting in [false, true] {
             for light_tags in [false, true] {
                 let features = Features::default()
-                    .with("texture_loads", texture_loads)
-                    .with("paper_counting", paper_counting)
-                    .with("light_tags", light_tags);
-                compose::compose("grid", &features).unwrap();
+                    .with(Feature::TextureLoads, texture_loads)
+                    .with(Feature::PaperCounting, paper_counting)
+                    .with(Feature::LightTags, light_tags);
+                compose("grid", &features).unwrap();
             }
         }
     }

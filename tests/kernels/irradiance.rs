@@ -1,15 +1,21 @@
-//! Pass `irradiance`: density estimates against brute force over photons made by hand, and against the irradiance that they
-//! stand for; and the look-up of the nearest place.
+//! Pass `irradiance`: density estimates against brute force over photons that the test supplies, and against the
+//! irradiance that they represent; and the look-up of the nearest irradiance point.
 
+use crate::kit::new_kernel;
+use kernel_kit::{Bindings, Kernel, POISON, Resources};
+use penumbra::internal::kernels::{compose, compose_source};
+use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Bindings, Kernel, Resources, buffer::POISON, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
-use penumbra::passes::irradiance::{IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, place_grid};
-use penumbra::passes::{INVALID_POINT, Point};
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
+use penumbra::internal::passes::irradiance::{
+    IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, irradiance_point_grid,
+};
+use penumbra::internal::passes::{INVALID_POINT, Point};
+use penumbra::internal::specialisation::kernels::sorting_grid;
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::flux::steps;
 use crate::kit::gpu;
@@ -18,7 +24,7 @@ use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal
 use crate::stage::{Crossing, Stage, crossings, hash};
 use crate::statistics::{mean_and_error, z_test};
 
-/// What the kernel writes where there is nothing to be told.
+/// The radius that the kernel writes where there is no estimate.
 const FAR: f32 = 1e30;
 
 /// Probes of a disc.
@@ -32,15 +38,19 @@ pub fn carrying(position: Vec3, normal: Vec3, flux: [u32; 3]) -> Photon {
 }
 
 /// Rectangles as a scene of one material, for kernels with the feature `shown` too.
-fn stage(rectangles: &[Rectangle], shown: Option<&'static str>) -> Stage {
+fn stage(rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
     let triangles = rectangles.iter().flat_map(|Rectangle(p, a, b)| {
         let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
         [[p, q, r], [p, r, s]]
     });
-    let light = penumbra::scene::LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY };
+    let light = penumbra::internal::scene::LightKind::Point {
+        position: Vec3::ZERO,
+        intensity: Vec3::ONE,
+        range: f32::INFINITY,
+    };
     let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::ShadowPhotons, |features| match shown {
+    Stage::new(scene, &view, [1, 1], Technique::SHADOW_PHOTONS, |features| match shown {
         Some(feature) => features.with(feature, true),
         None => features,
     })
@@ -53,9 +63,9 @@ struct Bench {
     kernel: Kernel,
 }
 
-/// Places in the order of their cells, and what is told there: irradiance, and the radius of the disc.
-struct Told {
-    places: Vec<Photon>,
+/// Irradiance points in the order of their cells, and their estimates: irradiance, and the radius of the disc.
+struct Estimates {
+    points: Vec<Photon>,
     irradiances: Vec<[f32; 4]>,
     /// As the kernel counts them.
     not_finite: u32,
@@ -66,13 +76,13 @@ impl Bench {
         Bench::with(rectangles, None)
     }
 
-    fn with(rectangles: &[Rectangle], shown: Option<&'static str>) -> Bench {
+    fn with(rectangles: &[Rectangle], shown: Option<Feature>) -> Bench {
         let stage = stage(rectangles, shown);
-        let composed = compose::compose("irradiance", &stage.features).unwrap();
+        let composed = compose("irradiance", &stage.features).unwrap();
         let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
-        let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
-        Bench { grid: Grid::sorting_only(gpu(), &stage.features).unwrap(), kernel, stage }
+        let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
+        Bench { grid: Grid::sorting_only(gpu(), &sorting_grid(&stage.features)).unwrap(), kernel, stage }
     }
 
     fn sort(&self, photons: &[Photon], shape: GridShape) -> SortedPhotons {
@@ -80,29 +90,29 @@ impl Bench {
         self.grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap()
     }
 
-    /// Runs the kernel by itself, its output poisoned: behind the places' it must stay so.
-    fn tell(&self, map: &SortedPhotons, places: &SortedPhotons, step: f32) -> Told {
+    /// Runs only the kernel, on poisoned output: behind the irradiance points the poison must stay.
+    fn estimate(&self, map: &SortedPhotons, irradiance_points: &SortedPhotons, step: f32) -> Estimates {
         const BEYOND: usize = 5;
-        let count = places.count as usize;
+        let count = irradiance_points.count as usize;
         let irradiances = gpu().poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
         let counters = gpu().buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let own = Resources::new()
-            .with("places", &places.sorted)
+            .with("irradiance_points", &irradiance_points.sorted)
             .with("irradiances", &irradiances)
             .with("counters", &counters);
         let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
-        frame.run(&bound, places.count, &parameters(map, places.count, [step, 1.0]));
+        frame.run(&bound, irradiance_points.count, &parameters(map, irradiance_points.count, [step, 1.0]));
         frame.submit().unwrap();
         let mut irradiances: Vec<[f32; 4]> = gpu().read(&irradiances, count + BEYOND).unwrap();
         let beyond = irradiances.split_off(count);
-        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} places");
-        assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} places");
+        assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} irradiance points");
+        assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} irradiance points");
         let not_finite = gpu().read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
-        Told { places: gpu().read(&places.sorted, count).unwrap(), irradiances, not_finite }
+        Estimates { points: gpu().read(&irradiance_points.sorted, count).unwrap(), irradiances, not_finite }
     }
 
-    /// What an entry point leaves at points: `show` over poison, `caustics` on top of 1.
+    /// The output of an entry point at points: `show` over poison, `caustics` on top of 1.
     fn show(
         &self,
         entry: &str,
@@ -144,12 +154,12 @@ fn parameters(map: &SortedPhotons, count: u32, [step, shrink]: [f32; 2]) -> [u32
 
 const BOUNDS: (Vec3, Vec3) = (Vec3::splat(-0.5), Vec3::splat(0.5));
 
-/// What brute force says of a place.
+/// The estimate by brute force.
 struct Expected {
-    /// Steps over the disc's area, before they are divided by the share of it that is surface.
+    /// Steps over the disc's area, not yet divided by the share of the disc that is surface.
     density: DVec3,
     radius: f64,
-    /// It hangs on rounding which photons count.
+    /// Whether rounding decides which photons count.
     doubtful: bool,
 }
 
@@ -160,10 +170,10 @@ fn cell_at(shape: &GridShape, position: Vec3) -> [i64; 3] {
     })
 }
 
-/// The disc is what holds k photons at the density of 27 cells, nine of them on a surface; no wider than a cell. Photons
-/// count within an ellipsoid a quarter as high, of normals within 45 degrees.
-fn brute_force(photons: &[Photon], shape: &GridShape, place: &Photon) -> Expected {
-    density(photons, shape, Vec3::from(place.position), photon_normal(place.word), 1.0)
+/// The disc would hold k photons at the density of 27 cells, nine of them on a surface, and is no wider than a cell.
+/// Photons count within an ellipsoid a quarter as high as wide, with normals within 45 degrees.
+fn brute_force(photons: &[Photon], shape: &GridShape, irradiance_point: &Photon) -> Expected {
+    density(photons, shape, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), 1.0)
 }
 
 /// The same for a point and a normal, with a disc `shrink` times as wide.
@@ -191,9 +201,10 @@ fn density(photons: &[Photon], shape: &GridShape, x: Vec3, n: DVec3, shrink: f64
     expected
 }
 
-/// The area of the surface in the search ellipsoid over that of the disc, by probes; none where that hangs on rounding.
-fn covered(stage: &Stage, place: &Photon, radius: f64) -> Option<(f64, f64)> {
-    covered_about(stage, Vec3::from(place.position), photon_normal(place.word), radius)
+/// The area of the surface in the search ellipsoid over that of the disc, by probes, and the clear part of its radius;
+/// None where rounding decides.
+fn covered(stage: &Stage, irradiance_point: &Photon, radius: f64) -> Option<(f64, f64)> {
+    covered_about(stage, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), radius)
 }
 
 fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option<(f64, f64)> {
@@ -205,24 +216,24 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
     let tangents =
         [DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y)];
     let [i, j, k] = position.to_array().map(f32::to_bits);
-    let turn = f64::from(hash(&[k, j, i]) >> 8) / f64::from(1 << 24);
+    let rotation = f64::from(hash(&[k, j, i]) >> 8) / f64::from(1 << 24);
     let height = radius / 4.0;
     let (mut found, mut slant) = (0, 0.0);
     for probe in 0..PROBES {
         let part = (f64::from(probe) + 0.5) / f64::from(PROBES);
         let distance = radius * part.sqrt();
-        let angle = TAU * (turn + f64::from(probe) * 0.61803399);
+        let angle = TAU * (rotation + f64::from(probe) * 0.61803399);
         let above = x + distance * (angle.cos() * tangents[0] + angle.sin() * tangents[1]) + height * n;
         // Rays start 1e-5 to 3e-5 above the surface.
         let origin = x + 2e-5 * n;
         let length = (above - origin).length();
         let there = crossings(&stage.scene, origin, (above - origin) / length);
         let down = crossings(&stage.scene, above, -n);
-        // The ellipsoid's part over and under the place of the probe.
+        // Half the height of the ellipsoid at the probe.
         let half = height * (1.0 - part).sqrt();
         let ways = [(&there, 0.0, length), (&down, height - half, height + half)];
         let hits = ways.map(|(all, start, end)| {
-            // Too near to an end of the way, or to an edge of a triangle a tenth wide at least, to tell.
+            // Undecided near an end of the segment, and near an edge of a triangle, which is at least a tenth wide.
             let at_end = |c: &Crossing| (c.t - start).abs().min((c.t - end).abs()) < 1e-5;
             let doubtful = |c: &Crossing| at_end(c) || (c.inside.abs() < 1e-4 && c.t > start && c.t < end);
             let first = all.iter().find(|c| c.t > start && c.t < end && c.inside > 0.0);
@@ -238,9 +249,9 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
             slant += 1.0 / cosine;
         }
     }
-    // Without bias for one over the share.
+    // Unbiased for 1 over the share.
     let share = slant / f64::from(found.max(1)) * f64::from(found + 1) / f64::from(PROBES + 1);
-    // The part of the radius within which a straight edge leaves out no more than the probes that are missing, and one more.
+    // The part of the radius at which a straight edge cuts off as much as the missing probes, and one more.
     let missing = f64::from(PROBES - found + 1) / f64::from(PROBES);
     let clear = if found == PROBES { 0.8 } else { (1.0 - (2.0 * missing).powf(0.63)).max(0.0) };
     Some(if found == 0 { (0.0, 0.0) } else { (share, clear) })
@@ -274,45 +285,50 @@ fn somewhere(rectangles: &[Rectangle], random: &mut Random) -> (Vec3, Vec3) {
     (on(rectangle, random), rectangle.normal())
 }
 
-/// How far estimates on an open floor are off, relative to themselves.
+/// Relative errors of estimates on an open floor.
 pub fn rounding() -> Vec<f64> {
     let floor = [Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0))];
     let bench = Bench::new(&floor);
     let mut random = Random(4);
     let mut lying = |flux: bool| {
         let photon = photon(on(&floor[0], &mut random), Vec3::Y, 0, false);
-        // Of one sign: differences are as exact, but not relative to themselves.
+        // All of one sign: differences have larger relative errors.
         Photon { word: photon.word | if flux { random.word() & 0x7fff_c000 } else { 0 }, ..photon }
     };
     let photons: Vec<Photon> = (0..20_000).map(|_| lying(true)).collect();
-    let places: Vec<Photon> = (0..1000).map(|_| lying(false)).collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
-    let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 1.0), 1000)), 1e-4);
-    let error = |(place, [r, g, b, _]): (&Photon, &[f32; 4])| {
-        let expected = brute_force(&photons, &shape, place);
-        let (share, _) = covered(&bench.stage, place, expected.radius).filter(|_| !expected.doubtful)?;
+    let irradiance_points: Vec<Photon> = (0..1000).map(|_| lying(false)).collect();
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
+    let estimates = bench.estimate(
+        &bench.sort(&photons, shape),
+        &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 1.0), 1000)),
+        1e-4,
+    );
+    let error = |(irradiance_point, [r, g, b, _]): (&Photon, &[f32; 4])| {
+        let expected = brute_force(&photons, &shape, irradiance_point);
+        let (share, _) = covered(&bench.stage, irradiance_point, expected.radius).filter(|_| !expected.doubtful)?;
         let right = expected.density * f64::from(1e-4f32) / share;
         let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
         (share > 0.0).then(|| ((value - right).abs() / right).max_element())
     };
-    told.places.iter().zip(&told.irradiances).filter_map(error).collect()
+    estimates.points.iter().zip(&estimates.irradiances).filter_map(error).collect()
 }
 
-/// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, places about a
-/// workgroup, on surfaces, at edges and corners and in the open, in grids of cells that are full and that are not.
+/// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, numbers of
+/// irradiance points about a workgroup, on surfaces, at edges and corners and in the open, in grids of full and of
+/// sparse cells.
 #[test]
 fn estimates_are_those_of_brute_force() {
     let rectangles = corner_and_cube();
     let bench = Bench::new(&rectangles);
     let mut random = Random(2);
-    // Some normals are not those of their surface.
+    // Some normals differ from those of their surface.
     let tilted = |random: &mut Random| {
         let (position, normal) = somewhere(&rectangles, random);
         let tilt = if random.unit() < 0.7 { 0.0 } else { random.unit() };
         (position, (normal + tilt * random.direction()).normalize())
     };
     let (mut checked, mut doubts, mut partly) = (0, 0, 0);
-    for (photon_count, place_count) in [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (20_000, 400)] {
+    for (photon_count, irradiance_point_count) in [(0, 65), (1, 1), (20, 0), (3000, 63), (3000, 64), (20_000, 400)] {
         let photons: Vec<Photon> = (0..photon_count)
             .map(|_| {
                 let (position, normal) = tilted(&mut random);
@@ -320,63 +336,68 @@ fn estimates_are_those_of_brute_force() {
                 Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
             })
             .collect();
-        let places: Vec<Photon> = (0..place_count)
+        let irradiance_points: Vec<Photon> = (0..irradiance_point_count)
             .map(|_| {
                 let (position, normal) = tilted(&mut random);
                 photon(position, normal, 0, false)
             })
             .collect();
-        let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
+        let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
         let step = 1e-4f32;
-        let told = bench.tell(
+        let estimates = bench.estimate(
             &bench.sort(&photons, shape),
-            &bench.sort(&places, place_grid((BOUNDS, 3.0), place_count)),
+            &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_point_count)),
             step,
         );
-        for (place, [r, g, b, radius]) in told.places.iter().zip(&told.irradiances) {
-            let expected = brute_force(&photons, &shape, place);
+        for (irradiance_point, [r, g, b, radius]) in estimates.points.iter().zip(&estimates.irradiances) {
+            let expected = brute_force(&photons, &shape, irradiance_point);
             checked += 1;
-            let Some((share, clear)) = covered(&bench.stage, place, expected.radius).filter(|_| !expected.doubtful)
+            let Some((share, clear)) =
+                covered(&bench.stage, irradiance_point, expected.radius).filter(|_| !expected.doubtful)
             else {
                 doubts += 1;
                 continue;
             };
             let value = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
             if share == 0.0 {
-                assert_eq!((value, *radius), (DVec3::ZERO, FAR), "{place:?}");
+                assert_eq!((value, *radius), (DVec3::ZERO, FAR), "{irradiance_point:?}");
                 continue;
             }
             let right = expected.density * f64::from(step) / share;
-            // Sums are whole numbers: what is left are a square and some quotients in f32.
+            // Sums are whole numbers: only a square and some quotients are rounded.
             let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
-            assert!(agrees(right), "{place:?}: {value}, expected {right}");
-            // The last eight bits are another number.
+            assert!(agrees(right), "{irradiance_point:?}: {value}, expected {right}");
+            // The last eight bits hold the clear part.
             assert!((f64::from(*radius) - expected.radius).abs() < 5e-5 * expected.radius);
-            assert!((f64::from(radius.to_bits() & 255) / 255.0 - clear).abs() < 1.001 / 255.0, "{place:?}: {clear}");
+            assert!(
+                (f64::from(radius.to_bits() & 255) / 255.0 - clear).abs() < 1.001 / 255.0,
+                "{irradiance_point:?}: {clear}"
+            );
             if right != DVec3::ZERO {
                 assert!(!agrees(right * 16.0 / 17.0), "a probe more");
                 partly += u32::from(!agrees(right * share));
             }
         }
     }
-    println!("{checked} places, {doubts} in doubt, {partly} partly covered");
+    println!("{checked} irradiance points, {doubts} undecided, {partly} partly covered");
     assert!(doubts * 5 < checked && partly > 50);
 }
 
-/// A surface that photons cover evenly, and places on it.
+/// A surface that photons cover evenly, and irradiance points on it.
 struct Lit {
     name: &'static str,
-    /// All there is; photons lie on those that `lit` chooses of a rectangle's number and a position.
+    /// The whole scene; photons lie where `lit` accepts a rectangle's number and a position.
     rectangles: Vec<Rectangle>,
     lit: fn(usize, Vec3) -> bool,
-    /// Where the places are, on the first rectangle.
-    place: fn(Vec3) -> bool,
+    /// Where irradiance points are, on the first rectangle.
+    within: fn(Vec3) -> bool,
     /// Whether a part of their discs is missing.
     cut: bool,
 }
 
-/// Photons of an even irradiance tell that irradiance in the mean, in the open, at an edge, in a corner, beside a cube, and on a wall
-/// that is thin: also where the disc hangs over the edge. Without the share of the disc that is surface they would not.
+/// The mean estimate of photons of a uniform irradiance is that irradiance: in the open, at an edge, in a corner,
+/// beside a cube, and on a thin wall, also where the disc hangs over the edge. Without the share of the disc that is
+/// surface it would not be.
 #[test]
 fn even_light_is_even() {
     let v = Vec3::new;
@@ -388,47 +409,47 @@ fn even_light_is_even() {
             name: "open floor",
             rectangles: vec![floor],
             lit: |_, _| true,
-            place: |p| p.x.abs().max(p.z.abs()) < 0.3,
+            within: |p| p.x.abs().max(p.z.abs()) < 0.3,
             cut: false,
         },
         Lit {
             name: "edge",
             rectangles: vec![floor],
             lit: |_, _| true,
-            place: |p| p.x > 0.4 && p.z.abs() < 0.3,
+            within: |p| p.x > 0.4 && p.z.abs() < 0.3,
             cut: true,
         },
         Lit {
             name: "corner",
             rectangles: corner_and_cube(),
             lit: outside_cube,
-            place: |p| p.x < -0.42 && p.z < 0.0,
+            within: |p| p.x < -0.42 && p.z < 0.0,
             cut: true,
         },
         Lit {
             name: "beside a cube",
             rectangles: corner_and_cube(),
             lit: outside_cube,
-            place: |p| (0.15..0.22).contains(&(p.x - 0.1).abs().max((p.z - 0.1).abs())),
+            within: |p| (0.15..0.22).contains(&(p.x - 0.1).abs().max((p.z - 0.1).abs())),
             cut: true,
         },
         Lit {
             name: "lit side of a thin wall",
             rectangles: vec![floor, under],
             lit: |i, _| i == 0,
-            place: |p| p.x.abs() < 0.3,
+            within: |p| p.x.abs() < 0.3,
             cut: false,
         },
     ];
     const MAPS: usize = 64;
     const DENSITY: f32 = 3000.0;
-    const PLACES: u32 = 256;
+    const IRRADIANCE_POINTS: u32 = 256;
     const STEP: f32 = 1e-3;
     let mut random = Random(5);
     for case in cases {
         let bench = Bench::new(&case.rectangles);
         let area: f32 = case.rectangles.iter().map(Rectangle::area).sum();
-        let (mut told, mut uncorrected) = (Vec::new(), Vec::new());
+        let (mut estimates, mut uncorrected) = (Vec::new(), Vec::new());
         for _ in 0..MAPS {
             let mut photons = Vec::new();
             for (i, rectangle) in case.rectangles.iter().enumerate() {
@@ -437,21 +458,25 @@ fn even_light_is_even() {
                 photons.extend(positions.map(|p| carrying(p, rectangle.normal(), [31, 20, 1])));
             }
             let floor = &case.rectangles[0];
-            let tries = std::iter::repeat_with(|| on(floor, &mut random)).filter(|p| (case.place)(*p));
-            let places: Vec<Photon> =
-                tries.take(PLACES as usize).map(|p| photon(p, floor.normal(), 0, false)).collect();
-            let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
+            let tries = std::iter::repeat_with(|| on(floor, &mut random)).filter(|p| (case.within)(*p));
+            let irradiance_points: Vec<Photon> =
+                tries.take(IRRADIANCE_POINTS as usize).map(|p| photon(p, floor.normal(), 0, false)).collect();
+            let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
             let map = bench.sort(&photons, shape);
-            let of = bench.tell(&map, &bench.sort(&places, place_grid((BOUNDS, area), PLACES)), STEP);
-            let n = f64::from(PLACES);
-            told.push(of.irradiances.iter().map(|told| f64::from(told[0])).sum::<f64>() / n);
+            let of = bench.estimate(
+                &map,
+                &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, area), IRRADIANCE_POINTS)),
+                STEP,
+            );
+            let n = f64::from(IRRADIANCE_POINTS);
+            estimates.push(of.irradiances.iter().map(|estimates| f64::from(estimates[0])).sum::<f64>() / n);
             if case.cut {
-                let density = |place| brute_force(&photons, &shape, place).density.x;
-                uncorrected.push(of.places.iter().map(density).sum::<f64>() * f64::from(STEP) / n);
+                let density = |irradiance_point| brute_force(&photons, &shape, irradiance_point).density.x;
+                uncorrected.push(of.points.iter().map(density).sum::<f64>() * f64::from(STEP) / n);
             }
         }
         let expected = f64::from(DENSITY) * 31.0 * f64::from(STEP);
-        let (mean, error) = mean_and_error(told.iter().copied());
+        let (mean, error) = mean_and_error(estimates.iter().copied());
         println!("{}: {:.4} +- {:.4}", case.name, mean / expected, error / expected);
         z_test(mean, error, expected, 5).unwrap_or_else(|e| panic!("{}: {e}", case.name));
         z_test(1.05 * mean, error, expected, 5).expect_err("five percent too much");
@@ -463,7 +488,7 @@ fn even_light_is_even() {
     }
 }
 
-/// The other side of a thin wall is dark: nothing of the lit side comes through.
+/// The other side of a thin wall is dark: no light of the lit side comes through.
 #[test]
 fn thin_walls_let_nothing_through() {
     let v = Vec3::new;
@@ -472,49 +497,58 @@ fn thin_walls_let_nothing_through() {
     let bench = Bench::new(&[top, under]);
     let mut random = Random(8);
     let photons: Vec<Photon> = (0..3000).map(|_| carrying(on(&top, &mut random), Vec3::Y, [31; 3])).collect();
-    let places: Vec<Photon> = (0..200)
+    let irradiance_points: Vec<Photon> = (0..200)
         .map(|i| {
             let side = if i % 2 == 0 { &top } else { &under };
             photon(on(side, &mut random), side.normal(), 0, false)
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
-    let told = bench.tell(&bench.sort(&photons, shape), &bench.sort(&places, place_grid((BOUNDS, 2.0), 200)), 1.0);
-    for (place, told) in told.places.iter().zip(&told.irradiances) {
-        assert_eq!(told[0] > 0.0, photon_normal(place.word).y > 0.0, "{place:?}: {told:?}");
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
+    let estimates = bench.estimate(
+        &bench.sort(&photons, shape),
+        &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 2.0), 200)),
+        1.0,
+    );
+    for (irradiance_point, estimates) in estimates.points.iter().zip(&estimates.irradiances) {
+        assert_eq!(
+            estimates[0] > 0.0,
+            photon_normal(irradiance_point.word).y > 0.0,
+            "{irradiance_point:?}: {estimates:?}"
+        );
     }
 }
 
-/// Places whose irradiance is beyond f32 tell nothing and are counted; one that no photon reaches is none of them unless the
-/// step itself is no number.
+/// Irradiance points whose irradiance is beyond f32 have no estimate and are counted. Those that no photon reaches are
+/// not among them, unless the step itself is infinite.
 #[test]
-fn irradiance_that_is_no_number_tells_nothing() {
+fn irradiance_that_is_not_finite_gives_no_estimate() {
     let rectangles = corner_and_cube();
     let bench = Bench::new(&rectangles);
     let mut random = Random(9);
     let floor = &rectangles[0];
     let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
-    let places: Vec<Photon> = rectangles
+    let irradiance_points: Vec<Photon> = rectangles
         .iter()
         .flat_map(|rectangle| [(); 10].map(|()| photon(on(rectangle, &mut random), rectangle.normal(), 0, false)))
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
-    let tell = |step: f32| {
-        let sorted = bench.sort(&places, place_grid((BOUNDS, 3.0), places.len() as u32));
-        bench.tell(&bench.sort(&photons, shape), &sorted, step)
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let estimate = |step: f32| {
+        let sorted =
+            bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_points.len() as u32));
+        bench.estimate(&bench.sort(&photons, shape), &sorted, step)
     };
-    let lit = |told: &Told| told.irradiances.iter().filter(|told| told[0] > 0.0).count();
-    let sound = tell(1e-4);
+    let lit = |estimates: &Estimates| estimates.irradiances.iter().filter(|estimates| estimates[0] > 0.0).count();
+    let sound = estimate(1e-4);
     assert!(lit(&sound) > 5 && sound.not_finite == 0, "{}", sound.not_finite);
-    let beyond = tell(1e38);
+    let beyond = estimate(1e38);
     assert_eq!((lit(&beyond), beyond.not_finite as usize), (0, lit(&sound)));
-    assert!(tell(f32::INFINITY).not_finite > beyond.not_finite);
+    assert!(estimate(f32::INFINITY).not_finite > beyond.not_finite);
 }
 
-/// What the entry points `show` and `caustics` leave at points, on top of 1: one without a normal, and one that reflects nothing,
-/// among those on all surfaces.
+/// The entry points `show` and `caustics` give the estimates of brute force at points on all surfaces, some of them
+/// invalid and some black.
 #[test]
-fn points_are_shown_what_brute_force_tells() {
+fn shown_points_are_those_of_brute_force() {
     const STEP: f32 = 1e-4;
     let rectangles = corner_and_cube();
     let mut random = Random(11);
@@ -525,8 +559,8 @@ fn points_are_shown_what_brute_force_tells() {
             Photon { word: photon.word | (random.word() & !0x3fff), ..photon }
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
-    for (entry, feature, shrink) in [("show", "photon_map", 1.0), ("caustics", "caustics", 0.6f32)] {
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    for (entry, feature, shrink) in [("show", Feature::PhotonMap, 1.0), ("caustics", Feature::Caustics, 0.6f32)] {
         let bench = Bench::with(&rectangles, Some(feature));
         let map = bench.sort(&photons, shape);
         for count in [0usize, 1, 63, 64, 65, 300] {
@@ -539,7 +573,7 @@ fn points_are_shown_what_brute_force_tells() {
             let surfaces: Vec<[f32; 4]> =
                 (0..count).map(|i| [0, 1, 2, 3].map(|_| if i % 11 == 5 { 0.0 } else { random.unit() })).collect();
             let shown = bench.show(entry, &map, &points, &surfaces, [STEP, shrink]);
-            let mut told = 0;
+            let mut estimates = 0;
             for ((point, [r, g, b, _]), value) in points.iter().zip(&surfaces).zip(&shown) {
                 let albedo = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
                 let before = if entry == "show" { 0.0 } else { 1.0 };
@@ -558,48 +592,50 @@ fn points_are_shown_what_brute_force_tells() {
                 }
                 let off = |expected: DVec3| {
                     let value = DVec3::new(f64::from(value[0]), f64::from(value[1]), f64::from(value[2]));
-                    // Whole sums, some products and quotients in f32; what is added to 1 is rounded with it.
+                    // Sums are whole numbers, some products and quotients are in f32; a value added to 1 is rounded
+                    // with it.
                     (value - expected).abs().max_element() / (2e-5 * (expected - before).abs().max_element() + 2e-7)
                 };
                 assert!(off(expected) <= 1.0, "{entry}, {point:?}: {value:?}, expected {expected}");
                 if expected != DVec3::splat(before) {
-                    told += 1;
-                    // One of both signs may be next to nothing.
+                    estimates += 1;
+                    // A sum of both signs may be near 0.
                     let weak = (expected - before).abs().max_element() < 1e-4;
                     assert!(weak || off(before + (expected - before) * 1.01) > 1.0, "a hundredth too much would pass");
                 }
             }
-            assert!(count < 300 || told > 150, "{entry}: {told} points of {count} are told something");
+            assert!(count < 300 || estimates > 150, "{entry}: {estimates} points of {count} have an estimate");
         }
     }
 }
 
-/// More points than a device takes groups of one dispatch along an axis, nearly all of them nowhere: the last few are told.
+/// More points than a dispatch has groups along one axis, nearly all of them invalid: the last few are estimated.
 #[test]
 fn points_beyond_an_axis_of_groups_are_shown() {
     let rectangles = corner_and_cube();
     let mut random = Random(12);
     let floor = &rectangles[0];
     let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
     let nowhere = Point { position: [0.0; 3], normal: INVALID_POINT };
     let mut points = vec![nowhere; 65_535 * 64 + 100];
-    let told = points.len() - 50..points.len();
-    points[told.clone()].fill_with(|| point(on(floor, &mut random), floor.normal()));
+    let estimates = points.len() - 50..points.len();
+    points[estimates.clone()].fill_with(|| point(on(floor, &mut random), floor.normal()));
     let surfaces = vec![[1.0; 4]; points.len()];
-    for (entry, feature, before) in [("show", "photon_map", 0.0), ("caustics", "caustics", 1.0)] {
+    for (entry, feature, before) in [("show", Feature::PhotonMap, 0.0), ("caustics", Feature::Caustics, 1.0)] {
         let bench = Bench::with(&rectangles, Some(feature));
         let shown = bench.show(entry, &bench.sort(&photons, shape), &points, &surfaces, [1e-4, 1.0]);
         let changed: Vec<usize> = (0..shown.len()).filter(|&i| shown[i][0] != before).collect();
-        assert!(changed.iter().all(|i| told.contains(i)), "{entry}: told where nothing is");
-        assert!(changed.len() > 40, "{entry}: {} of the last points are told", changed.len());
+        assert!(changed.iter().all(|i| estimates.contains(i)), "{entry}: written at invalid points");
+        assert!(changed.len() > 40, "{entry}: {} of the last points are estimated", changed.len());
     }
 }
 
-/// A look-up tells what its table holds for the nearest place of the point's surface where that is within half a cell; else that of
-/// some place of the surface not two cells away, or nothing. The table holds what the kernel wrote.
+/// A look-up gives the table's value for the nearest irradiance point of the same surface, if that is within half a
+/// cell; otherwise the value of one of that surface less than two cells away, or none. The table holds what the kernel
+/// wrote.
 #[test]
-fn look_ups_find_the_nearest_place() {
+fn look_ups_find_the_nearest_irradiance_point() {
     let rectangles = corner_and_cube();
     let bench = Bench::new(&rectangles);
     let mut random = Random(4);
@@ -609,11 +645,11 @@ fn look_ups_find_the_nearest_place() {
             carrying(position, normal, [random.word() % 32, random.word() % 32, random.word() % 32])
         })
         .collect();
-    let shape = GridShape::with_cells_of(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
+    let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     let map = bench.sort(&photons, shape);
     let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
-    for (place_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
-        let places: Vec<Photon> = (0..place_count)
+    for (irradiance_point_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
+        let irradiance_points: Vec<Photon> = (0..irradiance_point_count)
             .map(|_| {
                 let (position, normal) = somewhere(&rectangles, &mut random);
                 photon(position, normal, 0, false)
@@ -627,20 +663,21 @@ fn look_ups_find_the_nearest_place() {
                 point(position + off * random.direction(), normal)
             })
             .collect();
-        let shape = place_grid((BOUNDS, 3.0), place_count);
-        let told = bench.tell(&map, &bench.sort(&places, shape), 1.0);
-        let by_place: std::collections::HashMap<[u32; 4], [f32; 4]> =
-            told.places.iter().map(|p| bytemuck::cast(*p)).zip(told.irradiances.iter().copied()).collect();
-        let sorted = bench.sort(&places, shape);
-        let sorted_places: Vec<[u32; 4]> = gpu().read(&sorted.sorted, place_count as usize).unwrap();
+        let shape = irradiance_point_grid((BOUNDS, 3.0), irradiance_point_count);
+        let estimates = bench.estimate(&map, &bench.sort(&irradiance_points, shape), 1.0);
+        let by_irradiance_point: std::collections::HashMap<[u32; 4], [f32; 4]> =
+            estimates.points.iter().map(|p| bytemuck::cast(*p)).zip(estimates.irradiances.iter().copied()).collect();
+        let sorted = bench.sort(&irradiance_points, shape);
+        let sorted_irradiance_points: Vec<[u32; 4]> =
+            gpu().read(&sorted.sorted, irradiance_point_count as usize).unwrap();
         let known = pass.precompute(gpu(), &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
         let read = |entry: &str, count: usize| -> Vec<[f32; 4]> {
             let source = include_str!("shaders/irradiance_near.wgsl");
-            let composed = compose::compose_source("irradiance_near", source, &bench.stage.features).unwrap();
-            let kernel = Kernel::new(gpu(), &composed, &[("count", count as f64)], &[]).unwrap();
-            let asked = gpu().upload("test/asked", &points).unwrap();
+            let composed = compose_source("irradiance_near", source, &bench.stage.features).unwrap();
+            let kernel = new_kernel(gpu(), &composed, &[("count", count as f64)], &[]).unwrap();
+            let queries = gpu().upload("test/queries", &points).unwrap();
             let found = gpu().poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
-            let own = Resources::new().with("asked", &asked).with("found", &found);
+            let own = Resources::new().with("queries", &queries).with("found", &found);
             let bound = kernel.bind(gpu(), entry, &[&own, &known as &dyn Bindings]).unwrap();
             let mut frame = gpu().frame("test");
             frame.run(&bound, count as u32, &[0u32; 0]);
@@ -649,37 +686,43 @@ fn look_ups_find_the_nearest_place() {
             assert!(found.pop().unwrap().iter().all(|v| v.to_bits() == POISON));
             found
         };
-        for (place, held) in sorted_places.iter().zip(read("dump", place_count as usize)) {
-            assert_eq!(by_place[place], held, "{place:?}");
+        for (irradiance_point, held) in
+            sorted_irradiance_points.iter().zip(read("dump", irradiance_point_count as usize))
+        {
+            assert_eq!(by_irradiance_point[irradiance_point], held, "{irradiance_point:?}");
         }
-        // What is told by no place has no value.
+        // Without an irradiance point there is no value.
         let mut found = read("near", points.len());
-        found.iter_mut().filter(|told| told[3] == FAR).for_each(|told| *told = [0.0, 0.0, 0.0, FAR]);
+        found
+            .iter_mut()
+            .filter(|estimates| estimates[3] == FAR)
+            .for_each(|estimates| *estimates = [0.0, 0.0, 0.0, FAR]);
         let cell = f64::from(shape.cell);
-        // What a place tells a point: nothing beyond what is clear of its disc, either where that hangs on rounding.
-        let reached = |(counted, _, told): &(f64, f64, [f32; 4])| -> Vec<[f32; 4]> {
-            let clear = f64::from(told[3]) * f64::from(told[3].to_bits() & 255) / 255.0;
+        // The value of an irradiance point for a position: none beyond the clear part of its disc; both where rounding
+        // decides.
+        let reached = |(counted, _, estimates): &(f64, f64, [f32; 4])| -> Vec<[f32; 4]> {
+            let clear = f64::from(estimates[3]) * f64::from(estimates[3].to_bits() & 255) / 255.0;
             let nothing = [0.0, 0.0, 0.0, FAR];
             if (counted - clear).abs() < 1e-6 {
-                vec![*told, nothing]
+                vec![*estimates, nothing]
             } else {
-                vec![if *counted < clear { *told } else { nothing }]
+                vec![if *counted < clear { *estimates } else { nothing }]
             }
         };
-        // What a point may be told.
+        // The values that a point may get.
         let allowed = |point: &Point| -> Vec<[f32; 4]> {
             let (x, n) = (Vec3::from(point.position).as_dvec3(), point_normal(point.normal));
-            let mut near: Vec<(f64, f64, [f32; 4])> = places
+            let mut near: Vec<(f64, f64, [f32; 4])> = irradiance_points
                 .iter()
                 .filter(|p| photon_normal(p.word).dot(n) > 0.5f64.sqrt())
                 .map(|p| {
                     let d = Vec3::from(p.position).as_dvec3() - x;
                     let counted = (d.length_squared() + 15.0 * d.dot(n).powi(2)).sqrt();
-                    (counted, d.abs().max_element(), by_place[&bytemuck::cast::<Photon, [u32; 4]>(*p)])
+                    (counted, d.abs().max_element(), by_irradiance_point[&bytemuck::cast::<Photon, [u32; 4]>(*p)])
                 })
                 .collect();
             near.sort_by(|a, b| a.0.total_cmp(&b.0));
-            // Cells are told apart in f32: half a cell less a little.
+            // Cells are computed in f32: half a cell less a little.
             match near.first() {
                 Some((counted, offset, _)) if *offset < 0.4999 * cell => {
                     near.iter().filter(|p| p.0 < counted + 1e-6).flat_map(reached).collect()
@@ -690,12 +733,13 @@ fn look_ups_find_the_nearest_place() {
                 }
             }
         };
-        let wrong =
-            |found: &[[f32; 4]]| points.iter().zip(found).filter(|(p, told)| !allowed(p).contains(told)).count();
-        assert_eq!(wrong(&found), 0, "{place_count} places");
+        let wrong = |found: &[[f32; 4]]| {
+            points.iter().zip(found).filter(|(p, estimates)| !allowed(p).contains(estimates)).count()
+        };
+        assert_eq!(wrong(&found), 0, "{irradiance_point_count} irradiance points");
         let certain = points.iter().filter(|p| allowed(p).len() == 1).count();
-        if place_count == 1000 {
-            assert!(certain > points.len() / 3, "{certain} of {} points are told for sure", points.len());
+        if irradiance_point_count == 1000 {
+            assert!(certain > points.len() / 3, "{certain} of {} points have a certain value", points.len());
             let mut turned = found.clone();
             turned.rotate_left(1);
             assert!(wrong(&turned) > certain / 2, "answers for the wrong points");

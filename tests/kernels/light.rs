@@ -1,13 +1,16 @@
 //! Lights against an oracle in f64: polygon arrays clipped one plane at a time, Lambert's formula by arc cosines,
 //! solid angles by Van Oosterom and Strackee, and statistics of the samplers.
 
+use crate::kit::new_kernel;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::{compose, compose_source};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::lights::{has_many_emitters, is_closed};
-use penumbra::gpu_scene::{GpuLights, Receivers};
-use penumbra::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::gpu_scene::lights::{has_many_emitters, is_closed};
+use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
+use penumbra::internal::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
 
 use crate::kit::{device_features, gpu};
 pub use crate::meshes::{Corners, cube, sphere, square};
@@ -53,12 +56,15 @@ pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
 fn features(scene: &Scene) -> Features {
     let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
     device_features(gpu())
-        .with("mesh_lights", any(|kind| matches!(kind, LightKind::Mesh { .. })))
-        .with("point_lights", any(|kind| matches!(kind, LightKind::Point { .. })))
-        .with("spot_lights", any(|kind| matches!(kind, LightKind::Spot { .. })))
-        .with("directional_lights", any(|kind| matches!(kind, LightKind::Directional { .. })))
-        .with("many_emitters", scene.lights.iter().any(has_many_emitters))
-        .with("emitter_pairs", scene.lights.iter().any(|light| has_many_emitters(light) && is_closed(scene, light)))
+        .with(Feature::MeshLights, any(|kind| matches!(kind, LightKind::Mesh { .. })))
+        .with(Feature::PointLights, any(|kind| matches!(kind, LightKind::Point { .. })))
+        .with(Feature::SpotLights, any(|kind| matches!(kind, LightKind::Spot { .. })))
+        .with(Feature::DirectionalLights, any(|kind| matches!(kind, LightKind::Directional { .. })))
+        .with(Feature::ManyEmitters, scene.lights.iter().any(has_many_emitters))
+        .with(
+            Feature::EmitterPairs,
+            scene.lights.iter().any(|light| has_many_emitters(light) && is_closed(scene, light)),
+        )
 }
 
 /// A position and a normal, as the kernel gets them, and the index of the light.
@@ -89,7 +95,7 @@ pub struct Emitted {
 }
 
 /// Rays of a light, which are sent towards the receivers where they are given.
-pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usize) -> Vec<Emitted> {
+pub fn emit(scene: &Scene, receivers: Option<ReceiverBounds>, light: usize, rays: usize) -> Vec<Emitted> {
     let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
     let got = run_with(&features(scene), &gpu_scene(scene, receivers), "emitted", &place, rays, 3, 0);
     let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
@@ -97,7 +103,7 @@ pub fn emit(scene: &Scene, receivers: Option<Receivers>, light: usize, rays: usi
     rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
 }
 
-fn gpu_scene(scene: &Scene, receivers: Option<Receivers>) -> GpuLights {
+fn gpu_scene(scene: &Scene, receivers: Option<ReceiverBounds>) -> GpuLights {
     GpuLights::new(gpu(), scene, receivers).unwrap()
 }
 
@@ -113,9 +119,9 @@ fn run_with(
 ) -> Vec<[f32; 4]> {
     let gpu = gpu();
     let source = include_str!("shaders/light.wgsl");
-    let composed = compose::compose_source("light", source, features).unwrap();
+    let composed = compose_source("light", source, features).unwrap();
     let constants = [("count", count as f64), ("seed", 1234567.0), ("samples", f64::from(samples))];
-    let kernel = Kernel::new(gpu, &composed, &constants, &["places", "results"]).unwrap();
+    let kernel = new_kernel(gpu, &composed, &constants, &["places", "results"]).unwrap();
     let records: Vec<Vec4> =
         places.iter().flat_map(|p| [p.position.extend(p.light as f32), p.normal.extend(0.0)]).collect();
     let places = gpu.upload("test/places", &records).unwrap();
@@ -464,7 +470,7 @@ fn points_of_a_lamp_bring_the_same_light() {
     let mut spreads = Vec::new();
     for distance in [0.22, 0.5, 4.0] {
         let position = random.direction() * distance;
-        for specialisation in [features(&scene), features(&scene).with("emitter_pairs", false)] {
+        for specialisation in [features(&scene), features(&scene).with(Feature::EmitterPairs, false)] {
             let place = [Place::new(position, DVec3::Z, 0)];
             let got = run_with(&specialisation, &gpu_scene(&scene, None), "listed", &place, N, 2, 0);
             let angles = got.chunks_exact(2).map(|s| f64::from(s[0][3])).filter(|pdf| *pdf > 0.0).map(|pdf| 1.0 / pdf);
@@ -516,7 +522,7 @@ fn densities_are_those_of_the_sampler() {
         queries.push(Place { normal: Vec3::ZERO, ..place });
     }
     // Unpaired: what pairing adds is tested below, against the sampler.
-    let unpaired = features(&scene).with("emitter_pairs", false);
+    let unpaired = features(&scene).with(Feature::EmitterPairs, false);
     let got = run_with(&unpaired, &gpu_scene, "densities", &queries, queries.len(), 1, 0);
     let (mut near, mut far, mut wrong) = (0, 0, 0);
     for (query, got) in queries.iter().zip(&got) {
@@ -760,25 +766,31 @@ fn punctual_lights_follow_the_extension() {
 /// Each set of kinds of lights composes on its own; what a scene does not have is not in the kernel.
 #[test]
 fn every_set_of_kinds_composes() {
-    let names = ["mesh_lights", "point_lights", "spot_lights", "directional_lights", "texture_loads"];
+    let kinds = [
+        Feature::MeshLights,
+        Feature::PointLights,
+        Feature::SpotLights,
+        Feature::DirectionalLights,
+        Feature::TextureLoads,
+    ];
     for set in 0..32u32 {
         let features =
-            names.iter().enumerate().fold(Features::default(), |f, (i, name)| f.with(name, set >> i & 1 == 1));
-        let composed = compose::compose_source("light", include_str!("shaders/light.wgsl"), &features).unwrap();
+            kinds.iter().enumerate().fold(Features::default(), |f, (i, kind)| f.with(*kind, set >> i & 1 == 1));
+        let composed = compose_source("light", include_str!("shaders/light.wgsl"), &features).unwrap();
         let has = |name: &str| composed.module.functions.iter().any(|(_, f)| f.name.as_deref() == Some(name));
-        assert_eq!(has("mesh_form_factor"), features.has("mesh_lights"));
+        assert_eq!(has("mesh_form_factor"), features.has(Feature::MeshLights));
         assert_eq!(has("punctual_at"), set & 0b1110 != 0);
-        let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_records"));
-        assert_eq!(table, features.has("mesh_lights"));
+        let table = composed.module.global_variables.iter().any(|(_, v)| v.name.as_deref() == Some("emitter_texels"));
+        assert_eq!(table, features.has(Feature::MeshLights));
     }
     for set in 0..8u32 {
-        let names = ["textures", "alpha_test", "texture_loads"];
+        let kinds = [Feature::Textures, Feature::AlphaTest, Feature::TextureLoads];
         let features =
-            names.iter().enumerate().fold(Features::default(), |f, (i, name)| f.with(name, set >> i & 1 == 1));
-        let features = features.with("mesh_lights", true).with("emissive_textures", set & 1 == 1);
+            kinds.iter().enumerate().fold(Features::default(), |f, (i, kind)| f.with(*kind, set >> i & 1 == 1));
+        let features = features.with(Feature::MeshLights, true).with(Feature::EmissiveTextures, set & 1 == 1);
         for kernel in ["path", "shadow"] {
-            compose::compose(kernel, &features).unwrap();
+            compose(kernel, &features).unwrap();
         }
     }
-    compose::compose("path", &Features::all()).unwrap();
+    compose("path", &Features::all()).unwrap();
 }

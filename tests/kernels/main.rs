@@ -13,7 +13,6 @@ mod film;
 mod flux;
 mod gather;
 mod grid;
-mod house;
 mod irradiance;
 mod kit;
 mod light;

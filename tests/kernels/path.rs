@@ -1,27 +1,27 @@
-//! The reference, against what is known without rendering: furnaces, the closed sphere, a rectangle's irradiance, and
-//! an independent renderer's images.
+//! Pass `path` against results that are known without rendering: furnaces, the closed sphere, a rectangle's irradiance,
+//! and the images of an independent renderer.
 
+use penumbra::internal::specialisation::features::Features;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::bvh::Bvh;
-use penumbra::gpu::Features;
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::path::{Path, PathParameters};
-use penumbra::passes::primary::Primary;
-use penumbra::passes::{Tile, TileBuffers};
-use penumbra::render::film::Image;
-use penumbra::scene::{Camera, ImportOptions, LightKind, Scene};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::passes::path::{Path, PathParameters};
+use penumbra::internal::passes::primary::Primary;
+use penumbra::internal::passes::{Tile, TileBuffers};
+use penumbra::internal::render::film::Image;
+use penumbra::internal::scene::{Camera, ImportOptions, LightKind, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::{Settings, Technique};
-use penumbra::statistics::Counter;
 
 use crate::kit::{device_features, gpu};
 use crate::light::{cube, form_factor, sphere, square};
 pub use crate::meshes::{camera, inside_out, scene, surface};
 use crate::statistics::{mean_and_error, z_test};
 
-/// What a render gives: red of direct and of indirect light and position, of each sample of each pixel, in layers of
-/// pixels; and the counters.
+/// Result of a render: for each sample of each pixel, in layers of pixels, the red of direct and of indirect light, and
+/// the position; and the counters.
 pub struct Rendered {
     direct: Vec<[f32; 4]>,
     indirect: Vec<[f32; 4]>,
@@ -29,7 +29,7 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    /// Both parts, red, of all samples of a pixel.
+    /// Red of direct and indirect light together, for all samples of a pixel.
     fn pixel(&self, pixel: usize, pixels: usize) -> impl Iterator<Item = f64> + Clone {
         let all = self.direct.iter().zip(&self.indirect).skip(pixel).step_by(pixels);
         all.map(|(d, i)| f64::from(d[0]) + f64::from(i[0]))
@@ -40,12 +40,12 @@ impl Rendered {
     }
 }
 
-/// Renders a square image of `size` pixels a side by the passes themselves, `spp` samples a pixel at once.
+/// Renders a square image of `size` pixels a side by running the passes, with `spp` samples for each pixel at once.
 fn render(scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
     render_with(scene, camera, size, spp, max_bounces, |features| features)
 }
 
-/// As [`render`]; `changed` has the last word on the features.
+/// As [`render`], with features that `changed` makes of the scene's own.
 pub fn render_with(
     mut scene: Scene,
     camera: &Camera,
@@ -55,13 +55,18 @@ pub fn render_with(
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
     let gpu = gpu();
-    let settings = Settings { width: size, height: size, technique: Technique::Path, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = size;
+        s.image.height = size;
+        s.technique = Technique::PATH;
+    });
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     scene.reorder_triangles(&bvh.order);
-    let specialisation = penumbra::specialisation::Specialisation::new(&scene, &settings);
+    let specialisation = penumbra::internal::specialisation::Specialisation::new(&scene, &settings);
     let device = device_features(gpu);
-    let features = device.names().fold(changed(specialisation.features), |features, name| features.with(name, true));
+    let features =
+        device.iter().fold(changed(specialisation.features), |features, feature| features.with(feature, true));
     let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, [size, size], &features).unwrap();
     let constants = gpu_scene.constants();
     let primary = Primary::new(gpu, &features, &constants).unwrap();
@@ -88,7 +93,7 @@ pub fn render_with(
     primary.record(&mut frame, &tile);
     bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1 });
     frame.submit().unwrap();
-    let read = |buffer: &penumbra::gpu::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
+    let read = |buffer: &kernel_kit::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
         direct: read(&buffers.radiance_direct),
         indirect: read(buffers.radiance_indirect.as_ref().unwrap()),
@@ -129,9 +134,9 @@ fn furnaces_are_white() {
     }
 }
 
-/// In a closed sphere of albedo a around a point light of intensity I, the light that arrives in all is 4 pi I / (1 - a),
-/// and the radiance, everywhere alike, is a / pi of that over the sphere's area: 1 for I = pi, a = 1/2, radius 1 (as in
-/// pbrt's tests of its integrators).
+/// In a closed sphere of albedo a around a point light of intensity I, the total light that arrives is 4 pi I / (1 -
+/// a). The radiance is the same everywhere, a / pi of that over the sphere's area: 1 for I = pi, a = 1/2, radius 1 (as
+/// in pbrt's tests of its integrators).
 #[test]
 fn the_closed_sphere_has_its_known_radiance() {
     let mesh = inside_out(sphere(DVec3::ZERO, 1.0, 32));
@@ -151,13 +156,13 @@ fn the_closed_sphere_has_its_known_radiance() {
     let error = error + 0.005 * expected / 3.0;
     z_test(mean, error, expected, 1).unwrap();
     z_test(mean, error, expected * 1.05, 1).expect_err("a twentieth too much");
-    // All of what comes directly is half of the whole, at this albedo.
+    // At this albedo direct light is half of the whole.
     let (direct, error) = mean_and_error(rendered.direct.iter().map(|v| f64::from(v[0])));
     z_test(direct, error + 0.005 * expected / 3.0, expected / 2.0, 1).unwrap();
 }
 
 /// Light from a rectangle on a white floor is Lambert's closed form, pixel by pixel, up to where light and floor nearly
-/// touch; no light is left for more bounces.
+/// touch. There is no indirect light.
 #[test]
 fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
     const SIZE: usize = 12;
@@ -179,7 +184,7 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
             let [right, up] = [view.axes[0].as_dvec3(), view.axes[1].as_dvec3()];
             right * f(column + x) * 0.5 - up * f(row + y) * 0.5
         };
-        // The mean over the pixel by midpoints, where the light does not stand in the view and its edge is not near.
+        // The mean over the pixel by midpoints, where the light is not in view and its edge is not near.
         if (0..4).any(|i| at(f64::from(i & 1), f64::from(i >> 1)).z < -0.28) {
             continue;
         }
@@ -189,8 +194,8 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
             (0..N * N).map(|k| form_factor(&light, false, at(midpoint(k / N), midpoint(k % N)), DVec3::Y, true));
         let expected = 3.0 / PI * values.sum::<f64>() / (N * N) as f64;
         let (mean, error) = mean_and_error(rendered.pixel(pixel, pixels));
-        // Midpoints of a pixel next to the light, where the irradiance changes by a few times itself, are off by a
-        // few thousandths.
+        // In a pixel next to the light the irradiance changes by a few times itself: the midpoints are off by a few
+        // thousandths.
         let error = error + 2e-3 * expected;
         z_test(mean, error, expected, pixels as u32).unwrap_or_else(|e| panic!("pixel {column}, {row}: {e}"));
         tested += 1;
@@ -200,7 +205,8 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
     assert!(rendered.indirect.iter().all(|v| v[..3] == [0.0; 3]), "the light reflects nothing, the floor is flat");
 }
 
-/// Mitsuba's images of the same box, in blocks of pixels; means of the whole within a thousandth beside the noise.
+/// Compares blocks of pixels with Mitsuba's images of the same box; the means of the whole agree within a thousandth,
+/// plus noise.
 #[test]
 fn an_independent_renderer_agrees() {
     let Some(shared) = std::env::var_os("PENUMBRA_SHARED") else {
@@ -218,7 +224,7 @@ fn an_independent_renderer_agrees() {
         let reference = Image::read_exr(folder.join(file)).unwrap();
         let [reference, _, _] = reference.rgb().unwrap();
         let rendered = render(box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
-        // Blocks that differ, where the reference is moved by so many pixels.
+        // Number of blocks that differ when the reference is moved by that many pixels.
         let outside = |shift: usize| {
             let differs = |block: &usize| {
                 let corner = block / (SIZE / BLOCK) * BLOCK * SIZE + block % (SIZE / BLOCK) * BLOCK;
@@ -233,14 +239,14 @@ fn an_independent_renderer_agrees() {
             };
             (0..BLOCKS).filter(differs).count()
         };
-        // A block is outside of three standard errors once in 370 by chance; twice as many as expected and two are
-        // allowed, as tails are longer than normal ones.
+        // A block is outside three standard errors by chance once in 370. Twice as many, and two, are allowed, as the
+        // tails are longer than those of a normal distribution.
         let found = outside(0);
         assert!(found <= 2 + 2 * BLOCKS / 370, "{file}: {found} of {BLOCKS} blocks differ");
         assert!(outside(2) > BLOCKS / 20, "a reference that is moved by two pixels");
         let mean = rendered.all().sum::<f64>() / f64::from(SPP) / (SIZE * SIZE) as f64;
         let expected = reference.iter().map(|v| f64::from(*v)).sum::<f64>() / (SIZE * SIZE) as f64;
-        // Of the mean of all pixels: each pixel's own spread, the image's structure aside.
+        // Standard error of the mean of all pixels, from the spread within each pixel.
         let errors = (0..SIZE * SIZE).map(|pixel| mean_and_error(rendered.pixel(pixel, SIZE * SIZE)).1);
         let error = errors.map(|e| e * e).sum::<f64>().sqrt() / (SIZE * SIZE) as f64;
         assert!((mean - expected).abs() < 1e-3 * expected + 4.0 * error, "{file}: mean {mean}, not {expected}");

@@ -1,13 +1,15 @@
 //! Pass `photons` for lights of every kind, at the edges of the workgroup, against f64 lines through all triangles along
 //! the same rays; and the odds of what the cap keeps.
 
+use crate::kit::new_kernel;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::compose_source;
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::passes::grid::Photon;
-use penumbra::passes::photons::{Photons, Traced};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::photons::{Photons, Traced};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -47,7 +49,7 @@ enum Fault {
 
 fn stage(scene: Scene) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [8, 8], Technique::ShadowPhotons, |features| features)
+    Stage::new(scene, &view, [8, 8], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A floor, panels that face up, down and both ways, two panels in one plane, and a light of each kind above.
@@ -56,8 +58,10 @@ fn panels() -> Scene {
     let down = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::X * half, DVec3::Z * half);
     // Its front below, so that most rays come to its back.
     let tilted = square(DVec3::new(-0.1, -0.2, 0.35), DVec3::new(0.2, -0.02, 0.0), DVec3::new(0.05, 0.1, 0.1));
-    let double_sided =
-        |material: penumbra::scene::Material| penumbra::scene::Material { double_sided: true, ..material };
+    let double_sided = |material: penumbra::internal::scene::Material| penumbra::internal::scene::Material {
+        double_sided: true,
+        ..material
+    };
     let meshes = [
         (level(0.0, -0.5, 0.0, 0.6), surface(0.5, 0.0)),
         ([level(-0.3, 0.0, -0.2, 0.2), level(-0.3, -0.3, -0.1, 0.15)].concat(), surface(0.5, 0.0)),
@@ -99,9 +103,9 @@ fn trace(stage: &Stage, lights: u32, rays: u32, cap: u32, seed: u32) -> (Traced,
 /// The rays of a light: origin and direction.
 fn emitted(stage: &Stage, light: u32, rays: u32) -> Vec<[DVec3; 2]> {
     let source = include_str!("shaders/emitted.wgsl");
-    let composed = compose::compose_source("emitted", source, &stage.features).unwrap();
+    let composed = compose_source("emitted", source, &stage.features).unwrap();
     let constants = [("light", f64::from(light)), ("seed", f64::from(SEED)), ("count", f64::from(rays))];
-    let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &["rays"]).unwrap();
+    let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &["rays"]).unwrap();
     let buffer = gpu().poisoned::<[Vec4; 2]>("test/rays", rays as usize).unwrap();
     let bound = kernel.bind(gpu(), "emit", &[&Resources::new().with("rays", &buffer), &stage.gpu_scene]).unwrap();
     let mut frame = gpu().frame("test");

@@ -1,19 +1,22 @@
 //! Pass `photons` against a loop over all triangles along the same rays.
 
+use crate::kit::new_kernel;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
+use kernel_kit::{Gpu, Resources};
 use penumbra::Settings;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Gpu, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::grid::Photon;
-use penumbra::passes::photons::Photons;
-use penumbra::scene::{
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::photons::Photons;
+use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
-    Texture, TextureImage, TextureSlot, Triangle, Vertex, Wrap,
+    Texture, TextureImage, TextureInfo, Triangle, Vertex, Wrap,
 };
-use penumbra::specialisation::Specialisation;
+use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::specialisation::features::Features;
 
-use penumbra::procedural::Role;
+use penumbra::internal::procedural::Role;
 
 use crate::kit::gpu;
 use crate::procedurals;
@@ -45,7 +48,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
         ..Scene::default()
     };
     if materials.contains(&MASKED) {
-        let texture = TextureSlot { texture: 0, uv_set: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
+        let texture = TextureInfo { texture: 0, uv_set: 0, matrix: Mat2::IDENTITY, offset: Vec2::ZERO };
         scene.materials.push(Material {
             alpha: AlphaMode::Mask { cutoff: 0.5 },
             base_colour_texture: Some(texture),
@@ -57,9 +60,9 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
         scene.textures = vec![Texture { image: 0, wrap, filter, space }];
     }
     let mut emitters = Vec::new();
-    for (slot, at) in bvh.order.iter().enumerate() {
+    for (primitive, at) in bvh.order.iter().enumerate() {
         let first = scene.vertices.len() as u32;
-        // The two triangles of a rectangle, in turn.
+        // The two triangles of a rectangle, one after the other.
         let last = if at % 2 == 0 { [Vec2::X, Vec2::ONE] } else { [Vec2::ONE, Vec2::Y] };
         let uvs = [Vec2::ZERO, last[0], last[1]];
         let vertex = |(position, uv): (&Vec3, Vec2)| Vertex {
@@ -73,7 +76,7 @@ fn scene(rectangles: &[(Rectangle, u32)], more: Vec<LightKind>) -> (Scene, Bvh) 
         let light = if material == EMISSIVE { 0 } else { NO_LIGHT };
         scene.triangles.push(Triangle { vertices: [first, first + 1, first + 2], material, light });
         if material == EMISSIVE {
-            emitters.push(EmitterTriangle { triangle: slot as u32, radiance: Vec3::ONE });
+            emitters.push(EmitterTriangle { triangle: primitive as u32, radiance: Vec3::ONE });
         }
     }
     let mesh = (!emitters.is_empty()).then_some(LightKind::Mesh { material: EMISSIVE, emitters });
@@ -120,13 +123,13 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
 fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let gpu = gpu();
     let specialisation = Specialisation::new(scene, &Settings::default());
-    let features = penumbra::render::device_features(gpu, specialisation.features);
+    let features = penumbra::internal::specialisation::device_features(gpu, specialisation.features);
     let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
     let pass = Photons::new(gpu, &features, &gpu_scene.constants(), kept).unwrap();
     let lights = scene.lights.len() as u32;
     let traced = pass.trace(gpu, &gpu_scene, lights, per_light, 9, 5).unwrap();
-    let composed = compose::compose_source("emit", EMIT, &features).unwrap();
-    let kernel = Kernel::new(gpu, &composed, &composed.overrides(&gpu_scene.constants()), &[]).unwrap();
+    let composed = compose_source("emit", EMIT, &features).unwrap();
+    let kernel = new_kernel(gpu, &composed, &composed.overrides(&gpu_scene.constants()), &[]).unwrap();
     let rays = (0..lights).map(|light| {
         let rays = gpu.poisoned::<[f32; 4]>("test/rays", 2 * per_light as usize).unwrap();
         let request = gpu.upload("test/request", &[light, 9, per_light]).unwrap();
@@ -148,8 +151,8 @@ fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     }
 }
 
-/// What a ray should leave: place, normal, shadow photon; nothing where a hit is within 1e-5 of an edge, where rounding
-/// decides.
+/// What a ray should leave: position, normal, shadow photon; nothing where a hit is within 1e-5 of an edge, where
+/// rounding decides.
 fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>> {
     let (origin, direction) = (ray[0].as_dvec3(), ray[1].as_dvec3());
     let mut hits: Vec<(f64, bool, DVec3)> = Vec::new();
@@ -232,17 +235,17 @@ fn compare(scene: &Scene, traced: &Traced) -> (usize, usize, usize) {
                 doubtful += 1;
                 continue;
             };
-            for (place, normal, shadow) in photons {
-                let near = |x: f32| f64::from(x) > place.x - 1e-5;
+            for (position, normal, shadow) in photons {
+                let near = |x: f32| f64::from(x) > position.x - 1e-5;
                 let first = left.partition_point(|p| !near(p.position[0]));
                 let found =
-                    (first..left.len()).take_while(|i| f64::from(left[*i].position[0]) < place.x + 1e-5).find(|i| {
+                    (first..left.len()).take_while(|i| f64::from(left[*i].position[0]) < position.x + 1e-5).find(|i| {
                         let p = &left[*i];
                         !taken[*i]
-                            && Vec3::from(p.position).as_dvec3().distance(place) < 1e-5
+                            && Vec3::from(p.position).as_dvec3().distance(position) < 1e-5
                             && (p.word >> 31 != 0) == shadow
                             && (p.word >> 14) & 0x7ff == light as u32
-                            // What the code of the normal is off by at most.
+                            // The maximum error of the normal's code.
                             && photon_normal(p.word).dot(normal) > 0.035f64.cos()
                     });
                 match found {
@@ -267,7 +270,8 @@ fn room_scene(more: Vec<LightKind>) -> (Scene, Bvh) {
 }
 
 /// A room with a double-sided shelf and coplanar twins, three kinds of lights: every photon is where a loop over all
-/// triangles has one, and no other is; the counts say so. A photon that is lost, moved, or of another light is seen.
+/// triangles has one, and no other is; the counts say so. A photon that is lost, moved, or of another light is
+/// detected.
 #[test]
 fn photons_are_those_of_a_loop_over_all_triangles() {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
@@ -297,8 +301,8 @@ fn photons_are_those_of_a_loop_over_all_triangles() {
     }
 }
 
-/// Through the holes of a mask photons pass as if nothing were there, and the rest of it stops them: what is behind is lit
-/// here and shadowed there. A mask that stops all, and one that stops nothing, are seen.
+/// Through the holes of a mask photons pass as if nothing were there, and the rest of it stops them: what is behind is
+/// lit here and shadowed there. A mask that stops all, and one that stops nothing, are detected.
 #[test]
 fn holes_of_masks_let_photons_through() {
     let v = Vec3::new;
@@ -317,7 +321,7 @@ fn holes_of_masks_let_photons_through() {
             scene.lights.iter().map(|light| light.kind.clone()).collect(),
         );
         other.materials[MASKED as usize].alpha = alpha;
-        assert!(compare(&scene, &trace(&other, bvh, 20_000, 10)).1 > 500, "{alpha:?} is not seen");
+        assert!(compare(&scene, &trace(&other, bvh, 20_000, 10)).1 > 500, "{alpha:?} is not detected");
     }
 }
 
@@ -331,7 +335,7 @@ fn one_rectangle_takes_no_shadow_photons() {
     let traced = trace(&scene, bvh, 5000, 10);
     assert_eq!(traced.stored[0][1], 0);
     assert_eq!(traced.stored[0][0] as usize, traced.photons.len());
-    // A square seen from half its edge above the middle is a sixth of all directions.
+    // A square, from half its edge above the middle is a sixth of all directions.
     assert!((traced.photons.len() as f64 - 5000.0 / 6.0).abs() < 5000.0 * 0.01, "{}", traced.photons.len());
 }
 
@@ -391,8 +395,9 @@ fn batches_lose_nothing() {
     assert!(sets[0] == sets[1]);
 }
 
-/// Spheres and an ellipsoid that functions describe, single- and double-sided, one within the other: photons go straight on
-/// through them, and leave their like at every crossing, as in closed form. One a hundredth larger is seen.
+/// Spheres and an ellipsoid that functions describe, single- and double-sided, one within the other: photons go
+/// straight on through them, and leave their like at every crossing, as in closed form. One a hundredth larger is
+/// detected.
 #[test]
 fn photons_meet_every_crossing_of_procedural_objects() {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };

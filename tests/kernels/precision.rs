@@ -1,14 +1,17 @@
-//! The rounding of the kernels that an image hangs on: their f32 arithmetic against double precision on the same numbers,
-//! over random and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
+//! Rounding errors of the kernels that matter for an image: their f32 arithmetic against double precision on the same
+//! numbers, for random and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
 
+use crate::kit::new_kernel;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::passes::Tile;
-use penumbra::passes::film::Film;
-use penumbra::scene::Scene;
-use penumbra::statistics::Counter;
+use penumbra::internal::passes::Tile;
+use penumbra::internal::passes::film::Film;
+use penumbra::internal::scene::Scene;
+use penumbra::internal::statistics::Counter;
 
 use crate::cache;
 use crate::irradiance;
@@ -16,7 +19,7 @@ use crate::kit::{device_features, gpu};
 use crate::light::{self, Corners, Place, square};
 use crate::statistics::Random;
 
-/// One unit in the last place of numbers from 1 to 2. Errors are given in these, of the scale that a row names.
+/// One unit in the last place (ulp) of numbers from 1 to 2. Errors are in ulp of the scale that a row names.
 const ULP: f64 = 1.0 / (1 << 23) as f64;
 
 /// Errors of a kernel over a family of input.
@@ -25,9 +28,9 @@ pub struct Row {
     pub family: String,
     /// What the errors are relative to.
     pub scale: &'static str,
-    /// In ulp, in order.
+    /// In ulp, sorted.
     pub errors: Vec<f64>,
-    /// In ulp: none may be above.
+    /// Maximum error allowed, in ulp.
     pub bound: f64,
 }
 
@@ -38,7 +41,7 @@ impl Row {
         Row { kernel, family: family.into(), scale, errors, bound }
     }
 
-    /// The error that a share of all does not exceed.
+    /// The error that this share of all errors does not exceed.
     pub fn quantile(&self, share: f64) -> f64 {
         self.errors[((self.errors.len() - 1) as f64 * share) as usize]
     }
@@ -57,9 +60,9 @@ type Meeting = [Vec3; 5];
 fn run(entry: &str, items: &[Meeting], needles: bool) -> Vec<[[f32; 4]; 3]> {
     let gpu = gpu();
     let source = include_str!("shaders/precision.wgsl");
-    let features = device_features(gpu).with("needles", needles);
-    let composed = compose::compose_source("precision", source, &features).unwrap();
-    let kernel = Kernel::new(gpu, &composed, &[("count", items.len() as f64)], &["items", "results"]).unwrap();
+    let features = device_features(gpu).with(Feature::Needles, needles);
+    let composed = compose_source("precision", source, &features).unwrap();
+    let kernel = new_kernel(gpu, &composed, &[("count", items.len() as f64)], &["items", "results"]).unwrap();
     let words: Vec<[f32; 4]> = items.iter().flatten().map(|v| v.extend(0.0).to_array()).collect();
     let items_buffer = gpu.upload("test/items", &words).unwrap();
     let results = gpu.poisoned::<[[f32; 4]; 3]>("test/results", items.len()).unwrap();
@@ -91,8 +94,8 @@ fn meetings(size: f64, aspect: f64, cosine: f64) -> Vec<Meeting> {
             let (u, v) = (0.05 + 0.45 * random.uniform(), 0.05 + 0.45 * random.uniform());
             let [a, b, c] = corners.map(|corner| corner.as_dvec3());
             let met = a + u * (b - a) + v * (c - a);
-            let turn = 2.0 * PI * random.uniform();
-            let towards = cosine * normal + (1.0 - cosine * cosine).sqrt() * (turn.cos() * s + turn.sin() * t);
+            let angle = 2.0 * PI * random.uniform();
+            let towards = cosine * normal + (1.0 - cosine * cosine).sqrt() * (angle.cos() * s + angle.sin() * t);
             let origin = (met + towards * (0.3 + random.uniform())).as_vec3();
             let direction = (met - origin.as_dvec3()).normalize().as_vec3();
             [origin, direction, corners[0], corners[1], corners[2]]
@@ -102,14 +105,14 @@ fn meetings(size: f64, aspect: f64, cosine: f64) -> Vec<Meeting> {
 
 fn intersection() -> Vec<Row> {
     let families = [
-        // Eight half-units across the ray, as tests/kernels/traverse.rs has it, and three more of the sum. Of a sliver the
-        // edge functions are as large as those of a wide triangle, and round so; where products are rounded by
-        // themselves t slides along it by that over its height. The point, by u and v, stays on its plane.
+        // Eight half-units across the ray, as in tests/kernels/traverse.rs, and three more for the sum. The edge
+        // functions of a sliver are as large as those of a wide triangle, and round accordingly. Where products are not
+        // fused, this error over the sliver's height moves t along it. The point given by u and v stays on its plane.
         ("triangles of unit size", 1.0, 1.0, 0.7, 6.0, false),
         ("of size 1e-3", 1e-3, 1.0, 0.7, 6.0, false),
         ("slivers, 1 to 1e3", 1.0, 1e3, 0.7, 500.0, false),
-        // Where a scene has needles, t is moved along their planes: what is left is as of any triangle, until squares of the
-        // weights' errors come to it.
+        // Where a scene has needles, t is corrected along their planes: the remaining error is that of any triangle,
+        // until the squares of the weights' errors reach it.
         ("slivers, 1 to 1e3, as needles", 1.0, 1e3, 0.7, 6.0, true),
         ("slivers, 1 to 1e4, as needles", 1.0, 1e4, 0.7, 6.0, true),
         ("slivers, 1 to 1e5, as needles", 1.0, 1e5, 0.7, 100.0, true),
@@ -119,38 +122,38 @@ fn intersection() -> Vec<Row> {
     for (family, size, aspect, cosine, bound, needles) in families {
         let items = meetings(size, aspect, cosine);
         let results = run("intersect", &items, needles);
-        let (mut distances, mut places, mut planes, mut heights) = (vec![], vec![], vec![], vec![]);
+        let (mut distances, mut weights, mut planes, mut heights) = (vec![], vec![], vec![], vec![]);
         for (item, [hit, point, leaving]) in items.iter().zip(&results) {
             let [o, d, a, b, c] = item.map(|v| v.as_dvec3());
             let of = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
             let across = (b - a).cross(c - a);
             let normal = across.normalize();
             let t = normal.dot(a - o) / normal.dot(d);
-            // A coordinate relative to the origin is off by half an ulp of itself: so is the plane, and t by as much along
-            // the ray.
+            // A coordinate relative to the origin is off by half an ulp of itself. So is the plane, and t by as much
+            // along the ray.
             let reach = [a, b, c].map(|corner| corner.distance(o)).into_iter().fold(0.0, f64::max);
             let along = reach / normal.dot(d).abs();
             assert!(hit[0] < 1e30, "{family}: a ray that meets the triangle well inside misses it");
             distances.push((f64::from(hit[0]) - t).abs() / along);
-            // And the barycentric coordinates by that over the triangle's height as the ray sees it.
+            // The barycentric coordinates are off by that over the triangle's height across the ray.
             let met = o + t * d - a;
             let exact = [met.cross(c - a), (b - a).cross(met)].map(|v| v.dot(across) / across.length_squared());
             let widest = [b - a, c - b, a - c].map(|edge| edge.reject_from(d).length()).into_iter().fold(0.0, f64::max);
             let height = across.dot(d).abs() / widest;
             let off = (0..2).map(|i| (f64::from(hit[i + 1]) - exact[i]).abs()).fold(0.0, f64::max);
-            places.push(off * height / reach);
+            weights.push(off * height / reach);
             let largest = a.abs().max(b.abs()).max(c.abs()).max_element();
             planes.push(normal.dot(of(point) - a).abs() / largest);
-            // How far the origin is from the plane, over an ulp of the point's own largest coordinate: on the side of the
-            // ray it is positive.
+            // Distance of the origin from the plane, over an ulp of the point's largest coordinate; positive on the
+            // ray's side.
             let side = -normal.dot(d).signum() * normal;
             heights.push(side.dot(of(leaving) - a) / of(point).abs().max_element().max(1.0 / 32.0));
         }
         rows.push(Row::new("intersection", format!("t, {family}"), "farthest corner / cosine", bound, distances));
-        rows.push(Row::new("intersection", format!("u and v, {family}"), "farthest corner / height", 6.0, places));
-        // Three products and sums a coordinate.
+        rows.push(Row::new("intersection", format!("u and v, {family}"), "farthest corner / height", 6.0, weights));
+        // Three products and sums for each coordinate.
         rows.push(Row::new("hit point", format!("off its plane, {family}"), "largest coordinate", 2.0, planes));
-        // The other way round: the least height is what counts. Reported negative, so that it is the largest.
+        // Here the smallest height counts. It is reported negative, so that it is the largest.
         let lost = heights.iter().map(|height| -height).collect();
         rows.push(Row::new("offset", format!("-height of the origin, {family}"), "largest coordinate", -8.0, lost));
     }
@@ -159,8 +162,8 @@ fn intersection() -> Vec<Row> {
 
 // ---- Closed form
 
-/// The irradiance over the radiance of a light that faces the position, Lambert's formula by arc tangents, which keep
-/// their digits where angles are small.
+/// The irradiance over the radiance of a light that faces the position: Lambert's formula by arc tangents, which stay
+/// precise where angles are small.
 fn lambert(triangles: &[Corners], position: DVec3, normal: DVec3) -> f64 {
     let mut sum = 0.0;
     for t in triangles.iter().filter(|t| light::height_over(t, position) > 0.0) {
@@ -176,13 +179,13 @@ fn lambert(triangles: &[Corners], position: DVec3, normal: DVec3) -> f64 {
     sum
 }
 
-/// Lights and places for a family.
+/// Lights, and receiving points, of a family.
 struct Lit {
     family: &'static str,
     scale: &'static str,
     bound: f64,
     light: Vec<Corners>,
-    places: fn(&mut Random, &[Corners]) -> (DVec3, DVec3),
+    receiver: fn(&mut Random, &[Corners]) -> (DVec3, DVec3),
 }
 
 /// A point of a square light, and its normal.
@@ -193,13 +196,13 @@ fn on_light(random: &mut Random, light: &[Corners]) -> (DVec3, DVec3) {
     (a + u * (b - a) + v * (d - a), (b - a).cross(c - a).normalize())
 }
 
-/// Before the light at that distance, looking about at it.
+/// A point in front of the light at that distance, facing roughly towards it.
 fn before(random: &mut Random, light: &[Corners], distance: f64) -> (DVec3, DVec3) {
     let (point, normal) = on_light(random, light);
     (point + normal * distance, (-normal + 0.5 * random.point()).normalize())
 }
 
-/// Away from the light in any direction that it shines in.
+/// A point away from the light in any direction in which it emits.
 fn afar(random: &mut Random, light: &[Corners]) -> (DVec3, DVec3) {
     let (point, normal) = on_light(random, light);
     let way = (normal + random.direction()).normalize();
@@ -214,9 +217,10 @@ fn families() -> Vec<Lit> {
         let across = tilted.cross(x).normalize();
         square(0.1 * x + 0.3 * y, tilted * 0.5 * size, across * 0.5 * size)
     };
-    // Far from its plane a light's terms are all of one size: a dozen roundings of each of four edges. Near it the edges
-    // may be in line with the position, whose distance from their line rounds as the vertices do: 2e-5 at worst.
-    let of = |family, bound, size, places| Lit { family, scale: "irradiance", bound, light: about(size), places };
+    // Far from the light's plane its terms have similar size: a dozen roundings for each of four edges. Near the plane
+    // the edges may be in line with the position, whose distance from their line rounds as the vertices do: 2e-5 at
+    // worst.
+    let of = |family, bound, size, receiver| Lit { family, scale: "irradiance", bound, light: about(size), receiver };
     vec![
         of("light of size 1", 40.0, 1.0, afar),
         of("light of size 1e-1", 40.0, 1e-1, afar),
@@ -229,11 +233,11 @@ fn families() -> Vec<Lit> {
         of("at 1e-4", 200.0, 1.0, |r, l| before(r, l, 1e-4)),
         Lit {
             family: "horizon across the light",
-            // What is over the horizon may be any part of the light: of that, digits cannot be kept.
+            // Any part of the light may be over the horizon, however small: its digits cannot be kept.
             scale: "irradiance of the whole light, facing it",
             bound: 40.0,
             light: square(0.9 * y, 0.3 * x, 0.4 * z),
-            places: |random, light| {
+            receiver: |random, light| {
                 let (position, _) = afar(random, light);
                 let to = (on_light(random, light).0 - position).normalize();
                 (position, to.cross(random.direction()).normalize())
@@ -246,21 +250,21 @@ fn closed_form() -> Vec<Row> {
     let families = families();
     let scene: Scene = light::scene(&families.iter().map(|f| (f.light.clone(), false)).collect::<Vec<_>>(), &[]);
     let mut random = Random(17);
-    let mut places = Vec::new();
+    let mut points = Vec::new();
     for (i, family) in families.iter().enumerate() {
         for _ in 0..4000 {
-            let (position, normal) = (family.places)(&mut random, &family.light);
-            places.push(Place::new(position, normal, i));
+            let (position, normal) = (family.receiver)(&mut random, &family.light);
+            points.push(Place::new(position, normal, i));
         }
     }
-    let got = light::run(&scene, "closed", &places, places.len(), 1, 0);
+    let got = light::run(&scene, "closed", &points, points.len(), 1, 0);
     families
         .iter()
         .enumerate()
         .map(|(i, family)| {
             let (triangles, _) = light::triangles_of(&scene, i);
-            let errors = places.iter().zip(&got).filter(|(place, _)| place.light == i).map(|(place, got)| {
-                let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
+            let errors = points.iter().zip(&got).filter(|(point, _)| point.light == i).map(|(point, got)| {
+                let (position, normal) = (point.position.as_dvec3(), point.normal.as_dvec3());
                 let exact = lambert(&triangles, position, normal);
                 let scale = match family.scale {
                     "irradiance" => exact,
@@ -277,9 +281,10 @@ fn closed_form() -> Vec<Row> {
 
 fn photons_and_records() -> Vec<Row> {
     vec![
-        // Sums of flux are whole numbers: a square, two products and two quotients are left.
+        // Sums of flux are whole numbers: only a square, two products and two quotients are rounded.
         Row::new("density estimate", "open floor, 20,000 photons", "irradiance", 6.0, irradiance::rounding()),
-        // The record's weight has the length of the normals' difference, whose terms cancel where they are alike to 1e-3.
+        // The record's weight contains the length of the normals' difference, whose terms cancel where they agree to
+        // 1e-3.
         Row::new(
             "interpolation",
             "500 records of all radii",
@@ -303,7 +308,7 @@ fn film() -> Vec<Row> {
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
     let pass = Film::new(gpu, &device_features(gpu)).unwrap();
     let plane = pass.plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
-    // No invocation takes more turns than a software device allows.
+    // No invocation takes more iterations than a software device allows.
     const BATCH: u32 = 1 << 14;
     for batch in 0..LAYERS as u32 / BATCH {
         let (pixel_count, point_count) = (PIXELS as u32, PIXELS as u32 * BATCH);
@@ -326,15 +331,15 @@ fn film() -> Vec<Row> {
         .collect()
 }
 
-/// No kernel rounds worse than its bound says.
+/// No rounding error exceeds the bound of its row.
 #[test]
 fn roundings_are_bounded() {
     println!("fma is fused: {}", fma_is_fused());
     for row in rows() {
-        let (most, worst) = (row.quantile(0.999), row.quantile(1.0));
+        let (high, worst) = (row.quantile(0.999), row.quantile(1.0));
         let half = row.quantile(0.5);
         let Row { kernel, family, scale, bound, .. } = row;
-        println!("| {kernel} | {family} | {scale} | {half:.2} | {most:.2} | {worst:.2} | {bound} |");
-        assert!(worst <= bound, "{kernel}, {family}: {worst} ulp of the {scale} (99.9 %: {most}), {bound} are allowed");
+        println!("| {kernel} | {family} | {scale} | {half:.2} | {high:.2} | {worst:.2} | {bound} |");
+        assert!(worst <= bound, "{kernel}, {family}: {worst} ulp of the {scale} (99.9 %: {high}), {bound} are allowed");
     }
 }

@@ -1,14 +1,16 @@
-//! Pass `primary` against f64 rays through the pixels' middles, and glTF's rules for what they meet.
+//! Pass `primary` against f64 rays through the pixels' centres, and glTF's rules for the surfaces that they hit.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
-use penumbra::gpu::buffer::POISON;
-use penumbra::passes::primary::Primary;
-use penumbra::passes::{INVALID_POINT, Tile, TileBuffers};
-use penumbra::scene::{
-    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Texture, TextureImage, TextureSlot, Wrap,
+use kernel_kit::POISON;
+use penumbra::internal::passes::primary::Primary;
+use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::scene::{
+    AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
+    Wrap,
 };
+use penumbra::internal::specialisation::features::Feature;
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::{Corners, sphere, square};
@@ -16,21 +18,21 @@ use crate::path::{camera, scene, surface};
 use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, whole};
 use crate::statistics::Random;
 
-/// Defects that the comparison must find.
+/// Faults planted in the oracle, which the comparison must find.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
-    /// Backs of single-sided surfaces emit.
+    /// Back faces of single-sided surfaces emit.
     Backs,
-    /// Normals are those of the fronts.
+    /// Normals are on the front side.
     Facing,
-    /// Nothing is cut off before the near plane or behind the far one.
+    /// The near and the far plane are ignored.
     Planes,
     /// Masks and blending are ignored.
     Alpha,
-    /// sRGB codes are taken for light.
+    /// sRGB codes are taken as linear.
     Linear,
-    /// All textures tile.
+    /// All textures repeat.
     Wrap,
     /// All textures are filtered.
     Filter,
@@ -38,11 +40,11 @@ enum Fault {
     Colours,
     /// Shading normals are the geometric ones.
     Flat,
-    /// Rays leave from the triangle, not from the smooth surface that it stands for.
+    /// Rays leave from the triangle, not from the smooth surface that it approximates.
     Facets,
-    /// The surface's own normal is the triangle's.
+    /// The geometric normal is the triangle's.
     FacetNormals,
-    /// The distance for the depth.
+    /// The depth is the distance.
     Depth,
 }
 
@@ -72,14 +74,14 @@ fn panels() -> Scene {
         |x: f64, y: f64, z: f64| -> Vec<Corners> { panel(x, y, z).into_iter().map(|[a, b, c]| [a, c, b]).collect() };
     let wall = square(DVec3::new(0.0, 0.0, -0.6), DVec3::new(0.7, 0.0, 0.2), DVec3::Y * 0.6);
     let near = square(DVec3::new(-0.07, 0.0, 1.7), DVec3::new(0.07, 0.0, 0.0), DVec3::new(0.0, 0.05, 0.12));
-    let slot = |texture| {
+    let info = |texture| {
         let matrix = Mat2::from_cols(Vec2::new(1.7, 0.3), Vec2::new(-0.4, 1.6));
-        Some(TextureSlot { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
+        Some(TextureInfo { texture, uv_set: 0, matrix, offset: Vec2::new(-0.8, -0.3) })
     };
     let plain = surface(0.5, 0.0);
     let base_colour = Vec4::new(0.9, 0.7, 0.8, 0.9);
     let textured =
-        |texture| Material { base_colour, base_colour_texture: slot(texture), double_sided: true, ..surface(0.5, 0.0) };
+        |texture| Material { base_colour, base_colour_texture: info(texture), double_sided: true, ..surface(0.5, 0.0) };
     let emits = Material { emissive: Vec3::new(1.0, 2.0, 3.0), ..plain.clone() };
     let meshes = [
         (sphere(DVec3::new(0.0, 0.0, 0.1), 0.15, 10), plain.clone()),
@@ -87,7 +89,7 @@ fn panels() -> Scene {
         (near, plain.clone()),
         (panel(-0.4, 0.4, 0.2), emits.clone()),
         (back(-0.1, 0.4, 0.1), emits.clone()),
-        (back(0.2, 0.4, 0.2), Material { double_sided: true, emissive_texture: slot(3), ..emits }),
+        (back(0.2, 0.4, 0.2), Material { double_sided: true, emissive_texture: info(3), ..emits }),
         (panel(0.45, 0.1, 0.2), textured(0)),
         (back(-0.4, 0.1, 0.2), textured(1)),
         (panel(-0.4, -0.2, 0.2), textured(2)),
@@ -128,7 +130,7 @@ fn panels() -> Scene {
     scene
 }
 
-/// From the front, slightly aside, with planes that cut off some of the nearest panel and of the wall.
+/// Views from the front, slightly aside; the near and far planes cut off parts of the nearest panel and of the wall.
 fn cameras() -> [Camera; 2] {
     let view = camera(DVec3::new(0.05, 0.1, 2.0), DVec3::new(-0.02, -0.04, -1.0), 0.65);
     let perspective = Camera { near: 0.3, far: 2.65, ..view };
@@ -136,10 +138,10 @@ fn cameras() -> [Camera; 2] {
     [perspective.clone(), Camera { projection, ..perspective }]
 }
 
-/// What a pixel shows.
-struct Seen {
+/// The visible surface of a pixel.
+struct Visible {
     position: DVec3,
-    /// Where its rays leave from, and how far roundings of normals may move that.
+    /// Origin of rays that leave it, and how far roundings of normals may move that.
     leaving: DVec3,
     moved: f64,
     distance: f64,
@@ -165,7 +167,7 @@ struct Oracle<'s> {
 }
 
 impl Oracle<'_> {
-    /// The ray through the middle of a pixel, and the cosine between it and the viewing direction.
+    /// The ray through the centre of a pixel, and the cosine between it and the viewing direction.
     fn ray(&self, pixel: usize) -> (DVec3, DVec3, f64) {
         let [right, up, backward] = self.camera.axes.map(|a| a.as_dvec3());
         let [width, height] = [self.tile.width, self.tile.height].map(f64::from);
@@ -183,13 +185,13 @@ impl Oracle<'_> {
         }
     }
 
-    /// What a pixel shows; an error where that hangs on rounding.
-    fn see(&self, pixel: usize) -> Result<Option<Seen>, ()> {
+    /// The visible surface of a pixel; an error where that depends on rounding.
+    fn see(&self, pixel: usize) -> Result<Option<Visible>, ()> {
         let (origin, direction, cosine) = self.ray(pixel);
         let (near, far) = (f64::from(self.camera.near) / cosine, f64::from(self.camera.far) / cosine);
         let mut found: Option<Crossing> = None;
         for crossing in crossings(self.scene, origin, direction) {
-            // Behind the surface that was found nothing matters, but what is as near.
+            // Only surfaces at the same distance matter behind the one found.
             if found.is_some_and(|f| crossing.t > f.t + 1e-5) {
                 break;
             }
@@ -229,7 +231,7 @@ impl Oracle<'_> {
         if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok(alpha > threshold) }
     }
 
-    fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Seen, ()> {
+    fn shade(&self, crossing: &Crossing, origin: DVec3, direction: DVec3, cosine: f64) -> Result<Visible, ()> {
         let triangle = &self.scene.triangles[crossing.triangle];
         let material = &self.scene.materials[triangle.material as usize];
         let corners = triangle.vertices.map(|v| self.scene.vertices[v as usize]);
@@ -241,12 +243,12 @@ impl Oracle<'_> {
         let mut shading = crossing.normal;
         if corners[0].normal != Vec3::ZERO && self.fault != Fault::Flat {
             shading = (0..3).map(|i| weights[i] * corners[i].normal.as_dvec3()).sum::<DVec3>().normalize();
-            // At the rim the normal is bent towards the viewer, by how much is left to the pass.
+            // At the rim the pass bends the normal towards the viewer; the oracle does not repeat by how much.
             if faced(shading).dot(-direction) < 2e-3 {
                 return Err(());
             }
-            // The sum of the projections to the tangent planes that are over the point (Hanika 2021). From inside, the
-            // ball is hollow: they are under it.
+            // The sum of the projections onto the tangent planes that are above the point (Hanika 2021). Seen from inside,
+            // the ball is hollow, and they are below it.
             let projections = (0..3).map(|i| {
                 let (corner, normal) = (corners[i].position.as_dvec3(), faced(corners[i].normal.as_dvec3()));
                 let from_corner = position - corner;
@@ -275,7 +277,7 @@ impl Oracle<'_> {
         } else if shines {
             emission = material.emissive.as_dvec3() * self.texel(&material.emissive_texture, crossing)?.truncate();
         }
-        Ok(Seen {
+        Ok(Visible {
             position,
             leaving,
             moved,
@@ -293,16 +295,16 @@ impl Oracle<'_> {
     }
 
     /// A texture at a point of a triangle; ones where there is none.
-    fn texel(&self, slot: &Option<TextureSlot>, crossing: &Crossing) -> Result<DVec4, ()> {
-        let Some(slot) = slot else { return Ok(DVec4::ONE) };
-        let texture = &self.scene.textures[slot.texture as usize];
+    fn texel(&self, info: &Option<TextureInfo>, crossing: &Crossing) -> Result<DVec4, ()> {
+        let Some(info) = info else { return Ok(DVec4::ONE) };
+        let texture = &self.scene.textures[info.texture as usize];
         let image = &self.scene.images[texture.image as usize];
         let corners = self.scene.triangles[crossing.triangle].vertices;
         let [a, b, c] = corners.map(|v| self.scene.vertices[v as usize].uv[0].as_dvec2());
         let uv = a + crossing.u * (b - a) + crossing.v * (c - a);
-        let matrix = DMat2::from_cols(slot.matrix.x_axis.as_dvec2(), slot.matrix.y_axis.as_dvec2());
-        let place =
-            (matrix * uv + slot.offset.as_dvec2()) * DVec2::new(f64::from(image.width), f64::from(image.height));
+        let matrix = DMat2::from_cols(info.matrix.x_axis.as_dvec2(), info.matrix.y_axis.as_dvec2());
+        let position =
+            (matrix * uv + info.offset.as_dvec2()) * DVec2::new(f64::from(image.width), f64::from(image.height));
         let wrapped = |i: f64, size: u32, wrap: Wrap| {
             let (i, n) = (i as i64, i64::from(size));
             match wrap {
@@ -321,17 +323,17 @@ impl Oracle<'_> {
         };
         if texture.filter == Filter::Nearest && self.fault != Fault::Filter {
             // Texels begin at whole numbers.
-            let to_border = (place - place.round()).abs().min_element();
-            return if to_border < 1e-4 { Err(()) } else { Ok(at(place.x.floor(), place.y.floor())) };
+            let to_border = (position - position.round()).abs().min_element();
+            return if to_border < 1e-4 { Err(()) } else { Ok(at(position.x.floor(), position.y.floor())) };
         }
-        let corner = (place - 0.5).floor();
-        let f = place - 0.5 - corner;
+        let corner = (position - 0.5).floor();
+        let f = position - 0.5 - corner;
         let row = |y: f64| at(corner.x, y).lerp(at(corner.x + 1.0, y), f.x);
         Ok(row(corner.y).lerp(row(corner.y + 1.0), f.y))
     }
 }
 
-/// All that the pass writes.
+/// Everything that the pass writes.
 #[derive(Clone, PartialEq)]
 struct Outcome {
     points: Vec<[u32; 4]>,
@@ -349,8 +351,8 @@ impl Outcome {
 }
 
 fn stage(camera: &Camera, size: [u32; 2]) -> Stage {
-    Stage::new(panels(), camera, size, Technique::TwoPass, |features| {
-        features.with("aov_albedo", true).with("aov_normal", true).with("aov_position", true)
+    Stage::new(panels(), camera, size, Technique::TWO_PASS, |features| {
+        features.with(Feature::AovAlbedo, true).with(Feature::AovNormal, true).with(Feature::AovPosition, true)
     })
 }
 
@@ -358,7 +360,7 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     let gpu = gpu();
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
-    // One more, to see that it stays.
+    // One more, which must stay poisoned.
     let poisoned = |name: &str| gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap();
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
     buffers.points = poisoned("test/points");
@@ -372,7 +374,7 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     bound.record(&mut frame, tile);
     frame.submit().unwrap();
     assert_eq!(gpu.read::<u32>(&buffers.counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
-    let read = |buffer: &penumbra::gpu::Buffer| -> Vec<[u32; 4]> {
+    let read = |buffer: &kernel_kit::Buffer| -> Vec<[u32; 4]> {
         let mut words: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
         assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
         words
@@ -387,46 +389,46 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     }
 }
 
-/// Colours of textures: a device may decode sRGB to within half of one part in 255, and at a texel's slope the
-/// coordinates' roundings are far less.
+/// Error of textures' colours: a device may decode sRGB to within half of one part in 255. The effect of rounded texture
+/// coordinates is far less.
 const TEXEL: f64 = 2e-3;
 
-/// Other colours: those of vertices have 16 bits, the weights of a corner a few roundings.
+/// Error of other colours: those of vertices have 16 bits, and the weights of corners a few roundings.
 const COLOUR: f64 = 2e-5;
 
 /// An octahedral code is within 7e-5 of its vector; shading normals pass through two.
 const NORMAL: f64 = 2e-4;
 
-/// Whether the pass wrote for a pixel what the oracle sees.
-fn same(outcome: &Outcome, i: usize, seen: &Option<Seen>) -> bool {
+/// Whether the output for a pixel is that of the oracle.
+fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
     let [point, packed, radiance, albedo, normal, position] = outcome.lists();
-    let Some(seen) = seen else {
+    let Some(visible) = visible else {
         return point[i] == [0, 0, 0, INVALID_POINT]
             && packed[i] == [POISON; 4]
             && [radiance, albedo, normal, position].iter().all(|list| list[i] == [0; 4]);
     };
     let near = |got: DVec3, expected: DVec3, tolerance: f64| (got - expected).abs().max_element() <= tolerance;
     let colour = |list: &Vec<[u32; 4]>, expected: DVec3| {
-        near(vector(list).truncate(), expected, seen.colour) && vector(list).w == 1.0
+        near(vector(list).truncate(), expected, visible.colour) && vector(list).w == 1.0
     };
-    // The direction's roundings over the way, along the surface.
-    let tolerance = 1e-6 * seen.distance / seen.cosine;
-    let lit = if seen.unlit {
+    // Roundings of the direction, over the distance, along the surface.
+    let tolerance = 1e-6 * visible.distance / visible.cosine;
+    let lit = if visible.unlit {
         point[i] == [0, 0, 0, INVALID_POINT]
     } else {
-        near(vector(point).truncate(), seen.leaving, tolerance + seen.moved)
-            && near(oct_decode(point[i][3], 16), seen.geometric, NORMAL)
+        near(vector(point).truncate(), visible.leaving, tolerance + visible.moved)
+            && near(oct_decode(point[i][3], 16), visible.geometric, NORMAL)
     };
-    let reflected = if seen.unlit { DVec3::ZERO } else { seen.base };
-    lit && near(vector(packed).truncate(), reflected, seen.colour)
-        && near(oct_decode(packed[i][3], 16), seen.shading, NORMAL)
-        && colour(radiance, seen.emission)
-        && colour(albedo, seen.base)
-        && near(vector(normal).truncate(), seen.shading, NORMAL)
+    let reflected = if visible.unlit { DVec3::ZERO } else { visible.base };
+    lit && near(vector(packed).truncate(), reflected, visible.colour)
+        && near(oct_decode(packed[i][3], 16), visible.shading, NORMAL)
+        && colour(radiance, visible.emission)
+        && colour(albedo, visible.base)
+        && near(vector(normal).truncate(), visible.shading, NORMAL)
         && vector(normal).w == 1.0
-        && near(vector(position).truncate(), seen.position, tolerance)
-        && (vector(position).w - seen.depth).abs() <= tolerance
+        && near(vector(position).truncate(), visible.position, tolerance)
+        && (vector(position).w - visible.depth).abs() <= tolerance
 }
 
 #[test]
@@ -445,9 +447,9 @@ fn pixels_show_what_rays_in_f64_meet() {
                         doubtful += usize::from(fault == Fault::None);
                         false
                     }
-                    Ok(seen) => {
-                        missed += usize::from(fault == Fault::None && seen.is_none());
-                        !same(&outcome, *i, &seen)
+                    Ok(visible) => {
+                        missed += usize::from(fault == Fault::None && visible.is_none());
+                        !same(&outcome, *i, &visible)
                     }
                 };
                 (0..count).filter(differs).collect::<Vec<usize>>()
@@ -458,7 +460,7 @@ fn pixels_show_what_rays_in_f64_meet() {
                 continue;
             }
             for fault in FAULTS {
-                // An orthographic view has no distance but the depth.
+                // In an orthographic view the distance is the depth.
                 let orthographic = matches!(camera.projection, Projection::Orthographic { .. });
                 if !(orthographic && fault == Fault::Depth) {
                     let found = differences(fault).len();
@@ -469,13 +471,13 @@ fn pixels_show_what_rays_in_f64_meet() {
             assert!(missed > 20, "no pixel shows nothing");
             let oracle = Oracle { scene: &stage.scene, camera: &camera, tile, fault: Fault::None };
             let mut met = vec![0; stage.scene.materials.len()];
-            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|seen| met[seen.material] += 1);
+            (0..count).filter_map(|i| oracle.see(i).ok()?).for_each(|visible| met[visible.material] += 1);
             assert!(met.iter().all(|n| *n > 20), "pixels of each material: {met:?}");
         }
     }
 }
 
-/// An image cut into tiles of rows, and samples rendered one by one, are the whole bit for bit.
+/// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
 #[test]
 fn tiles_and_layers_are_the_whole() {
     const LAYERS: u32 = 4;
@@ -491,11 +493,11 @@ fn tiles_and_layers_are_the_whole() {
     };
     let differences = |tile: &Tile, layer_0: u32| -> usize {
         let got = run(&stage, tile);
-        let place = |i: usize| {
+        let index = |i: usize| {
             let (layer, pixel) = (i / tile.pixel_count as usize, i % tile.pixel_count as usize);
             (layer + layer_0 as usize) * all.pixel_count as usize + (tile.first_row * size[0]) as usize + pixel
         };
-        let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[place(*i)]);
+        let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[index(*i)]);
         (0..tile.point_count as usize).filter(differs).count()
     };
     for (first_row, rows) in [(0, 5), (5, 1), (6, 7)] {
@@ -507,7 +509,7 @@ fn tiles_and_layers_are_the_whole() {
     let others = differences(&piece(0, 13, 1, 1), 2);
     assert!(others > 100, "layers that are alike: {others} differences");
 
-    // Samples lie in their pixels.
+    // Samples lie within their pixels.
     let half = match camera.projection {
         Projection::Perspective { yfov, .. } => f64::from(yfov / 2.0).tan(),
         Projection::Orthographic { .. } => unreachable!("the first camera is a perspective one"),
@@ -521,33 +523,35 @@ fn tiles_and_layers_are_the_whole() {
         let film = DVec2::new(0.5 * width + p.dot(right) * scale, 0.5 * height - p.dot(up) * scale);
         let pixel = i % all.pixel_count as usize;
         let offset = film - DVec2::new((pixel % size[0] as usize) as f64 + shift, (pixel / size[0] as usize) as f64);
-        // f32 positions, over pixels of a fiftieth of the view.
+        // Error of f32 positions, relative to pixels of a fiftieth of the view.
         offset.min_element() > -1e-4 && offset.max_element() < 1.0 + 1e-4
     };
     let valid: Vec<usize> = (0..all.point_count as usize).filter(|i| outcome.points[*i][3] != INVALID_POINT).collect();
     let outside: Vec<usize> = valid.iter().copied().filter(|i| !within(*i, 0.0)).collect();
     assert!(valid.len() > 300 && outside.is_empty(), "{outside:?} of {}", valid.len());
-    assert!(valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4, "half a pixel aside is not seen");
+    assert!(
+        valid.iter().filter(|i| !within(**i, 0.5)).count() > valid.len() / 4,
+        "an offset of half a pixel is not found"
+    );
 }
 
-/// A normal map in its tangent frame, metallic and roughness of a texture, and a base colour that the second set of
-/// coordinates looks up: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
+/// A normal map in its tangent frame, metallic and roughness from a texture, and a base colour from the second set of
+/// texture coordinates: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
 #[test]
 fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
-    let slot = |texture, uv_set| Some(TextureSlot { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+    let info = |texture, uv_set| Some(TextureInfo { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
     let material = Material {
         base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
         metallic: 0.8,
         roughness: 0.9,
-        specular: 0.6,
-        specular_colour: Vec3::new(1.0, 0.9, 0.8),
+        specular: Specular { colour: Vec3::new(1.0, 0.9, 0.8), ..Specular::with_factor(0.6) },
         normal_scale: 0.7,
-        base_colour_texture: slot(0, 1),
-        metallic_roughness_texture: slot(1, 0),
-        normal_texture: slot(2, 0),
+        base_colour_texture: info(0, 1),
+        metallic_roughness_texture: info(1, 0),
+        normal_texture: info(2, 0),
         ..surface(0.5, 0.0)
     };
-    // Its diagonals are off the middle of the image.
+    // The diagonals of its triangles do not pass through the centre of the image.
     let quad = square(DVec3::new(0.1, 0.0, 0.0), 0.5 * DVec3::X, 0.4 * DVec3::Y);
     let mut scene = scene(&[(quad, material.clone())], Vec::new());
     let image =
@@ -564,9 +568,9 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         vertex.tangent = tangent;
     }
     let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
-    let stage = Stage::new(scene, &view, [1, 1], Technique::TwoPass, |features| features);
-    for feature in ["glossy", "uv1", "normal_maps", "textures"] {
-        assert!(stage.features.has(feature), "{feature}");
+    let stage = Stage::new(scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
+    for feature in [Feature::Glossy, Feature::Uv1, Feature::NormalMaps, Feature::Textures] {
+        assert!(stage.features.has(feature), "{feature:?}");
     }
     let gpu = gpu();
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
@@ -581,13 +585,13 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
     let m = |x: f32| f64::from(x);
     let base = material.base_colour.truncate().as_dvec3();
     let (roughness, metallic) = (m(material.roughness) * 100.0 / 255.0, m(material.metallic) * 150.0 / 255.0);
-    let dielectric = (0.5f64 / 2.5).powi(2) * material.specular_colour.as_dvec3() * m(material.specular);
+    let dielectric = (0.5f64 / 2.5).powi(2) * material.specular.colour.as_dvec3() * m(material.specular.factor);
     let f0 = dielectric.lerp(base, metallic);
-    let f90 = m(material.specular) * (1.0 - metallic) + metallic;
+    let f90 = m(material.specular.factor) * (1.0 - metallic) + metallic;
     let near = |got: f64, expected: f64| (got - expected).abs() < COLOUR;
     assert!((a.truncate() - base * (1.0 - metallic)).abs().max_element() < COLOUR, "albedo {a}");
     assert!((b.truncate() - f0).abs().max_element() < COLOUR && near(b.w, f90), "f0 {b}, expected {f0} and {f90}");
-    assert!(near(c.x, dielectric.max_element()) && near(c.y, m(material.specular)), "dielectric {c}");
+    assert!(near(c.x, dielectric.max_element()) && near(c.y, m(material.specular.factor)), "dielectric {c}");
     assert!(near(c.z, roughness * roughness), "alpha {c}");
 
     let texel = DVec3::new(170.0, 70.0, 210.0) / 255.0 * 2.0 - 1.0;

@@ -1,9 +1,11 @@
-//! `shaders/lib/procedural.wgsl`: where rays meet objects that functions describe, against closed forms.
+//! `shaders/lib/procedural.wgsl`: intersections of rays with procedural objects, against closed forms.
 
+use crate::kit::new_kernel;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::procedural::Role;
-use penumbra::scene::Scene;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::procedural::Role;
+use penumbra::internal::scene::Scene;
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -22,12 +24,12 @@ struct Ray {
     t_max: f32,
 }
 
-/// What an entry of `shaders/traverse.wgsl` answers to rays, and the counts of answers that were none.
+/// Runs an entry point of `shaders/traverse.wgsl` on rays: its answers, and the counts of rays lost.
 fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
-    let composed = compose::compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
+    let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
     let mut constants = stage.gpu_scene.constants();
-    constants.extend([("ray_count", rays.len() as f64), ("slot_count", 0.0)]);
-    let kernel = Kernel::new(gpu(), &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
+    constants.extend([("ray_count", rays.len() as f64), ("primitive_count", 0.0)]);
+    let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
     let texels: Vec<[f32; 4]> = rays
         .iter()
         .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
@@ -45,16 +47,16 @@ fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
 
 fn stage(scene: Scene) -> Stage {
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::Path, |features| features)
+    Stage::new(scene, &view, [1, 1], Technique::PATH, |features| features)
 }
 
-/// An ellipsoid, turned and off the origin.
+/// An ellipsoid, rotated and off the origin.
 fn ellipsoid() -> DAffine3 {
-    let turn = DQuat::from_axis_angle(DVec3::new(0.3, 0.5, -0.8).normalize(), 0.7);
-    DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 0.35, 0.1), turn, DVec3::new(0.15, -0.1, 0.2))
+    let rotation = DQuat::from_axis_angle(DVec3::new(0.3, 0.5, -0.8).normalize(), 0.7);
+    DAffine3::from_scale_rotation_translation(DVec3::new(0.2, 0.35, 0.1), rotation, DVec3::new(0.15, -0.1, 0.2))
 }
 
-/// Rays from near, from far and from within, some short, some of directions that are not unit vectors.
+/// Rays from near, from far and from inside; some are short, some have directions that are not unit vectors.
 fn rays(count: usize) -> Vec<Ray> {
     let mut random = Random(11);
     let mut ray = |i: usize| {
@@ -68,8 +70,8 @@ fn rays(count: usize) -> Vec<Ray> {
     (0..count).map(&mut ray).collect()
 }
 
-/// Both crossings of a ray's line with the unit sphere of an object's own space; none where it passes by. How near it is to
-/// where one becomes the other.
+/// Both crossings of a ray's line with the unit sphere of an object's space, or none; and how far, in radii, the line
+/// is from touching the sphere.
 fn crossings(world: &DAffine3, ray: &Ray) -> (Option<[f64; 2]>, f64) {
     let own = world.inverse();
     let o = own.transform_point3(ray.origin.as_dvec3());
@@ -80,20 +82,21 @@ fn crossings(world: &DAffine3, ray: &Ray) -> (Option<[f64; 2]>, f64) {
     ((offset < 1.0).then_some([along - half, along + half]), (1.0 - offset).abs())
 }
 
-/// How many of the answers are wrong, of those that do not hang on rounding, and how many these are.
+/// Among the rays whose answer does not depend on rounding, how many answers are wrong, and how many rays there are.
 fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32; 4]]) -> (usize, usize) {
-    let (mut wrong, mut asked) = (0, 0);
+    let (mut wrong, mut checked) = (0, 0);
     for ((ray, [t, u, v, id]), [stopped, ..]) in rays.iter().zip(answers).zip(occluded) {
         let (found, doubt) = crossings(world, ray);
         let length = f64::from(ray.direction.length());
-        // Own space is up to ten times the scene's, and places there are known to 2^-18 of the box's diagonal along the ray.
+        // Lengths in the object's space are up to ten times those of the scene, and positions there are exact to 2^-18
+        // of the box's diagonal.
         let tolerance = 2e-5 / length;
         let t_max = f64::from(ray.t_max);
         let near = |t: f64| t.abs() < tolerance || (t - t_max).abs() < tolerance;
         if doubt < 1e-3 || found.is_some_and(|found| found.into_iter().any(near)) {
             continue;
         }
-        asked += 1;
+        checked += 1;
         let first = found.and_then(|found| found.into_iter().find(|t| *t > 0.0 && *t <= t_max));
         let right = match first {
             None => *id == NO_HIT && *stopped == 0,
@@ -105,7 +108,7 @@ fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32;
                 let fold = |p: f64| p - (-z).max(0.0).copysign(p);
                 let given = DVec3::new(fold(u), fold(v), z).normalize();
                 let off = (f64::from(f32::from_bits(*t)) - first).abs() * length;
-                // A step of epsilon along the ray is more of a sphere that is met at a grazing angle.
+                // At a grazing angle a step of epsilon along the ray is a larger error.
                 let cosine = (normal.normalize().dot(ray.direction.as_dvec3()) / length).abs();
                 *id == OBJECT
                     && *stopped == 1
@@ -115,11 +118,11 @@ fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32;
         };
         wrong += usize::from(!right);
     }
-    (wrong, asked)
+    (wrong, checked)
 }
 
-/// An ellipsoid by its closed form, and by its distance: what rays meet first, its normal there, and whether anything stops
-/// them are those of the quadratic equation. One a thousandth larger is seen.
+/// An ellipsoid given by its closed form and by its distance: first hits, normals and occlusion are those of the
+/// quadratic equation. The comparison finds an ellipsoid that is a thousandth larger.
 #[test]
 fn ellipsoids_are_met_where_they_are() {
     let rays = rays(6000);
@@ -133,15 +136,15 @@ fn ellipsoids_are_met_where_they_are() {
             (closest, run(&stage, "occluded", &rays).0)
         };
         let (closest, occluded) = traced(1.0);
-        let (found, asked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
-        assert!(found == 0 && asked > 5000, "{role:?}: {found} of {asked} rays are wrong");
+        let (found, checked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
+        assert!(found == 0 && checked > 5000, "{role:?}: {found} of {checked} rays are wrong");
         let (closest, occluded) = traced(0.999);
-        let (found, asked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
-        assert!(2 * found > asked / 2, "{role:?}: a thousandth is seen by {found} of {asked} rays");
+        let (found, checked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
+        assert!(2 * found > checked / 2, "{role:?}: a thousandth is found by {found} of {checked} rays");
     }
 }
 
-/// Of a triangle and objects the nearest is met, whichever it is; with several functions each object has its own.
+/// The nearest of a triangle and several objects is hit, whichever it is; each object has its own function.
 #[test]
 fn the_nearest_of_all_is_met() {
     let at = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
@@ -162,33 +165,34 @@ fn the_nearest_of_all_is_met() {
     assert_eq!(misses, [0; 2]);
 }
 
-/// Functions that loop without end, by every kind of loop, or that have no answer: rays pass through, each is counted, and other objects are met as if nothing were.
+/// Functions that loop without end, by every kind of loop, or whose results are not finite: rays pass through and are
+/// counted, and other objects are hit as usual.
 #[test]
 fn bad_functions_are_counted_and_passed_through() {
     let intersection = |body: &str| {
         format!("fn f(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {{ {body} }}")
     };
     let distance = |body: &str| format!("fn f(position: vec3f, parameters: vec4f) -> f32 {{ {body} }}");
-    let (turns, nonsense) = (0, 1);
+    let (iterations, invalid) = (0, 1);
     let cases = [
-        (Role::Intersection, intersection("loop {} return vec4f(0.0);"), turns),
-        (Role::Intersection, intersection("while true {} return vec4f(0.0);"), turns),
-        (Role::Intersection, intersection("for (var i = 0; i < 10; i += 0) {} return vec4f(0.0);"), turns),
+        (Role::Intersection, intersection("loop {} return vec4f(0.0);"), iterations),
+        (Role::Intersection, intersection("while true {} return vec4f(0.0);"), iterations),
+        (Role::Intersection, intersection("for (var i = 0; i < 10; i += 0) {} return vec4f(0.0);"), iterations),
         (
             Role::Intersection,
             intersection("loop { continuing { break if nearest < -1.0; } } return vec4f(0.0);"),
-            turns,
+            iterations,
         ),
         (
             Role::Intersection,
             intersection("for (var i = 0; i < 1000; i++) { for (var j = 0; j < 1000; j++) {} } return vec4f(1.0);"),
-            turns,
+            iterations,
         ),
-        (Role::Intersection, intersection("return vec4f(sqrt(parameters.x - 2.0));"), nonsense),
-        (Role::Intersection, intersection("return vec4f(0.0, 0.0, 0.0, nearest + 0.1);"), nonsense),
-        (Role::Intersection, intersection("return vec4f(1.0, 0.0, 0.0, 1.0 / (parameters.x - 1.0));"), nonsense),
-        (Role::Distance, distance("loop {} return 1.0;"), turns),
-        (Role::Distance, distance("return sqrt(-abs(position.x) - parameters.x);"), nonsense),
+        (Role::Intersection, intersection("return vec4f(sqrt(parameters.x - 2.0));"), invalid),
+        (Role::Intersection, intersection("return vec4f(0.0, 0.0, 0.0, nearest + 0.1);"), invalid),
+        (Role::Intersection, intersection("return vec4f(1.0, 0.0, 0.0, 1.0 / (parameters.x - 1.0));"), invalid),
+        (Role::Distance, distance("loop {} return 1.0;"), iterations),
+        (Role::Distance, distance("return sqrt(-abs(position.x) - parameters.x);"), invalid),
     ];
     let world = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
     let rays: Vec<Ray> = (0..100)

@@ -2,8 +2,8 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
-use penumbra::passes::grid::Photon;
-use penumbra::passes::{INVALID_POINT, Point};
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);
@@ -48,7 +48,7 @@ fn oct_unwrap(x: f64, y: f64) -> DVec3 {
     DVec3::new(unfold(x), unfold(y), z).normalize()
 }
 
-/// The word of a photon that stands for one hit.
+/// The word of a photon that represents one hit.
 pub fn photon(position: Vec3, normal: Vec3, light: u32, shadow: bool) -> Photon {
     let q = (oct_wrap(normal) * 63.0 + 63.0).round().as_uvec2();
     Photon { position: position.to_array(), word: q.x | (q.y << 7) | (light << 14) | (u32::from(shadow) << 31) }
@@ -109,13 +109,13 @@ impl Room {
             Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 1.0, 0.0), v(0.0, 0.0, 1.0)),
             Rectangle(v(0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(0.0, 1.0, 0.0)),
         ];
-        let turn = glam::Mat3::from_rotation_y(20f32.to_radians());
+        let rotation = glam::Mat3::from_rotation_y(20f32.to_radians());
         let (centre, half) = (v(0.15, -0.325, 0.05), 0.175);
         for axis in 0..3 {
             for sign in [-1.0, 1.0] {
                 let n = Vec3::AXES[axis] * sign * half;
                 let (a, b) = (Vec3::AXES[(axis + 1) % 3] * half * sign, Vec3::AXES[(axis + 2) % 3] * half);
-                rectangles.push(Rectangle(centre + turn * (n - a - b), turn * a * 2.0, turn * b * 2.0));
+                rectangles.push(Rectangle(centre + rotation * (n - a - b), rotation * a * 2.0, rotation * b * 2.0));
             }
         }
         Room { rectangles, light }
@@ -130,7 +130,7 @@ impl Room {
     }
 
     /// Whether the whole light is behind the point's surface, or emits away from it.
-    #[allow(dead_code, reason = "the benchmark asks, the tests do not")]
+    #[allow(dead_code, reason = "the benchmark uses it, the tests do not")]
     pub fn is_dark(&self, point: &Point) -> bool {
         let x = Vec3::from(point.position);
         let n = point_normal(point.normal).as_vec3();
@@ -185,8 +185,8 @@ impl Room {
     }
 }
 
-/// What the nearest k photons of light `light` are: (n_i, n_s), None for fewer than k within `reach`; or nothing where the
-/// answer hangs on rounding.
+/// What the nearest k photons of light `light` are: (n_i, n_s), None for fewer than k within `reach`; or nothing where
+/// the answer depends on rounding.
 pub fn nearest_kinds(
     photons: &[Photon],
     point: &Point,

@@ -1,14 +1,20 @@
-//! Pass `choose`: what is chosen stands for all lights; and the potentials that lights are chosen by.
+//! Pass `sample_lights`: the sampled lights estimate the sum over all lights; and the potentials that lights are
+//! sampled by.
 
+use crate::kit::new_kernel;
+use kernel_kit::Resources;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::passes::grid::{Grid, GridShape, Photon};
-use penumbra::passes::sample_lights::{NO_LIGHT, SampleLights};
-use penumbra::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::kernels::NO_SAMPLED_LIGHT;
+use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
+use penumbra::internal::passes::sample_lights::SampleLights;
+use penumbra::internal::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::settings::Technique;
 
 use crate::kit::{device_features, gpu};
@@ -19,7 +25,7 @@ use crate::stage::{Stage, oct_encode};
 use crate::statistics::{Random, mean_and_error, z_test};
 
 const LIGHTS: usize = 90;
-const CHOSEN: u32 = 8;
+const LIGHTS_PER_POINT: u32 = 8;
 /// Pixels, one more than a workgroup has, and samples of each.
 const PIXELS: u32 = 65;
 const SAMPLES: u32 = 1024;
@@ -55,8 +61,8 @@ fn room(lamps: &[Lamp]) -> Scene {
     scene(&[(floor, surface(0.5, 0.0))], lamps.iter().map(punctual).collect())
 }
 
-/// A row of ten zones. Photons are in the second, fifth and eighth of them, so that zones list 3, 40 and more than 64 lights, and the
-/// last none.
+/// A row of ten zones. Photons are in the second, fifth and eighth of them, so that zones list 3, 40 and more than 64
+/// lights, and the last none.
 fn zones() -> (GridShape, Vec<Photon>) {
     let shape = GridShape { origin: [-0.5, -0.05, -0.1], cell: 0.1, size: [10, 1, 2], inverse_cell: 10.0 };
     let at = |zone: u32| Vec3::new(0.1 * zone as f32 - 0.45, 0.0, 0.0);
@@ -82,7 +88,7 @@ impl Setup {
     fn new(features: impl Fn(Features) -> Features) -> Setup {
         let lamps = lamps();
         let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::ShadowPhotons, features);
+        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::SHADOW_PHOTONS, features);
         let mut random = Random(8);
         let points = (0..PIXELS).map(|i| {
             let position =
@@ -105,7 +111,7 @@ impl Setup {
     }
 
     fn table(&self) -> (ZoneTable, Vec<u32>) {
-        let (gpu, features) = (gpu(), device_features(gpu()));
+        let (gpu, features) = (gpu(), sorting_grid(&device_features(gpu())));
         let (shape, photons) = zones();
         let buffer = gpu.upload("test/photons", &photons).unwrap();
         let sorting = Grid::sorting_only(gpu, &features).unwrap();
@@ -116,27 +122,27 @@ impl Setup {
         (table, words)
     }
 
-    /// By slot the light and what it stands for.
-    fn choose(&self, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
+    /// Light and weight of each candidate.
+    fn sample(&self, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
         let gpu = gpu();
         let Stage { features, gpu_scene, .. } = &self.stage;
-        let pass = SampleLights::new(gpu, features, &gpu_scene.constants(), CHOSEN, audited).unwrap();
+        let pass = SampleLights::new(gpu, features, &gpu_scene.constants(), LIGHTS_PER_POINT, audited).unwrap();
         let mut buffers = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
         buffers.points = gpu.upload("test/points", &self.points).unwrap();
-        let slots = (self.tile.point_count * CHOSEN) as usize;
-        let chosen = gpu.poisoned::<[u32; 2]>("test/chosen", slots).unwrap();
-        let bound = pass.bind(gpu, &buffers, &chosen, zones, gpu_scene).unwrap();
+        let candidates = (self.tile.point_count * LIGHTS_PER_POINT) as usize;
+        let sampled = gpu.poisoned::<[u32; 2]>("test/sampled", candidates).unwrap();
+        let bound = pass.bind(gpu, &buffers, &sampled, zones, gpu_scene).unwrap();
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &self.tile);
         frame.submit().unwrap();
-        let slots: Vec<[u32; 2]> = gpu.read(&chosen, slots).unwrap();
-        slots.into_iter().map(|[light, weight]| (light, f32::from_bits(weight))).collect()
+        let candidates: Vec<[u32; 2]> = gpu.read(&sampled, candidates).unwrap();
+        candidates.into_iter().map(|[light, weight]| (light, f32::from_bits(weight))).collect()
     }
 
-    /// The slots of one sample of a pixel.
-    fn slots(&self, chosen: &[(u32, f32)], pixel: u32, sample: u32) -> Vec<(u32, f32)> {
-        let at = |turn: u32| chosen[(turn * self.tile.point_count + sample * PIXELS + pixel) as usize];
-        (0..CHOSEN).map(at).collect()
+    /// The candidates of one sample of a pixel.
+    fn candidates(&self, sampled: &[(u32, f32)], pixel: u32, sample: u32) -> Vec<(u32, f32)> {
+        let at = |index: u32| sampled[(index * self.tile.point_count + sample * PIXELS + pixel) as usize];
+        (0..LIGHTS_PER_POINT).map(at).collect()
     }
 
     fn irradiance(&self, pixel: u32, light: usize) -> f64 {
@@ -145,10 +151,11 @@ impl Setup {
         intensity * offset.y.max(0.0) / offset.length().powi(3)
     }
 
-    /// Whether the mean over the samples of what is chosen, of lights that are `visible`, is the sum over all lights of `within`.
+    /// Whether the mean over the samples of the weighted lights that are `visible` is the sum over all lights of
+    /// `within`.
     fn sums_up(
         &self,
-        chosen: &[(u32, f32)],
+        sampled: &[(u32, f32)],
         pixel: u32,
         visible: impl Fn(usize) -> bool,
         within: impl Fn(usize) -> bool,
@@ -156,10 +163,10 @@ impl Setup {
         let of = |light: usize| if visible(light) { self.irradiance(pixel, light) } else { 0.0 };
         let exact: f64 = (0..LIGHTS).filter(|light| within(*light)).map(of).sum();
         let estimate = |sample: u32| -> f64 {
-            let slots = self.slots(chosen, pixel, sample);
-            slots
+            let candidates = self.candidates(sampled, pixel, sample);
+            candidates
                 .iter()
-                .filter(|(light, _)| *light != NO_LIGHT)
+                .filter(|(light, _)| *light != NO_SAMPLED_LIGHT)
                 .map(|(light, w)| f64::from(*w) * of(*light as usize))
                 .sum()
         };
@@ -170,13 +177,13 @@ impl Setup {
     }
 }
 
-/// By zones: of a point's samples the mean of what is chosen is the sum over all lights, whatever each of them is hidden from; without
-/// audits, over those that the zone lists. No light is chosen twice, each with a probability of at most one, and all of a list that
-/// has room. A weight that is off by an eighth is seen.
+/// By zones: the mean over a point's samples is the sum over all lights, whatever each of them is hidden from; without
+/// audits, over those that the zone lists. No light is sampled twice, each has a probability of at most one, and all
+/// lights of a short list are sampled. A weight that is off by an eighth is detected.
 #[test]
-fn what_zones_choose_stands_for_all_lights() {
+fn lights_sampled_by_zone_estimate_all() {
     let setup = Setup::new(|features| features);
-    assert!(setup.stage.features.has("zones"));
+    assert!(setup.stage.features.has(Feature::Zones));
     let (table, lists) = setup.table();
     let (shape, _) = zones();
     let list = |pixel: u32| -> BTreeSet<usize> {
@@ -191,26 +198,32 @@ fn what_zones_choose_stands_for_all_lights() {
     let every = |_: usize| true;
     let odd = |light: usize| light % 3 == 1;
     for audited in [true, false] {
-        let chosen = setup.choose(Some(&table), audited);
-        let wrong: Vec<(u32, f32)> = chosen.iter().map(|(light, w)| (*light, w * 0.875)).collect();
+        let sampled = setup.sample(Some(&table), audited);
+        let wrong: Vec<(u32, f32)> = sampled.iter().map(|(light, w)| (*light, w * 0.875)).collect();
         let (mut caught, mut zones) = (0, 0);
         for pixel in 0..PIXELS {
             if pixel == 33 {
                 assert!(
-                    (0..SAMPLES).all(|s| setup.slots(&chosen, pixel, s).iter().all(|(light, _)| *light == NO_LIGHT))
+                    (0..SAMPLES).all(|s| setup
+                        .candidates(&sampled, pixel, s)
+                        .iter()
+                        .all(|(light, _)| *light == NO_SAMPLED_LIGHT))
                 );
                 continue;
             }
             let listed = list(pixel);
-            let picks = (CHOSEN - u32::from(audited)) as usize;
+            let picks = (LIGHTS_PER_POINT - u32::from(audited)) as usize;
             let reaching = listed.iter().filter(|light| setup.irradiance(pixel, **light) > 0.0).count();
             for sample in 0..SAMPLES {
-                let slots = setup.slots(&chosen, pixel, sample);
-                let lights: Vec<usize> =
-                    slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| *light as usize).collect();
-                let what = format!("pixel {pixel}, sample {sample}: {slots:?}");
+                let candidates = setup.candidates(&sampled, pixel, sample);
+                let lights: Vec<usize> = candidates
+                    .iter()
+                    .filter(|(light, _)| *light != NO_SAMPLED_LIGHT)
+                    .map(|(light, _)| *light as usize)
+                    .collect();
+                let what = format!("pixel {pixel}, sample {sample}: {candidates:?}");
                 assert_eq!(lights.iter().collect::<BTreeSet<_>>().len(), lights.len(), "{what}");
-                let of_list = slots.iter().filter(|(light, _)| listed.contains(&(*light as usize)));
+                let of_list = candidates.iter().filter(|(light, _)| listed.contains(&(*light as usize)));
                 assert!(of_list.clone().all(|(_, weight)| *weight >= 1.0), "{what}");
                 assert!(of_list.clone().count() <= picks, "{what}");
                 assert!(lights.len() - of_list.clone().count() <= usize::from(audited), "{what}");
@@ -219,40 +232,41 @@ fn what_zones_choose_stands_for_all_lights() {
                 }
             }
             let within = |light: usize| audited || listed.contains(&light);
-            setup.sums_up(&chosen, pixel, every, within).unwrap();
-            setup.sums_up(&chosen, pixel, odd, within).unwrap();
+            setup.sums_up(&sampled, pixel, every, within).unwrap();
+            setup.sums_up(&sampled, pixel, odd, within).unwrap();
             caught += u32::from(setup.sums_up(&wrong, pixel, every, within).is_err());
             zones += u32::from(!listed.is_empty() || audited);
         }
-        println!("audited {audited}: an eighth is seen at {caught} of {zones} points");
-        assert!(caught * 10 > zones * 9, "an eighth is seen at {caught} of {zones} points");
+        println!("audited {audited}: an eighth is detected at {caught} of {zones} points");
+        assert!(caught * 10 > zones * 9, "an eighth is detected at {caught} of {zones} points");
     }
 }
 
 /// By power and alike: the same of all lights, and no light twice.
 #[test]
-fn what_power_chooses_stands_for_all_lights() {
+fn lights_sampled_by_power_estimate_all() {
     for uniform in [false, true] {
-        let setup = Setup::new(|features| features.with("zones", false).with("uniform_light_sampling", uniform));
-        let chosen = setup.choose(None, false);
-        let wrong: Vec<(u32, f32)> = chosen.iter().map(|(light, w)| (*light, w * 0.75)).collect();
+        let setup =
+            Setup::new(|features| features.with(Feature::Zones, false).with(Feature::UniformLightSampling, uniform));
+        let sampled = setup.sample(None, false);
+        let wrong: Vec<(u32, f32)> = sampled.iter().map(|(light, w)| (*light, w * 0.75)).collect();
         let mut caught = 0;
         for pixel in (0..PIXELS).filter(|pixel| *pixel != 33) {
             for sample in 0..SAMPLES {
-                let slots = setup.slots(&chosen, pixel, sample);
-                let lights = slots.iter().filter(|(light, _)| *light != NO_LIGHT).map(|(light, _)| light);
-                assert_eq!(lights.clone().collect::<BTreeSet<_>>().len(), lights.count(), "{slots:?}");
+                let candidates = setup.candidates(&sampled, pixel, sample);
+                let lights = candidates.iter().filter(|(light, _)| *light != NO_SAMPLED_LIGHT).map(|(light, _)| light);
+                assert_eq!(lights.clone().collect::<BTreeSet<_>>().len(), lights.count(), "{candidates:?}");
             }
-            setup.sums_up(&chosen, pixel, |_| true, |_| true).unwrap();
+            setup.sums_up(&sampled, pixel, |_| true, |_| true).unwrap();
             caught += u32::from(setup.sums_up(&wrong, pixel, |_| true, |_| true).is_err());
         }
-        println!("uniform {uniform}: a quarter is seen at {caught} points");
-        assert!(caught > PIXELS / 2, "a quarter is seen at {caught} points");
+        println!("uniform {uniform}: a quarter is detected at {caught} points");
+        assert!(caught > PIXELS / 2, "a quarter is detected at {caught} points");
     }
 }
 
-/// The potential of a light is positive wherever it is not dark, and of lights that are small and not at the horizon their
-/// irradiance in one unit for all of them.
+/// The potential of a light is positive wherever it is not dark, and of lights that are small and not at the horizon
+/// their irradiance in one unit for all of them.
 #[test]
 fn potentials_are_irradiances() {
     let panel = |at: DVec3, half: f64| square(at, DVec3::X * half, DVec3::Z * half);
@@ -278,12 +292,12 @@ fn potentials_are_irradiances() {
         LightKind::Directional { direction: Vec3::new(0.6, -0.8, 0.0), irradiance: Vec3::ONE },
     ];
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TwoPass, |features| features);
+    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TWO_PASS, |features| features);
     let gpu = gpu();
     let mut random = Random(2);
     let lights = stage.scene.lights.len();
-    const PLACES: usize = 4000;
-    let places: Vec<[[f32; 4]; 2]> = (0..PLACES)
+    const QUERIES: usize = 4000;
+    let queries: Vec<[[f32; 4]; 2]> = (0..QUERIES)
         .map(|i| {
             let position = (random.point() * 0.5).as_vec3();
             // Some exactly level with a panel, and in its plane.
@@ -293,21 +307,21 @@ fn potentials_are_irradiances() {
         })
         .collect();
     let source = include_str!("shaders/potential.wgsl");
-    let composed = compose::compose_source("potential", source, &stage.features).unwrap();
-    let kernel = Kernel::new(gpu, &composed, &[("count", PLACES as f64)], &["places", "results"]).unwrap();
+    let composed = compose_source("potential", source, &stage.features).unwrap();
+    let kernel = new_kernel(gpu, &composed, &[("count", QUERIES as f64)], &["queries", "results"]).unwrap();
     let (input, output) =
-        (gpu.upload("test/places", &places).unwrap(), gpu.poisoned::<[f32; 4]>("test/results", PLACES).unwrap());
-    let own = Resources::new().with("places", &input).with("results", &output);
+        (gpu.upload("test/queries", &queries).unwrap(), gpu.poisoned::<[f32; 4]>("test/results", QUERIES).unwrap());
+    let own = Resources::new().with("queries", &input).with("results", &output);
     let bound = kernel.bind(gpu, "weigh", &[&own, &stage.gpu_scene]).unwrap();
     let mut frame = gpu.frame("test");
-    frame.run(&bound, PLACES as u32, &[0u32; 0]);
+    frame.run(&bound, QUERIES as u32, &[0u32; 0]);
     frame.submit().unwrap();
-    let results: Vec<[f32; 4]> = gpu.read(&output, PLACES).unwrap();
+    let results: Vec<[f32; 4]> = gpu.read(&output, QUERIES).unwrap();
     let mut ratios: Vec<Vec<f64>> = vec![Vec::new(); lights];
     let mut positive = 0;
-    for (place, [potential, irradiance, dark, _]) in places.iter().zip(&results) {
-        let light = place[0][3] as usize;
-        let [position, normal] = place.map(|v| Vec3::from_slice(&v).as_dvec3());
+    for (query, [potential, irradiance, dark, _]) in queries.iter().zip(&results) {
+        let light = query[0][3] as usize;
+        let [position, normal] = query.map(|v| Vec3::from_slice(&v).as_dvec3());
         let info = &stage.gpu_scene.lights.lights[light];
         if *dark == 0.0 && (*irradiance > 0.0 || !info.closed_form) {
             assert!(*potential > 0.0, "light {light} from {position} facing {normal}: {irradiance}");
@@ -324,11 +338,12 @@ fn potentials_are_irradiances() {
             ratios[light].push(f64::from(*potential) / f64::from(*irradiance));
         }
     }
-    println!("{positive} places that lights reach; {:?}", ratios.iter().map(Vec::len).collect::<Vec<_>>());
+    println!("{positive} points that lights reach; {:?}", ratios.iter().map(Vec::len).collect::<Vec<_>>());
     assert!(positive > 1000);
     let all: Vec<f64> = ratios.iter().flatten().copied().collect();
-    let (least, most) = all.iter().fold((f64::MAX, 0.0f64), |(a, b), r| (a.min(*r), b.max(*r)));
-    println!("{least} to {most} of {}", all.len());
-    // The nearest part of a light stands for all of it: a radius of a fortieth of the distance over a cosine of a fourth.
-    assert!(all.len() > 300 && most < 1.12 * least, "{least} to {most}");
+    let (smallest, largest) = all.iter().fold((f64::MAX, 0.0f64), |(a, b), r| (a.min(*r), b.max(*r)));
+    println!("{smallest} to {largest} of {}", all.len());
+    // The potential takes all of a light to be at its nearest part: a radius of a fortieth of the distance over a
+    // cosine of a fourth.
+    assert!(all.len() > 300 && largest < 1.12 * smallest, "{smallest} to {largest}");
 }

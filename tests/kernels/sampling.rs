@@ -1,8 +1,10 @@
 //! Sequences against what defines a net; warps against their densities.
 
+use crate::kit::new_kernel;
 use glam::DVec3;
-use penumbra::gpu::{Kernel, Resources, compose};
-use penumbra::gpu_scene::sobol;
+use kernel_kit::Resources;
+use penumbra::internal::gpu_scene::sobol;
+use penumbra::internal::kernels::compose_source;
 
 use crate::kit::{device_features, gpu};
 use crate::statistics::chi_square;
@@ -11,12 +13,12 @@ use crate::statistics::chi_square;
 fn run(entry: &str, count: u32, constants: &[(&str, f64)], directions: &[[f32; 4]], per_item: usize) -> Vec<[f32; 4]> {
     let gpu = gpu();
     let source = include_str!("shaders/sampling.wgsl");
-    let composed = compose::compose_source("sampling", source, &device_features(gpu)).unwrap();
+    let composed = compose_source("sampling", source, &device_features(gpu)).unwrap();
     let mut all = vec![("count", f64::from(count)), ("seed", 0.0), ("warp", 0.0), ("cos_max", 0.0)];
     for (name, value) in constants {
         all.iter_mut().find(|(n, _)| n == name).unwrap().1 = *value;
     }
-    let kernel = Kernel::new(gpu, &composed, &all, &[]).unwrap();
+    let kernel = new_kernel(gpu, &composed, &all, &[]).unwrap();
     let points = gpu.poisoned::<[f32; 4]>("test/points", count as usize * per_item).unwrap();
     let directions = gpu.upload("test/directions", directions).unwrap();
     let sobol = sobol::upload(gpu).unwrap();

@@ -1,29 +1,29 @@
 //! Pass `shade` against the estimator in f64, from the same class words, visibilities and light points; and the mean
 //! of many estimates against the true direct light.
 
+use kernel_kit::{Frame, POISON};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::gpu::buffer::POISON;
-use penumbra::gpu::{Features, Frame};
-use penumbra::passes::classify::Queue;
-use penumbra::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Material, Scene};
+use penumbra::internal::kernels::{Class, Queue};
+use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::{Corners, form_factor, sphere, square};
 use crate::path::{camera, scene, surface};
-use crate::stage::{LightPoint, Slots, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
+use crate::stage::{Candidates, LightPoint, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
 use crate::statistics::{Random, mean_and_error, z_test};
 
-const DARK: u32 = 0;
-const LIT: u32 = 1;
-const SHADOWED: u32 = 2;
-const BOUNDARY: u32 = 3;
-const UNKNOWN: u32 = 4;
+const DARK: u32 = Class::Dark as u32;
+const LIT: u32 = Class::Lit as u32;
+const SHADOWED: u32 = Class::Shadowed as u32;
+const BOUNDARY: u32 = Class::Boundary as u32;
+const UNKNOWN: u32 = Class::Unknown as u32;
 
 /// Defects that the comparison must find.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ enum Fault {
 }
 
 struct Setup {
-    slots: Slots,
+    candidates: Candidates,
     /// Albedo and code of the shading normal.
     surfaces: Vec<[f32; 4]>,
     audit_probability: f32,
@@ -59,26 +59,26 @@ struct Outcome {
 
 fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    let features = |f: Features| f.with("aov_shadow", true).with("few_sampled", few_sampled);
-    Stage::new(scene, &view, size, Technique::ShadowPhotons, features)
+    let features = |f: Features| f.with(Feature::AovShadow, true).with(Feature::FewSampled, few_sampled);
+    Stage::new(scene, &view, size, Technique::SHADOW_PHOTONS, features)
 }
 
 impl Setup {
     fn run(&self, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, gpu_scene, .. } = &self.slots.stage;
+        let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shade::new(gpu, features, &gpu_scene.constants()).unwrap();
-        let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.candidates.points).unwrap();
         tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
         // One vector more, to see that it stays.
         let radiance = [before, &[[f32::from_bits(POISON); 4]]].concat();
         tile.radiance_direct = gpu.upload("test/radiance", &radiance).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
         let visibility = gpu.upload("test/visibility", visibility).unwrap();
-        let count = self.slots.count() + 1;
+        let count = self.candidates.count() + 1;
         let samples = gpu.poisoned::<[f32; 4]>("test/shadow_samples", count).unwrap();
-        let points = self.slots.tile.point_count;
+        let points = self.candidates.tile.point_count;
         let sampled_points = gpu.poisoned::<u32>("test/sampled_points", points as usize + 1).unwrap();
         let queue_lengths = gpu.upload("test/queue_lengths", &[POISON, POISON, POISON, 0]).unwrap();
         let buffers = ShadeBuffers {
@@ -90,11 +90,11 @@ impl Setup {
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let parameters = ShadeParameters {
-            tile: self.slots.tile,
-            first_light: self.slots.chunk[0],
-            lights_in_chunk: self.slots.chunk[1],
-            light_samples: self.slots.samples,
-            visibility_words: self.slots.words() as u32,
+            tile: self.candidates.tile,
+            first_light: self.candidates.chunk[0],
+            lights_in_chunk: self.candidates.chunk[1],
+            light_samples: self.candidates.samples,
+            visibility_words: self.candidates.words() as u32,
             audit_probability: self.audit_probability,
             padding: 0,
         };
@@ -108,12 +108,12 @@ impl Setup {
         };
         bound.record(&mut frame, &parameters, arrange, (&arguments, 4));
         frame.submit().unwrap();
-        let lengths: Vec<u32> = gpu.read(&queue_lengths, 4).unwrap();
+        let lengths: Vec<u32> = gpu.read(&queue_lengths, Queue::COUNT).unwrap();
         let mut queue: Vec<u32> = gpu.read(&sampled_points, points as usize + 1).unwrap();
         let rest = queue.split_off(lengths[Queue::Sampled as usize] as usize);
         assert!(rest.iter().all(|word| *word == POISON) && lengths[..3] == [POISON; 3], "past the queue");
         queue.sort_unstable();
-        assert_eq!(arranged, features.has("few_sampled"));
+        assert_eq!(arranged, features.has(Feature::FewSampled));
         let mut radiance: Vec<[f32; 4]> = gpu.read(&tile.radiance_direct, radiance.len()).unwrap();
         let mut shadow_samples: Vec<[f32; 4]> = gpu.read(&samples, count).unwrap();
         for past in [radiance.pop(), shadow_samples.pop()] {
@@ -125,25 +125,26 @@ impl Setup {
     }
 
     fn normals(&self, i: usize) -> [DVec3; 2] {
-        [self.slots.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
+        [self.candidates.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
     }
 
     /// Irradiance of a point from a light that has a closed form, nothing in between, and whether all of the light is
     /// before the point's own surface.
     fn unshadowed(&self, light: u32, i: usize) -> (DVec3, bool) {
-        let position = Vec3::from(self.slots.points[i].position).as_dvec3();
+        let position = Vec3::from(self.candidates.points[i].position).as_dvec3();
         let [geometric, shading] = self.normals(i);
-        match &self.slots.stage.scene.lights[light as usize].kind {
+        match &self.candidates.stage.scene.lights[light as usize].kind {
             LightKind::Mesh { emitters, .. } => {
-                let corners =
-                    |t: u32| -> Corners { self.slots.stage.scene.triangle_positions(t as usize).map(|p| p.as_dvec3()) };
+                let corners = |t: u32| -> Corners {
+                    self.candidates.stage.scene.triangle_positions(t as usize).map(|p| p.as_dvec3())
+                };
                 let triangles: Vec<Corners> = emitters.iter().map(|e| corners(e.triangle)).collect();
                 let factor = form_factor(&triangles, false, position, shading, true);
                 let before = triangles.iter().flatten().all(|p| (p - position).dot(geometric) >= 0.0);
                 (emitters[0].radiance.as_dvec3() * factor, before)
             }
-            LightKind::Point { position: place, intensity, .. } => {
-                let offset = place.as_dvec3() - position;
+            LightKind::Point { position: light_position, intensity, .. } => {
+                let offset = light_position.as_dvec3() - position;
                 let cosine = offset.normalize().dot(shading).max(0.0);
                 (intensity.as_dvec3() * cosine / offset.length_squared(), offset.dot(geometric) >= 0.0)
             }
@@ -151,23 +152,23 @@ impl Setup {
         }
     }
 
-    /// Whether light points have a part in a slot.
-    fn is_sampled(&self, slot: usize, word: u32) -> bool {
-        let i = slot % self.slots.points.len();
-        let light = self.slots.chunk[0] + (slot / self.slots.points.len()) as u32;
-        if self.slots.points[i].normal == INVALID_POINT || word & 7 == DARK {
+    /// Whether light points have a part in a candidate.
+    fn is_sampled(&self, candidate: usize, word: u32) -> bool {
+        let i = candidate % self.candidates.points.len();
+        let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;
+        if self.candidates.points[i].normal == INVALID_POINT || word & 7 == DARK {
             return false;
         }
-        let flat = self.slots.points[i].normal == self.surfaces[i][3].to_bits();
-        let closed = self.slots.stage.gpu_scene.lights.lights[light as usize].closed_form
+        let flat = self.candidates.points[i].normal == self.surfaces[i][3].to_bits();
+        let closed = self.candidates.stage.gpu_scene.lights.lights[light as usize].closed_form
             && (flat || self.unshadowed(light, i).1);
         let decided = matches!(word & 7, LIT | SHADOWED);
         !decided || (word & 7 == LIT && !closed) || self.is_audited(i, light, word, Fault::None)
     }
 
-    /// Whether a decided slot is audited.
+    /// Whether a decided candidate is audited.
     fn is_audited(&self, i: usize, light: u32, word: u32, fault: Fault) -> bool {
-        let (seed, sample) = pixel_of(&self.slots.tile, i);
+        let (seed, sample) = pixel_of(&self.candidates.tile, i);
         let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
         uniform < self.audit_chance(word, fault)
     }
@@ -178,10 +179,17 @@ impl Setup {
         f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 }
     }
 
-    /// Radiance and visibility of a slot, and the sum of the sizes of all terms.
-    fn estimate(&self, slot: usize, word: u32, bits: &[u32], chosen: &[LightPoint], fault: Fault) -> (DVec3, f64, f64) {
-        let i = slot % self.slots.points.len();
-        let light = self.slots.chunk[0] + (slot / self.slots.points.len()) as u32;
+    /// Radiance and visibility of a candidate, and the sum of the sizes of all terms.
+    fn estimate(
+        &self,
+        candidate: usize,
+        word: u32,
+        bits: &[u32],
+        sampled: &[LightPoint],
+        fault: Fault,
+    ) -> (DVec3, f64, f64) {
+        let i = candidate % self.candidates.points.len();
+        let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;
         let [geometric, shading] = self.normals(i);
         let brdf = Vec4::from_array(self.surfaces[i]).truncate().as_dvec3() * FRAC_1_PI;
         let contribution = |p: &LightPoint| {
@@ -202,26 +210,27 @@ impl Setup {
             radiance += term;
             size += term.abs().element_sum();
         };
-        let mut closed = self.slots.stage.gpu_scene.lights.lights[light as usize].closed_form;
+        let mut closed = self.candidates.stage.gpu_scene.lights.lights[light as usize].closed_form;
         if closed {
             let (irradiance, before) = self.unshadowed(light, i);
-            closed = before || self.slots.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
+            closed =
+                before || self.candidates.points[i].normal == self.surfaces[i][3].to_bits() || fault == Fault::Horizon;
             if closed {
                 add(granted * brdf * irradiance);
             }
         }
-        let (points, audit) = chosen.split_at(self.slots.samples as usize);
+        let (points, audit) = sampled.split_at(self.candidates.samples as usize);
         let bit = |j: usize| f64::from(bits[j / 32] >> (j % 32) & 1);
         for (j, point) in points.iter().enumerate() {
-            let seen = if decided { granted } else { bit(j) };
+            let visible = if decided { granted } else { bit(j) };
             let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
-            add((seen - taken) * contribution(point) / f64::from(self.slots.samples));
+            add((visible - taken) * contribution(point) / f64::from(self.candidates.samples));
         }
         // Of the light points that face the surface point, above its horizon.
-        let could_be_seen = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
-        let facing: Vec<usize> = (0..points.len()).filter(|j| could_be_seen(&points[*j])).collect();
-        let seen = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
-        let mut visibility = if decided { granted } else { seen };
+        let could_be_visible = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
+        let facing: Vec<usize> = (0..points.len()).filter(|j| could_be_visible(&points[*j])).collect();
+        let visible = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
+        let mut visibility = if decided { granted } else { visible };
         if decided && fault != Fault::Unaudited && self.is_audited(i, light, word, fault) {
             let error = (bit(0) - granted) / self.audit_chance(word, fault).min(1.0);
             add(error * contribution(&audit[0]));
@@ -295,49 +304,49 @@ fn shading_follows_the_estimator() {
             points.push(Point { position: p.as_vec3().to_array(), normal });
         }
         let setup = Setup {
-            slots: Slots { stage: stage(lights(), [width, 7], few_sampled), tile, points, chunk, samples },
+            candidates: Candidates { stage: stage(lights(), [width, 7], few_sampled), tile, points, chunk, samples },
             surfaces,
             audit_probability,
         };
         let closed: Vec<bool> =
-            setup.slots.stage.gpu_scene.lights.lights.iter().map(|light| light.closed_form).collect();
+            setup.candidates.stage.gpu_scene.lights.lights.iter().map(|light| light.closed_form).collect();
         assert_eq!(closed, [true, false, true], "not the lights that the test is about");
-        let classes: Vec<u32> = (0..setup.slots.count()).map(|_| any_word(&mut random)).collect();
-        let visibility: Vec<u32> = (0..setup.slots.count() * setup.slots.words())
+        let classes: Vec<u32> = (0..setup.candidates.count()).map(|_| any_word(&mut random)).collect();
+        let visibility: Vec<u32> = (0..setup.candidates.count() * setup.candidates.words())
             .map(|_| (random.uniform() * 4_294_967_296.0) as u32)
             .collect();
         let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
         let outcome = setup.run(&classes, &visibility, &before);
         if let Some(sampled) = &outcome.sampled {
             let is_sampled = |i: &u32| {
-                let mut slots = (*i as usize..classes.len()).step_by(count);
-                slots.any(|slot| setup.is_sampled(slot, classes[slot]))
+                let mut candidates = (*i as usize..classes.len()).step_by(count);
+                candidates.any(|candidate| setup.is_sampled(candidate, classes[candidate]))
             };
             let expected: Vec<u32> = (0..count as u32).filter(is_sampled).collect();
             assert_eq!(*sampled, expected);
             assert!(count < 64 || sampled.len() < count, "a queue of all points is none");
         }
-        let light_points = setup.slots.light_points();
-        // Points, and slots of the AOV, that differ.
+        let light_points = setup.candidates.light_points();
+        // Points, and candidates of the AOV, that differ.
         let differences = |fault: Fault| -> [usize; 2] {
             let mut sums: Vec<(DVec3, f64)> = vec![(DVec3::ZERO, 0.0); count];
             let mut wrong = [0, 0];
-            for (slot, word) in classes.iter().enumerate() {
-                let i = slot % count;
-                let got = outcome.shadow_samples[slot];
-                if setup.slots.points[i].normal == INVALID_POINT {
+            for (candidate, word) in classes.iter().enumerate() {
+                let i = candidate % count;
+                let got = outcome.shadow_samples[candidate];
+                if setup.candidates.points[i].normal == INVALID_POINT {
                     wrong[1] += usize::from(got != [0.0; 4]);
                     continue;
                 }
-                let bits = &visibility[slot * setup.slots.words()..][..setup.slots.words()];
-                let of = if fault == Fault::Sample { (slot + width as usize) % classes.len() } else { slot };
-                let (radiance, seen, size) = setup.estimate(slot, *word, bits, &light_points[of], fault);
+                let bits = &visibility[candidate * setup.candidates.words()..][..setup.candidates.words()];
+                let of = if fault == Fault::Sample { (candidate + width as usize) % classes.len() } else { candidate };
+                let (radiance, visible, size) = setup.estimate(candidate, *word, bits, &light_points[of], fault);
                 sums[i].0 += radiance;
                 sums[i].1 += size;
-                let class = if pixel_of(&setup.slots.tile, i).1 == 0 { word & 7 } else { 0 };
+                let class = if pixel_of(&setup.candidates.tile, i).1 == 0 { word & 7 } else { 0 };
                 let counts = [class, word >> 3 & 511, word >> 12 & 511].map(|v| v as f32);
-                let same =
-                    [got[0], got[2], got[3]] == counts && (f64::from(got[1]) - seen).abs() <= 1e-5 * (1.0 + seen.abs());
+                let same = [got[0], got[2], got[3]] == counts
+                    && (f64::from(got[1]) - visible).abs() <= 1e-5 * (1.0 + visible.abs());
                 wrong[1] += usize::from(!same);
             }
             for (i, (sum, size)) in sums.iter().enumerate() {
@@ -360,18 +369,18 @@ fn shading_follows_the_estimator() {
     }
 }
 
-/// A point whose light is not finite by the closed form, by light points, by both, by their sum, or was not before, is counted
-/// once or, in the last case, by the pass before.
+/// A point whose light is not finite by the closed form, by light points, by both, by their sum, or was not before, is
+/// counted once or, in the last case, by the pass before.
 #[test]
 fn what_is_not_finite_is_counted_once() {
     const POINTS: usize = 64;
     let normal = oct_encode(DVec3::Y);
-    let place = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
+    let x_of = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
     for few_sampled in [false, true] {
-        let point = |i: usize| Point { position: [place(i), -0.4, 0.1], normal };
+        let point = |i: usize| Point { position: [x_of(i), -0.4, 0.1], normal };
         let albedo = |i: usize| if i % 4 == 2 { f32::INFINITY } else { 0.5 };
         let setup = Setup {
-            slots: Slots {
+            candidates: Candidates {
                 stage: stage(lights(), [POINTS as u32, 1], few_sampled),
                 tile: whole([POINTS as u32, 1], 1),
                 points: (0..POINTS).map(point).collect(),
@@ -381,14 +390,14 @@ fn what_is_not_finite_is_counted_once() {
             surfaces: (0..POINTS).map(|i| [albedo(i), 0.5, 0.5, f32::from_bits(normal)]).collect(),
             audit_probability: 1.0,
         };
-        let classes = vec![class_word(BOUNDARY, 10, 10, 2047); setup.slots.count()];
+        let classes = vec![class_word(BOUNDARY, 10, 10, 2047); setup.candidates.count()];
         let before = |i: usize| match i % 8 {
             3 => [f32::INFINITY, 0.0, 0.0, 0.0],
             6 => [0.0, f32::NAN, 0.0, 0.0],
             _ => [0.0; 4],
         };
         let before: Vec<_> = (0..POINTS).map(before).collect();
-        let outcome = setup.run(&classes, &vec![0; setup.slots.count()], &before);
+        let outcome = setup.run(&classes, &vec![0; setup.candidates.count()], &before);
         let is_finite = |v: &[f32; 4]| v[..3].iter().all(|x| x.is_finite());
         let expected = outcome.radiance.iter().zip(&before).filter(|(now, then)| is_finite(then) && !is_finite(now));
         let expected = expected.count() as u32;
@@ -403,16 +412,16 @@ fn what_is_not_finite_is_counted_once() {
 fn shading_is_unbiased() {
     const SIDE: u32 = 128;
     const EDGE: f64 = 0.06;
-    let place = DVec3::new(0.05, -0.5, 0.1);
-    // A blocker halfway whose shadow's edge, seen from the place, crosses the light at x = EDGE.
-    let end = place.x + (EDGE - place.x) * 0.5 / 0.95;
+    let position = DVec3::new(0.05, -0.5, 0.1);
+    // A blocker halfway whose shadow's edge, visible from the point, crosses the light at x = EDGE.
+    let end = position.x + (EDGE - position.x) * 0.5 / 0.95;
     let blocker = square(DVec3::new(0.5 * (end - 0.6), 0.0, 0.0), DVec3::Z * 0.6, DVec3::X * 0.5 * (end + 0.6));
     let lamp = |from: f64| {
         let centre = DVec3::new(0.5 * (from + 0.2), 0.45, 0.0);
         square(centre, DVec3::X * 0.5 * (0.2 - from), DVec3::Z * 0.2)
     };
     let meshes = [(blocker, surface(0.5, 0.0)), (lamp(-0.2), surface(0.0, 3.0))];
-    let irradiance = |from: f64| 3.0 * form_factor(&lamp(from), false, place, DVec3::Y, true);
+    let irradiance = |from: f64| 3.0 * form_factor(&lamp(from), false, position, DVec3::Y, true);
     let truth = 0.8 / PI * irradiance(EDGE);
     let unshadowed = 0.8 / PI * irradiance(-0.2);
 
@@ -420,20 +429,20 @@ fn shading_is_unbiased() {
     let count = tile.point_count as usize;
     let normal = oct_encode(DVec3::Y);
     let setup = Setup {
-        slots: Slots {
+        candidates: Candidates {
             stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE], true),
             tile,
-            points: vec![Point { position: place.as_vec3().to_array(), normal }; count],
+            points: vec![Point { position: position.as_vec3().to_array(), normal }; count],
             chunk: [0, 1],
             samples: 4,
         },
         surfaces: vec![[0.8, 0.8, 0.8, f32::from_bits(normal)]; count],
         audit_probability: 1.0 / 32.0,
     };
-    let light_points = setup.slots.light_points();
+    let light_points = setup.candidates.light_points();
     let visible: Vec<Vec<bool>> = light_points
         .iter()
-        .map(|chosen| chosen.iter().map(|p| p.visible(&setup.slots.stage.scene).unwrap_or(true)).collect())
+        .map(|sampled| sampled.iter().map(|p| p.visible(&setup.candidates.stage.scene).unwrap_or(true)).collect())
         .collect();
     let mut random = Random(17);
     let families: [(&str, &dyn Fn(u32) -> u32); 7] = [
@@ -452,8 +461,8 @@ fn shading_is_unbiased() {
     for (name, word) in families {
         let classes: Vec<u32> = (0..count).map(|_| word((random.uniform() * 1e9) as u32)).collect();
         let bits = |(word, visible): (&u32, &Vec<bool>)| match word & 7 {
-            LIT | SHADOWED => u32::from(visible[setup.slots.samples as usize]),
-            _ => (0..setup.slots.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
+            LIT | SHADOWED => u32::from(visible[setup.candidates.samples as usize]),
+            _ => (0..setup.candidates.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
         };
         let visibility: Vec<u32> = classes.iter().zip(&visible).map(bits).collect();
         let outcome = setup.run(&classes, &visibility, &vec![[0.0; 4]; count]);

@@ -1,25 +1,26 @@
 //! Pass `shadow` against f64 lines to the same light points.
 
 use glam::{DVec3, Vec3};
-use penumbra::gpu::buffer::POISON;
-use penumbra::passes::grid::Photon;
-use penumbra::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
-use penumbra::passes::{Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use kernel_kit::POISON;
+use penumbra::internal::kernels::Class;
+use penumbra::internal::passes::grid::Photon;
+use penumbra::internal::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
+use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
-use penumbra::statistics::Counter;
 
 use crate::kit::gpu;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
-use crate::stage::{LightPoint, Slots, Stage, oct_decode, oct_encode, whole};
+use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
 use crate::statistics::Random;
 
 /// What counters hold before: kernels add to them.
 const BEFORE: u32 = 1000;
 
-const LIT: u32 = 1;
-const SHADOWED: u32 = 2;
+const LIT: u32 = Class::Lit as u32;
+const SHADOWED: u32 = Class::Shadowed as u32;
 
 /// A floor, two panels over it, one above the lights, and lights of every kind.
 fn room() -> Scene {
@@ -49,82 +50,82 @@ fn points(count: usize) -> Vec<Point> {
     let mut random = Random(21);
     let point = |i: usize| {
         let p = random.point();
-        let place = match i % 5 {
+        let position = match i % 5 {
             0 => DVec3::new(-0.2 + 0.19 * p.x, -0.1, 0.1 + 0.19 * p.z),
             1 => DVec3::new(0.3 + 0.14 * p.x, 0.0, -0.2 + 0.14 * p.z),
             _ => DVec3::new(0.58 * p.x, -0.5, 0.58 * p.z),
         };
         let normal = if i % 7 == 3 { DVec3::NEG_Y } else { DVec3::Y };
-        Point { position: place.as_vec3().to_array(), normal: oct_encode(normal) }
+        Point { position: position.as_vec3().to_array(), normal: oct_encode(normal) }
     };
     (0..count).map(point).collect()
 }
 
 /// A run of one of the two entries, or both.
 struct Setup {
-    slots: Slots,
-    heal_capacity: u32,
+    candidates: Candidates,
+    repair_capacity: u32,
 }
 
 struct Outcome {
     visibility: Vec<u32>,
     counters: Vec<u32>,
-    heal_photons: Vec<Photon>,
-    heal_count: u32,
+    repair_photons: Vec<Photon>,
+    repair_count: u32,
 }
 
-/// More photons than any test here heals.
-const HEAL_ROOM: usize = 2000;
+/// More photons than any test here adds.
+const REPAIR_ROOM: usize = 2000;
 
 impl Setup {
     fn new(chunk: [u32; 2], samples: u32) -> Setup {
         let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(), &view, [65, 2], Technique::ShadowPhotons, |features| features);
+        let stage = Stage::new(room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
         // Two layers, and not the first samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);
-        Setup { slots: Slots { stage, tile, points, chunk, samples }, heal_capacity: 0 }
+        Setup { candidates: Candidates { stage, tile, points, chunk, samples }, repair_capacity: 0 }
     }
 
     /// Whether a ray is traced to the light point.
-    fn traced(&self, slot: usize, chosen: &LightPoint) -> bool {
-        let normal = oct_decode(self.slots.points[slot % self.slots.points.len()].normal, 16);
-        chosen.pdf > 0.0 && chosen.direction.dot(normal) > 0.0
+    fn traced(&self, candidate: usize, sampled: &LightPoint) -> bool {
+        let normal = oct_decode(self.candidates.points[candidate % self.candidates.points.len()].normal, 16);
+        sampled.pdf > 0.0 && sampled.direction.dot(normal) > 0.0
     }
 
     fn run(&self, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
         let gpu = gpu();
-        let Stage { features, gpu_scene, .. } = &self.slots.stage;
+        let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shadow::new(gpu, features, &gpu_scene.constants()).unwrap();
-        let mut tile = TileBuffers::new(gpu, features, self.slots.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.slots.points).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
+        tile.points = gpu.upload("test/points", &self.candidates.points).unwrap();
         tile.counters = gpu.upload("test/counters", &[BEFORE; Counter::COUNT]).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
         let boundary_queue = gpu.upload("test/boundary", boundary).unwrap();
         let audit_queue = gpu.upload("test/audits", audits).unwrap();
         let lengths = [0, boundary.len() as u32, audits.len() as u32, 0];
         let queue_lengths = gpu.upload("test/lengths", &lengths).unwrap();
-        let words = self.slots.count() * self.slots.words();
+        let words = self.candidates.count() * self.candidates.words();
         let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
-        let heal = gpu.poisoned::<Photon>("test/heal", HEAL_ROOM).unwrap();
-        let heal_count = gpu.buffer::<u32>("test/heal_count", 1).unwrap();
+        let repair = gpu.poisoned::<Photon>("test/repair", REPAIR_ROOM).unwrap();
+        let repair_count = gpu.buffer::<u32>("test/repair_count", 1).unwrap();
         let buffers = ShadowBuffers {
             classes: &classes,
             boundary_queue: &boundary_queue,
             audit_queue: &audit_queue,
             queue_lengths: &queue_lengths,
             visibility: &visibility,
-            heal: Some([&heal, &heal_count]),
+            repair: Some([&repair, &repair_count]),
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
         let arguments = gpu.upload("test/arguments", &[groups(boundary), 1, 1, groups(audits), 1, 1]).unwrap();
         let parameters = ShadowParameters {
-            tile: self.slots.tile,
-            first_light: self.slots.chunk[0],
-            light_samples: self.slots.samples,
-            visibility_words: self.slots.words() as u32,
-            heal_capacity: self.heal_capacity,
+            tile: self.candidates.tile,
+            first_light: self.candidates.chunk[0],
+            light_samples: self.candidates.samples,
+            visibility_words: self.candidates.words() as u32,
+            repair_capacity: self.repair_capacity,
         };
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &arguments, 0, 12, &parameters);
@@ -132,8 +133,8 @@ impl Setup {
         Outcome {
             visibility: gpu.read(&visibility, words).unwrap(),
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
-            heal_photons: gpu.read(&heal, HEAL_ROOM).unwrap(),
-            heal_count: gpu.read(&heal_count, 1).unwrap()[0],
+            repair_photons: gpu.read(&repair, REPAIR_ROOM).unwrap(),
+            repair_count: gpu.read(&repair_count, 1).unwrap()[0],
         }
     }
 }
@@ -144,79 +145,85 @@ fn counts(added: &[(Counter, u32)]) -> Vec<u32> {
     counters
 }
 
-/// Each slot of the queue has the bits of its light points, no other slot is touched, and the rays are counted one by one.
+/// Each candidate of the queue has the bits of its light points, no other candidate is touched, and the rays are
+/// counted one by one.
 #[test]
 fn visibility_bits_are_those_of_the_light_points() {
     for (chunk, samples) in [([0, 4], 33), ([1, 2], 1), ([0, 1], 32), ([0, 2], 70)] {
         let setup = Setup::new(chunk, samples);
-        let light_points = setup.slots.light_points();
+        let light_points = setup.candidates.light_points();
         let visible: Vec<Vec<Option<bool>>> = light_points
             .iter()
             .enumerate()
-            .map(|(slot, chosen)| {
+            .map(|(candidate, sampled)| {
                 let bit = |p: &LightPoint| {
-                    if setup.traced(slot, p) { p.visible(&setup.slots.stage.scene) } else { Some(false) }
+                    if setup.traced(candidate, p) { p.visible(&setup.candidates.stage.scene) } else { Some(false) }
                 };
-                chosen.iter().map(bit).collect()
+                sampled.iter().map(bit).collect()
             })
             .collect();
-        let slots = setup.slots.count();
-        let mut order: Vec<u32> = (0..slots as u32).collect();
-        // Any order will do; the last slots are not asked for.
-        order.sort_by_key(|slot| slot.wrapping_mul(0x9e37_79b9) >> 8);
-        for length in [0, 1, 63, 64, 65, slots - 5] {
+        let candidates = setup.candidates.count();
+        let mut order: Vec<u32> = (0..candidates as u32).collect();
+        // Any order will do; the last candidates are not queued.
+        order.sort_by_key(|candidate| candidate.wrapping_mul(0x9e37_79b9) >> 8);
+        for length in [0, 1, 63, 64, 65, candidates - 5] {
             let queue = &order[..length];
-            let outcome = setup.run(&vec![3; slots], queue, &[]);
-            let words = setup.slots.words();
-            let bit = |slot: u32, j: usize| outcome.visibility[slot as usize * words + j / 32] >> (j % 32) & 1 == 1;
-            // Bits that differ from those of the slot that `of` names.
+            let outcome = setup.run(&vec![3; candidates], queue, &[]);
+            let words = setup.candidates.words();
+            let bit =
+                |candidate: u32, j: usize| outcome.visibility[candidate as usize * words + j / 32] >> (j % 32) & 1 == 1;
+            // Bits that differ from those of the candidate that `of` names.
             let different = |of: &dyn Fn(u32) -> u32| -> usize {
-                let in_slot = |slot: &u32| {
-                    let differs = |j: &usize| visible[of(*slot) as usize][*j].is_some_and(|v| v != bit(*slot, *j));
+                let in_slot = |candidate: &u32| {
+                    let differs =
+                        |j: &usize| visible[of(*candidate) as usize][*j].is_some_and(|v| v != bit(*candidate, *j));
                     (0..samples as usize).filter(differs).count()
                 };
                 queue.iter().map(in_slot).sum()
             };
-            assert_eq!(different(&|slot| slot), 0, "{length} slots of {samples} light points");
+            assert_eq!(different(&|candidate| candidate), 0, "{length} candidates of {samples} light points");
             if length > 65 {
-                let others = different(&|slot| (slot + 1) % slots as u32);
-                assert!(others > length / 20, "the next slot's light points give {others} differences");
+                let others = different(&|candidate| (candidate + 1) % candidates as u32);
+                assert!(others > length / 20, "the next candidate's light points give {others} differences");
                 let doubtful = visible.iter().flatten().filter(|v| v.is_none()).count();
-                assert!(doubtful * 200 <= slots * samples as usize, "{doubtful} bits hang on rounding");
+                assert!(doubtful * 200 <= candidates * samples as usize, "{doubtful} bits depend on rounding");
             }
-            let mut queued = vec![false; slots];
-            queue.iter().for_each(|slot| queued[*slot as usize] = true);
-            for (slot, queued) in queued.iter().enumerate() {
-                let found = &outcome.visibility[slot * words..][..words];
+            let mut queued = vec![false; candidates];
+            queue.iter().for_each(|candidate| queued[*candidate as usize] = true);
+            for (candidate, queued) in queued.iter().enumerate() {
+                let found = &outcome.visibility[candidate * words..][..words];
                 let past = found[words - 1].checked_shr(samples - 32 * (words as u32 - 1)).unwrap_or(0);
                 if *queued {
-                    assert_eq!(past, 0, "bits past the last light point of slot {slot}");
+                    assert_eq!(past, 0, "bits past the last light point of candidate {candidate}");
                 } else {
-                    assert!(found.iter().all(|word| *word == POISON), "slot {slot} was not asked for");
+                    assert!(found.iter().all(|word| *word == POISON), "candidate {candidate} was not queued");
                 }
             }
-            let traced = |slot: u32| {
-                let chosen = &light_points[slot as usize][..samples as usize];
-                chosen.iter().filter(|p| setup.traced(slot as usize, p)).count() as u32
+            let traced = |candidate: u32| {
+                let sampled = &light_points[candidate as usize][..samples as usize];
+                sampled.iter().filter(|p| setup.traced(candidate as usize, p)).count() as u32
             };
-            let seen = |slot: u32| (0..samples as usize).filter(|j| bit(slot, *j)).count() as u32;
-            let rays = queue.iter().map(|slot| traced(*slot)).sum();
-            let mixed = queue.iter().filter(|slot| seen(**slot) > 0 && seen(**slot) < traced(**slot)).count() as u32;
+            let visible_bits = |candidate: u32| (0..samples as usize).filter(|j| bit(candidate, *j)).count() as u32;
+            let rays = queue.iter().map(|candidate| traced(*candidate)).sum();
+            let mixed = queue
+                .iter()
+                .filter(|candidate| visible_bits(**candidate) > 0 && visible_bits(**candidate) < traced(**candidate))
+                .count() as u32;
             assert_eq!(outcome.counters, counts(&[(Counter::ShadowRays, rays), (Counter::PenumbraSeen, mixed)]));
-            assert_eq!((outcome.heal_count, outcome.heal_photons[0].word), (0, POISON));
+            assert_eq!((outcome.repair_count, outcome.repair_photons[0].word), (0, POISON));
         }
     }
 }
 
-/// An audit asks for one light point; where it contradicts the class it is counted and leaves a photon of the other
+/// An audit traces one light point; where it contradicts the class it is counted and leaves a photon of the other
 /// kind at the point, as long as there is room.
 #[test]
-fn audits_find_wrong_classes_and_heal_them() {
+fn audits_find_wrong_classes_and_repair_the_map() {
     let mut setup = Setup::new([0, 4], 33);
-    let slots = setup.slots.count();
-    let light_points = setup.slots.light_points();
+    let candidates = setup.candidates.count();
+    let light_points = setup.candidates.light_points();
     let mut random = Random(4);
-    let classes: Vec<u32> = (0..slots)
+    let classes: Vec<u32> = (0..candidates)
         .map(|_| match (random.uniform() * 4.0) as u32 {
             0 => LIT | 2047 << 21,
             1 => LIT | 2046 << 21,
@@ -225,58 +232,61 @@ fn audits_find_wrong_classes_and_heal_them() {
         })
         .collect();
     let near = |word: u32| !matches!(word >> 21, 0 | 2047);
-    for (length, capacity) in [(0, 10), (1, 10), (63, 0), (64, 10), (65, 10), (slots - 5, 10), (slots - 5, 2000)] {
-        setup.heal_capacity = capacity;
-        // From behind, so that the first slots are not asked for.
-        let queue: Vec<u32> = (0..slots as u32).rev().take(length).collect();
+    for (length, capacity) in
+        [(0, 10), (1, 10), (63, 0), (64, 10), (65, 10), (candidates - 5, 10), (candidates - 5, 2000)]
+    {
+        setup.repair_capacity = capacity;
+        // From behind, so that the first candidates are not queued.
+        let queue: Vec<u32> = (0..candidates as u32).rev().take(length).collect();
         let outcome = setup.run(&classes, &[], &queue);
-        let mut expected_words = vec![POISON; slots * setup.slots.words()];
+        let mut expected_words = vec![POISON; candidates * setup.candidates.words()];
         let (mut rays, mut wrong, mut wrong_near) = (0, 0, 0);
-        let mut healed: Vec<([u32; 3], u32)> = Vec::new();
+        let mut repaired: Vec<([u32; 3], u32)> = Vec::new();
         let mut differences = [0, 0];
-        for slot in queue.iter().map(|slot| *slot as usize) {
-            let got = outcome.visibility[slot * setup.slots.words()] == 1;
-            let chosen = light_points[slot].last().unwrap();
-            let traced = setup.traced(slot, chosen);
+        for candidate in queue.iter().map(|candidate| *candidate as usize) {
+            let got = outcome.visibility[candidate * setup.candidates.words()] == 1;
+            let sampled = light_points[candidate].last().unwrap();
+            let traced = setup.traced(candidate, sampled);
             // Where the light point faces away, the class stands.
-            let lit = classes[slot] & 7 == LIT;
-            let seen = if traced { chosen.visible(&setup.slots.stage.scene).unwrap_or(got) } else { lit };
-            let first = &light_points[slot][0];
-            differences[0] += usize::from(seen != got);
-            differences[1] +=
-                usize::from(setup.traced(slot, first) && first.visible(&setup.slots.stage.scene) == Some(!got));
-            expected_words[slot * setup.slots.words()] = u32::from(seen);
+            let lit = classes[candidate] & 7 == LIT;
+            let is_visible = if traced { sampled.visible(&setup.candidates.stage.scene).unwrap_or(got) } else { lit };
+            let first = &light_points[candidate][0];
+            differences[0] += usize::from(is_visible != got);
+            differences[1] += usize::from(
+                setup.traced(candidate, first) && first.visible(&setup.candidates.stage.scene) == Some(!got),
+            );
+            expected_words[candidate * setup.candidates.words()] = u32::from(is_visible);
             rays += u32::from(traced);
-            if traced && seen != lit {
+            if traced && is_visible != lit {
                 wrong += 1;
-                wrong_near += u32::from(near(classes[slot]));
-                let point = &setup.slots.points[slot % setup.slots.points.len()];
+                wrong_near += u32::from(near(classes[candidate]));
+                let point = &setup.candidates.points[candidate % setup.candidates.points.len()];
                 // Up or down: the middle of x, and the last or the first of the 127 levels of y.
                 let normal = if point.normal == oct_encode(DVec3::Y) { 63 | 126 << 7 } else { 63 };
-                let light = (slot / setup.slots.points.len()) as u32;
-                let kind = u32::from(!seen) << 31;
-                healed.push((point.position.map(f32::to_bits), normal | light << 14 | kind));
+                let light = (candidate / setup.candidates.points.len()) as u32;
+                let kind = u32::from(!is_visible) << 31;
+                repaired.push((point.position.map(f32::to_bits), normal | light << 14 | kind));
             }
         }
         assert!(outcome.visibility == expected_words, "{length} audits");
         let expected =
             [(Counter::AuditRays, rays), (Counter::AuditsWrong, wrong), (Counter::AuditsWrongNear, wrong_near)];
         assert_eq!(outcome.counters, counts(&expected), "{length} audits");
-        assert_eq!(outcome.heal_count, wrong);
+        assert_eq!(outcome.repair_count, wrong);
         let kept = wrong.min(capacity) as usize;
-        let (photons, rest) = outcome.heal_photons.split_at(kept);
+        let (photons, rest) = outcome.repair_photons.split_at(kept);
         assert!(
             rest.iter().all(|p| p.word == POISON && p.position.iter().all(|x| x.to_bits() == POISON)),
             "past the capacity"
         );
         // In no order, each of the expected ones at most once.
-        healed.sort_unstable();
+        repaired.sort_unstable();
         let mut photons: Vec<_> = photons.iter().map(|p| (p.position.map(f32::to_bits), p.word)).collect();
         photons.sort_unstable();
         if kept == wrong as usize {
-            assert_eq!(photons, healed);
+            assert_eq!(photons, repaired);
         } else {
-            photons.iter().for_each(|photon| assert!(healed.binary_search(photon).is_ok(), "{photon:?}"));
+            photons.iter().for_each(|photon| assert!(repaired.binary_search(photon).is_ok(), "{photon:?}"));
             photons.dedup();
             assert_eq!(photons.len(), kept);
         }

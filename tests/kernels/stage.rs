@@ -1,13 +1,16 @@
 //! A small scene on the device as a render would have it, and f64 lines against all of its triangles.
 
+use crate::kit::new_kernel;
 use glam::DVec3;
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Kernel, Resources, compose};
-use penumbra::gpu_scene::GpuScene;
-use penumbra::passes::{Point, Tile};
-use penumbra::scene::{Camera, Scene};
+use kernel_kit::Resources;
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::gpu_scene::GpuScene;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::{Point, Tile};
+use penumbra::internal::scene::{Camera, Scene};
+use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::specialisation::features::Features;
 use penumbra::settings::{Settings, Technique};
-use penumbra::specialisation::Specialisation;
 
 use crate::kit::{device_features, gpu};
 
@@ -27,12 +30,16 @@ impl Stage {
         technique: Technique,
         changed: impl Fn(Features) -> Features,
     ) -> Stage {
-        let settings = Settings { width: size[0], height: size[1], technique, ..Settings::default() };
+        let settings = Settings::default().with(|s| {
+            s.image.width = size[0];
+            s.image.height = size[1];
+            s.technique = technique;
+        });
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);
         let needed = changed(Specialisation::new(&scene, &settings).features);
-        let features = device_features(gpu()).names().fold(needed, |features, name| features.with(name, true));
+        let features = device_features(gpu()).iter().fold(needed, |features, feature| features.with(feature, true));
         let gpu_scene = GpuScene::new(gpu(), &scene, bvh, camera, size, &features).unwrap();
         Stage { scene, features, gpu_scene }
     }
@@ -53,14 +60,14 @@ pub struct Crossing {
     /// Barycentric coordinates of corners 1 and 2.
     pub u: f64,
     pub v: f64,
-    /// The least barycentric coordinate: negative outside.
+    /// The smallest barycentric coordinate: negative outside.
     pub inside: f64,
     /// Unit normal of the front.
     pub normal: DVec3,
 }
 
-/// Nearer to an edge, in barycentric coordinates, the answer hangs on rounding: coordinates of unit size are off by 1e-7,
-/// the triangles of these tests are larger than a twentieth.
+/// Nearer to an edge, in barycentric coordinates, the answer depends on rounding: coordinates of unit size are off by
+/// 1e-7, the triangles of these tests are larger than a twentieth.
 pub const EDGE: f64 = 1e-5;
 
 impl Crossing {
@@ -108,7 +115,7 @@ pub fn oct_encode(n: DVec3) -> u32 {
     code(x) | code(y) << 16
 }
 
-/// A point of a light that a surface point asks for.
+/// A sampled point of a light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightPoint {
     /// Where its shadow ray starts.
@@ -120,7 +127,7 @@ pub struct LightPoint {
 }
 
 impl LightPoint {
-    /// Whether nothing stops the shadow ray; None where that hangs on rounding.
+    /// Whether nothing blocks the shadow ray; None where that depends on rounding.
     pub fn visible(&self, scene: &Scene) -> Option<bool> {
         // As the pass has it, short of the light's own surface.
         let end = self.distance * (1.0 - 1e-4);
@@ -134,8 +141,8 @@ impl LightPoint {
     }
 }
 
-/// The slots of a tile's points and a chunk of lights, with `samples` light points each.
-pub struct Slots {
+/// The candidates (point and light) of a tile's points and a chunk of lights, with `samples` light points each.
+pub struct Candidates {
     pub stage: Stage,
     pub tile: Tile,
     pub points: Vec<Point>,
@@ -144,37 +151,36 @@ pub struct Slots {
     pub samples: u32,
 }
 
-impl Slots {
+impl Candidates {
     pub fn count(&self) -> usize {
         (self.tile.point_count * self.chunk[1]) as usize
     }
 
-    /// Words of visibilities of a slot.
+    /// Words of visibilities of a candidate.
     pub fn words(&self) -> usize {
         self.samples.div_ceil(32) as usize
     }
 
-    /// Of each slot its light points, and last the one that an audit asks for.
+    /// The light points of each candidate, and last the one that an audit traces.
     pub fn light_points(&self) -> Vec<Vec<LightPoint>> {
         let points = gpu().upload("test/points", &self.points).unwrap();
         let composed =
-            compose::compose_source("light_points", include_str!("shaders/light_points.wgsl"), &self.stage.features)
-                .unwrap();
-        let slots = self.count() as u32;
+            compose_source("light_points", include_str!("shaders/light_points.wgsl"), &self.stage.features).unwrap();
+        let candidates = self.count() as u32;
         let constants = [
             ("first_light", f64::from(self.chunk[0])),
-            ("slots", f64::from(slots)),
+            ("candidates", f64::from(candidates)),
             ("samples", f64::from(self.samples)),
         ];
-        let kernel = Kernel::new(gpu(), &composed, &constants, &["points", "chosen"]).unwrap();
-        let count = (slots * (self.samples + 1)) as usize;
-        let chosen = gpu().poisoned::<[[f32; 4]; 3]>("test/chosen", count).unwrap();
-        let own = Resources::new().with("points", &points).with("chosen", &chosen);
-        let bound = kernel.bind(gpu(), "sample_lights", &[&own, &self.stage.gpu_scene]).unwrap();
+        let kernel = new_kernel(gpu(), &composed, &constants, &["points", "sampled"]).unwrap();
+        let count = (candidates * (self.samples + 1)) as usize;
+        let sampled = gpu().poisoned::<[[f32; 4]; 3]>("test/sampled", count).unwrap();
+        let own = Resources::new().with("points", &points).with("sampled", &sampled);
+        let bound = kernel.bind(gpu(), "sample_light_points", &[&own, &self.stage.gpu_scene]).unwrap();
         let mut frame = gpu().frame("test");
-        frame.run(&bound, slots, &self.tile);
+        frame.run(&bound, candidates, &self.tile);
         frame.submit().unwrap();
-        let chosen: Vec<[[f32; 4]; 3]> = gpu().read(&chosen, count).unwrap();
+        let sampled: Vec<[[f32; 4]; 3]> = gpu().read(&sampled, count).unwrap();
         let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
             let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
             LightPoint {
@@ -185,7 +191,7 @@ impl Slots {
                 radiance: vector(c),
             }
         };
-        chosen.chunks(self.samples as usize + 1).map(|slot| slot.iter().map(light_point).collect()).collect()
+        sampled.chunks(self.samples as usize + 1).map(|candidate| candidate.iter().map(light_point).collect()).collect()
     }
 }
 
@@ -203,7 +209,7 @@ pub fn hash(words: &[u32]) -> u32 {
 
 /// A number that host and kernels share.
 pub fn constant(name: &str) -> u32 {
-    compose::CONSTANTS.iter().find(|(n, _)| *n == name).unwrap().1
+    penumbra::internal::kernels::constant(name).unwrap()
 }
 
 /// Seed and sample index of a point of a tile.

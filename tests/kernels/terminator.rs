@@ -1,10 +1,10 @@
-//! The shadow terminator: a coarse sphere with smooth normals darkens as the sphere that it stands for, without black
+//! The shadow terminator: a coarse sphere with smooth normals darkens as the sphere that it approximates, without black
 //! triangles or the shadows of its edges (Hanika 2021).
 
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::{Aov, Image, Renderer, Settings, Technique};
 
 use crate::kit::gpu;
@@ -36,16 +36,15 @@ fn ball(area_light: bool) -> Scene {
 }
 
 fn render(area_light: bool, technique: Technique, spp: u32) -> Image {
-    let settings = Settings {
-        technique,
-        width: 160,
-        height: 160,
-        spp,
-        shadow_samples: 256,
-        max_bounces: 0,
-        aovs: vec![Aov::Normal, Aov::Position],
-        ..Settings::default()
-    };
+    let settings = Settings::default().with(|s| {
+        s.technique = technique;
+        s.image.width = 160;
+        s.image.height = 160;
+        s.image.spp = spp;
+        s.shadow_rays.samples = 256;
+        s.indirect.max_bounces = 0;
+        s.image.aovs = vec![Aov::Normal, Aov::Position];
+    });
     let view = camera(EYE, DVec3::NEG_Z, 0.55);
     let mut renderer = Renderer::new(gpu(), ball(area_light), &view, &settings).unwrap();
     while renderer.samples() < spp {
@@ -79,17 +78,17 @@ fn reflected(area_light: bool, position: DVec3, normal: DVec3, visible: impl Fn(
     (0..N * N).map(piece).sum()
 }
 
-/// Of the pixels that show the sphere, off its rim, where normals are bent: those that differ from what the smooth sphere
-/// reflects, from what the triangles would with black ones behind their own horizons, and how many there are.
+/// Of the pixels that show the sphere, off its rim, where normals are bent: those that differ from what the smooth
+/// sphere reflects, from what the triangles would with black ones behind their own horizons, and how many there are.
 fn differences(image: &Image, area_light: bool) -> [usize; 3] {
     let channel = |name: &str| image.channel(name).unwrap();
     let vector = |names: [&str; 3], i: usize| DVec3::from(names.map(|name| f64::from(channel(name)[i])));
     let triangles = ball(false);
     // At the sphere's brightest point.
-    let most = reflected(area_light, LIGHT.normalize() * RADIUS, LIGHT.normalize(), |_| true);
-    // Rays leave from up to 0.02 over the triangles, a hundredth of the way to the light; the square's noise and its pieces
-    // are less.
-    let differs = |got: f64, expected: f64| (got - expected).abs() > 0.02 * most;
+    let brightest = reflected(area_light, LIGHT.normalize() * RADIUS, LIGHT.normalize(), |_| true);
+    // Rays leave from up to 0.02 over the triangles, a hundredth of the way to the light; the square's noise and its
+    // pieces are less.
+    let differs = |got: f64, expected: f64| (got - expected).abs() > 0.02 * brightest;
     let mut found = [0; 3];
     for i in 0..image.pixels() {
         let (position, normal) = (vector(["P.X", "P.Y", "P.Z"], i), vector(["N.X", "N.Y", "N.Z"], i));
@@ -113,12 +112,12 @@ fn differences(image: &Image, area_light: bool) -> [usize; 3] {
 #[test]
 fn a_coarse_sphere_darkens_as_the_smooth_one() {
     for area_light in [false, true] {
-        for technique in [Technique::TwoPass, Technique::ShadowPhotons] {
+        for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
             let [wrong, uncut, pixels] = differences(&render(area_light, technique, 1), area_light);
             println!("{technique}, area {area_light}: {wrong} differ, {uncut} from cut triangles, of {pixels}");
             assert!(pixels > 10_000, "{pixels} pixels");
             assert_eq!(wrong, 0, "{technique}, area {area_light}: pixels that differ, of {pixels}");
-            assert!(uncut > 100, "{technique}, area {area_light}: black triangles are not seen");
+            assert!(uncut > 100, "{technique}, area {area_light}: black triangles are not detected");
         }
     }
 }
@@ -132,7 +131,7 @@ fn the_path_tracer_agrees_in_the_mean() {
             let samples = image.channel("G").unwrap();
             samples.iter().map(|x| f64::from(*x)).sum::<f64>() / samples.len() as f64
         };
-        let (paths, photons) = (mean(Technique::Path, 64), mean(Technique::ShadowPhotons, 16));
+        let (paths, photons) = (mean(Technique::PATH, 64), mean(Technique::SHADOW_PHOTONS, 16));
         assert!((paths - photons).abs() < 2e-3 * paths, "area {area_light}: {paths} by paths, {photons} by photons");
     }
 }

@@ -1,14 +1,17 @@
 //! Traversal: the rays of `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
 
+use crate::kit::new_kernel;
 use glam::{DVec2, DVec3, Vec3, vec3};
-use penumbra::bvh::Bvh;
-use penumbra::gpu::{Features, Kernel, Resources, buffer::POISON, buffer::TableFormat, compose};
+use kernel_kit::{POISON, Resources, TableFormat};
+use penumbra::internal::bvh::Bvh;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, gpu};
 
 const NO_HIT: u32 = u32::MAX;
 
-/// Length of the rays that have no end.
+/// `t_max` of rays without an end.
 const FAR: f32 = 1e30;
 
 type Triangle = [Vec3; 3];
@@ -25,7 +28,7 @@ struct Answer {
     t: f32,
     u: f32,
     v: f32,
-    slot: u32,
+    primitive: u32,
 }
 
 fn ray(origin: Vec3, direction: Vec3) -> Ray {
@@ -41,16 +44,15 @@ struct Traced {
 impl Traced {
     fn new(triangles: &[Triangle]) -> Self {
         let bvh = Bvh::build(triangles).unwrap();
-        let features = device_features(gpu()).with("shallow_bvh", bvh.is_shallow());
+        let features = device_features(gpu()).with(Feature::ShallowBvh, bvh.is_shallow());
         Traced { bvh, features }
     }
 
     fn run(&self, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
         let gpu = gpu();
-        let composed =
-            compose::compose_source("traverse", include_str!("shaders/traverse.wgsl"), &self.features).unwrap();
-        let constants = [("ray_count", rays.len() as f64), ("slot_count", self.bvh.order.len() as f64)];
-        let kernel = Kernel::new(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
+        let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &self.features).unwrap();
+        let constants = [("ray_count", rays.len() as f64), ("primitive_count", self.bvh.order.len() as f64)];
+        let kernel = new_kernel(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
         let texels: Vec<[f32; 4]> = rays
             .iter()
             .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
@@ -64,7 +66,7 @@ impl Traced {
             frame.run(&bound, rays.len() as u32, &[0u32; 0]);
             frame.submit().unwrap();
         };
-        if self.features.has("texture_loads") {
+        if self.features.has(Feature::TextureLoads) {
             let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
             run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
@@ -83,24 +85,24 @@ impl Traced {
         self.run("closest", rays).into_iter().map(answer).collect()
     }
 
-    fn corners(&self, slot: u32) -> [DVec3; 3] {
-        let texels = &self.bvh.triangles[3 * slot as usize..][..3];
+    fn corners(&self, primitive: u32) -> [DVec3; 3] {
+        let texels = &self.bvh.triangles[3 * primitive as usize..][..3];
         std::array::from_fn(|i| Vec3::from_slice(&texels[i][..3]).as_dvec3())
     }
 }
 
-fn answer([t, u, v, slot]: [u32; 4]) -> Answer {
-    Answer { t: f32::from_bits(t), u: f32::from_bits(u), v: f32::from_bits(v), slot }
+fn answer([t, u, v, primitive]: [u32; 4]) -> Answer {
+    Answer { t: f32::from_bits(t), u: f32::from_bits(u), v: f32::from_bits(v), primitive }
 }
 
-/// What double precision says of a ray and a triangle.
+/// Intersection of a ray with a triangle in double precision.
 struct Meeting {
     t: f64,
     /// How far inside the triangle's edges the ray passes, across the ray; negative outside.
     inside: f64,
     /// How far t may be off, given how far points may be.
     t_slack: f64,
-    /// What the kernel may be off across the ray: each coordinate relative to the origin is rounded once, sheared
+    /// Maximum error of the kernel across the ray: each coordinate relative to the origin is rounded once and sheared
     /// with two roundings, and an edge's distance has as many again; eight half-units in the last place cover them.
     slack: f64,
 }
@@ -111,11 +113,11 @@ fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
     let relative = corners.map(|corner| corner - ray.origin.as_dvec3());
     let flat = relative.map(|q| DVec2::new(q.dot(x), q.dot(y)));
     let normal = (relative[1] - relative[0]).cross(relative[2] - relative[0]);
-    let turn = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]).signum();
+    let orientation = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]).signum();
     let inside = (0..3)
         .map(|i| {
             let (a, b) = (flat[i], flat[(i + 1) % 3]);
-            turn * (b - a).perp_dot(-a) / (b - a).length()
+            orientation * (b - a).perp_dot(-a) / (b - a).length()
         })
         .fold(f64::INFINITY, f64::min);
     let reach = relative.iter().map(|q| q.length()).fold(0.0, f64::max);
@@ -125,26 +127,26 @@ fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
     Meeting { t: normal.dot(relative[0]) / normal.dot(d), inside, t_slack, slack }
 }
 
-/// Compares the answers with the loop over all triangles: the one met lies where the kernel says and none is
-/// nearer, as far as roundings allow. Returns what is wrong, and how many answers nothing could be said of.
+/// Compares the answers with a loop over all triangles: the triangle hit lies where the kernel says and none is nearer,
+/// as far as roundings allow. Returns what is wrong, and the number of answers that rounding leaves undecided.
 fn compare(traced: &Traced, rays: &[Ray], answers: &[Answer]) -> (Vec<String>, usize) {
-    let all: Vec<_> = (0..traced.bvh.order.len() as u32).map(|slot| traced.corners(slot)).collect();
+    let all: Vec<_> = (0..traced.bvh.order.len() as u32).map(|primitive| traced.corners(primitive)).collect();
     let mut wrong = Vec::new();
     let mut unsure = 0;
     for (i, (ray, answer)) in rays.iter().zip(answers).enumerate() {
-        if answer.slot != NO_HIT {
-            let met = meeting(ray, all[answer.slot as usize]);
+        if answer.primitive != NO_HIT {
+            let met = meeting(ray, all[answer.primitive as usize]);
             let off = (f64::from(answer.t) - met.t).abs();
             if !(met.inside >= -met.slack && off <= met.t_slack && answer.t <= ray.t_max) {
                 wrong.push(format!("ray {i}: {answer:?} lies {} outside, t is off by {off}", -met.inside));
             }
         }
         let mut nearer_unsure = false;
-        for (slot, corners) in all.iter().enumerate() {
+        for (primitive, corners) in all.iter().enumerate() {
             let met = meeting(ray, *corners);
             let before = |slack: f64| met.t + slack < f64::from(answer.t.min(ray.t_max)) && met.t - slack > 0.0;
             if met.inside > met.slack && before(2.0 * met.t_slack) {
-                wrong.push(format!("ray {i}: {answer:?}, but slot {slot} is met at {}", met.t));
+                wrong.push(format!("ray {i}: {answer:?}, but primitive {primitive} is met at {}", met.t));
             }
             nearer_unsure |= met.inside.abs() <= met.slack && before(0.0);
         }
@@ -203,9 +205,9 @@ fn closed_box(half: f32) -> Vec<Triangle> {
         .collect()
 }
 
-/// Random soups of 1 to 5,000 triangles: the nearest of them, or none, as a loop over all of them finds; the same
-/// through textures and through storage buffers, with a stack of registers where that holds what waits and with one in
-/// memory; and the same bits as the kernel's own loop over all slots.
+/// Random soups of 1 to 5,000 triangles: the nearest hit, or none, as a loop over all triangles finds it. Textures and
+/// storage buffers, a stack of registers where that is large enough and one in memory, and the kernel's own loop over
+/// all triangles give the same bits.
 #[test]
 fn closest_hits_are_those_of_all_triangles() {
     let rays = random_rays(2000);
@@ -216,27 +218,28 @@ fn closest_hits_are_those_of_all_triangles() {
         let answers = traced.closest(&rays);
         let (wrong, unsure) = compare(&traced, &rays, &answers);
         assert!(wrong.is_empty(), "{count} triangles: {}", wrong.join("\n"));
-        assert!(unsure < 20, "{count} triangles: {unsure} of 2000 answers cannot be judged");
-        let hits = answers.iter().filter(|answer| answer.slot != NO_HIT).count();
+        assert!(unsure < 20, "{count} triangles: {unsure} of 2000 answers are undecided");
+        let hits = answers.iter().filter(|answer| answer.primitive != NO_HIT).count();
         assert!((20..1980).contains(&hits), "{count} triangles: {hits} hits prove nothing");
         let exhaustive: Vec<_> = traced.run("exhaustive", &rays).into_iter().map(answer).collect();
         assert_eq!(answers, exhaustive, "{count} triangles");
-        traced.features = traced.features.clone().with("texture_loads", !traced.features.has("texture_loads"));
+        traced.features =
+            traced.features.clone().with(Feature::TextureLoads, !traced.features.has(Feature::TextureLoads));
         assert_eq!(answers, traced.closest(&rays), "{count} triangles, the other kind of table");
-        traced.features = traced.features.clone().with("shallow_bvh", false);
+        traced.features = traced.features.clone().with(Feature::ShallowBvh, false);
         assert_eq!(answers, traced.closest(&rays), "{count} triangles, a stack in memory");
     }
     let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();
     assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");
 }
 
-/// Four registers are too few for what waits in a deeper hierarchy: the comparison sees it.
+/// Four registers are too few for the stack of a deeper hierarchy: the comparison finds it.
 #[test]
 fn a_stack_that_overflows_is_found() {
     let rays = random_rays(2000);
     let mut traced = Traced::new(&soup(5000, 0.1));
     assert!(!traced.bvh.is_shallow());
-    traced.features = traced.features.clone().with("shallow_bvh", true);
+    traced.features = traced.features.clone().with(Feature::ShallowBvh, true);
     let answers = traced.closest(&rays);
     assert!(!compare(&traced, &rays, &answers).0.is_empty());
 }
@@ -247,17 +250,20 @@ fn planted_faults_are_found() {
     let rays = random_rays(2000);
     let traced = Traced::new(&soup(64, 0.5));
     let answers = traced.closest(&rays);
-    let hit = answers.iter().position(|answer| answer.slot != NO_HIT).unwrap();
-    let faults: [fn(&mut Answer); 3] =
-        [|a| a.slot = (a.slot + 1) % 64, |a| *a = Answer { t: FAR, u: 0.0, v: 0.0, slot: NO_HIT }, |a| a.t *= 1.001];
+    let hit = answers.iter().position(|answer| answer.primitive != NO_HIT).unwrap();
+    let faults: [fn(&mut Answer); 3] = [
+        |a| a.primitive = (a.primitive + 1) % 64,
+        |a| *a = Answer { t: FAR, u: 0.0, v: 0.0, primitive: NO_HIT },
+        |a| a.t *= 1.001,
+    ];
     for (number, fault) in faults.iter().enumerate() {
         let mut answers = answers.clone();
         fault(&mut answers[hit]);
-        assert!(!compare(&traced, &rays, &answers).0.is_empty(), "fault {number} goes unseen");
+        assert!(!compare(&traced, &rays, &answers).0.is_empty(), "fault {number} is not found");
     }
 }
 
-/// A hierarchy one of whose boxes is a step too small somewhere loses hits: the comparison sees it.
+/// A hierarchy one of whose boxes is a step too small somewhere loses hits: the comparison finds it.
 #[test]
 fn a_shrunk_box_is_found() {
     let rays = random_rays(2000);
@@ -269,12 +275,12 @@ fn a_shrunk_box_is_found() {
     assert!(!compare(&traced, &rays, &answers).0.is_empty());
 }
 
-/// Nothing is hit, and nothing waits, in a scene without triangles.
+/// In a scene without triangles nothing is hit, and no traversal gives up.
 #[test]
 fn an_empty_scene_stops_no_ray() {
     let rays = random_rays(65);
     let traced = Traced::new(&[]);
-    assert!(traced.closest(&rays).iter().all(|answer| answer.slot == NO_HIT && answer.t == FAR));
+    assert!(traced.closest(&rays).iter().all(|answer| answer.primitive == NO_HIT && answer.t == FAR));
     assert!(traced.run("occluded", &rays).iter().all(|answer| *answer == [0; 4]));
     assert!(traced.run("line", &rays).iter().all(|answer| *answer == [0; 4]));
 }
@@ -286,7 +292,7 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
     let traced = Traced::new(&soup(1000, 0.3));
     let mut rays = random_rays(4000);
     for (i, ray) in rays.iter_mut().enumerate() {
-        // Unit directions with an end, and whole ways to a point with the end at 1.
+        // Unit directions with an end, and directions that reach to a point, with the end at 1.
         if i % 2 == 0 {
             ray.t_max = 1.0;
         } else {
@@ -295,9 +301,9 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
     }
     let occluded = traced.run("occluded", &rays);
     let lines = traced.run("line", &rays);
-    let (mut judged, mut stopped) = (0, 0);
+    let (mut checked, mut stopped) = (0, 0);
     for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
-        let meetings: Vec<_> = (0..1000).map(|slot| meeting(ray, traced.corners(slot))).collect();
+        let meetings: Vec<_> = (0..1000).map(|primitive| meeting(ray, traced.corners(primitive))).collect();
         let certain = |m: &Meeting| {
             m.inside.abs() > m.slack && m.t.abs() > m.t_slack && (m.t - f64::from(ray.t_max)).abs() > m.t_slack
         };
@@ -306,13 +312,13 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
         }
         let met =
             meetings.iter().enumerate().filter(|(_, m)| m.inside > 0.0 && m.t > 0.0 && m.t <= f64::from(ray.t_max));
-        let (count, sum) = met.fold((0u32, 0u32), |(count, sum), (slot, _)| (count + 1, sum + slot as u32));
+        let (count, sum) = met.fold((0u32, 0u32), |(count, sum), (primitive, _)| (count + 1, sum + primitive as u32));
         assert_eq!(*occluded, [u32::from(count > 0), 0, 0, 0], "{ray:?}");
         assert_eq!(*line, [count, sum, 0, 0], "{ray:?}");
-        judged += 1;
+        checked += 1;
         stopped += u32::from(count > 0);
     }
-    assert!(judged > 3600 && (400..judged - 400).contains(&stopped), "{judged} rays judged, {stopped} stopped");
+    assert!(checked > 3600 && (400..checked - 400).contains(&stopped), "{checked} rays checked, {stopped} stopped");
 }
 
 /// No ray leaves closed boxes nested in each other from inside the innermost one, aimed at corners, at points of
@@ -333,7 +339,8 @@ fn closed_boxes_are_watertight() {
         rays.push(Ray { origin, direction: 4.0 * (target - origin), t_max: 1.0 });
     }
     let answers = traced.closest(&rays);
-    let escaped = answers.iter().filter(|answer| answer.slot == NO_HIT || traced.bvh.order[answer.slot as usize] >= 12);
+    let escaped =
+        answers.iter().filter(|answer| answer.primitive == NO_HIT || traced.bvh.order[answer.primitive as usize] >= 12);
     assert_eq!(escaped.count(), 0);
     assert!(traced.run("occluded", &rays).iter().all(|answer| answer[0] == 1));
     let endless: Vec<_> = rays.iter().copied().step_by(2).collect();
@@ -374,23 +381,24 @@ fn rays_along_axes_meet_grids_at_their_corners() {
         }
         for (ray, answer) in through.iter().zip(traced.closest(&through)) {
             let expected = if ray.direction[axis] > 0.0 { 1.25 } else { 0.75 };
-            assert!(answer.slot != NO_HIT && answer.t == expected, "{ray:?}: {answer:?}");
+            assert!(answer.primitive != NO_HIT && answer.t == expected, "{ray:?}: {answer:?}");
         }
-        assert!(traced.closest(&within).iter().all(|answer| answer.slot == NO_HIT));
+        assert!(traced.closest(&within).iter().all(|answer| answer.primitive == NO_HIT));
     }
 }
 
-/// Of triangles that coincide the lowest slot is hit, whichever the traversal comes to first (FIELD.md, case 5).
+/// Of triangles that coincide the one of the lowest primitive index is hit, whichever the traversal comes to first
+/// (FIELD.md, case 5).
 #[test]
-fn coplanar_duplicates_go_to_the_lowest_slot() {
+fn coplanar_duplicates_go_to_the_lowest_primitive_index() {
     let triangles: Vec<Triangle> = soup(40, 0.5).into_iter().flat_map(|triangle| [triangle; 9]).collect();
     let traced = Traced::new(&triangles);
     let rays = random_rays(2000);
     let answers = traced.closest(&rays);
     let mut hits = 0;
-    for answer in answers.iter().filter(|answer| answer.slot != NO_HIT) {
-        let twins = |slot: u32| traced.corners(slot) == traced.corners(answer.slot);
-        assert_eq!((0..360).find(|&slot| twins(slot)), Some(answer.slot));
+    for answer in answers.iter().filter(|answer| answer.primitive != NO_HIT) {
+        let twins = |primitive: u32| traced.corners(primitive) == traced.corners(answer.primitive);
+        assert_eq!((0..360).find(|&primitive| twins(primitive)), Some(answer.primitive));
         hits += 1;
     }
     assert!(hits > 200, "{hits} hits prove nothing");
@@ -421,19 +429,19 @@ fn slivers_leave_no_gaps() {
             })
             .collect();
         let found = traced.closest(&rays);
-        traced.features = traced.features.clone().with("needles", true);
+        traced.features = traced.features.clone().with(Feature::Needles, true);
         let on_planes = traced.closest(&rays);
         for ((ray, answer), on_plane) in rays.iter().zip(found).zip(on_planes) {
             let t = f64::from(ray.origin.z) / -f64::from(ray.direction.z);
-            assert!(answer.slot != NO_HIT, "{ray:?} passes between slivers of width {width}");
+            assert!(answer.primitive != NO_HIT, "{ray:?} passes between slivers of width {width}");
             assert!(answer.u >= 0.0 && answer.v >= 0.0 && answer.u + answer.v <= 1.000001, "{answer:?}");
             // Coordinates relative to the ray are below 1, so the three edge functions are off by 2^-21 in all, and
             // the barycentric coordinates by that over the determinant, 2 area = width: t moves so much of a
-            // sliver's length, which is 1. For the thinnest that only says that t lies between the corners.
+            // sliver's length, which is 1. For the thinnest slivers this only bounds t between the corners.
             let slack = 2f64.powi(-21) / f64::from(width);
             assert!((f64::from(answer.t) - t).abs() < slack, "{ray:?}: {answer:?} instead of {t}");
             // Moved along the plane, whose inclination is off by as much: the square of that, and a few roundings.
-            assert!(on_plane.slot != NO_HIT, "{ray:?}");
+            assert!(on_plane.primitive != NO_HIT, "{ray:?}");
             let slack = slack * slack + 2f64.powi(-20);
             assert!((f64::from(on_plane.t) - t).abs() < slack, "{ray:?}: {on_plane:?} instead of {t}");
         }
@@ -455,10 +463,10 @@ fn identical_centroids_are_traced() {
     let answers = traced.closest(&rays);
     let (wrong, _) = compare(&traced, &rays, &answers);
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-    assert!(answers.iter().any(|answer| answer.slot != NO_HIT));
+    assert!(answers.iter().any(|answer| answer.primitive != NO_HIT));
 }
 
-/// A ray through more triangles than the device's loops have turns is answered rightly, or says that it was not.
+/// A ray through more triangles than the device's loops have iterations gets a right answer, or reports an overrun.
 #[test]
 fn a_traversal_that_gives_up_says_so() {
     let count = 100_000u32;

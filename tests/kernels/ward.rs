@@ -1,10 +1,11 @@
 //! Pass `ward` against Ward's procedure in f64, from the same visibilities.
 
 use glam::{DVec3, Vec3};
-use penumbra::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
-use penumbra::passes::ward::{Ward, WardBuffers, WardParameters};
-use penumbra::passes::{INVALID_POINT, Point, Tile, TileBuffers};
-use penumbra::scene::{LightKind, Scene};
+use penumbra::internal::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
+use penumbra::internal::passes::ward::{Ward, WardBuffers, WardParameters};
+use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::scene::{LightKind, Scene};
+use penumbra::internal::specialisation::features::Feature;
 use penumbra::settings::Technique;
 
 use crate::kit::gpu;
@@ -50,14 +51,14 @@ fn room(lamps: &[Lamp]) -> Scene {
     scene(&[(floor, surface(ALBEDO, 0.0))], lamps.iter().map(punctual).collect())
 }
 
-/// The visibility bits of a slot: by chance, and by the light so, that lights differ in how often they are seen.
-fn bits(slot: u32, points: u32) -> u32 {
-    let (light, word) = (slot / points, hash1(slot));
+/// The visibility bits of a candidate: random, with a probability of its own for each light.
+fn bits(candidate: u32, points: u32) -> u32 {
+    let (light, word) = (candidate / points, hash1(candidate));
     (0..SAMPLES).filter(|j| (word >> (8 * j) & 255) < 40 + 3 * light).map(|j| 1 << j).sum()
 }
 
-/// What the procedure makes of one point: the lights that are tested, the guess for others, and whether a decision or the
-/// order hangs on rounding.
+/// The procedure's result at one point: the lights that are tested, the estimates of others, and whether a decision or
+/// the order depends on rounding.
 struct Expected {
     tested: Vec<bool>,
     guess: Vec<f64>,
@@ -75,46 +76,46 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut doubtful = false;
     let mut rest: f64 = list.iter().map(|(p, _)| p).sum();
-    let (mut found, mut seen, mut expected) = (0.0, 0.0, 0.0);
+    let (mut found, mut visible, mut expected) = (0.0, 0.0, 0.0);
     let mut tested = vec![false; lamps.len()];
     let rate = |light: usize| rates[light][0] / rates[light][1];
-    for (place, (p, light)) in list.iter().enumerate() {
+    for (rank, (p, light)) in list.iter().enumerate() {
         doubtful |= rest > 0.0 && (rest - tolerance * found).abs() < 2e-3 * rest;
         if rest < tolerance * found {
-            // Keys keep twelve bits of a potential: which of two that are alike comes first, is not ours to say.
-            doubtful |= list[place - 1].0 < p * (1.0 + 1e-3);
+            // Keys keep twelve bits of a potential: the order of two that are alike is not tested.
+            doubtful |= list[rank - 1].0 < p * (1.0 + 1e-3);
             break;
         }
         tested[*light] = true;
         rest = (rest - p).max(0.0);
         let share = f64::from(bits(*light as u32 * points + index, points).count_ones()) / f64::from(SAMPLES);
         found += p * share;
-        seen += share;
+        visible += share;
         expected += rate(*light);
     }
-    let here = if expected > 0.0 { seen / expected } else { 0.5 };
+    let here = if expected > 0.0 { visible / expected } else { 0.5 };
     let listed: Vec<usize> = list.iter().map(|(_, light)| *light).collect();
     let guess = |light| if listed.contains(&light) { (here * rate(light)).min(1.0) } else { 0.0 };
     Expected { guess: (0..lamps.len()).map(guess).collect(), tested, doubtful }
 }
 
-/// Two tiles, one after the other: at every point the lights that Ward's procedure tests are, no others, and the rest is
-/// guessed as it guesses; the second tile goes by what the first has learnt. Another tolerance is told apart.
+/// Two tiles, one after the other: at every point the lights that Ward's procedure tests are, no others, and the rest
+/// is guessed as it guesses; the second tile goes by what the first has learnt. Another tolerance is told apart.
 #[test]
 fn lights_are_tested_as_ward_does() {
     let gpu = gpu();
     let lamps = lamps();
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WardAdaptive, |features| features);
-    assert!(stage.features.has("ward"));
+    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WARD_ADAPTIVE, |features| features);
+    assert!(stage.features.has(Feature::Ward));
     let tile: Tile = whole([65, 3], 1);
     let count = tile.point_count;
     let mut random = Random(4);
     let mut points: Vec<Point> = (0..count)
         .map(|_| {
             let p = random.point();
-            let place = DVec3::new(0.58 * p.x, -0.5, 0.58 * p.z);
-            Point { position: place.as_vec3().to_array(), normal: oct_encode(DVec3::Y) }
+            let position = DVec3::new(0.58 * p.x, -0.5, 0.58 * p.z);
+            Point { position: position.as_vec3().to_array(), normal: oct_encode(DVec3::Y) }
         })
         .collect();
     points[64].normal = INVALID_POINT;
@@ -122,18 +123,18 @@ fn lights_are_tested_as_ward_does() {
     let mut buffers = TileBuffers::new(gpu, &stage.features, count, false).unwrap();
     buffers.points = gpu.upload("test/points", &points).unwrap();
     buffers.surfaces = gpu.upload("test/surfaces", &vec![[ALBEDO, ALBEDO, ALBEDO, normal]; count as usize]).unwrap();
-    let slots = count * LIGHTS as u32;
-    let seen: Vec<u32> = (0..slots).map(|slot| bits(slot, count)).collect();
-    let visibility = gpu.upload("test/visibility", &seen).unwrap();
+    let candidates = count * LIGHTS as u32;
+    let visible: Vec<u32> = (0..candidates).map(|candidate| bits(candidate, count)).collect();
+    let visibility = gpu.upload("test/visibility", &visible).unwrap();
 
     for tolerance in [0.0f32, 0.1, 1.0] {
-        let mut classify = ClassifyBuffers::new(gpu, slots).unwrap();
-        classify.classes = gpu.poisoned::<u32>("test/classes", slots as usize).unwrap();
+        let mut classify = ClassifyBuffers::new(gpu, candidates).unwrap();
+        classify.classes = gpu.poisoned::<u32>("test/classes", candidates as usize).unwrap();
         let own = WardBuffers::new(gpu, count, LIGHTS as u32).unwrap();
         let pass = Ward::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
         let bound = pass.bind(gpu, &buffers, &classify, &visibility, &own, &stage.gpu_scene).unwrap();
         let mut rates = vec![[1.0f64; 2]; LIGHTS];
-        for turn in 0..2 {
+        for round in 0..2 {
             let parameters = WardParameters {
                 tile,
                 light_count: LIGHTS as u32,
@@ -146,7 +147,7 @@ fn lights_are_tested_as_ward_does() {
             // The visibilities are there: nothing is traced.
             bound.record(&mut frame, &classify, &parameters, |_| {});
             frame.submit().unwrap();
-            let words: Vec<u32> = gpu.read(&classify.classes, slots as usize).unwrap();
+            let words: Vec<u32> = gpu.read(&classify.classes, candidates as usize).unwrap();
             let is_tested =
                 |light: usize, i: usize| Classified::new(words[light * count as usize + i]).class == Class::Unknown;
             let (mut tests, mut doubtful, mut blind) = (0, 0, 0);
@@ -163,7 +164,7 @@ fn lights_are_tested_as_ward_does() {
                 }
                 for (light, lamp) in lamps.iter().enumerate() {
                     let got = Classified::new(words[light * count as usize + i]);
-                    let what = format!("tolerance {tolerance}, turn {turn}, point {i}, light {light}: {got:?}");
+                    let what = format!("tolerance {tolerance}, round {round}, point {i}, light {light}: {got:?}");
                     if lamp.position.y < -0.5 || lamp.intensity == 0.0 {
                         assert_eq!(got.class, Class::Dark, "{what}");
                     } else if expected.tested[light] {
@@ -200,7 +201,7 @@ fn lights_are_tested_as_ward_does() {
                 }
             }
         }
-        let lengths: Vec<u32> = gpu.read(&classify.queue_lengths, 4).unwrap();
+        let lengths: Vec<u32> = gpu.read(&classify.queue_lengths, Queue::COUNT).unwrap();
         let last: Vec<u32> = gpu.read(&classify.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap();
         assert!(last.len() <= points.len());
     }

@@ -1,8 +1,9 @@
 //! Pass `zones` against a count on the CPU.
 
 use glam::Vec3;
-use penumbra::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
-use penumbra::passes::zones::{ZONE_LIGHTS, Zones};
+use penumbra::internal::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
+use penumbra::internal::passes::zones::{ZONE_LIGHTS, Zones};
+use penumbra::internal::specialisation::kernels::sorting_grid;
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, photon};
@@ -13,9 +14,9 @@ enum Fault {
     None,
     /// Zones around a zone do not count.
     Alone,
-    /// Lights that only shadow photons are of are listed.
+    /// Lights that have only shadow photons are listed.
     Shadowed,
-    /// The lights that are listed are those of most photons, whatever their power.
+    /// The lights that are listed are those with the most photons, whatever their power.
     Powerless,
 }
 
@@ -79,13 +80,14 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Of each zone the lights that photons there and around tell of, the strongest where there are too many, with the share that
-/// arrived: no photon and one, lights around the length of a list and as many as there can be, and more zones than 65,535.
+/// Each zone lists the lights whose photons are there and around, the strongest where there are too many, with the
+/// share that arrived: no photon and one, lights around the length of a list and as many as there can be, and more
+/// zones than 65,535.
 #[test]
 fn zones_list_the_lights_that_reach_them() {
     let gpu = gpu();
     let mut random = Random(5);
-    let features = device_features(gpu);
+    let features = sorting_grid(&device_features(gpu));
     let (sorting, zones) = (Grid::sorting_only(gpu, &features).unwrap(), Zones::new(gpu, &features).unwrap());
     let cases = [
         (0usize, 1u32, 1e2, false),
@@ -99,10 +101,10 @@ fn zones_list_the_lights_that_reach_them() {
         (200, 3, 7e4, false),
     ];
     let mut caught = [0; 3];
-    for (count, lights, most, environment) in cases {
+    for (count, lights, max_cells, environment) in cases {
         let photons = scattered(count, lights, &mut random);
         let bounds = (Vec3::splat(-0.5), Vec3::splat(0.5));
-        let shape = GridShape::with_most_cells(1.0, bounds, 1e-6, 1, most);
+        let shape = GridShape::with_max_cells(1.0, bounds, 1e-6, 1, max_cells);
         let powers: Vec<f64> = (0..lights).map(|_| f64::from(random.unit()).powi(8)).collect();
         let buffer = gpu.upload("test/photons", &photons).unwrap();
         let sorted = sorting.sort(gpu, &buffer, count as u32, 1, shape).unwrap();
@@ -127,7 +129,7 @@ fn zones_list_the_lights_that_reach_them() {
             lengths = [lengths[0].min(length), lengths[1].max(length)];
         }
         println!("{count} photons of {lights} lights: {} zones of {lengths:?} lights", shape.cells());
-        assert!(most < 7e4 || shape.cells() > 65_535, "{} zones", shape.cells());
+        assert!(max_cells < 7e4 || shape.cells() > 65_535, "{} zones", shape.cells());
     }
     println!("faults in {caught:?} zones");
     assert!(caught.iter().all(|zones| *zones > 20), "faults that nothing shows: {caught:?}");

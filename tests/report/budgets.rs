@@ -1,14 +1,15 @@
-//! Budgets that are too short for an image: which technique that was, how long it takes, and what to do.
+//! Budgets that are too short for an image: the error and the advice name the technique, its time and a sufficient
+//! budget.
 
-use penumbra::report::document::{LEAST_REPEATS, Report};
-use penumbra::report::reference::Reference;
-use penumbra::report::run::{Run, Snapshot, Subject};
-use penumbra::statistics::Rays;
+use penumbra::internal::report::document::{MIN_REPEATS, Report};
+use penumbra::internal::report::reference::Reference;
+use penumbra::internal::report::run::{Run, Snapshot, Subject};
+use penumbra::internal::statistics::Rays;
 use penumbra::{Image, Result, Settings, Technique};
 
 use crate::setup::Box;
 
-/// A run that no budget is long enough for, as all are of a nanosecond.
+/// A run without an image: its only budget is a nanosecond.
 fn late(subject: &Subject<'_>, technique: Technique, seed: u32) -> Run {
     Run::new(subject, technique, seed, &[1e-9], &|| false).unwrap().unwrap()
 }
@@ -26,13 +27,19 @@ fn report(subject: &Subject<'_>, runs: &[Run]) -> Result<Report> {
     Report::new("box.glb", &subject.gpu.info, &reference, runs, Vec::new())
 }
 
+/// A technique without an image in time is named, with the budget that would be enough.
 #[test]
-fn what_is_late_is_named_with_the_budget_that_would_do() {
+fn late_techniques_are_named_with_a_sufficient_budget() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, photons: 4096, flux_photons: 4096, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+        s.visibility_map.photons_per_light = 4096;
+        s.indirect.photons = 4096;
+    });
     let subject = scene.subject(&settings);
-    let seeds = 0..LEAST_REPEATS as u32;
-    let techniques = [Technique::Path, Technique::PhotonMap];
+    let seeds = 0..MIN_REPEATS as u32;
+    let techniques = [Technique::PATH, Technique::PHOTON_MAP];
     let mut runs: Vec<Run> =
         seeds.flat_map(|seed| techniques.map(|technique| late(&subject, technique, seed))).collect();
     assert!(runs.iter().all(|run| run.snapshots.is_empty() && run.first.is_none() && run.setup > 1e-9));
@@ -42,19 +49,19 @@ fn what_is_late_is_named_with_the_budget_that_would_do() {
         assert!(code == 2 && words.iter().all(|word| text.contains(word)), "{words:?} in {text}");
     };
 
-    // Set-up alone took longer; the slowest run tells.
+    // No run has an image: the slowest set-up counts.
     for (index, run) in runs.iter_mut().enumerate() {
         run.setup = 1.0 + index as f64;
     }
-    refused(&runs, &["--budgets", "path", "set-up alone takes up to 5.00 s", "more than 5.00 s"]);
+    refused(&runs, &["`budgets`", "path", "set-up alone takes up to 5.00 s", "more than 5.00 s"]);
 
-    // There was an image, and too late: of one technique in all runs.
+    // All runs of one technique have an image, but too late.
     for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 1) {
         run.first = Some(7.0 + 0.1234 * index as f64);
     }
     refused(&runs, &["photon-map", "first image takes up to 7.62 s", "at least 7.62 s"]);
 
-    // The other one is in time: the late one is left out, and the advice says why.
+    // The other technique is in time: the late one is left out, and the advice gives the reason.
     for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 0) {
         let (samples, rays, image) = (4, Rays::default(), grey(0.5 + 0.01 * (1 + index) as f32));
         run.first = Some(1.0);

@@ -1,6 +1,6 @@
-//! Curves that are powers of time, of which everything is known.
+//! Curves that are powers of time, for which all results are known.
 
-use penumbra::report::curve::{Comparison, Curve, ratio};
+use penumbra::internal::report::curve::{Comparison, Curve, ratio};
 
 /// `error` at 1 s, and in inverse proportion to time until 100 s.
 fn inverse(error: f64) -> Curve {
@@ -14,8 +14,9 @@ fn assert_near(found: Option<f64>, expected: f64) {
     assert!((found / expected - 1.0).abs() < 1e-13, "{found}, not {expected}");
 }
 
+/// Between two images a curve is interpolated as a power of time.
 #[test]
-fn powers_of_time_are_followed_between_images() {
+fn curves_are_interpolated_as_powers_of_time() {
     let curve = inverse(1.0);
     assert_near(curve.error_at(20.0), 0.05);
     assert_near(curve.error_at(1.0), 1.0);
@@ -27,29 +28,31 @@ fn powers_of_time_are_followed_between_images() {
     assert_near(Some(error), 0.01);
 }
 
+/// Curves are not extrapolated: times and errors outside the measured range give `None`.
 #[test]
-fn nothing_is_said_of_times_and_errors_that_were_not_seen() {
+fn curves_are_not_extrapolated() {
     let curve = inverse(1.0);
     assert_eq!(curve.error_at(0.9), None);
     assert_eq!(curve.error_at(101.0), None);
     assert_eq!(curve.time_at(0.009), None);
     assert_eq!(Curve::new([(1.0, 1.0)]).slope(), None);
-    // As small from the first image on.
+    // The first image already has a smaller error.
     assert_near(curve.time_at(2.0), 1.0);
 }
 
+/// A comparison gives the ratio of errors at the last common time and of times to the smallest common error.
 #[test]
-fn ratios_are_those_of_errors_at_a_time_and_of_times_to_an_error() {
-    // The error of the second is three times as large at any time, so it takes three times as long to any error.
+fn comparisons_give_ratios_of_errors_and_of_times() {
+    // The second error is three times as large at any time, so its time to any error is three times as long.
     let [ours, theirs] = [1.0, 3.0].map(|error| [1.0, 1.1, 0.9].map(|run| inverse(error * run)));
     let comparison = Comparison::new(&ours, &theirs);
     let (error_ratio, time_ratio) = (comparison.error_ratio.unwrap(), comparison.time_ratio.unwrap());
     assert_near(Some(comparison.time), 100.0);
     assert_near(Some(error_ratio.value), 1.0 / 3.0);
-    // The largest of the last errors.
+    // The largest of the final errors.
     assert_near(Some(comparison.error), 0.033);
     assert_near(Some(time_ratio.value), 1.0 / 3.0);
-    // Runs that differ alike leave no doubt about their ratio.
+    // Both techniques vary alike from run to run, so the ratio has no uncertainty.
     assert!(error_ratio.high - error_ratio.low < 1e-12);
     assert!(ratio(&ours, &theirs, |curve| curve.error_at(1000.0)).is_none());
 }

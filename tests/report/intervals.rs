@@ -1,6 +1,6 @@
 //! Intervals against published quantiles.
 
-use penumbra::report::interval::Interval;
+use penumbra::internal::report::interval::Interval;
 
 #[track_caller]
 fn assert_near(interval: Interval, expected: [f64; 3], tolerance: f64) {
@@ -9,24 +9,27 @@ fn assert_near(interval: Interval, expected: [f64; 3], tolerance: f64) {
     assert!(near, "{found:?}, not {expected:?}");
 }
 
+/// The interval of a mean is Student's.
 #[test]
 fn a_mean_has_students_interval() {
-    // Standard deviation sqrt(2.5) of 5 values; the table's t is 2.776 for 4 degrees of freedom.
+    // The standard deviation of the 5 values is sqrt(2.5); the tabulated t for 4 degrees of freedom is 2.776.
     let half = 2.776 * (2.5f64 / 5.0).sqrt();
-    // The table has three digits after the point.
+    // The table has three decimals.
     assert_near(Interval::of_mean(&[1.0, 2.0, 3.0, 4.0, 5.0]), [3.0, 3.0 - half, 3.0 + half], 5e-4);
     assert_near(Interval::of_mean(&[7.0, 7.0, 7.0]), [7.0; 3], 0.0);
 }
 
+/// The interval of a geometric mean is Student's for the logarithms.
 #[test]
-fn factors_have_an_interval_of_factors() {
+fn a_geometric_mean_has_an_interval_of_factors() {
     let interval = Interval::of_geometric_mean(&[0.1, 10.0, 1.0]);
-    // Logarithms -1, 0 and 1 to base ten: standard error 1 / sqrt(3), t 4.303 for 2 degrees of freedom.
+    // The decimal logarithms are -1, 0 and 1: standard error 1 / sqrt(3), t 4.303 for 2 degrees of freedom.
     let factor = 10f64.powf(4.303 / 3f64.sqrt());
     assert_near(interval.map(f64::log10), [0.0, -factor.log10(), factor.log10()], 5e-4);
     assert_eq!(Interval::of_geometric_mean(&[0.0, 1.0]), Interval::of_mean(&[0.0, 1.0]));
 }
 
+/// The interval of a share is Wilson's.
 #[test]
 fn a_share_has_wilsons_interval() {
     // Newcombe (1998), table I, method 3: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
@@ -38,6 +41,7 @@ fn a_share_has_wilsons_interval() {
     assert_near(Interval::of_share(20, 20), [1.0, 1.0 - 0.1611, 1.0], 5e-5);
 }
 
+/// The jackknife's interval of a mean equals Student's.
 #[test]
 fn the_jackknife_of_a_mean_is_students_interval() {
     let values = [3.0, 1.0, 4.0, 1.0, 5.0];
@@ -46,6 +50,6 @@ fn the_jackknife_of_a_mean_is_students_interval() {
         kept.iter().sum::<f64>() / kept.len() as f64
     });
     let student = Interval::of_mean(&values);
-    // Rounding of some ten operations in f64.
+    // Rounding errors of some ten operations in f64.
     assert_near(jackknife, [student.value, student.low, student.high], 1e-13);
 }

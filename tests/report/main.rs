@@ -1,4 +1,4 @@
-//! What reports say: intervals, curves, and faults that are planted and must be named.
+//! Tests of reports: intervals, curves, the reference, and planted faults that a report must name.
 
 #[path = "../common/device.rs"]
 mod device;

@@ -1,18 +1,22 @@
-//! The reference that a report makes, keeps and takes up again.
+//! The reference that a report makes, caches and continues.
 
 use std::fs;
 
-use penumbra::render::film::Metadata;
-use penumbra::report::metrics;
-use penumbra::report::reference::{Goal, Reference, cache_folder};
+use penumbra::internal::render::film::Metadata;
+use penumbra::internal::report::metrics;
+use penumbra::internal::report::reference::{Goal, Reference, cache_folder};
 use penumbra::{Image, Settings};
 
 use crate::setup::{Box, folder, goal};
 
+/// A cached reference is reused or continued, and its stated error is correct.
 #[test]
-fn a_reference_is_taken_up_again_and_knows_its_error() {
+fn a_reference_is_continued_and_states_its_error() {
     let scene = Box::load();
-    let settings = Settings { width: 24, height: 24, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 24;
+        s.image.height = 24;
+    });
     let subject = scene.subject(&settings);
     let folder = folder();
     let make = |target: f64| {
@@ -23,35 +27,40 @@ fn a_reference_is_taken_up_again_and_knows_its_error() {
     let (early, saves) = make(0.2);
     assert!(saves > 0 && early.standard_error().unwrap() <= 0.2);
     let (again, saves) = make(0.2);
-    assert!(saves == 0 && again.image.channels == early.image.channels, "what was good enough was made anew");
-    // How good the early one is hangs on how fast the machine is, as references are looked at from time to time.
+    assert!(saves == 0 && again.image.channels == early.image.channels, "a sufficient reference was rendered again");
+    // The error of the early reference depends on the machine's speed, because the goal is checked at intervals.
     let target = 0.3 * early.standard_error().unwrap();
     let (late, _) = make(target);
     assert!(late.samples() > early.samples() && late.standard_error().unwrap() <= target);
 
-    // The early one's distance from one three times better, of which it is a part, is what it says of itself, to half and twice of which a mistake in the
-    // halves would lead. Of the 1728 values few dozen fireflies make most of the estimate: a fifth is its standard error.
+    // The distance of the early reference from a three times better one, which contains it, matches its stated error. A
+    // mistake in the halves would make it half or twice as large. A few dozen fireflies among the 1728 values dominate
+    // the estimate, so its standard error is a fifth.
     let distance = metrics::relmse(&early.image, &late.image).unwrap();
     let stated = early.floor().unwrap() - late.floor().unwrap();
     assert!((0.6..1.6).contains(&(distance / stated)), "{distance} for {stated}");
 }
 
-/// What is out of reach is taken as it is once its time is up, and says so; its time is that of all sessions.
+/// A reference that runs out of time is used as it is and reports that it is short of its goal. The time limit covers
+/// all sessions.
 #[test]
-fn a_reference_whose_time_is_up_is_short() {
+fn a_reference_that_runs_out_of_time_is_short() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let subject = scene.subject(&settings);
     let folder = folder();
     let make = |standard_error: f64, seconds: f64| {
         let goal = Goal { standard_error, seconds };
         Reference::make(&subject, folder.path(), goal, &|| false, &mut |_| {}).unwrap().unwrap()
     };
-    // No time at all is that of a sample.
+    // One sample is taken, however short the time.
     let first = make(1e-9, 1e-9);
     assert!(first.is_short() && first.samples() >= Some(2) && first.standard_error() > Some(1e-9));
     let kept = make(1e-9, 1e-9);
-    assert!(kept.is_short() && kept.image == first.image, "its time was up before");
+    assert!(kept.is_short() && kept.image == first.image, "its time had run out before");
     let longer = make(1e-9, 0.5);
     assert!(longer.is_short() && longer.samples() > first.samples());
     let found = longer.standard_error().unwrap();
@@ -59,17 +68,21 @@ fn a_reference_whose_time_is_up_is_short() {
     assert!(!enough.is_short() && enough.image == longer.image);
 }
 
+/// A stopped session returns nothing and keeps the halves on disk.
 #[test]
-fn stopped_makes_nothing_and_keeps_what_there_was() {
+fn a_stopped_session_keeps_the_saved_halves() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let folder = folder();
     let make = |stop: bool| {
         Reference::make(&scene.subject(&settings), folder.path(), goal(1e-9), &|| stop, &mut |_| {}).unwrap().is_some()
     };
     assert!(!make(true));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
-    // Each half has samples of its own, or their difference would say nothing.
+    // The halves have independent samples, as their difference is the error estimate.
     Reference::make(&scene.subject(&settings), folder.path(), goal(0.5), &|| false, &mut |_| {}).unwrap();
     let [a, b] = ["half-0.exr", "half-1.exr"].map(|name| Image::read(folder.path().join(name)).unwrap());
     assert_ne!(a.channels, b.channels);
@@ -77,11 +90,14 @@ fn stopped_makes_nothing_and_keeps_what_there_was() {
     assert_eq!(Image::read(folder.path().join("half-0.exr")).unwrap(), a);
 }
 
-/// What is found in the cache may be of anything: it is refused, not averaged with, and never a panic.
+/// A file in the cache that is not a half of this reference is refused with an error, never merged.
 #[test]
-fn halves_that_are_none_are_refused() {
+fn foreign_or_damaged_halves_are_refused() {
     let scene = Box::load();
-    let settings = Settings { width: 8, height: 8, ..Settings::default() };
+    let settings = Settings::default().with(|s| {
+        s.image.width = 8;
+        s.image.height = 8;
+    });
     let folder = folder();
     let path = folder.path().join("half-1.exr");
     let make =
@@ -109,9 +125,9 @@ fn halves_that_are_none_are_refused() {
         let error = make().unwrap_err().to_string();
         assert!(error.contains("half-1.exr") && error.contains("delete"), "{error}");
     }
-    // Of any two images, too.
+    // Halves of different sizes are refused, too.
     assert!(Reference::of_halves(&good, &wide).is_err());
-    // Halves that are negative are not the better known for it.
+    // Negative halves still have a positive error.
     let mut negative = good.clone();
     negative.channels.iter_mut().flat_map(|channel| &mut channel.samples).for_each(|x| *x = -1.0 - x.abs());
     let mut other = negative.clone();
@@ -121,8 +137,9 @@ fn halves_that_are_none_are_refused() {
     make().unwrap();
 }
 
+/// The cache folder depends on everything that changes the reference, and on nothing else.
 #[test]
-fn another_scene_or_view_has_a_folder_of_its_own() {
+fn another_scene_or_view_has_its_own_folder() {
     let scene = Box::load();
     let mut other = Box::load();
     other.scene.vertices[0].position.x += 1e-6;
@@ -133,13 +150,18 @@ fn another_scene_or_view_has_a_folder_of_its_own() {
         cache_folder("".as_ref(), &scene.subject(&settings)),
         cache_folder("".as_ref(), &other.subject(&settings)),
         cache_folder("".as_ref(), &turned.subject(&settings)),
-        cache_folder("".as_ref(), &scene.subject(&Settings { width: 511, ..settings.clone() })),
-        cache_folder("".as_ref(), &scene.subject(&Settings { max_bounces: 1, ..settings.clone() })),
-        cache_folder("".as_ref(), &scene.subject(&Settings { light_scale: 2.0, ..settings.clone() })),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.image.width = 511))),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.indirect.max_bounces = 1))),
+        cache_folder("".as_ref(), &scene.subject(&settings.clone().with(|s| s.light_scale = 2.0))),
     ];
     let different: std::collections::BTreeSet<_> = folders.iter().collect();
     assert_eq!(different.len(), folders.len());
-    // What `path` does not ask.
-    let same = Settings { photons: 7, nearest: 8, audit: 0.0, seed: 9, ..settings.clone() };
+    // Settings that `path` does not use.
+    let same = settings.clone().with(|s| {
+        s.visibility_map.photons_per_light = 7;
+        s.visibility_map.nearest = 8;
+        s.visibility_map.audit = 0.0;
+        s.image.seed = 9;
+    });
     assert_eq!(cache_folder("".as_ref(), &scene.subject(&same)), folders[0]);
 }

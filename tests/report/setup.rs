@@ -1,10 +1,10 @@
-//! The box, on the tests' device.
+//! The paper's box, on the tests' device.
 
 use std::path::Path;
 
-use penumbra::report::reference::Goal;
-use penumbra::report::run::Subject;
-use penumbra::scene::ImportOptions;
+use penumbra::internal::report::reference::Goal;
+use penumbra::internal::report::run::Subject;
+use penumbra::internal::scene::ImportOptions;
 use penumbra::{Camera, Scene, Settings};
 
 use crate::device::gpu;
@@ -26,12 +26,12 @@ impl Box {
     }
 }
 
-/// A reference of that standard error, however long it takes.
+/// A goal without a time limit.
 pub fn goal(standard_error: f64) -> Goal {
     Goal { standard_error, seconds: f64::INFINITY }
 }
 
-/// A folder that goes when it is dropped.
+/// A temporary folder that is removed when dropped.
 pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
 }

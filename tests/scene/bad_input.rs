@@ -1,22 +1,22 @@
-//! Bad input: an error that names the file and the place, never a panic.
+//! Bad input causes an error with the file and the location of the problem, never a panic.
 
 use std::path::Path;
 
-use penumbra::scene::{ImportOptions, Scene};
+use penumbra::internal::scene::{ImportOptions, Scene};
 use penumbra::{Error, Result};
 use serde_json::json;
 
 use crate::builder::{File, U8, U16, U32, bytes_of, png, temporary};
 
-/// The place of the input error that `outcome` is, which names `path`.
-fn place(outcome: Result<Scene>, path: Option<&Path>) -> String {
-    let error = outcome.expect_err("is refused");
+/// The location of the input error `outcome`. The file of the error must be `path`.
+fn location(outcome: Result<Scene>, path: Option<&Path>) -> String {
+    let error = outcome.expect_err("must be refused");
     assert_eq!(error.exit_code(), 3, "{error}");
     assert!(!error.to_string().contains('\n'), "{error}");
     match error {
-        Error::Input { file, place, .. } => {
+        Error::Input { file, location, .. } => {
             assert!(path.is_none_or(|path| path == file));
-            place
+            location
         }
         other => panic!("{other}"),
     }
@@ -27,29 +27,29 @@ fn load(path: &Path) -> Result<Scene> {
 }
 
 fn refused_at(file: &File) -> String {
-    place(file.load_with(&ImportOptions::default()), None)
+    location(file.load_with(&ImportOptions::default()), None)
 }
 
 fn refused_bytes(bytes: &[u8], extension: &str) -> String {
     let path = temporary(extension);
     std::fs::write(&path, bytes).unwrap();
-    place(load(&path), Some(&path))
+    location(load(&path), Some(&path))
 }
 
 #[test]
-fn files_that_are_none() {
+fn files_of_other_kinds_are_refused() {
     let path = temporary("glb");
-    assert_eq!(place(load(&path), Some(&path)), "file");
+    assert_eq!(location(load(&path), Some(&path)), "file");
     std::fs::create_dir(&path).unwrap();
-    assert_eq!(place(load(&path), Some(&path)), "file");
+    assert_eq!(location(load(&path), Some(&path)), "file");
     assert_eq!(refused_bytes(b"", "glb"), "file");
     assert_eq!(refused_bytes(b"", "gltf"), "file");
     assert_eq!(refused_bytes(b"solid teapot", "gltf"), "file");
     assert_eq!(refused_bytes(b"solid teapot", "glb"), "byte 0");
-    // Deeper than any parser should follow.
+    // Nested deeper than a recursive parser could follow.
     assert_eq!(refused_bytes("[".repeat(1 << 20).as_bytes(), "gltf"), "file");
     #[cfg(unix)]
-    assert_eq!(place(load(Path::new("/dev/zero")), None), "file");
+    assert_eq!(location(load(Path::new("/dev/zero")), None), "file");
 }
 
 #[test]
@@ -57,20 +57,20 @@ fn a_glb_cut_anywhere_is_refused() {
     let glb = File::triangle().glb();
     for length in 0..glb.len() {
         refused_bytes(&glb[..length], "glb");
-        // With the header's length set to match.
+        // With a matching length in the header.
         if length >= 12 {
             let mut cut = glb[..length].to_vec();
             cut[8..12].copy_from_slice(&(length as u32).to_le_bytes());
             let path = temporary("glb");
             std::fs::write(&path, cut).unwrap();
-            place(load(&path), Some(&path));
+            location(load(&path), Some(&path));
         }
     }
 }
 
 #[test]
-fn any_byte_may_be_wrong_without_a_panic() {
-    // Whether it loads depends on the byte; every outcome but a panic or a hang is fine.
+fn no_wrong_byte_causes_a_panic() {
+    // The outcome depends on the byte. Only panics and hangs are failures.
     let glb = File::triangle().glb();
     let path = temporary("glb");
     for i in 0..glb.len() {
@@ -93,7 +93,7 @@ fn structure() {
     };
     const POSITION: &str = "/meshes/0/primitives/0/attributes/POSITION";
     const MANY: u64 = u64::MAX;
-    // Ranges, counts and strides, also where the arithmetic would overflow.
+    // Ranges, counts and strides, some of which overflow.
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(4)), "/accessors/0");
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(0)), "/accessors/0/count");
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(MANY)), "/accessors/0");
@@ -108,7 +108,7 @@ fn structure() {
     let zero_filled = json!({ "componentType": 5126, "type": "VEC3", "count": 50_000_000_000u64 });
     assert_eq!(refused(&|f| f.json["accessors"][0] = zero_filled.clone()), "/accessors/0");
     assert_eq!(refused(&|f| f.json["accessors"][0]["count"] = json!(-1)), "/accessors/0/count");
-    // Each within its limit, all together without one.
+    // Each primitive is within its limits, but their sum is not.
     let many = |f: &mut File| {
         let indices = f.accessor(&[0; 1 << 22], U8, "SCALAR", 1 << 22);
         f.json["meshes"][0]["primitives"] =
@@ -155,24 +155,24 @@ fn structure() {
     assert_eq!(refused(&|f| f.json["extensionsRequired"] = required.clone()), "/extensionsRequired/0");
 }
 
-/// A small file may say the same thing many times over: what it costs must not be the product.
+/// A small file may refer to the same data many times. The cost must not be the product.
 #[test]
-fn what_is_referred_to_often_is_kept_once() {
-    // Elements without data, beyond what is stored of any other attribute.
+fn shared_data_is_counted_or_kept_once() {
+    // Elements without data, more than any other attribute has.
     let mut file = File::triangle();
     file.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1 << 20 });
     assert_eq!(refused_at(&file), "/accessors/0");
     file.view(&[0; 1 << 20]);
-    assert_eq!(file.load().triangles.len(), 0, "a file of that size may");
+    assert_eq!(file.load().triangles.len(), 0, "a file of that size may have as many");
 
-    // A mesh of 10,000 triangles at 10,000 nodes, refused before any is placed.
+    // A mesh of 10,000 triangles in 10,000 nodes, refused before any of them is transformed.
     let mut file = File::triangle();
     let indices = file.accessor(&[0u8, 1, 2].repeat(10_000), U8, "SCALAR", 30_000);
     file.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
     file.json["nodes"] = json!(vec![json!({ "mesh": 0 }); 10_000]);
     assert_eq!(refused_at(&file), "/nodes/3355");
 
-    // The same indices replaced in 1,000 accessors: 100 of them are more than a scene has corners.
+    // 1,000 sparse accessors with the same indices. 100 of them replace more elements than a scene may have corners.
     let mut file = File::triangle();
     let count = 1 << 20;
     let indices = file.view(&(0..count).flat_map(u32::to_le_bytes).collect::<Vec<_>>());
@@ -184,7 +184,7 @@ fn what_is_referred_to_often_is_kept_once() {
     file.json["accessors"].as_array_mut().unwrap().extend(vec![accessor; 1000]);
     assert_eq!(refused_at(&file), "/accessors/97/sparse");
 
-    // A hundred images of the same bytes are one; and a hundred buffers of the same file.
+    // A hundred images with the same bytes are decoded once.
     let mut file = File::triangle();
     let view = file.view(&png(2, 2, &[[1, 2, 3, 255]; 4]));
     let coordinates = file.floats(&[[0f32, 0.]; 3]);
@@ -198,16 +198,17 @@ fn what_is_referred_to_often_is_kept_once() {
     assert_eq!((scene.images.len(), scene.textures.len(), scene.materials.len()), (1, 1, 101), "with the default one");
 }
 
-/// Time must not grow with the square of what a file says.
+/// Import time must not grow with the square of the number of objects in a file.
 #[test]
 fn many_of_a_kind_are_read_in_time() {
-    // As many names of extensions as fit 2 MB, all different: each was compared with all before it.
+    // As many different names of extensions as fit in 2 MB. Each used to be compared with all before it.
     let mut file = File::triangle();
     file.json["extensionsUsed"] = (0..200_000).map(|i| json!(format!("A{i}"))).collect();
     let notes = file.load().notes;
-    assert_eq!(notes.len(), 101, "a hundred, and how many more there are");
+    assert_eq!(notes.len(), 101, "a hundred, and the number of the others");
     assert!(notes.last().unwrap().starts_with("1999"), "{notes:?}");
-    // Primitives of 1,000 emissive materials at 40 nodes, each a light of its own: moved and searched one by one.
+    // Primitives of 1,000 emissive materials in 40 nodes, each a light of its own. They used to be moved and searched
+    // one by one.
     let mut file = File::triangle();
     file.json["materials"] = json!(vec![json!({ "emissiveFactor": [1, 1, 1] }); 1000]);
     file.json["meshes"][0]["primitives"] =
@@ -216,10 +217,10 @@ fn many_of_a_kind_are_read_in_time() {
     assert_eq!(file.load().lights.len(), 40_000);
 }
 
-/// What a file says of itself is shown to people: on one line, without control characters, and not at any length; nor
-/// is a name that many things share kept at any length for each.
+/// Text from a file is shown on one line, without control characters and with a limited length. Names are shortened,
+/// because many objects may copy them.
 #[test]
-fn words_of_files_are_fit_to_be_shown() {
+fn text_from_files_is_printable() {
     let long = format!("evil\u{1b}[2J\n{}", "x".repeat(1 << 20));
     let mut file = File::triangle();
     file.json["nodes"][0]["name"] = json!(long);
@@ -235,11 +236,11 @@ fn words_of_files_are_fit_to_be_shown() {
     assert!(!error.contains(char::is_control) && error.len() < 2000, "{error}");
 }
 
-/// JSON takes more in memory than as text: how much is known before it is parsed.
+/// JSON takes more memory than its text. The number of values is checked before parsing.
 #[test]
 fn json_of_too_many_values_is_refused() {
     let mut text = b"{\"asset\":{\"version\":\"2.0\"},\"extras\":[\"".to_vec();
-    // Within a string there are none, whatever is escaped.
+    // Characters in a string are not values, escaped or not.
     text.extend(b",[{:\\\",".repeat(1 << 21));
     text.extend(b"\"");
     let loaded = [text.as_slice(), b"]}"].concat();
@@ -268,24 +269,24 @@ fn nodes() {
         refused_at(&file)
     };
     assert_eq!(refused(json!([{ "children": [0] }])), "/nodes/0");
-    // The loop is named, not the node that hangs on it.
+    // The error is at a node of the loop, not at a descendant of it.
     assert_eq!(refused(json!([{}, { "children": [2, 3] }, { "children": [1] }, {}])), "/nodes/1");
     assert_eq!(refused(json!([{ "children": [2] }, { "children": [2] }, {}])), "/nodes/1/children/0");
     assert_eq!(refused(json!([{ "children": [1, 1] }, {}])), "/nodes/0/children/1");
     assert_eq!(refused(json!([{ "mesh": 1 }])), "/nodes/0/mesh");
     assert_eq!(refused(json!([{ "rotation": [0, 0, 0, 0] }])), "/nodes/0/rotation");
     assert_eq!(refused(json!([{ "scale": [1, 1] }])), "/nodes/0/scale");
-    // Products that leave f64.
+    // Products that overflow f64.
     let big = json!([1e200, 1e200, 1e200]);
     assert_eq!(refused(json!([{ "scale": big, "children": [1] }, { "scale": big, "mesh": 0 }])), "/nodes/1");
-    // A chain deep enough to overflow a recursive walk's stack.
+    // A chain deep enough to overflow the stack of a recursive traversal.
     let mut file = File::triangle();
     let depth = 100_000;
     file.json["nodes"] =
         (0..depth).map(|i| if i + 1 < depth { json!({ "children": [i + 1] }) } else { json!({ "mesh": 0 }) }).collect();
     assert_eq!(file.load().triangles.len(), 1);
     file.json["scenes"] = json!([{ "nodes": (0..depth).collect::<Vec<_>>() }]);
-    assert_eq!(file.load().triangles.len(), 1, "below another listed node, a node is shown once");
+    assert_eq!(file.load().triangles.len(), 1, "a node below another listed node is rendered once");
 }
 
 #[test]
@@ -299,7 +300,7 @@ fn numbers_that_are_not_finite() {
         ] });
         file.json["meshes"][0] = mesh;
         assert_eq!(refused_at(&file), format!("/meshes/0/primitives/1/attributes/{attribute}"));
-        // Leniently, the other primitive is left.
+        // A lenient import keeps the other primitive.
         let scene = file.load_with(&ImportOptions { lenient: true, ..Default::default() }).unwrap();
         assert_eq!(scene.triangles.len(), 1);
         assert!(scene.notes.iter().any(|n| n.contains("not finite")), "{:?}", scene.notes);
@@ -319,7 +320,7 @@ fn images() {
     let good = png(2, 2, &[[1, 2, 3, 4]; 4]);
     assert_eq!(refused(&good[..good.len() - 20]), "/images/0");
     assert_eq!(refused(b"GIF89a not decoded here"), "/textures/0/source");
-    // A header that claims 384,000 x 384,000 texels: 590 GB. The header's checksum is set right.
+    // A header with a valid checksum that claims 384,000 x 384,000 texels: 590 GB.
     let mut huge = good.clone();
     huge[16..20].copy_from_slice(&384_000u32.to_be_bytes());
     huge[20..24].copy_from_slice(&384_000u32.to_be_bytes());
@@ -328,7 +329,7 @@ fn images() {
     });
     huge[29..33].copy_from_slice(&(!crc).to_be_bytes());
     assert_eq!(refused(&huge), "/images/0");
-    // A JPEG whose header claims 65,500 x 65,500 texels, of which the decoder would make up what is missing.
+    // A JPEG whose header claims 4096 x 4096 texels. The decoder would fill in the missing ones.
     let grey = image::GrayImage::from_pixel(16, 16, image::Luma([128]));
     let mut jpeg = std::io::Cursor::new(Vec::new());
     grey.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
@@ -374,10 +375,10 @@ fn uris_stay_within_the_folder_of_the_scene() {
         "data:;base64,A",
         "data:AAAA",
     ] {
-        assert_eq!(place(outcome(uri), Some(&path)), "/buffers/0/uri", "{uri}");
+        assert_eq!(location(outcome(uri), Some(&path)), "/buffers/0/uri", "{uri}");
     }
-    // Legal, but too short.
-    assert_eq!(place(outcome("data:;base64,AAAA"), Some(&path)), "/buffers/0");
+    // A legal URI whose data is too short.
+    assert_eq!(location(outcome("data:;base64,AAAA"), Some(&path)), "/buffers/0");
 }
 
 #[test]
@@ -394,9 +395,9 @@ fn values_out_of_range() {
     );
     assert_eq!(material(json!({ "emissiveFactor": [0, -1, 0] })), "/materials/0/emissiveFactor");
     let sheen = |value| material(json!({ "extensions": { "KHR_materials_sheen": value } }));
-    let place = "/materials/0/extensions/KHR_materials_sheen";
-    assert_eq!(sheen(json!({ "sheenColorFactor": [0, 2, 0] })), format!("{place}/sheenColorFactor"));
-    assert_eq!(sheen(json!({ "sheenRoughnessFactor": -1 })), format!("{place}/sheenRoughnessFactor"));
+    let pointer = "/materials/0/extensions/KHR_materials_sheen";
+    assert_eq!(sheen(json!({ "sheenColorFactor": [0, 2, 0] })), format!("{pointer}/sheenColorFactor"));
+    assert_eq!(sheen(json!({ "sheenRoughnessFactor": -1 })), format!("{pointer}/sheenRoughnessFactor"));
     assert_eq!(material(json!({ "emissiveFactor": [1e39, 0, 0] })), "/materials/0/emissiveFactor");
     assert_eq!(material(json!({ "emissiveTexture": { "index": 0 } })), "/materials/0/emissiveTexture/index");
     assert_eq!(material(json!({ "emissiveTexture": {} })), "/materials/0/emissiveTexture");

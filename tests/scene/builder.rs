@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use penumbra::Result;
-use penumbra::scene::{ImportOptions, Scene};
+use penumbra::internal::scene::{ImportOptions, Scene};
 use serde_json::{Value, json};
 
 /// Component types.
@@ -14,14 +14,14 @@ pub const U16: u32 = 5123;
 pub const U32: u32 = 5125;
 pub const F32: u32 = 5126;
 
-/// A glTF file in the making: its JSON and its binary chunk.
+/// A glTF file under construction: its JSON and its binary chunk.
 #[derive(Clone)]
 pub struct File {
     pub json: Value,
     pub bin: Vec<u8>,
 }
 
-/// A path for a file of its own, below the build's folder for tests.
+/// A new path below the build's folder for tests.
 pub fn temporary(extension: &str) -> PathBuf {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("scene-{}", std::process::id()));
@@ -45,7 +45,7 @@ impl File {
         file
     }
 
-    /// Appends to a list of the root; gives the index.
+    /// Appends to a list of the root, and returns the index.
     pub fn add(&mut self, list: &str, value: Value) -> usize {
         let list = self.json.as_object_mut().unwrap().entry(list).or_insert(json!([])).as_array_mut().unwrap();
         list.push(value);
@@ -69,7 +69,7 @@ impl File {
         self.accessor(&bytes_of(values), F32, kind, values.len())
     }
 
-    /// A node with a mesh of one primitive. `members` are put into the primitive; gives the node.
+    /// Adds a node with a mesh of one primitive, which gets `members`. Returns the index of the node.
     pub fn mesh(&mut self, positions: &[[f32; 3]], members: Value) -> usize {
         let positions = self.floats(positions);
         let mut primitive = json!({ "attributes": { "POSITION": positions } });
@@ -128,8 +128,8 @@ pub fn png(width: u32, height: u32, texels: &[[u8; 4]]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Triangles in world space. Exact for the small whole numbers of these tests: normalisation only
-/// subtracts a half-integer and scales by a power of two.
+/// Triangles in world space. They are exact for the small integers of these tests, because normalisation only subtracts
+/// a half-integer and scales by a power of two.
 pub fn world(scene: &Scene) -> Vec<[[f64; 3]; 3]> {
     let corners = |i| scene.triangle_positions(i).map(|p| scene.normalisation.undo(p).to_array());
     (0..scene.triangles.len()).map(corners).collect()

@@ -1,12 +1,13 @@
-//! Cameras of the file, and the one that frames a scene.
+//! Cameras of the file, and the camera that frames a scene without one.
 
 use glam::Vec3;
-use penumbra::scene::Projection;
+use penumbra::internal::scene::Projection;
 use serde_json::json;
 
 use crate::builder::File;
 
-/// A triangle whose bounding box is 4 x 2 around (2, 1, 0): radius sqrt(5), so the scale is 1/4.
+/// A file with a camera and a triangle. The bounding box is 4 x 2 around (2, 1, 0) with radius sqrt(5), so the scale is
+/// 1/4.
 fn with_camera(camera: serde_json::Value, node: serde_json::Value) -> File {
     let mut file = File::triangle();
     let index = file.add("cameras", camera);
@@ -31,8 +32,8 @@ fn perspective_without_far_plane() {
 
 #[test]
 fn orthographic_and_node_scale() {
-    // A quarter turn about +y brings +z to +x and +x to -z. Lengths do not count: the camera looks along
-    // the node's -z, up is where its +y points.
+    // A rotation by 90 degrees about +y maps +z to +x and +x to -z. The camera looks along the node's -z with its +y
+    // up; the scale does not matter.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let file = with_camera(
         json!({ "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 1, "znear": 0, "zfar": 100 } }),

@@ -7,7 +7,7 @@ use crate::builder::{F32, File, I16, U8, U16, U32, bytes_of, world};
 
 const FIVE: [[f32; 3]; 5] = [[0., 0., 0.], [2., 0., 0.], [0., 2., 0.], [2., 2., 0.], [0., 4., 0.]];
 
-/// Triangles of the five points above, as indices to them.
+/// The triangles of the scene as indices of the five points above.
 fn indices_of(file: &File) -> Vec<[usize; 3]> {
     let index = |p: [f64; 3]| FIVE.iter().position(|q| q.map(f64::from) == p).unwrap();
     world(&file.load()).into_iter().map(|triangle| triangle.map(index)).collect()
@@ -19,7 +19,7 @@ fn lists_strips_and_fans_wind_as_specified() {
     for (mode, expected) in [
         (4, vec![[0, 1, 2]]),
         (5, vec![[0, 1, 2], [1, 3, 2], [2, 3, 4]]),
-        // The fan's triangle 3 4 0 has an area, 2 3 0 too.
+        // The triangles 2 3 0 and 3 4 0 of the fan have an area.
         (6, vec![[1, 2, 0], [2, 3, 0], [3, 4, 0]]),
     ] {
         let mut file = File::new();
@@ -29,7 +29,7 @@ fn lists_strips_and_fans_wind_as_specified() {
 }
 
 #[test]
-fn points_and_lines_are_left_out_and_named() {
+fn points_and_lines_are_left_out_with_a_note() {
     for mode in 0..4 {
         let mut file = File::triangle();
         file.json["meshes"][0]["primitives"][0]["mode"] = json!(mode);
@@ -53,7 +53,7 @@ fn indices_of_all_types() {
 
 #[test]
 fn sparse_values_replace_single_elements() {
-    // Over data, and over nothing, which counts as zeros.
+    // With data, and without data, which counts as zeros.
     for zero_filled in [false, true] {
         let mut file = File::triangle();
         let indices = file.view(&[1, 2]);
@@ -86,7 +86,7 @@ fn strides_interleave() {
 
 #[test]
 fn quantised_attributes() {
-    // KHR_mesh_quantization: f = max(c / 32767, -1) for normalised shorts, c itself otherwise.
+    // KHR_mesh_quantization: f = max(c / 32767, -1) for normalised shorts, f = c otherwise.
     let shorts = |values: &[i16]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
     // Padded to 8 bytes, as vertex strides are multiples of 4.
     let values = shorts(&[-32768, -32767, 0, 0, 32767, 0, 0, 0, 0, 32767, 32767, 0]);
@@ -112,7 +112,7 @@ fn a_mirror_flips_the_winding_once() {
     let mut file = File::triangle();
     file.json["nodes"][0]["scale"] = json!([-1, 1, 1]);
     assert_eq!(world(&file.load()), [[[0., 0., 0.], [0., 2., 0.], [-4., 0., 0.]]]);
-    // A mirror within a mirror is none.
+    // Two mirrors cancel.
     file.add("nodes", json!({ "children": [0], "scale": [-1, 1, 1] }));
     assert_eq!(world(&file.load()), [a_b_c]);
     // As a matrix.
@@ -124,8 +124,8 @@ fn a_mirror_flips_the_winding_once() {
 #[test]
 fn shading_normals_stay_on_the_front() {
     let sloped = Vec3::new(1.0, 1.0, 0.0).normalize();
-    // n' is along the inverse transpose: (1/2, 1, 0) for a scale of 2 along x; a mirrored normal
-    // stays on the side of the flipped triangle; a flattened one is along the axis that is left.
+    // Normals transform with the inverse transpose: (1/2, 1, 0) for a scale of 2 along x. A mirrored normal stays on
+    // the front of the flipped triangle. A scale of zero leaves the normal along the remaining axis.
     for (scale, expected) in [
         ([2.0, 1.0, 1.0], Vec3::new(0.5, 1.0, 0.0).normalize()),
         ([-2.0, 1.0, 1.0], Vec3::new(-0.5, 1.0, 0.0).normalize()),
@@ -150,23 +150,23 @@ fn shading_normals_stay_on_the_front() {
 }
 
 #[test]
-fn tangents_follow_the_surface_and_a_mirror_turns_their_handedness() {
+fn tangents_follow_the_surface_and_a_mirror_flips_their_handedness() {
     let mut file = File::new();
     let tangents = file.floats(&[[1., 0., 0., 1.], [1., 0., 0., 1.], [0., 1., 0., -1.]]);
     file.mesh(&[[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]], json!({ "attributes": { "TANGENT": tangents } }));
     file.json["nodes"][0]["scale"] = json!([-3, 1, 1]);
     let tangents: Vec<Vec4> = file.load().vertices.iter().map(|v| v.tangent).collect();
-    // Vertices come in the order of their first use, which the mirror reverses.
+    // Vertices are in the order of their first use, which the mirror reverses.
     assert_eq!(tangents, [Vec4::new(-1., 0., 0., -1.), Vec4::new(0., 1., 0., 1.), Vec4::new(-1., 0., 0., -1.)]);
 }
 
 #[test]
 fn zero_scales_flatten_and_what_has_no_area_is_dropped() {
-    // Flattened onto its own plane: it stays.
+    // A scale of zero along the normal keeps the triangle.
     let mut file = File::triangle();
     file.json["nodes"][0]["scale"] = json!([1, 1, 0]);
     assert_eq!(world(&file.load()), [[[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]]]);
-    // To a line, to a point: gone, and said once.
+    // A triangle that becomes a line or a point is dropped, with one note.
     for scale in [json!([1, 0, 1]), json!([0, 0, 0])] {
         file.json["nodes"][0]["scale"] = scale;
         let scene = file.load();
@@ -200,11 +200,11 @@ fn slivers_stay_and_degenerate_triangles_go() {
     assert!((b - a).cross(c - a).normalize().is_finite());
 }
 
-/// Two triangles of size 1 that far apart. What is small for its scene is told, and so is what single precision rounds off;
-/// lamps are points then, which they may be.
+/// Two triangles of size 1 at a large distance. There are notes on objects that are small for their scene, and on
+/// triangles that are rounded to nothing. Small lamps are fine.
 #[test]
-fn what_is_too_small_for_its_scene_is_told() {
-    let told = |apart: f64, emits: bool| {
+fn objects_too_small_for_their_scene_are_noted() {
+    let noted = |apart: f64, emits: bool| {
         let mut file = File::triangle();
         file.json["nodes"][0]["scale"] = json!([0.25, 0.25, 0.25]);
         let mut second = file.json["nodes"][0].clone();
@@ -215,23 +215,23 @@ fn what_is_too_small_for_its_scene_is_told() {
             file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
         }
         let notes = file.load().notes;
-        let says = |text: &str| notes.iter().any(|note| note.starts_with(text));
-        [says("2 objects are less than 1e-4"), says("2 triangles are below 6e-8"), says("2 triangles have no area")]
+        let has = |text: &str| notes.iter().any(|note| note.starts_with(text));
+        [has("2 objects are less than 1e-4"), has("2 triangles are below 6e-8"), has("2 triangles have no area")]
     };
-    assert_eq!(told(1e3, false), [false; 3]);
-    assert_eq!(told(1e5, false), [true, false, false]);
-    assert_eq!(told(1e12, false), [true, true, false]);
-    assert_eq!(told(1e5, true), [false; 3]);
+    assert_eq!(noted(1e3, false), [false; 3]);
+    assert_eq!(noted(1e5, false), [true, false, false]);
+    assert_eq!(noted(1e12, false), [true, true, false]);
+    assert_eq!(noted(1e5, true), [false; 3]);
 }
 
 #[test]
-fn normalisation_is_independent_of_place_and_scale() {
+fn normalisation_is_independent_of_position_and_scale() {
     let mut file = File::new();
     file.mesh(&[[-1., -2., 0.5], [3., 0.25, 0.], [0., 2., 7.]], json!({}));
     let plain = file.load();
     let radius = plain.vertices.iter().map(|v| v.position.length()).fold(0.0, f32::max);
     assert!(radius > 0.5 && radius <= 1.0, "{radius}");
-    // Powers of two: the same bits. A translation by 2^20 m is exact in f64, so it is too.
+    // Scales by powers of two keep all bits, and so does a translation by 2^20 m, which is exact in f64.
     for node in [
         json!({ "mesh": 0, "scale": [1048576, 1048576, 1048576] }),
         json!({ "mesh": 0, "scale": [2f64.powi(-40), 2f64.powi(-40), 2f64.powi(-40)] }),
@@ -261,11 +261,11 @@ fn a_radius_that_is_a_power_of_two_becomes_one() {
 }
 
 #[test]
-fn only_the_chosen_scene_is_shown() {
+fn only_the_selected_scene_is_rendered() {
     let mut file = File::triangle();
     file.mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], json!({}));
     let far = |file: &File| world(&file.load()).iter().map(|t| t[1][0]).collect::<Vec<_>>();
-    // No scenes: all roots. Scenes: the first, unless `scene` names one.
+    // Without scenes all roots are rendered, otherwise `scene` or the first scene.
     assert_eq!(far(&file), [4., 8.]);
     file.json["scenes"] = json!([{ "nodes": [1] }, { "nodes": [0] }]);
     assert_eq!(far(&file), [8.]);
@@ -287,11 +287,11 @@ fn a_mesh_is_instanced_and_vertices_are_shared() {
 }
 
 #[test]
-fn primitives_that_share_vertices_take_only_their_own() {
+fn primitives_that_share_vertices_copy_only_their_own() {
     let mut file = File::triangle();
     let positions: Vec<[f32; 3]> = (0..20_000u32).map(|i| [i as f32, (i * i % 7) as f32, 0.0]).collect();
     let shared = file.floats(&positions);
-    // Three vertices in a row are never on a line: i^2 has second difference 2.
+    // Three consecutive vertices are never collinear: i^2 has second difference 2.
     let corners = |i: u16| [3 * i + 2, 3 * i, 3 * i + 1];
     let primitives: Vec<_> = (0..5_000)
         .map(|i| {

@@ -3,13 +3,12 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
+use penumbra::internal::scene::{EmitterTriangle, ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::{Value, json};
 
 use crate::builder::{File, png};
 
-/// The triangle of [`File::triangle`], for which the scale is 1/4 and the centre (2, 1, 0), and a
-/// node with that light.
+/// The triangle of [`File::triangle`], whose scale is 1/4 and whose centre is (2, 1, 0), and a node with the light.
 fn with_light(light: Value, mut node: Value) -> File {
     let mut file = File::triangle();
     file.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [light] } });
@@ -28,7 +27,7 @@ fn point_light_in_normalised_space() {
     let file = with_light(json, json!({ "translation": [2, 5, 0], "scale": [9, 9, 9] }));
     let scene = file.load();
     assert_eq!(scene.lights[0].name, "bulb");
-    // Candela over metres squared is what counts: 32 / 4^2.
+    // Intensity over distance squared is kept: 32 / 4^2.
     let expected = LightKind::Point { position: Vec3::Y, intensity: Vec3::new(2.0, 1.0, 0.5), range: 2.0 };
     assert_eq!(scene.lights[0].kind, expected);
     let LightKind::Point { intensity, range, .. } = light(json!({ "type": "point" }), json!({})) else { panic!() };
@@ -37,7 +36,7 @@ fn point_light_in_normalised_space() {
 
 #[test]
 fn spot_light_defaults_and_direction() {
-    // Half a turn about +x: -z becomes +z.
+    // A rotation by 180 degrees about +x: -z becomes +z.
     let kind = light(json!({ "type": "spot", "spot": {} }), json!({ "rotation": [1, 0, 0, 0] }));
     let LightKind::Spot { direction, cos_inner, cos_outer, .. } = kind else { panic!("{kind:?}") };
     assert_eq!(direction, Vec3::Z);
@@ -46,7 +45,7 @@ fn spot_light_defaults_and_direction() {
     let LightKind::Spot { cos_inner, cos_outer, .. } = light(json!({ "type": "spot", "spot": spot }), json!({})) else {
         panic!()
     };
-    assert!(cos_inner > cos_outer, "angles that f32 cannot tell apart");
+    assert!(cos_inner > cos_outer, "angles that are equal in f32");
 }
 
 #[test]
@@ -57,7 +56,7 @@ fn directional_light_keeps_its_lux() {
 }
 
 #[test]
-fn lights_that_emit_nothing_or_point_nowhere_are_none() {
+fn lights_without_emission_or_direction_are_left_out() {
     for (json, node) in [
         (json!({ "type": "point", "intensity": 0 }), json!({})),
         (json!({ "type": "directional" }), json!({ "scale": [1, 1, 0] })),
@@ -69,7 +68,7 @@ fn lights_that_emit_nothing_or_point_nowhere_are_none() {
     }
 }
 
-/// Emitters of light `index`.
+/// The emitters of light `index`.
 fn emitters(scene: &Scene, index: usize) -> &[EmitterTriangle] {
     match &scene.lights[index].kind {
         LightKind::Mesh { emitters, .. } => emitters,
@@ -83,7 +82,7 @@ fn lights_come_in_the_order_of_nodes_one_for_each_node_and_material() {
     for strength in [1, 2] {
         file.add("materials", json!({ "emissiveFactor": [strength, 0, 0] }));
     }
-    // Three primitives: two share a material.
+    // Three primitives, two of which share a material.
     let position = file.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].clone();
     let primitive = |material: u32| json!({ "attributes": { "POSITION": position }, "material": material });
     let lamp = file.add("meshes", json!({ "primitives": [primitive(0), primitive(1), primitive(0)] }));
@@ -98,7 +97,7 @@ fn lights_come_in_the_order_of_nodes_one_for_each_node_and_material() {
     assert_eq!(emitters(&scene, 4), [EmitterTriangle { triangle: 5, radiance: 2.0 * Vec3::X }]);
 }
 
-/// A triangle with those texture coordinates that emits an image of radiance 8 at its white.
+/// A triangle with the texture coordinates `uvs` that emits an image with radiance 8 at white texels.
 fn textured(width: u32, height: u32, texels: &[[u8; 4]], uvs: [[f32; 2]; 3]) -> Scene {
     const NEAREST: u32 = 9728;
     filtered(NEAREST, width, height, texels, uvs)
@@ -127,9 +126,10 @@ const BLACK: [u8; 4] = [0, 0, 0, 255];
 const WHITE: [u8; 4] = [255; 4];
 
 #[test]
-fn textured_emitters_have_their_mean() {
+fn textured_emitters_emit_their_mean() {
     let half = [BLACK, WHITE];
-    // A quarter of the triangle has u > 1/2. Of the 64 strata the edge cuts 8 or so, each wrong by a half at most.
+    // A quarter of the triangle has u > 1/2. The edge cuts about 8 of the 64 strata, each with an error of at most a
+    // half.
     let scene = textured(2, 1, &half, [[0., 0.], [1., 0.], [0., 1.]]);
     let mean = emitters(&scene, 0)[0].radiance;
     assert!((mean / 8.0 - Vec3::splat(0.25)).abs().max_element() < 1.0 / 16.0, "{mean}");
@@ -140,14 +140,14 @@ fn textured_emitters_have_their_mean() {
     // Tiled into the white half, with v beyond the image.
     let scene = textured(2, 1, &half, [[1.6, -3.], [1.9, 2.], [1.6, 7.]]);
     assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0)).length() < 1e-4);
-    // Bilinear, texels' centres at u = 1/4 and 3/4: a third of the way is a third of the light.
+    // Bilinear with texel centres at u = 1/4 and 3/4: a third of the way gives a third of the light.
     const LINEAR: u32 = 9729;
     let uv = [0.25 + 0.5 / 3.0, 0.5];
     let scene = filtered(LINEAR, 2, 1, &half, [uv; 3]);
     assert!((emitters(&scene, 0)[0].radiance - Vec3::splat(8.0 / 3.0)).length() < 1e-5);
-    // Coordinates that overflow have no weights to filter by.
+    // Coordinates that overflow have no filter weights.
     assert!(filtered(LINEAR, 2, 1, &half, [[3e38, 0.], [-3e38, 3e38], [0., 3e38]]).lights.is_empty());
-    // All in the black half, away from its edges: no emitter, and so no light.
+    // In the black half and away from its edges there is no emitter, and thus no light.
     let mut black_left = vec![BLACK; 16];
     black_left[12..].fill(WHITE);
     let scene = textured(16, 1, &black_left, [[0.2, 0.5], [0.5, 0.5], [0.4, 0.5]]);
@@ -164,7 +164,7 @@ fn a_single_bright_texel_is_not_lost() {
         let scene = textured(64, 64, &texels, [[0., 0.], [1., 0.], [0., 1.]]);
         if bright < 43 {
             let radiance = emitters(&scene, 0)[0].radiance.x;
-            // No more than one point of 64 can see one texel: strata near a corner are as small as a texel, but not two.
+            // At most two of the 64 points can hit the texel: strata near a corner are as small as a texel.
             assert!(radiance > 0.0 && radiance <= 2.0 * 8.0 / 64.0, "row {bright}: {radiance}");
         }
     }
@@ -180,7 +180,7 @@ fn the_default_light_lights_a_white_floor_to_one() {
     assert!(!scene.notes.iter().any(|n| n == "no light in the file"));
     assert_eq!(scene.lights.len(), 1);
 
-    // Irradiance at the world's origin, by midpoints of 128 x 128 parts: the rule's error is some 1e-5.
+    // Irradiance at the world's origin by the midpoint rule with 128 x 128 parts, whose error is about 1e-5.
     const N: u32 = 128;
     let mut irradiance = 0.0;
     for emitter in emitters(&scene, 0) {
@@ -202,7 +202,7 @@ fn the_default_light_lights_a_white_floor_to_one() {
         }
     }
     assert!((irradiance / PI - 1.0).abs() < 1e-3, "{}", irradiance / PI);
-    // None of it is in the view of the framing camera, nor between it and the scene.
+    // The light is neither in the view of the framing camera nor between the camera and the scene.
     let camera = scene.frame_camera();
     let Projection::Perspective { yfov, .. } = camera.projection else { panic!() };
     for emitter in emitters(&scene, 0) {
@@ -215,7 +215,7 @@ fn the_default_light_lights_a_white_floor_to_one() {
 }
 
 #[test]
-fn the_default_light_is_for_scenes_without_any() {
+fn the_default_light_is_for_scenes_without_lights() {
     let lit = ImportOptions { default_light: true, ..Default::default() };
     assert!(File::triangle().load().lights.is_empty());
     let file = with_light(json!({ "type": "point" }), json!({}));

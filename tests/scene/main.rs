@@ -1,4 +1,4 @@
-//! Scene import, against what the glTF specification says of files made here, and against files of others.
+//! Scene import: files made here against the glTF specification, and files of other projects.
 
 mod bad_input;
 mod builder;

@@ -2,13 +2,14 @@
 
 use glam::{Vec2, Vec3, Vec4};
 use penumbra::Settings;
-use penumbra::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
-use penumbra::specialisation::Specialisation;
+use penumbra::internal::scene::{AlphaMode, ColourSpace, Filter, Material, Scene, Wrap};
+use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::specialisation::features::Feature;
 use serde_json::{Value, json};
 
 use crate::builder::{File, U16, png};
 
-/// A triangle with that material and two sets of texture coordinates, and `images` images.
+/// A triangle with `material` and two sets of texture coordinates, and `images` images.
 fn with_material(material: Value, images: usize) -> File {
     let mut file = File::new();
     for i in 0..images {
@@ -34,7 +35,7 @@ fn defaults_of_the_specification() {
     let m = material(json!({}));
     assert_eq!(m.base_colour, Vec4::ONE);
     assert_eq!((m.metallic, m.roughness), (1.0, 1.0));
-    assert_eq!((m.ior, m.specular, m.specular_colour), (1.5, 1.0, Vec3::ONE));
+    assert_eq!((m.ior, m.specular.factor, m.specular.colour), (1.5, 1.0, Vec3::ONE));
     assert_eq!(m.emissive, Vec3::ZERO);
     assert_eq!((m.alpha, m.double_sided, m.unlit), (AlphaMode::Opaque, false, false));
     assert_eq!(m.name, "material 0");
@@ -59,7 +60,7 @@ fn factors_and_extensions() {
     assert_eq!(m.base_colour, Vec4::new(0.5, 0.25, 0.125, 0.75));
     assert_eq!((m.metallic, m.roughness), (0.5, 0.25));
     assert_eq!(m.emissive, Vec3::new(8.0, 4.0, 0.0));
-    assert_eq!((m.ior, m.specular, m.specular_colour), (1.25, 0.5, Vec3::new(2.0, 1.0, 0.5)));
+    assert_eq!((m.ior, m.specular.factor, m.specular.colour), (1.25, 0.5, Vec3::new(2.0, 1.0, 0.5)));
     assert_eq!((m.alpha, m.double_sided), (AlphaMode::Mask { cutoff: 0.25 }, true));
     assert_eq!(material(json!({ "alphaMode": "BLEND" })).alpha, AlphaMode::Blend);
     assert_eq!(material(json!({ "alphaMode": "MASK" })).alpha, AlphaMode::Mask { cutoff: 0.5 });
@@ -67,51 +68,52 @@ fn factors_and_extensions() {
 
 #[test]
 fn sheen() {
-    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let info = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
     let sheen = json!({
         "sheenColorFactor": [0.5, 0.25, 1], "sheenRoughnessFactor": 0.75,
-        "sheenColorTexture": slot(0, 1), "sheenRoughnessTexture": slot(1, 0),
+        "sheenColorTexture": info(0, 1), "sheenRoughnessTexture": info(1, 0),
     });
     let scene = with_material(json!({ "extensions": { "KHR_materials_sheen": sheen } }), 2).load();
     let m = &scene.materials[0];
     assert!(!scene.notes.iter().any(|note| note.contains("sheen")), "{:?}", scene.notes);
-    assert_eq!((m.sheen_colour, m.sheen_roughness), (Vec3::new(0.5, 0.25, 1.0), 0.75));
-    let [colour, roughness] = [m.sheen_colour_texture, m.sheen_roughness_texture].map(Option::unwrap);
-    let spaces = [colour, roughness].map(|slot| scene.textures[slot.texture as usize].space);
+    assert_eq!((m.sheen.colour, m.sheen.roughness), (Vec3::new(0.5, 0.25, 1.0), 0.75));
+    let [colour, roughness] = [m.sheen.colour_texture, m.sheen.roughness_texture].map(Option::unwrap);
+    let spaces = [colour, roughness].map(|info| scene.textures[info.texture as usize].space);
     assert_eq!(spaces, [ColourSpace::Srgb, ColourSpace::Linear]);
     assert_eq!((colour.uv_set, roughness.uv_set), (1, 0));
-    // Without a colour there are no fibres.
+    // Without a colour there is no sheen.
     let none = material(json!({ "extensions": { "KHR_materials_sheen": {} } }));
-    assert_eq!((none.sheen_colour, none.sheen_roughness), (Vec3::ZERO, 0.0));
+    assert_eq!((none.sheen.colour, none.sheen.roughness), (Vec3::ZERO, 0.0));
 }
 
-/// Every texture of a coat is read; only a coat whose normal is not its base's has one of its own on the device.
+/// All textures of a coat are read. A coat has a normal on the device only if it differs from that of its base.
 #[test]
 fn clear_coats() {
-    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let info = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
     let coated = |coat: Value, base: Value| {
         with_material(json!({ "normalTexture": base, "extensions": { "KHR_materials_clearcoat": coat } }), 3).load()
     };
     let mapped = |scale: f64| json!({ "index": 2, "scale": scale });
     let scene = coated(
         json!({
-            "clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25, "clearcoatTexture": slot(0, 1),
-            "clearcoatRoughnessTexture": slot(1, 0), "clearcoatNormalTexture": mapped(0.75),
+            "clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25, "clearcoatTexture": info(0, 1),
+            "clearcoatRoughnessTexture": info(1, 0), "clearcoatNormalTexture": mapped(0.75),
         }),
-        slot(0, 0),
+        info(0, 0),
     );
     let m = &scene.materials[0];
     assert!(!scene.notes.iter().any(|note| note.contains("coat")), "{:?}", scene.notes);
-    assert_eq!((m.clearcoat, m.clearcoat_roughness, m.clearcoat_normal_scale), (0.5, 0.25, 0.75));
-    let slots = [m.clearcoat_texture, m.clearcoat_roughness_texture, m.clearcoat_normal_texture].map(Option::unwrap);
-    assert_eq!(slots.map(|slot| slot.uv_set), [1, 0, 0]);
-    assert!(slots.iter().all(|slot| scene.textures[slot.texture as usize].space == ColourSpace::Linear));
+    assert_eq!((m.clearcoat.factor, m.clearcoat.roughness, m.clearcoat.normal_scale), (0.5, 0.25, 0.75));
+    let coat = &m.clearcoat;
+    let infos = [coat.texture, coat.roughness_texture, coat.normal_texture].map(Option::unwrap);
+    assert_eq!(infos.map(|info| info.uv_set), [1, 0, 0]);
+    assert!(infos.iter().all(|info| scene.textures[info.texture as usize].space == ColourSpace::Linear));
 
     let has_own = |coat: Value, base: Value| {
-        Specialisation::new(&coated(coat, base), &Settings::default()).features.has("coat_normals")
+        Specialisation::new(&coated(coat, base), &Settings::default()).features.has(Feature::CoatNormals)
     };
     let coat = |normal: Value| json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": normal });
-    assert!(has_own(coat(mapped(1.0)), slot(0, 0)));
+    assert!(has_own(coat(mapped(1.0)), info(0, 0)));
     assert!(has_own(coat(mapped(0.5)), mapped(1.0)));
     // A coat without a map is smooth over a base that has one (KHR_materials_clearcoat).
     assert!(has_own(json!({ "clearcoatFactor": 1 }), mapped(1.0)));
@@ -129,22 +131,22 @@ fn unlit_materials_emit_nothing() {
 
 #[test]
 fn every_texture_has_its_colour_space_and_coordinates() {
-    let slot = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let info = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
     let scene = with_material(
         json!({
-            "pbrMetallicRoughness": { "baseColorTexture": slot(0, 0), "metallicRoughnessTexture": slot(1, 1) },
-            "normalTexture": { "index": 2, "scale": 0.5 }, "occlusionTexture": slot(1, 1), "emissiveTexture": slot(3, 0),
-            "extensions": { "KHR_materials_specular": { "specularTexture": slot(0, 0), "specularColorTexture": slot(4, 1) } },
+            "pbrMetallicRoughness": { "baseColorTexture": info(0, 0), "metallicRoughnessTexture": info(1, 1) },
+            "normalTexture": { "index": 2, "scale": 0.5 }, "occlusionTexture": info(1, 1), "emissiveTexture": info(3, 0),
+            "extensions": { "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) } },
         }),
         5,
     )
     .load();
     let m = &scene.materials[0];
-    // Image (its red texel is its number), set and colour space of a slot.
-    let read = |slot: Option<penumbra::scene::TextureSlot>| {
-        let slot = slot.unwrap();
-        let texture = scene.textures[slot.texture as usize];
-        (scene.images[texture.image as usize].texels[0][0], slot.uv_set, texture.space)
+    // Image (its red value is its number), texture coordinate set and colour space.
+    let read = |info: Option<penumbra::internal::scene::TextureInfo>| {
+        let info = info.unwrap();
+        let texture = scene.textures[info.texture as usize];
+        (scene.images[texture.image as usize].texels[0][0], info.uv_set, texture.space)
     };
     use ColourSpace::{Linear, Srgb};
     assert_eq!(read(m.base_colour_texture), (0, 0, Srgb));
@@ -152,10 +154,10 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     assert_eq!(read(m.normal_texture), (2, 0, Linear));
     assert_eq!(read(m.occlusion_texture), (1, 1, Linear));
     assert_eq!(read(m.emissive_texture), (3, 0, Srgb));
-    assert_eq!(read(m.specular_texture), (0, 0, Linear));
-    assert_eq!(read(m.specular_colour_texture), (4, 1, Srgb));
+    assert_eq!(read(m.specular.texture), (0, 0, Linear));
+    assert_eq!(read(m.specular.colour_texture), (4, 1, Srgb));
     assert_eq!(m.normal_scale, 0.5);
-    // Image 0 is seen as colour and as numbers; image 1 twice alike. Images are decoded once.
+    // Image 0 is used as colour and as linear data, image 1 twice in the same way. Images are decoded once.
     assert_eq!((scene.textures.len(), scene.images.len()), (6, 5));
     assert_eq!(scene.vertices[0].uv, [Vec2::ZERO, Vec2::new(5.0, 6.0)]);
 }
@@ -179,18 +181,18 @@ fn samplers_wrap_and_filter() {
 }
 
 #[test]
-fn texture_transform_scales_turns_and_moves() {
-    let slot = |transform: Value| {
+fn texture_transform_scales_rotates_and_translates() {
+    let info = |transform: Value| {
         let texture = json!({ "index": 0, "texCoord": 0, "extensions": { "KHR_texture_transform": transform } });
         let scene = with_material(json!({ "normalTexture": texture }), 1).load();
         scene.materials[0].normal_texture.unwrap()
     };
     let close = |a: Vec2, b: Vec2| assert!((a - b).length() < 1e-6, "{a} for {b}");
-    let s = slot(json!({ "offset": [0.5, 0.25], "scale": [2, 4], "texCoord": 1 }));
+    let s = info(json!({ "offset": [0.5, 0.25], "scale": [2, 4], "texCoord": 1 }));
     assert_eq!(s.uv_set, 1);
     close(s.matrix * Vec2::new(1.0, 1.0) + s.offset, Vec2::new(2.5, 4.25));
-    // Counter-clockwise as seen, with v down: a quarter turn brings +u to -v and +v to +u. Scale comes first.
-    let s = slot(json!({ "rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4] }));
+    // Counter-clockwise with v down: 90 degrees map +u to -v and +v to +u. The scale is applied first.
+    let s = info(json!({ "rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4] }));
     assert_eq!(s.uv_set, 0);
     close(s.matrix * Vec2::X, Vec2::new(0.0, -2.0));
     close(s.matrix * Vec2::Y, Vec2::new(4.0, 0.0));

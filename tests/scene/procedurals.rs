@@ -1,8 +1,9 @@
-//! The extension PENUMBRA_procedural: what it places, and what is refused.
+//! The extension PENUMBRA_procedural: placement of objects, and errors.
 
 use glam::{DVec3, Vec3};
-use penumbra::scene::{ImportOptions, Scene};
-use penumbra::{Error, fingerprint};
+use penumbra::Error;
+use penumbra::internal::scene::{ImportOptions, Scene};
+use penumbra::internal::specialisation::features::Feature;
 use serde_json::{Value, json};
 
 use crate::builder::{File, temporary};
@@ -14,7 +15,7 @@ fn data(source: &str) -> String {
     format!("data:text/plain,{escaped}")
 }
 
-/// The extension of a sphere whose members are changed.
+/// The extension of a sphere with some members changed.
 fn sphere(changes: Value) -> Value {
     let mut extension = json!({
         "source": data(SPHERE), "function": "sphere", "kind": "intersection", "parameters": [1],
@@ -36,14 +37,14 @@ fn file(extension: Value, node: Value) -> File {
 
 fn refused(extension: Value) -> String {
     let outcome = file(extension, json!({})).load_with(&ImportOptions::default());
-    let error = outcome.expect_err("is refused");
+    let error = outcome.expect_err("must be refused");
     assert!(matches!(error, Error::Input { .. }), "{error}");
     let text = error.to_string();
     assert!(!text.contains('\n') && text.contains("/nodes/0"), "{text}");
     text
 }
 
-/// An object stands where its node is, in normalised space and back; the scene's bounds are those of its box.
+/// The node's matrix places an object. The bounds of the scene are those of its box.
 #[test]
 fn objects_stand_where_their_nodes_are() {
     let extension = sphere(json!({ "min": [-1, -2, -3], "max": [1, 2, 3], "colour": {
@@ -61,19 +62,18 @@ fn objects_stand_where_their_nodes_are() {
     assert_eq!((object.parameters, object.colour), ([1.0, 0.0, 0.0, 0.0], Some((0, [0.25, 7.0, 0.0, 0.0]))));
 }
 
-/// The text of a function is part of what a scene is, so that no checkpoint or reference of another one is taken up.
+/// The text of a function is a part of the fingerprint, so that checkpoints and references of another function are not
+/// used.
 #[test]
 fn sources_are_in_the_fingerprint() {
-    let of = |source: &str| {
-        fingerprint::fingerprint(&file(sphere(json!({ "source": data(source) })), json!({})).load(), &())
-    };
+    let of = |source: &str| file(sphere(json!({ "source": data(source) })), json!({})).load().fingerprint(&());
     let other = SPHERE.replace("along - half, along", "along - 0.5 * half, along");
     assert_ne!(SPHERE, other);
     assert_eq!(of(SPHERE), of(SPHERE));
     assert_ne!(of(SPHERE), of(&other));
 }
 
-/// What a material has that an object cannot show is left out, and said.
+/// Properties of a material that objects do not have are ignored, with a note.
 #[test]
 fn materials_are_plain() {
     let mut lamp = file(sphere(json!({ "material": 0 })), json!({}));
@@ -144,12 +144,12 @@ fn bad_extensions_are_refused_where_they_are_bad() {
     assert!(problem.contains("more than 64 procedural objects") && problem.contains("/nodes/64"), "{problem}");
 }
 
-/// Files of functions that do not validate, reach beyond themselves, or are too much: refused in one line, soon.
+/// Files that are invalid, not pure functions, or too large are refused quickly with one line.
 #[test]
 fn bad_functions_are_refused() {
     let head = "fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f";
     let with = |before: &str, body: &str| format!("{before}\n{head} {{ {body} }}");
-    // Each calls the one before twice: a million and more, written out.
+    // Each function calls the previous one twice: more than a million calls when inlined.
     let mut doubling = "fn f0(x: f32) -> f32 { return x + 1.0; }".to_owned();
     for i in 1..30 {
         doubling += &format!("fn f{i}(x: f32) -> f32 {{ return f{}(x) + f{}(x + 1.0); }}", i - 1, i - 1);
@@ -176,7 +176,7 @@ fn bad_functions_are_refused() {
             with("@group(0) @binding(0) var<storage, read_write> counters: array<u32>;", "return vec4f(0.0);"),
             "`counters`",
         ),
-        (with("var<private> traversal_turns: u32;", "return vec4f(0.0);"), "`traversal_turns`"),
+        (with("var<private> traversal_iterations: u32;", "return vec4f(0.0);"), "`traversal_iterations`"),
         (with("var<workgroup> shared_by_all: u32;", "return vec4f(0.0);"), "`shared_by_all`"),
         (with("override radius = 1.0;", "return vec4f(radius);"), "`radius`"),
         (with("@compute @workgroup_size(1) fn main() {}", "return vec4f(0.0);"), "`main`"),
@@ -198,7 +198,7 @@ fn bad_functions_are_refused() {
     }
 }
 
-/// Names that are the kernels' own, or WGSL's, are the file's own business.
+/// A file may use names of the kernels and of WGSL's functions.
 #[test]
 fn names_of_the_kernels_may_be_used() {
     let source = "
@@ -207,17 +207,19 @@ fn names_of_the_kernels_may_be_used() {
         fn trace_closest(tile: f32) -> Hit { return Hit(tile, vec3f(PI)); }
         fn max(a: f32, b: f32) -> f32 { return a + b; }
         fn sphere(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {
-            var procedural_turns = 1.0;
+            var procedural_iterations = 1.0;
             let procedural_function_aa = 2.0;
-            for (var i1 = 0; i1 < 3; i1++) { procedural_turns = max(procedural_turns, trace_closest(1.0).t); }
-            return vec4f(trace_closest(procedural_function_aa).normal, procedural_turns);
+            for (var i1 = 0; i1 < 3; i1++) { procedural_iterations = max(procedural_iterations, trace_closest(1.0).t); }
+            return vec4f(trace_closest(procedural_function_aa).normal, procedural_iterations);
         }";
     let scene = file(sphere(json!({ "source": data(source) })), json!({})).load();
-    let features = penumbra::gpu::Features::default().with("procedurals", true).with_functions(scene.functions);
-    penumbra::gpu::compose::compose("primary", &features).unwrap();
+    let features = penumbra::internal::specialisation::features::Features::default()
+        .with(Feature::Procedurals, true)
+        .with_functions(scene.functions);
+    penumbra::internal::kernels::compose("primary", &features).unwrap();
 }
 
-/// Files beside the scene are read; one file may hold several functions, and several nodes may name one.
+/// Files beside the scene are read, and several nodes may use the same function.
 #[test]
 fn files_beside_the_scene_are_read() {
     let path = temporary("gltf");

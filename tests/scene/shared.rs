@@ -1,4 +1,4 @@
-//! Files of others, found through `PENUMBRA_SHARED`: the validator's malformed and odd files, and models.
+//! Files of other projects in `PENUMBRA_SHARED`: malformed and unusual files of the glTF validator, and models.
 
 use std::panic::catch_unwind;
 use std::path::Path;
@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 
 use glam::{DMat4, DVec3, Vec3};
 use penumbra::Error;
-use penumbra::scene::{ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
+use penumbra::internal::scene::{ImportOptions, LightKind, NO_LIGHT, Projection, Scene};
 use serde_json::Value;
 
 use crate::shared_files::shared_files;
 
-/// Errors of the validator that do not change what is seen: how the code starts, a part of the
-/// pointer (all of it after `=`), and why.
-const DOES_NOT_MATTER: &[(&str, &str, &str)] = &[
+/// Errors of the validator that do not affect the image: prefix of the code, part of the pointer (or, after `=`, the
+/// whole pointer), and reason.
+const IRRELEVANT: &[(&str, &str, &str)] = &[
     ("ACCESSOR_ANIMATION", "", "animation"),
     ("ACCESSOR_ELEMENT_OUT_OF", "", "declared bounds are not used: positions are"),
     ("ACCESSOR_JOINTS", "", "skin"),
@@ -64,8 +64,8 @@ const DOES_NOT_MATTER: &[(&str, &str, &str)] = &[
 
 fn matters(message: &Value) -> bool {
     let (code, pointer) = (message["code"].as_str().unwrap(), message["pointer"].as_str().unwrap_or(""));
-    let is_at = |place: &str| place.strip_prefix('=').map_or(pointer.contains(place), |whole| pointer == whole);
-    message["severity"] == 0 && !DOES_NOT_MATTER.iter().any(|(c, place, _)| code.starts_with(c) && is_at(place))
+    let is_at = |part: &str| part.strip_prefix('=').map_or(pointer.contains(part), |whole| pointer == whole);
+    message["severity"] == 0 && !IRRELEVANT.iter().any(|(c, part, _)| code.starts_with(c) && is_at(part))
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn malformed_files_are_refused_and_legal_ones_load() {
             report["issues"]["messages"].as_array().unwrap().iter().filter(|m| matters(m)).collect();
         let start = Instant::now();
         let outcome = catch_unwind(|| Scene::load(&file, &ImportOptions::default()));
-        // A guard against loops and bombs, a thousand times what any of these small files needs.
+        // Detects loops and decompression bombs: a thousand times what any of these small files needs.
         if start.elapsed() > Duration::from_secs(1) {
             failures.push(format!("{}: took {:?}", file.display(), start.elapsed()));
         }
@@ -89,18 +89,17 @@ fn malformed_files_are_refused_and_legal_ones_load() {
         match outcome {
             Err(_) => failures.push(format!("{}: panicked", file.display())),
             Ok(Err(error)) if legal => failures.push(format!("legal, but: {error}")),
-            Ok(Ok(_)) if !errors.is_empty() => {
-                failures.push(format!("{}: loaded in spite of {errors:?}", file.display()))
-            }
-            Ok(Err(Error::Input { file: named, place, problem })) => {
-                // The same place, one above or one within it; the container's are byte offsets on both sides.
+            Ok(Ok(_)) if !errors.is_empty() => failures.push(format!("{}: loaded despite {errors:?}", file.display())),
+            Ok(Err(Error::Input { file: named, location, problem })) => {
+                // The same location, a parent or a child of it. Locations in the container are byte offsets on both
+                // sides.
                 let is_at = |error: &&Value| match error["pointer"].as_str() {
-                    Some(pointer) => place.starts_with(pointer) || pointer.starts_with(&place),
-                    None => place == "file" || place.starts_with("byte "),
+                    Some(pointer) => location.starts_with(pointer) || pointer.starts_with(&location),
+                    None => location == "file" || location.starts_with("byte "),
                 };
                 let right = errors.is_empty() || errors.iter().any(is_at);
-                if named != file || place.is_empty() || problem.contains('\n') || !right {
-                    failures.push(format!("{}: names {} {place}: {problem}", file.display(), named.display()));
+                if named != file || location.is_empty() || problem.contains('\n') || !right {
+                    failures.push(format!("{}: names {} {location}: {problem}", file.display(), named.display()));
                 }
             }
             Ok(Err(error)) => failures.push(format!("{}: not an input error: {error}", file.display())),
@@ -110,7 +109,7 @@ fn malformed_files_are_refused_and_legal_ones_load() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Triangles in world space as the `gltf` crate reads them, in the order of nodes.
+/// Triangles in world space, read by the `gltf` crate, in the order of nodes.
 fn triangles_by_another_reader(path: &Path) -> Vec<[DVec3; 3]> {
     let gltf::Gltf { document, blob } = gltf::Gltf::open(path).unwrap();
     let read = |buffer: gltf::Buffer| match buffer.source() {
@@ -149,12 +148,12 @@ fn triangles_by_another_reader(path: &Path) -> Vec<[DVec3; 3]> {
 }
 
 #[test]
-fn models_load_as_another_reader_has_them() {
+fn models_agree_with_another_reader() {
     let Some(files) = shared_files("models", &["gltf", "glb"]) else { return };
     for file in files {
         let scene = Scene::load(&file, &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"));
         let radius = 1.0 / scene.normalisation.scale();
-        // The other reader's matrices and our finished positions are f32, 6e-8 each of their size.
+        // The other reader's matrices and our positions are f32, with a relative error of 6e-8 each.
         let tolerance = 1e-6 * (radius + scene.normalisation.centre.length());
         let mut ours = (0..scene.triangles.len())
             .map(|i| scene.triangle_positions(i).map(|p| scene.normalisation.undo(p)))
@@ -162,13 +161,13 @@ fn models_load_as_another_reader_has_them() {
         for [a, b, c] in triangles_by_another_reader(&file) {
             let is_same = |ours: &[DVec3; 3]| ours.iter().zip([a, b, c]).all(|(p, q)| p.distance(q) <= tolerance);
             if ours.next_if(is_same).is_none() {
-                // Not ours, so it must be one of those without an area.
+                // A triangle that we dropped must have no area.
                 let height = (b - a).cross(c - a).length() / (b - a).length().max((c - a).length()).max(tolerance);
                 assert!(height <= tolerance, "{}: lacks {a} {b} {c}", file.display());
             }
         }
         assert!(ours.next().is_none(), "{}: has triangles that are not in the file", file.display());
-        // Nothing that a kernel could not read.
+        // All indices are in range.
         for triangle in &scene.triangles {
             assert!(triangle.vertices.iter().all(|v| (*v as usize) < scene.vertices.len()));
             assert!((triangle.material as usize) < scene.materials.len());
@@ -180,7 +179,7 @@ fn models_load_as_another_reader_has_them() {
 }
 
 #[test]
-fn the_reference_box_is_as_its_list_says() {
+fn the_reference_box_matches_its_description() {
     let Some(files) = shared_files("reference", &["glb"]) else { return };
     let list: Value = serde_json::from_slice(&std::fs::read(files[0].with_extension("json")).unwrap()).unwrap();
     let scene = Scene::load(&files[0], &ImportOptions::default()).unwrap();

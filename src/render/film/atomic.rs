@@ -1,4 +1,4 @@
-//! Files that are replaced whole or not at all.
+//! Atomic writes: a file is replaced whole or not at all.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
@@ -9,15 +9,15 @@ use std::sync::{Mutex, MutexGuard};
 
 use crate::{Error, Result};
 
-/// What an encoder can fail with.
+/// The error of an encoder.
 pub(super) type Problem = Box<dyn std::error::Error + Send + Sync>;
 
-/// Replaces the file at `path` by what `write` writes: into a temporary file of the same folder, which is synced to
-/// the disk and renamed. Whatever fails, the old file stays as it was and no temporary one is left. A symbolic link
-/// stays a link, and its target is replaced.
+/// Replaces the file at `path` with the output of `write`, which goes to a temporary file in the same folder that is
+/// synced to the disk and renamed. After an error the old file is unchanged and there is no temporary file. A symbolic
+/// link stays a link, and its target is replaced.
 ///
 /// # Errors
-/// [`Error::Output`] with what the system or `write` said.
+/// [`Error::Output`] with the error of the system or of `write`.
 pub fn write_atomically(
     path: impl AsRef<Path>,
     write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<(), Problem>,
@@ -34,10 +34,10 @@ pub fn write_atomically(
     replace().map_err(|problem| Error::output(path, problem))
 }
 
-/// Says whether [`write_atomically`] could write to `path`, without touching a file that is there.
+/// Checks that [`write_atomically`] can write to `path`, without touching an existing file.
 ///
 /// # Errors
-/// [`Error::Output`] where the folder is missing or does not let a file be made, or where `path` is no regular file.
+/// [`Error::Output`] if the folder is missing or not writable, or if `path` is not a regular file.
 pub fn check_target(path: impl AsRef<Path>) -> Result<()> {
     let path = path.as_ref();
     locate(path)
@@ -46,7 +46,7 @@ pub fn check_target(path: impl AsRef<Path>) -> Result<()> {
         .map_err(|problem| Error::output(path, problem))
 }
 
-/// The file to replace, behind symbolic links, and its folder.
+/// The file to replace, with symbolic links resolved, and its folder.
 fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     match fs::metadata(&target) {
@@ -65,41 +65,42 @@ fn locate(path: &Path) -> io::Result<(PathBuf, PathBuf)> {
     Ok((target, folder))
 }
 
-/// Removes what all writes that are under way have written, and lets none begin or end any more: for a process that is about
-/// to end at once. Files are then as they were, or whole.
+/// Removes all temporary files and blocks all further writes. Call it when the process is about to exit: every target
+/// is then either unchanged or complete.
 pub fn abandon_writes() {
-    let under_way = under_way();
-    for path in under_way.iter() {
-        // Nothing more can be done where this fails.
+    let temporary_files = temporary_files();
+    for path in temporary_files.iter() {
+        // There is no remedy if this fails.
         let _ = fs::remove_file(path);
     }
-    // Held until the process ends.
-    std::mem::forget(under_way);
+    // Keep the lock until the process exits.
+    std::mem::forget(temporary_files);
 }
 
-/// The temporary files there are. Who holds the lock may make one, rename it or remove it.
-fn under_way() -> MutexGuard<'static, BTreeSet<PathBuf>> {
-    static UNDER_WAY: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    UNDER_WAY.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+/// The existing temporary files. Only the holder of the lock may create, rename or remove one.
+fn temporary_files() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    static TEMPORARY_FILES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    TEMPORARY_FILES.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// A file that goes when it is dropped.
+/// A temporary file, removed on drop.
 struct Temporary(PathBuf);
 
 impl Temporary {
-    /// A new file in `folder`, of the mode that any new file gets (a file of the `tempfile` kind is its owner's alone).
+    /// Creates a file in `folder` with the default permissions. Files of the `tempfile` crate are readable by their
+    /// owner only.
     fn create(folder: &Path) -> io::Result<(Self, File)> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
-        let mut under_way = under_way();
+        let mut temporary_files = temporary_files();
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
             let path = folder.join(format!(".penumbra-{}-{number}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => {
-                    under_way.insert(path.clone());
+                    temporary_files.insert(path.clone());
                     return Ok((Temporary(path), file));
                 }
-                // Left by a process of this number that was killed.
+                // Left by a killed process with the same id.
                 Err(problem) if problem.kind() == ErrorKind::AlreadyExists => continue,
                 Err(problem) => return Err(problem),
             }
@@ -108,16 +109,16 @@ impl Temporary {
 }
 
 impl Temporary {
-    /// Puts it in the place of `target`.
+    /// Renames it to `target`.
     fn rename(self, target: &Path) -> io::Result<()> {
-        let mut under_way = under_way();
+        let mut temporary_files = temporary_files();
         if let Err(problem) = fs::rename(&self.0, target) {
-            // To be dropped without the lock, which it takes itself.
-            drop(under_way);
+            // Dropping `self` takes the lock.
+            drop(temporary_files);
             return Err(problem);
         }
-        under_way.remove(&self.0);
-        // The name is gone with the rename, so there is nothing to remove.
+        temporary_files.remove(&self.0);
+        // There is nothing to remove after the rename.
         std::mem::forget(self);
         Ok(())
     }
@@ -125,9 +126,9 @@ impl Temporary {
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        let mut under_way = under_way();
-        under_way.remove(&self.0);
-        // Nothing more can be done where this fails, and the error that led here is the one to report.
+        let mut temporary_files = temporary_files();
+        temporary_files.remove(&self.0);
+        // There is no remedy if this fails, and the error that led here is the one to report.
         let _ = fs::remove_file(&self.0);
     }
 }

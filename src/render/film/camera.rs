@@ -1,16 +1,17 @@
-//! The camera as OpenEXR's standard attributes say it.
+//! The camera as standard OpenEXR attributes.
 
 use glam::{DMat4, DVec3, DVec4};
 
-use super::{Image, Metadata};
+use super::image::{Image, Metadata};
 use crate::scene::{Camera, Normalisation, Projection};
 
 impl Image {
-    /// Adds `worldToCamera` and `worldToNDC` (pbrt's conventions, lengths of the file's world space).
+    /// Adds the attributes `worldToCamera` and `worldToNDC` with the conventions of pbrt, in the units of the file's
+    /// world space.
     ///
-    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the
-    /// image and (1, 1) at the upper right one; its z runs from 1/2 at the near plane to 1 at the far one. The
-    /// view is as wide as the image's shape makes it.
+    /// Camera space is left-handed: +x right, +y up, +z forward. NDC has (0, 0) at the lower left corner of the image
+    /// and (1, 1) at the upper right one. Its z runs from 1/2 at the near plane to 1 at the far plane. The width of the
+    /// view follows from the aspect ratio of the image.
     pub fn add_camera(&mut self, camera: &Camera, normalisation: &Normalisation) {
         let [right, up, backward] = camera.axes.map(|axis| axis.as_dvec3());
         let rotation =
@@ -36,7 +37,7 @@ impl Image {
         };
         let screen_to_ndc = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::splat(0.5));
 
-        // Columns of a matrix for column vectors are rows of the one for row vectors.
+        // The columns of a matrix for column vectors are the rows of the matrix for row vectors.
         let attribute = |matrix: DMat4| Metadata::Matrix(matrix.as_mat4().to_cols_array());
         self.metadata.insert("worldToCamera".into(), attribute(world_to_camera));
         self.metadata.insert("worldToNDC".into(), attribute(screen_to_ndc * camera_to_screen * world_to_camera));

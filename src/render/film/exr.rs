@@ -1,4 +1,4 @@
-//! OpenEXR: one flat part of any channels.
+//! OpenEXR files with one flat part and any channels.
 
 use std::collections::HashSet;
 use std::io::Cursor;
@@ -14,7 +14,8 @@ use ::exr::meta::MetaData;
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use ::exr::meta::header::{ImageAttributes, LayerAttributes};
 
-use super::{Channel, Image, Metadata, read_file, write_atomically};
+use super::atomic::write_atomically;
+use super::image::{Channel, Image, Metadata};
 use crate::{Error, Result};
 
 /// Rec.709 primaries and D65.
@@ -25,16 +26,16 @@ const REC709: Chromaticities = Chromaticities {
     white: Vec2(0.3127, 0.3290),
 };
 
-/// Attributes of the format itself whose type is one of [`Metadata`]: about the file, not the image.
+/// Attributes with a type of [`Metadata`] that describe the file, not the image.
 const TECHNICAL: [&str; 5] = ["name", "chunkCount", "pixelAspectRatio", "screenWindowWidth", "dwaCompressionLevel"];
 
 impl Image {
-    /// Writes all channels and metadata as f32 to a single-part scan-line EXR, compressed without loss (ZIP of 16
-    /// lines), channels in order of name, chromaticities Rec.709.
+    /// Writes all channels and metadata to a single-part scan-line EXR of f32 samples. The compression is lossless (ZIP
+    /// of 16 lines), channels are sorted by name, chromaticities are those of Rec.709.
     ///
     /// # Errors
-    /// [`Error::Output`] where a channel or attribute cannot be said in the format or the file cannot be written; the
-    /// old file then stays.
+    /// [`Error::Output`] if the format cannot represent a channel or attribute, or if the file cannot be written. The
+    /// old file is then unchanged.
     pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let image = self.to_exr().map_err(|problem| Error::output(path, problem))?;
@@ -84,23 +85,12 @@ impl Image {
         shared.chromaticities = Some(REC709);
         Ok(ExrImage::new(shared, layer))
     }
-
-    /// Reads all channels of a flat single-part EXR, scan-line or tiled (the largest level), as f32, and its text,
-    /// int, float and 4 x 4 attributes. The image is the data window.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where the file is missing, damaged, deep, of several parts, subsampled or compressed by DWA, or
-    /// where its header claims more than a file of its length can hold.
-    pub fn read_exr(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        decode(&read_file(path)?, path)
-    }
 }
 
-/// As [`Image::read_exr`], of a file that is in memory.
+/// [`Image::read_exr`] for a file in memory.
 pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
-    let input = |place: &str, problem: String| Error::input(path, place, problem);
-    check_header(bytes).map_err(|(place, problem)| input(&place, problem))?;
+    let input = |location: &str, problem: String| Error::input(path, location, problem);
+    check_header(bytes).map_err(|(location, problem)| input(&location, problem))?;
 
     let damaged = |problem: ::exr::error::Error| input("file", format!("damaged EXR: {problem}"));
     let header = MetaData::read_from_buffered(bytes, false).map_err(damaged)?.headers.swap_remove(0);
@@ -142,16 +132,16 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
     Ok(image)
 }
 
-/// A name of a channel or attribute, as UTF-8.
+/// The name of a channel or attribute, as UTF-8.
 fn text(name: &str) -> std::result::Result<Text, String> {
-    // 255 is the format's limit; a zero byte would end the name.
+    // The limit of the format is 255 bytes, and a zero byte would end the name.
     if name.is_empty() || name.len() > 255 || name.contains('\0') {
         return Err(format!("a channel or attribute cannot be called {name:?}"));
     }
     Ok(value_text(name))
 }
 
-/// The bytes of UTF-8 as they are: the crate's own conversion refuses what is not Latin-1.
+/// Text as UTF-8. The crate's own conversion refuses text that is not Latin-1.
 fn value_text(value: &str) -> Text {
     Text::from_slice_unchecked(value.as_bytes())
 }
@@ -160,75 +150,35 @@ fn string(text: &Text) -> String {
     String::from_utf8_lossy(text.as_slice()).into_owned()
 }
 
-/// Refuses headers that the crate would believe: it allocates what a header claims before it reads a pixel, and
-/// a failed allocation ends the process. The error names the place and the problem.
-fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
-    let file = |problem: &str| ("file".to_owned(), problem.to_owned());
-    let truncated = || file("ends within its header");
+/// Refuses headers that the `exr` crate would believe. The crate allocates what a header claims before it reads a
+/// pixel, and a failed allocation ends the process. The error is a location and a problem.
+fn check_header(bytes: &[u8]) -> Checked<()> {
     let mut rest = Bytes(bytes);
-
     if rest.take(4) != Some(&::exr::meta::magic_number::BYTES) {
-        return Err(file(if bytes.is_empty() { "is empty" } else { "is not an OpenEXR file" }));
+        return Err(in_file(if bytes.is_empty() { "is empty" } else { "is not an OpenEXR file" }));
     }
     let flags = rest.int().ok_or_else(truncated)?;
     if flags & 0x800 != 0 {
-        return Err(file("holds deep data, which is not supported"));
+        return Err(in_file("holds deep data, which is not supported"));
     }
     if flags & 0x1000 != 0 {
-        return Err(file("holds several parts, which is not supported"));
+        return Err(in_file("holds several parts, which is not supported"));
     }
 
     let (mut pixels, mut channels) = (0u64, 0u64);
-    loop {
-        let name = rest.name().ok_or_else(truncated)?;
-        if name.is_empty() {
-            break;
-        }
-        // The crate takes the first byte of a type for a part of it even where it is the zero that ends it, and finds other
-        // attributes from there on.
-        if rest.name().ok_or_else(truncated)?.is_empty() {
-            return Err((String::from_utf8_lossy(name).into_owned(), "attribute without a type".into()));
-        }
-        let size = rest.int().ok_or_else(truncated)?;
-        let mut value = Bytes(rest.take(usize::try_from(size).unwrap_or(usize::MAX)).ok_or_else(truncated)?);
-        let place = String::from_utf8_lossy(name).into_owned();
-        let damaged = || (place.clone(), "damaged attribute".to_owned());
-        match place.as_str() {
-            "dataWindow" | "displayWindow" => {
-                let bounds = value.window().ok_or_else(damaged)?;
-                // Positions and sizes add up in i32 within the crate.
-                let reach = i64::from(i32::MAX / 2);
-                let [x, y] = [bounds[2] - bounds[0] + 1, bounds[3] - bounds[1] + 1];
-                if x < 1 || y < 1 || x > reach || y > reach || bounds.iter().any(|b| b.abs() > reach) {
-                    return Err((place, format!("{x} x {y} pixels")));
-                }
-                if name == b"dataWindow" {
-                    // Of several, the crate may take any.
-                    pixels = pixels.max(x as u64 * y as u64);
-                }
-            }
-            "channels" => loop {
-                let channel = value.name().ok_or_else(damaged)?;
-                if channel.is_empty() {
-                    break;
-                }
-                // The sample's type, and a flag with three bytes reserved.
-                value.take(8).ok_or_else(damaged)?;
-                if [value.int(), value.int()] != [Some(1), Some(1)] {
-                    return Err((String::from_utf8_lossy(channel).into_owned(), "subsampled channel".into()));
-                }
-                channels += 1;
-            },
-            // The crate's decoder of DWA allocates what a damaged block claims.
-            "compression" if matches!(value.take(1), Some([8 | 9])) => {
-                return Err((place, "DWAA and DWAB are not supported, save it with ZIP".into()));
-            }
+    while let Some((name, value)) = next_attribute(&mut rest)? {
+        match name {
+            // If there are several data windows, the crate may use any of them.
+            b"dataWindow" => pixels = pixels.max(pixels_of_window(name, value)?),
+            b"displayWindow" => _ = pixels_of_window(name, value)?,
+            b"channels" => channels += count_channels(name, value)?,
+            b"compression" => check_compression(name, value)?,
             _ => {}
         }
     }
 
-    // What deflate, the densest of the codings, packs into a byte (1032:1), twice as much for samples of 16 bits, which
-    // count as 32 here, and as much again to spare.
+    // Deflate is the densest coding, with at most 1032 bytes per byte. Samples of 16 bits count as 32 here, which is a
+    // factor of two, and another factor of two is for safety.
     let limit = (bytes.len() as u64).saturating_mul(4096);
     let claimed = u128::from(pixels) * u128::from(channels) * 4;
     if claimed > u128::from(limit) {
@@ -237,7 +187,76 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), (String, String)> {
     Ok(())
 }
 
-/// What is left to read.
+/// A result whose error is a location in the file and a problem.
+type Checked<T> = std::result::Result<T, (String, String)>;
+
+fn in_file(problem: &str) -> (String, String) {
+    ("file".to_owned(), problem.to_owned())
+}
+
+fn truncated() -> (String, String) {
+    in_file("ends within its header")
+}
+
+fn in_attribute(name: &[u8], problem: impl Into<String>) -> (String, String) {
+    (String::from_utf8_lossy(name).into_owned(), problem.into())
+}
+
+/// The name and value of the next attribute of the header. None at its end.
+fn next_attribute<'a>(rest: &mut Bytes<'a>) -> Checked<Option<(&'a [u8], Bytes<'a>)>> {
+    let name = rest.name().ok_or_else(truncated)?;
+    if name.is_empty() {
+        return Ok(None);
+    }
+    // The crate always takes the first byte of a type as a part of it. If that is the terminating zero, the crate finds
+    // other attributes from there on.
+    if rest.name().ok_or_else(truncated)?.is_empty() {
+        return Err(in_attribute(name, "attribute without a type"));
+    }
+    let size = rest.int().ok_or_else(truncated)?;
+    let value = rest.take(usize::try_from(size).unwrap_or(usize::MAX)).ok_or_else(truncated)?;
+    Ok(Some((name, Bytes(value))))
+}
+
+/// The number of pixels of a data or display window.
+fn pixels_of_window(name: &[u8], mut value: Bytes) -> Checked<u64> {
+    let bounds = value.window().ok_or_else(|| in_attribute(name, "damaged attribute"))?;
+    // The crate adds positions and sizes in i32.
+    let limit = i64::from(i32::MAX / 2);
+    let [x, y] = [bounds[2] - bounds[0] + 1, bounds[3] - bounds[1] + 1];
+    if x < 1 || y < 1 || x > limit || y > limit || bounds.iter().any(|b| b.abs() > limit) {
+        return Err(in_attribute(name, format!("{x} x {y} pixels")));
+    }
+    Ok(x as u64 * y as u64)
+}
+
+/// The number of channels of a channel list.
+fn count_channels(name: &[u8], mut value: Bytes) -> Checked<u64> {
+    let damaged = || in_attribute(name, "damaged attribute");
+    let mut count = 0;
+    loop {
+        let channel = value.name().ok_or_else(damaged)?;
+        if channel.is_empty() {
+            return Ok(count);
+        }
+        // The type of the samples, a flag, and three reserved bytes.
+        value.take(8).ok_or_else(damaged)?;
+        if [value.int(), value.int()] != [Some(1), Some(1)] {
+            return Err(in_attribute(channel, "subsampled channel"));
+        }
+        count += 1;
+    }
+}
+
+/// Refuses DWA, because the crate's decoder allocates what a damaged block claims.
+fn check_compression(name: &[u8], mut value: Bytes) -> Checked<()> {
+    match value.take(1) {
+        Some([8 | 9]) => Err(in_attribute(name, "DWAA and DWAB are not supported, save it with ZIP")),
+        _ => Ok(()),
+    }
+}
+
+/// The bytes that are left to read.
 struct Bytes<'a>(&'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -251,7 +270,7 @@ impl<'a> Bytes<'a> {
         self.take(4).and_then(|bytes| bytes.try_into().ok()).map(i32::from_le_bytes)
     }
 
-    /// Up to a zero byte, which goes too.
+    /// Takes the bytes up to a zero byte, and the zero byte.
     fn name(&mut self) -> Option<&'a [u8]> {
         let length = self.0.iter().position(|&byte| byte == 0)?;
         let name = self.take(length);

@@ -1,29 +1,29 @@
-//! PNG out, PNG and Radiance HDR in.
+//! Writing PNG, and reading PNG and Radiance HDR.
 
 use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::atomic::Problem;
-use super::tone_map::linear_from_srgb;
-use super::{Image, View, write_atomically};
+use super::atomic::{Problem, write_atomically};
+use super::image::Image;
+use super::tone_map::{View, linear_from_srgb};
 use crate::input::Picture;
 use crate::{Error, Result};
 
-/// Most bytes of pixels that are decoded: 8,192 x 4,096 of three floats, and half as many again.
+/// Maximum size of decoded pixels in bytes: 1.3 times 8,192 x 4,096 pixels of three floats.
 const MAX_DECODED: u64 = 1 << 29;
 
 impl Image {
-    /// Writes the colour as 8-bit PNG, tone-mapped by `view` after scaling by 2^`exposure_ev`, over black: a picture to
-    /// look at, as Blender and pbrt write it. EXR keeps the alpha.
+    /// Writes the colour over black as an 8-bit PNG without alpha, scaled by 2^`exposure_ev` and tone-mapped by `view`.
+    /// Blender and pbrt write PNGs in the same way.
     ///
     /// # Errors
-    /// [`Error::Output`] where `R`, `G` or `B` is missing or the file cannot be written; the old file then stays.
+    /// [`Error::Output`] if `R`, `G` or `B` is missing or the file cannot be written. The old file is then unchanged.
     pub fn write_png(&self, path: impl AsRef<Path>, view: View, exposure_ev: f32) -> Result<()> {
         write_atomically(path, |file| self.encode_png(file, view, exposure_ev))
     }
 
-    /// The bytes of [`write_png`](Self::write_png), to any writer.
+    /// [`write_png`](Self::write_png) to any writer.
     pub(crate) fn encode_png(
         &self,
         to: impl std::io::Write,
@@ -42,7 +42,7 @@ impl Image {
         Ok(writer.finish()?)
     }
 
-    /// Pixels of 8-bit RGB, row by row from the top; the name of a missing channel as the error.
+    /// The pixels as 8-bit RGB, row by row from the top. The error is the name of a missing channel.
     pub(crate) fn display(&self, view: View, exposure_ev: f32) -> std::result::Result<Vec<u8>, &'static str> {
         let [r, g, b] = self.rgb()?;
         let gain = exposure_ev.exp2();
@@ -57,13 +57,14 @@ impl Image {
     }
 }
 
-/// Decodes a file of that format as `R`, `G`, `B` and, where it has alpha, `A`: sRGB code values become scene-linear.
+/// Decodes a PNG or Radiance file to the channels `R`, `G`, `B` and, if it has alpha, `A`. sRGB values become
+/// scene-linear.
 pub(super) fn decode(bytes: &[u8], path: &Path, format: image::ImageFormat) -> Result<Image> {
     let input = |problem: String| Error::input(path, "file", problem);
     let picture = Picture::open(bytes, format).map_err(input)?;
     if picture.decoded_bytes() > MAX_DECODED {
         let [width, height] = picture.size;
-        return Err(input(format!("{width} x {height} pixels: at most {MAX_DECODED} bytes of pixels are supported")));
+        return Err(input(format!("{width} x {height} pixels: the maximum is {MAX_DECODED} bytes of decoded pixels")));
     }
     let decoded = picture.decode().map_err(input)?;
     let coded = format == image::ImageFormat::Png;

@@ -1,11 +1,11 @@
-//! From scene-linear colour to what a display shows.
+//! Tone mapping: from scene-linear colour to display values.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::Error;
 
-/// How scene-linear Rec.709 colour becomes sRGB pixels.
+/// The transform from scene-linear Rec.709 colour to sRGB pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum View {
     /// Khronos PBR Neutral (the Khronos Group's specification, 2024): base colours stay as they are.
@@ -24,10 +24,10 @@ impl View {
     /// All views.
     pub const ALL: [View; 4] = [View::Neutral, View::Agx, View::Standard, View::Raw];
 
-    /// The display's values, each in 0 to 1 and coded as the view says, of scene-linear Rec.709 `colour`.
-    /// Negative and NaN components count as 0.
+    /// The coded display values in 0 to 1 for the scene-linear Rec.709 `colour`. Negative and NaN components count as
+    /// 0.
     pub fn apply(self, colour: [f32; 3]) -> [f32; 3] {
-        // Infinities would make NaN of a difference or a quotient.
+        // Differences or quotients of infinities would be NaN.
         let colour = colour.map(|x| if x > 0.0 { x.min(f32::MAX) } else { 0.0 });
         match self {
             View::Neutral => neutral(colour).map(srgb_from_linear),
@@ -54,11 +54,13 @@ impl FromStr for View {
 
     fn from_str(name: &str) -> Result<Self, Error> {
         let view = View::ALL.into_iter().find(|view| view.to_string() == name);
-        view.ok_or_else(|| Error::Usage(format!("no view is called '{name}'; there is: neutral, agx, standard, raw")))
+        view.ok_or_else(|| {
+            Error::Usage(format!("there is no view '{name}'; the views are neutral, agx, standard, raw"))
+        })
     }
 }
 
-/// IEC 61966-2-1, clipped to 0 to 1.
+/// The sRGB transfer function (IEC 61966-2-1), with `x` clipped to 0 to 1.
 pub(super) fn srgb_from_linear(x: f32) -> f32 {
     let x = x.clamp(0.0, 1.0);
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
@@ -69,7 +71,7 @@ pub(super) fn linear_from_srgb(x: f32) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Khronos PBR Neutral, with the names and numbers of its specification.
+/// Khronos PBR Neutral, with the names and constants of its specification.
 fn neutral(colour: [f32; 3]) -> [f32; 3] {
     const F90: f32 = 0.04;
     const START_COMPRESSION: f32 = 0.8 - F90;
@@ -91,7 +93,7 @@ fn neutral(colour: [f32; 3]) -> [f32; 3] {
 
 /// AgX's base look, display-linear.
 fn agx(colour: [f32; 3]) -> [f32; 3] {
-    // Rows of matrices for column vectors. Rec.709 to Rec.2020 and back: ITU-R BT.2087.
+    // Matrices for column vectors, as rows. Rec.709 to Rec.2020 and back are from ITU-R BT.2087.
     const REC2020_FROM_REC709: Matrix = [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0113], [0.0164, 0.0880, 0.8956]];
     const REC709_FROM_REC2020: Matrix =
         [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]];
@@ -105,7 +107,7 @@ fn agx(colour: [f32; 3]) -> [f32; 3] {
         [-0.141_329_76, 1.157_823_7, -0.016_493_939],
         [-0.141_329_76, -0.110_606_64, 1.251_936_4],
     ];
-    // Exposures that the curve covers: 10 stops below and 6.5 above middle grey (0.18).
+    // The range of the curve: 10 stops below to 6.5 stops above middle grey (0.18).
     const MIN_EV: f32 = -12.473_93;
     const MAX_EV: f32 = 4.026_069;
 

@@ -9,7 +9,7 @@ const element = (id) => document.getElementById(id);
 const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : x === 0 ? "0" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
 const percent = (x) => `${digits(100 * x)} %`;
 
-/** An estimate over its interval. */
+/** A table cell with an estimate above its interval. */
 function interval(value, format = digits) {
   const cell = document.createElement("td");
   if (value === null) {
@@ -41,7 +41,7 @@ function fill(id, names, rows) {
   };
   const head = table.createTHead();
   line(names, "th", head);
-  // A name stands over its column's words as they stand.
+  // Headings are aligned like the text of their column.
   [...head.rows[0].cells].forEach((cell, i) => cell.classList.toggle("text", rows.some((cells) => !(cells[i] instanceof Node) && isText(cells[i]))));
   const body = table.createTBody();
   rows.forEach((cells) => line(cells, "td", body));
@@ -52,18 +52,18 @@ const short = reference.goal !== null && reference.standard_error > reference.go
 const error =
   reference.standard_error === null
     ? "of unknown error"
-    : `with a standard error of ${percent(reference.standard_error)}${short ? ` (its time was up before it had the ${percent(reference.goal)} asked for)` : ""}`;
-element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; against a reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique; numbers in small are their 95 % intervals.`;
+    : `with a standard error of ${percent(reference.standard_error)}${short ? ` (time ran out before it reached ${percent(reference.goal)})` : ""}`;
+element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique, with their 95 % intervals in small print.`;
 element("advice").textContent = report.advice;
 
 fill(
   "techniques",
-  ["technique", "error", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
+  ["technique", "finding", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
   report.techniques.map((technique) => {
     const last = technique.snapshots.at(-1);
     return [
       technique.settings.technique,
-      technique.verdict.text,
+      technique.finding.text,
       `${digits(last.time.value)} s`,
       digits(last.samples.value),
       interval(last.relmse),
@@ -100,12 +100,12 @@ fill(
 element("classification").hidden = report.classes.length === 0;
 fill(
   "confusion",
-  ["technique", "class", "hidden", "penumbra", "seen", "fill", "miss", "miss bias"],
+  ["technique", "class", "hidden", "penumbra", "visible", "fill", "miss", "miss bias"],
   report.classes.flatMap((classes) =>
     ["lit", "shadowed", "boundary", "unknown"].map((name, i) => {
-      const { hidden, penumbra, seen } = classes[name];
+      const { hidden, penumbra, visible } = classes[name];
       const whole = i ? ["", "", ""] : [interval(classes.fill, percent), interval(classes.miss, percent), interval(classes.miss_bias)];
-      return [i ? "" : classes.technique, name, hidden, penumbra, seen, ...whole];
+      return [i ? "" : classes.technique, name, hidden, penumbra, visible, ...whole];
     }),
   ),
 );
@@ -123,7 +123,7 @@ fill(
 
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 
-/** Radiance of a view: a number for every half, decoded once. */
+/** Radiance of each possible half-precision float, computed once. */
 const halves = Float32Array.from({ length: 65536 }, (_, h) => {
   const exponent = (h >> 10) & 31;
   const fraction = h & 1023;
@@ -149,11 +149,11 @@ const CLASSES = [
 ];
 const pixels = width * height;
 const srgb = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
-// Steps finer than a display's.
+// Finer steps than a display's 8 bits.
 const CODES = Uint8ClampedArray.from({ length: 4097 }, (_, i) => Math.round(255 * srgb(i / 4096)));
 const code = (x) => CODES[x > 0 ? Math.min(4096, Math.round(4096 * x)) : 0];
 
-/** Black, blue, green, yellow, white for 0 to 1, each brighter than the one before. */
+/** Colours for 0 to 1, in order of brightness: black, blue, green, yellow, white. */
 const HEAT = [[0, 0, 0], [40, 40, 190], [0, 160, 120], [240, 220, 40], [255, 255, 255]];
 function heat(x) {
   const at = Math.min(0.9999, Math.max(0, x)) * (HEAT.length - 1);
@@ -161,7 +161,7 @@ function heat(x) {
   return HEAT[i].map((low, c) => low + (at - i) * (HEAT[i + 1][c] - low));
 }
 
-/** Relative error of a pixel, as relMSE counts it; a hundredth and less is black and a hundred per cent is white. */
+/** Relative error of a pixel as in relMSE. At exposure 0, 1 % or less is black and 100 % or more is white. */
 function relative(index, pixel) {
   const [x, r] = [radiance(index), radiance(0)];
   let sum = 0;
@@ -169,7 +169,7 @@ function relative(index, pixel) {
   return Math.sqrt(sum);
 }
 
-/** A view as it is shown. */
+/** Draws a view with the current exposure, mode and class overlay. */
 function paint(index) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [width, height];
@@ -197,10 +197,10 @@ const viewer = element("viewer");
 const view = { zoom: 1, x: 0, y: 0, cursor: null };
 let painted = [];
 const ratio = () => window.devicePixelRatio || 1;
-const chosen = () => [Number(element("left").value), Number(element("right").value)];
+const selected = () => [Number(element("left").value), Number(element("right").value)];
 const wiper = () => Number(element("wiper").value);
 
-/** The parts of the canvas, in its pixels: one for both images, or one each, side by side or above each other. */
+/** The panes of the canvas, in its pixels: one for both images, or one for each, side by side or one above the other. */
 function panes() {
   const [w, h] = [viewer.width, viewer.height];
   if (element("layout").value === "wiper") return [[0, 0, w, h]];
@@ -208,13 +208,13 @@ function panes() {
 }
 
 function repaint() {
-  const [left, right] = chosen();
+  const [left, right] = selected();
   painted = left === right ? Array(2).fill(paint(left)) : [paint(left), paint(right)];
   const stops = Number(element("exposure").value);
   element("stops").textContent = `${stops > 0 ? "+" : ""}${stops} EV`;
   element("tints").hidden = !element("classes").checked;
   element("scale").hidden = element("mode").value !== "error";
-  [element("least").textContent, element("most").textContent] = [0.01, 1].map((error) => percent(error / 2 ** stops));
+  [element("min").textContent, element("max").textContent] = [0.01, 1].map((error) => percent(error / 2 ** stops));
   draw();
 }
 
@@ -265,8 +265,8 @@ function pan(x, y) {
   draw();
 }
 
-/** A pointer's place on the canvas and within its pane. */
-function place(event) {
+/** A pointer's position on the canvas and within its pane. */
+function pointerPosition(event) {
   const box = viewer.getBoundingClientRect();
   const at = [(event.clientX - box.left) * ratio(), (event.clientY - box.top) * ratio()];
   const pane = panes().findLast(([x, y]) => at[0] >= x && at[1] >= y) ?? [0, 0];
@@ -283,9 +283,9 @@ function point(cursor) {
   }
   const pixel = cursor[1] * width + cursor[0];
   const value = (index) => [0, 1, 2].map((c) => digits(radiance(index)[c * pixels + pixel])).join(" ");
-  const [left, right] = chosen();
+  const [left, right] = selected();
   const shown = [...new Set([left, right, 0])];
-  const lines = shown.map((index) => `${data.views[index].name}: ${value(index)}${index ? `, off by ${percent(relative(index, pixel))}` : ""}`);
+  const lines = shown.map((index) => `${data.views[index].name}: ${value(index)}${index ? `, relative error ${percent(relative(index, pixel))}` : ""}`);
   const name = classMap ? `, ${CLASSES[classMap[pixel]][0]}` : "";
   element("readout").textContent = [`pixel ${cursor[0]}, ${cursor[1]}${name}`, ...lines].join("\n");
 }
@@ -297,13 +297,13 @@ const setWiper = (share) => {
 
 let drag = null;
 viewer.addEventListener("pointerdown", (event) => {
-  const { at } = place(event);
+  const { at } = pointerPosition(event);
   const wiping = element("layout").value === "wiper" && Math.abs(at[0] - wiper() * viewer.width) < 12 * ratio();
   drag = { wiping, x: event.clientX, y: event.clientY };
   viewer.setPointerCapture(event.pointerId);
 });
 viewer.addEventListener("pointermove", (event) => {
-  const { at, within } = place(event);
+  const { at, within } = pointerPosition(event);
   if (drag?.wiping) setWiper(at[0] / viewer.width);
   else if (drag) {
     pan((event.clientX - drag.x) * ratio(), (event.clientY - drag.y) * ratio());
@@ -316,7 +316,7 @@ viewer.addEventListener(
   "wheel",
   (event) => {
     event.preventDefault();
-    zoom(2 ** (-event.deltaY / 300), place(event).within);
+    zoom(2 ** (-event.deltaY / 300), pointerPosition(event).within);
   },
   { passive: false },
 );
@@ -372,6 +372,6 @@ function resize() {
   fit();
 }
 repaint();
-// An observer first reports with a frame, which a busy machine may show late.
+// The observer's first call comes with a frame, which may be late on a busy machine.
 resize();
 new ResizeObserver(resize).observe(viewer);

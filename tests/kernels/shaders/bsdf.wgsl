@@ -1,7 +1,10 @@
 // What the BSDF module answers, for a test to compare.
 
 import package::lib::dispatch::group_index;
-import package::lib::bsdf::{Surface, bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar};
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::{
+    bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,
+};
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -9,8 +12,8 @@ override seed: u32;
 // 1: the samples of one sequence; 0: a sequence each, so that they are independent.
 override stratified: u32;
 
-// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x; view, coat
-// normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
+// Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x;
+// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -23,31 +26,35 @@ fn tested_surface() -> Surface {
     var s: Surface;
     s.albedo = surface[0].xyz;
     @if(glossy) {
-        s.alpha = surface[0].w;
-        s.f0 = surface[1].xyz;
-        s.f90 = surface[1].w;
-        s.dielectric = surface[2].xy;
+        s.specular.alpha = surface[0].w;
+        s.specular.f0 = surface[1].xyz;
+        s.specular.f90 = surface[1].w;
+        s.specular.dielectric = surface[2].xy;
     }
     s.geometric_normal = vec3f(surface[2].z, 0.0, surface[2].w);
     s.shading_normal = surface[3].xyz;
     s.view = surface[4].xyz;
     @if(transmission) {
-        s.tint = surface[5].xyz;
-        s.eta = surface[5].w;
+        s.transmission.tint = surface[5].xyz;
+        s.transmission.eta = surface[5].w;
     }
-    @if(clearcoat) { s.coat = surface[6].xy; }
-    @if(coat_normals) { s.coat_normal = vec3f(surface[3].w, 0.0, surface[4].w); }
-    @if(sheen) { s.sheen = surface[7]; }
+    @if(clearcoat) { s.clearcoat.factor = surface[6].x; s.clearcoat.alpha = surface[6].y; }
+    @if(coat_normals) { s.clearcoat.normal = vec3f(surface[3].w, 0.0, surface[4].w); }
+    @if(sheen) { s.sheen.colour = surface[7].xyz; s.sheen.roughness = surface[7].w; }
     @if(anisotropy) {
-        s.tangent = vec3f(1.0, 0.0, 0.0);
-        s.alpha_along = surface[6].z;
+        s.anisotropy.tangent = vec3f(1.0, 0.0, 0.0);
+        s.anisotropy.alpha_along = surface[6].z;
     }
     return s;
 }
 
 // The BSDF times the cosine and its density, for each direction; then its two parts' sum, where the base reflects.
 @compute @workgroup_size(64)
-fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn evaluated(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = tested_surface();
@@ -59,7 +66,11 @@ fn evaluated(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
 
 // Samples: direction and density, weight of radiance, that of flux.
 @compute @workgroup_size(64)
-fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn sampled(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = bsdf_sample(tested_surface(), sobol4(i, select(seed + i, seed, stratified == 1u)).xyz);
@@ -71,7 +82,11 @@ fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 
 // What the surface reflects where a path ends, as albedo.
 @compute @workgroup_size(64)
-fn seen_afar(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn seen_afar(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     results[2u * i] = vec4f(bsdf_seen_afar(tested_surface()) * 3.14159265, 0.0);

@@ -17,7 +17,11 @@ fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
 
 // Of a direction: radiance and density; radiance alone.
 @compute @workgroup_size(64)
-fn met(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn met(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     results[2u * i] = environment_met(directions[i].xyz);
@@ -26,7 +30,11 @@ fn met(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
 
 // A sample: direction and density, radiance.
 @compute @workgroup_size(64)
-fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn sampled(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = environment_sample(sobol2(i, seed));
@@ -36,7 +44,11 @@ fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 
 // An emitted ray of the first light: origin, direction, flux.
 @compute @workgroup_size(64)
-fn emitted(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn emitted(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let ray = light_emit(0u, sobol4(i, seed));

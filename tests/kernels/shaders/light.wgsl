@@ -1,11 +1,10 @@
 // What the light module answers, for a test to compare.
 
 import package::lib::dispatch::group_index;
-import package::lib::light::{
-    light_count, light_dark, light_has_closed_form, light_unshadowed_irradiance, light_sample, light_emit
-};
+import package::lib::light::table::{light_count, light_has_closed_form};
+import package::lib::light::{light_dark, light_unshadowed_irradiance, light_sample, light_emit};
 import package::lib::sampling::{sobol2, sobol4};
-@if(mesh_lights) import package::lib::light::emitter_of;
+@if(mesh_lights) import package::lib::light::mesh::emitter_of;
 
 override count: u32;
 override seed: u32;
@@ -22,7 +21,11 @@ fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
 
 // Irradiance, and bits: 1 dark, 2 closed form, 4 there is no such light.
 @compute @workgroup_size(64)
-fn closed(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn closed(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let place = places[2u * i];
@@ -35,7 +38,11 @@ fn closed(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
 
 // The mean over the samples of a place of radiance times cosine over density, and the mean square of its red.
 @compute @workgroup_size(64)
-fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn sampled(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let place = places[2u * i];
@@ -54,7 +61,11 @@ fn sampled(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
 
 // Where single samples of one place go: direction and density, radiance and distance.
 @compute @workgroup_size(64)
-fn listed(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn listed(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let s = light_sample(u32(places[0].w), places[0].xyz, sobol2(i, seed + i));
@@ -64,7 +75,11 @@ fn listed(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
 
 // Emitted rays: origin and triangle, direction and flux, normal.
 @compute @workgroup_size(64)
-fn emitted(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn emitted(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let ray = light_emit(u32(places[0].w), sobol4(i, seed + i));
@@ -73,11 +88,15 @@ fn emitted(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     results[3u * i + 2u] = vec4f(ray.normal, 0.0);
 }
 
-// The density by solid angle with which a point of a triangle is chosen for a place, whose normal has the slot as x; and the
-// triangle's light.
+// The density by solid angle with which a point of a triangle is chosen for a place, whose normal has the slot as x;
+// and the triangle's light.
 @if(mesh_lights)
 @compute @workgroup_size(64)
-fn densities(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn densities(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let emitter = emitter_of(u32(places[2u * i + 1u].x), places[2u * i].xyz);

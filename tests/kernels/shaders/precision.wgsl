@@ -1,17 +1,22 @@
-// Arithmetic of the shipped modules on given numbers, for a test to compare with double precision.
+// Intersection and offset of lib/ray on given numbers, for a test to compare with double precision.
+// In: `items`. Out: `results`, three for each item; see each entry point.
 
 import package::lib::dispatch::group_index;
 import package::lib::ray::{Ray, intersect_triangle, offset_origin, shear_ray};
 
 override count: u32;
 
-// An item: origin, direction, three corners.
+// For each item: origin, direction, three corners.
 @group(0) @binding(0) var<storage, read> items: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> results: array<vec4f>;
 
 // The hit as t, u, v; its point on the triangle; and that as an origin of rays on the side of the ray.
 @compute @workgroup_size(64)
-fn intersect(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn intersect(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
     let ray = Ray(items[5u * i].xyz, 0.0, items[5u * i + 1u].xyz, 1e30);
@@ -27,9 +32,13 @@ fn intersect(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
     results[3u * i + 2u] = vec4f(offset_origin(point, normal), 0.0);
 }
 
-// What fma(a, b, -a b) leaves: the rounding of the product where it is fused, else 0.
+// fma(a, b, -a b): the rounding error of the product where fma is fused, else 0.
 @compute @workgroup_size(64)
-fn fused(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn fused(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
     let pair = items[5u * i].xy;

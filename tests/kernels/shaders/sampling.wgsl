@@ -3,7 +3,7 @@
 import package::lib::dispatch::group_index;
 import package::lib::sampling::{
     owen_scramble, sobol2, sobol4, sample_cosine, sample_disc, sample_cap, sample_triangle,
-    sample_seen_triangle, seen_triangle
+    sample_spherical_triangle, spherical_triangle
 };
 import package::lib::math::{oct_encode16, oct_decode16, oct_encode7, oct_decode7, basis};
 
@@ -21,19 +21,31 @@ fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
 }
 
 @compute @workgroup_size(64)
-fn two(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn two(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i < count { points[i] = vec4f(sobol2(i, seed), 0.0, 0.0); }
 }
 
 @compute @workgroup_size(64)
-fn four(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn four(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i < count { points[i] = sobol4(i, seed); }
 }
 
 @compute @workgroup_size(64)
-fn warped(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn warped(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let u = sobol2(i, seed);
@@ -48,23 +60,31 @@ fn warped(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     points[i] = vec4f(p, 0.0);
 }
 
-// Barycentric coordinates of points of a triangle as it is seen, its solid angle, and points even over its area; the corners
-// and the position that sees it are the first four `directions`.
+// Barycentric coordinates of points of a triangle as it is seen, its solid angle, and points even over its area; the
+// corners and the position that sees it are the first four `directions`.
 @compute @workgroup_size(64)
-fn seen(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn seen(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let u = sobol2(i, seed + i);
     let e1 = directions[1].xyz - directions[0].xyz;
     let e2 = directions[2].xyz - directions[0].xyz;
-    let triangle = seen_triangle(directions[0].xyz - directions[3].xyz, e1, e2, cross(e1, e2));
-    points[i * 2u] = vec4f(sample_seen_triangle(triangle, u), 2.0 * triangle.half_angle, 0.0);
+    let triangle = spherical_triangle(directions[0].xyz - directions[3].xyz, e1, e2, cross(e1, e2));
+    points[i * 2u] = vec4f(sample_spherical_triangle(triangle, u), 2.0 * triangle.half_angle, 0.0);
     points[i * 2u + 1u] = vec4f(sample_triangle(u), 0.0, 0.0);
 }
 
 // Of each direction: as 16-bit and as 7-bit octahedral coordinates give it back, and its basis.
 @compute @workgroup_size(64)
-fn coded(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn coded(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = item(group, groups, lane);
     if i >= count { return; }
     let n = directions[i].xyz;

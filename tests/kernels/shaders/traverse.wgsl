@@ -1,12 +1,13 @@
-// Traces given rays, one an invocation, by each traversal of the shipped module.
-// Inputs: rays, two texels each (origin, t_min; direction, t_max). Outputs: see each entry.
+// Traces given rays, one for each invocation, by each traversal of lib/bvh.
+// In: `rays`, two texels each (origin, t_min; direction, t_max). Out: `answers`; see each entry point.
 
 import package::lib::dispatch::group_index;
 import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
-import package::lib::bvh::{trace_closest, trace_occluded, begin_walk, next_triangle, intersect_slot, stops, traversal_overrun};
+import package::lib::bvh::{begin_traversal, next_triangle, intersect_primitive, stops, traversal_overrun};
+import package::lib::bvh::{trace_closest, trace_occluded};
 
 override ray_count: u32;
-override slot_count: u32;
+override primitive_count: u32;
 
 @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> answers: array<vec4u>;
@@ -19,23 +20,31 @@ fn answer(i: u32, hit: Hit) {
     answers[i] = vec4u(bitcast<vec3u>(vec3f(hit.t, hit.u, hit.v)), hit.triangle);
 }
 
-// t, u, v, slot.
+// t, u, v, primitive index.
 @compute @workgroup_size(64)
-fn closest(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn closest(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i < ray_count { answer(i, trace_closest(ray_of(i), 0u)); }
 }
 
-// As closest, by a loop over all slots.
+// As closest, by a loop over all triangles.
 @compute @workgroup_size(64)
-fn exhaustive(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn exhaustive(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
     let ray = ray_of(i);
-    var walk = begin_walk(ray);
+    var traversal = begin_traversal(ray);
     var first = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
-    for (var slot = 0u; slot < slot_count; slot++) {
-        let hit = intersect_slot(&walk, slot);
+    for (var primitive = 0u; primitive < primitive_count; primitive++) {
+        let hit = intersect_primitive(&traversal, primitive);
         if stops(hit, ray.t_min, ray.t_max, 0u) && (hit.t < first.t || first.triangle == NO_HIT) { first = hit; }
     }
     answer(i, first);
@@ -43,35 +52,47 @@ fn exhaustive(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
 
 // Occluded, overrun, 0, 0.
 @compute @workgroup_size(64)
-fn occluded(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn occluded(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
     let stopped = trace_occluded(ray_of(i), 0u);
     answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u);
 }
 
-// Every surface along the ray: how many, the sum of their slots, overrun, 0.
+// Every surface along the ray: how many, the sum of their primitive indices, overrun, 0.
 @compute @workgroup_size(64)
-fn line(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn line(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
     let ray = ray_of(i);
-    var walk = begin_walk(ray);
+    var traversal = begin_traversal(ray);
     var count = 0u;
     var sum = 0u;
-    while !walk.done {
-        let slot = next_triangle(&walk, ray.t_max);
-        if slot != NO_HIT && stops(intersect_slot(&walk, slot), ray.t_min, ray.t_max, 0u) {
+    while !traversal.done {
+        let primitive = next_triangle(&traversal, ray.t_max);
+        if primitive != NO_HIT && stops(intersect_primitive(&traversal, primitive), ray.t_min, ray.t_max, 0u) {
             count++;
-            sum += slot;
+            sum += primitive;
         }
     }
     answers[i] = vec4u(count, sum, u32(traversal_overrun), 0u);
 }
 
-// The origin of ray i offset along its direction, taken for the normal.
+// The origin of ray i, offset as if the direction were the normal.
 @compute @workgroup_size(64)
-fn offset(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn offset(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i < ray_count { answers[i] = vec4u(bitcast<vec3u>(offset_origin(ray_of(i).origin, ray_of(i).direction)), 0u); }
 }

@@ -1,0 +1,142 @@
+// The clear coat: a second GGX lobe, of a dielectric layer over everything else (KHR_materials_clearcoat). Its
+// parameters are read in src/scene/material/clearcoat.rs.
+
+@if(clearcoat) import package::lib::bsdf::microfacet::{
+    LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, visible_density,
+};
+@if(clearcoat) import package::lib::constants::CLEARCOAT_TEXEL;
+@if(clearcoat && textures) import package::lib::constants::{
+    CLEARCOAT_NORMAL_TEXTURE, CLEARCOAT_ROUGHNESS_TEXTURE, CLEARCOAT_TEXTURE, CLEARCOAT_TEXTURES,
+};
+@if(clearcoat) import package::lib::material::load_material_texel;
+@if(coat_normals && textures) import package::lib::material::texture_info;
+@if(coat_normals) import package::lib::math::{oct_decode16, oct_encode16};
+@if(coat_normals) import package::lib::ray::Hit;
+@if(coat_normals) import package::lib::shading_normal::{bent_to, mapped_normal};
+
+@if(clearcoat)
+struct Clearcoat {
+    factor: f32,
+    // Width of its GGX distribution.
+    alpha: f32,
+    // Its own shading normal; without one, it has the base's.
+    @if(coat_normals) normal: vec3f,
+}
+
+// Reflectances at normal and at grazing incidence: the coat's index of refraction is 1.5.
+@if(clearcoat) const COAT_REFLECTANCES = vec2f(0.04, 1.0);
+
+// A bit for each texture that may change what is rendered.
+@if(clearcoat && textures)
+fn clearcoat_textures() -> u32 {
+    @if(coat_normals) { return CLEARCOAT_TEXTURES; }
+    @else { return CLEARCOAT_TEXTURES & ~(1u << CLEARCOAT_NORMAL_TEXTURE); }
+}
+
+@if(clearcoat && textures)
+fn clearcoat_texture(factors: vec2f, texel: vec4f, texture: u32) -> vec2f {
+    return select(
+        factors,
+        texel.xy,
+        vec2<bool>(texture == CLEARCOAT_TEXTURE, texture == CLEARCOAT_ROUGHNESS_TEXTURE),
+    );
+}
+
+@if(coat_normals && textures)
+fn coat_normal_texture(normal: vec3f, texel: vec4f, texture: u32) -> vec3f {
+    return select(normal, texel.xyz, texture == CLEARCOAT_NORMAL_TEXTURE);
+}
+
+@if(clearcoat)
+fn clearcoat_lobe(material: u32, factors: vec2f) -> Clearcoat {
+    var coat = bitcast<vec4f>(load_material_texel(material + CLEARCOAT_TEXEL)).xy;
+    @if(textures) { coat *= factors; }
+    var lobe: Clearcoat;
+    lobe.factor = coat.x;
+    lobe.alpha = coat.y * coat.y;
+    return lobe;
+}
+
+// The coat's normal over a surface whose normal without any map is `unmapped`. Without a map of its own the coat is
+// smooth, whatever its base is.
+@if(coat_normals)
+fn coat_normal_at(material: u32, texel: vec3f, hit: Hit, unmapped: vec3f, front: bool, view: vec3f) -> vec3f {
+    var normal = unmapped;
+    @if(textures) {
+        if texture_info(material, CLEARCOAT_NORMAL_TEXTURE) != 0u {
+            let scale = bitcast<f32>(load_material_texel(material + CLEARCOAT_TEXEL).z);
+            normal = mapped_normal(hit, texel, scale, unmapped, front);
+        }
+    }
+    return bent_to(normal, view);
+}
+
+@if(clearcoat)
+fn is_coated(lobe: Clearcoat) -> bool {
+    return lobe.factor != 0.0;
+}
+
+@if(clearcoat)
+fn pack_clearcoat(lobe: Clearcoat) -> vec4f {
+    @if(coat_normals) { return vec4f(lobe.factor, lobe.alpha, bitcast<f32>(oct_encode16(lobe.normal)), 0.0); }
+    @else { return vec4f(lobe.factor, lobe.alpha, 0.0, 0.0); }
+}
+
+@if(clearcoat)
+fn unpack_clearcoat(packed: vec4f) -> Clearcoat {
+    @if(coat_normals) { return Clearcoat(packed.x, packed.y, oct_decode16(bitcast<u32>(packed.z))); }
+    @else { return Clearcoat(packed.x, packed.y); }
+}
+
+// Heights of light and view over the coat, for light that comes to the base from outside of it or leaves it inside.
+// `pair` is about the base's normal; `direction` and `view` are the same in the scene's axes.
+@if(clearcoat)
+fn coat_heights(lobe: Clearcoat, pair: LocalPair, direction: vec3f, view: vec3f) -> vec2f {
+    @if(coat_normals) {
+        let light = dot(direction, lobe.normal) * sign(pair.light.z);
+        return vec2f(light, coat_view_height(lobe, pair, view));
+    }
+    @else { return vec2f(abs(pair.light.z), pair.view.z); }
+}
+
+@if(clearcoat)
+fn coat_view_height(lobe: Clearcoat, pair: LocalPair, view: vec3f) -> f32 {
+    @if(coat_normals) { return max(dot(view, lobe.normal), 1e-4); }
+    @else { return pair.view.z; }
+}
+
+// The part of light that the coat lets through to what lies below it, by the heights of light and view over it.
+@if(clearcoat)
+fn through_coat(lobe: Clearcoat, heights: vec2f) -> f32 {
+    return 1.0 - lobe.factor * (1.0 - through_layer(COAT_REFLECTANCES, lobe.alpha, heights.x, heights.y));
+}
+
+// What the coat reflects; `pair` is about its own normal.
+@if(clearcoat)
+fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> f32 {
+    let h = normalize(pair.view + pair.light);
+    let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
+    return lobe.factor * fresnel * microfacets(pair, h);
+}
+
+// The density of directions that the coat reflects, of those sampled from it.
+@if(clearcoat)
+fn clearcoat_density(pair: LocalPair) -> f32 {
+    return visible_density(pair, normalize(pair.view + pair.light));
+}
+
+// How often the coat is sampled where what lies below would reflect `below` straight back; `through` is what the coat
+// lets through there.
+@if(clearcoat)
+fn clearcoat_chance(lobe: Clearcoat, through: f32, below: f32) -> f32 {
+    let coat = 3.0 * (1.0 - through);
+    return select(0.0, clamp(coat / (coat + through * below), 0.1, 0.9), lobe.factor > 0.0);
+}
+
+// The mean over all directions of what the coat reflects, over its factor, and of what it lets through.
+@if(clearcoat)
+fn clearcoat_means(lobe: Clearcoat) -> vec2f {
+    let means = lobe_means(lobe.alpha);
+    let reflected = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), means);
+    return vec2f(reflected, 1.0 - lobe.factor * mean_kept(COAT_REFLECTANCES, lobe.alpha));
+}

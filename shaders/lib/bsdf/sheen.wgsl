@@ -1,0 +1,154 @@
+// Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017). Its
+// parameters and the table of its albedo are made in src/scene/material/sheen.rs.
+
+@if(sheen) import package::lib::bsdf::microfacet::LocalPair;
+@if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS, SHEEN_TEXEL};
+@if(sheen && textures) import package::lib::constants::{SHEEN_COLOUR_TEXTURE, SHEEN_ROUGHNESS_TEXTURE};
+@if(sheen) import package::lib::material::load_material_texel;
+@if(sheen) import package::lib::math::PI;
+@if(sheen) import package::lib::sampling::sample_cap;
+
+// By cell of the cubic root of the cosine and the logarithm of the roughness: the four corners' entries.
+@if(sheen) @group(1) @binding(22) var<uniform> sheen_albedos: array<vec4f, SHEEN_COLUMNS * SHEEN_ROWS>;
+@if(sheen) override min_sheen_roughness: f32;
+
+@if(sheen)
+struct Sheen {
+    colour: vec3f,
+    roughness: f32,
+}
+
+@if(sheen && textures)
+fn sheen_texture(factors: vec4f, texel: vec4f, texture: u32) -> vec4f {
+    let of_colour = texture == SHEEN_COLOUR_TEXTURE;
+    return select(factors, texel, vec4<bool>(vec3<bool>(of_colour), texture == SHEEN_ROUGHNESS_TEXTURE));
+}
+
+@if(sheen)
+fn sheen_lobe(material: u32, factors: vec4f) -> Sheen {
+    var sheen = bitcast<vec4f>(load_material_texel(material + SHEEN_TEXEL));
+    @if(textures) { sheen *= factors; }
+    return unpack_sheen(sheen);
+}
+
+@if(sheen)
+fn has_fibres(lobe: Sheen) -> bool {
+    return any(lobe.colour != vec3f(0.0));
+}
+
+@if(sheen)
+fn pack_sheen(lobe: Sheen) -> vec4f {
+    return vec4f(lobe.colour, lobe.roughness);
+}
+
+@if(sheen)
+fn unpack_sheen(packed: vec4f) -> Sheen {
+    return Sheen(packed.xyz, packed.w);
+}
+
+@if(sheen)
+fn sheen_roughness(lobe: Sheen) -> f32 {
+    return clamp(lobe.roughness, min_sheen_roughness, 1.0);
+}
+
+// How fibres reflect light from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3,
+// as KHR_materials_sheen has it), and how much light from there they would reflect if white: their directional albedo,
+// which by the extension's formula is more than 1 at grazing angles where they are less rough than 0.3.
+@if(sheen)
+struct FibreSide {
+    lambda: f32,
+    albedo: f32,
+}
+
+@if(sheen)
+fn fibre_side(roughness: f32, height: f32) -> FibreSide {
+    let cosine = clamp(height, 1e-4, 1.0);
+    let alpha = roughness * roughness;
+    let smoothness = (1.0 - alpha) * (1.0 - alpha);
+    let a = mix(21.5473, 25.3245, smoothness);
+    let b = mix(3.82987, 3.32435, smoothness);
+    let c = mix(0.19823, 0.16801, smoothness);
+    let d = mix(-1.97760, -1.27393, smoothness);
+    let e = mix(-4.32054, -4.85967, smoothness);
+    let low = min(cosine, max(1.0 - cosine, 1e-6));
+    let l = a / (1.0 + b * pow(low, c)) + d * low + e;
+    let middle = a / (1.0 + b * pow(0.5, c)) + d * 0.5 + e;
+    let lambda = exp(select(2.0 * middle - l, l, cosine < 0.5));
+
+    let last = vec2u(SHEEN_COLUMNS, SHEEN_ROWS) - 1u;
+    let at = vec2f(pow(cosine, 1.0 / 3.0), log2(roughness) / log2(min_sheen_roughness)) * vec2f(last + 1u);
+    let cell = min(vec2u(at), last);
+    let f = at - vec2f(cell);
+    let corners = sheen_albedos[cell.y * SHEEN_COLUMNS + cell.x];
+    let found = mix(mix(corners.x, corners.y, f.x), mix(corners.z, corners.w, f.x), f.y);
+    return FibreSide(lambda, exp2(found) / (4.0 * cosine * (1.0 + lambda)));
+}
+
+// The part of light that fibres of that albedo let through to what lies below them.
+@if(sheen)
+fn through_fibres(lobe: Sheen, albedo: f32) -> f32 {
+    return 1.0 - max(lobe.colour.x, max(lobe.colour.y, lobe.colour.z)) * min(albedo, 1.0);
+}
+
+// The part that they let through from one direction to another: that at the less favourable of the two angles, as the
+// extension's albedo scaling has it.
+@if(sheen)
+fn through_sheen(lobe: Sheen, pair: LocalPair) -> f32 {
+    let roughness = sheen_roughness(lobe);
+    let light = fibre_side(roughness, abs(pair.light.z)).albedo;
+    return through_fibres(lobe, max(light, fibre_side(roughness, pair.view.z).albedo));
+}
+
+// What the fibres reflect: the extension's formula, divided by what keeps their albedo from either side within 1. So it
+// is reciprocal, makes no light, and is the formula as it is wherever that does so.
+@if(sheen)
+fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
+    let roughness = sheen_roughness(lobe);
+    let light = fibre_side(roughness, pair.light.z);
+    let view = fibre_side(roughness, pair.view.z);
+    let across = cross(normalize(pair.view + pair.light), vec3f(0.0, 0.0, 1.0));
+    let inverse_alpha = 1.0 / (roughness * roughness);
+    // sin^(1 / alpha), of the squared sine.
+    let distribution = (2.0 + inverse_alpha) / (2.0 * PI) * pow(max(dot(across, across), 1e-30), 0.5 * inverse_alpha);
+    let masked = (1.0 + light.lambda + view.lambda) * 4.0 * max(pair.light.z, 1e-4) * pair.view.z;
+    return lobe.colour * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
+}
+
+// How often the fibres are sampled, what they reflect straight back, and what they let through there.
+@if(sheen)
+struct SheenChance {
+    chance: f32,
+    reflected: f32,
+    below: f32,
+}
+
+// `below` is what lies under the fibres reflects straight back.
+@if(sheen)
+fn sheen_chance(lobe: Sheen, view_z: f32, below: f32) -> SheenChance {
+    let albedo = fibre_side(sheen_roughness(lobe), view_z).albedo;
+    let reflected = dot(lobe.colour, vec3f(1.0)) * min(albedo, 1.0);
+    let through = below * through_fibres(lobe, albedo);
+    let chance = clamp(reflected / max(reflected + through, 1e-30), 0.1, 0.9);
+    return SheenChance(select(0.0, chance, any(lobe.colour > vec3f(0.0))), reflected, through);
+}
+
+// Fibres are sampled alike in all directions, as Estevez and Kulla (2017) found best for lobes so wide.
+@if(sheen)
+fn sample_sheen(u: vec2f) -> vec3f {
+    return sample_cap(u, 1.0);
+}
+
+@if(sheen)
+fn sheen_density(chance: f32) -> f32 {
+    return chance / (2.0 * PI);
+}
+
+// Albedo of fibres over a base of albedo `base`: means over the cosine-weighted hemisphere of the fibres' albedo, and
+// of the larger of two; fits, 0.001 and 0.003 off at most.
+@if(sheen)
+fn mean_with_sheen(lobe: Sheen, base: vec3f) -> vec3f {
+    let r = sheen_roughness(lobe);
+    let mean = r * (0.197 + r * (0.059 + r * (0.430 - 0.387 * r)));
+    let larger = r * (0.439 + r * (-0.299 + r * (0.708 - 0.483 * r)));
+    return base * through_fibres(lobe, larger) + lobe.colour * mean;
+}

@@ -1,0 +1,70 @@
+// The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
+// KHR_materials_specular, KHR_materials_ior). Its parameters are read in src/scene/material/specular.rs.
+
+@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick};
+@if(glossy) import package::lib::constants::SPECULAR_TEXEL;
+@if(glossy && textures) import package::lib::constants::{SPECULAR_COLOUR_TEXTURE, SPECULAR_TEXTURE};
+@if(glossy) import package::lib::material::load_material_texel;
+
+@if(glossy)
+struct Specular {
+    // Reflectance at normal and at grazing incidence, metal and dielectric mixed.
+    f0: vec3f,
+    f90: f32,
+    // The same of the dielectric layer over the diffuse base: what it reflects, the base does not get.
+    dielectric: vec2f,
+    // Width of the GGX distribution: roughness squared; across the tangent where the surface is anisotropic.
+    alpha: f32,
+}
+
+// KHR_materials_specular: colour and factor.
+@if(glossy)
+fn specular_factors(material: u32) -> vec4f {
+    return bitcast<vec4f>(load_material_texel(material + SPECULAR_TEXEL));
+}
+
+// The factors of the textures so far, and those of one more.
+@if(glossy && textures)
+fn specular_texture(factors: vec4f, texel: vec4f, texture: u32) -> vec4f {
+    return select(
+        factors,
+        texel,
+        vec4<bool>(vec3<bool>(texture == SPECULAR_COLOUR_TEXTURE), texture == SPECULAR_TEXTURE),
+    );
+}
+
+// The lobe of a base colour, `normal_reflectance` being that of the index of refraction at normal incidence.
+@if(glossy)
+fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance: f32, factors: vec4f) -> Specular {
+    let dielectric = min(normal_reflectance * factors.xyz, vec3f(1.0)) * factors.w;
+    var lobe: Specular;
+    lobe.f0 = mix(dielectric, base, metallic);
+    lobe.f90 = mix(factors.w, 1.0, metallic);
+    lobe.dielectric = vec2f(max(dielectric.x, max(dielectric.y, dielectric.z)), factors.w);
+    lobe.alpha = roughness * roughness;
+    return lobe;
+}
+
+// Reflectance of the microfacets for light at that cosine to their normal, on the side of the lower index of
+// refraction.
+@if(glossy)
+fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
+    return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
+}
+
+// Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
+@if(glossy) const DIELECTRIC = 0.2;
+
+// Whether the lobe reflects as a metal does, so that its reflection must be traced.
+@if(glossy)
+fn is_metallic(lobe: Specular) -> bool {
+    return max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
+}
+
+// Albedo of a diffuse base and the lobe over it, the means over all directions.
+@if(glossy)
+fn mean_with_specular(lobe: Specular, albedo: vec3f) -> vec3f {
+    let means = lobe_means(lobe.alpha);
+    let base = albedo * (1.0 - mean_kept(lobe.dielectric, lobe.alpha));
+    return base + lobe.f0 * means.x + (vec3f(lobe.f90) - lobe.f0) * means.y;
+}

@@ -1,0 +1,119 @@
+// Light that passes through the surface: by a thin wall, or bent into a volume (KHR_materials_transmission,
+// KHR_materials_volume). Its parameters are read in src/scene/material/transmission.rs and volume.rs.
+
+@if(transmission) import package::lib::bsdf::microfacet::{LocalPair, microfacets, schlick, visible_density};
+@if(transmission) import package::lib::bsdf::specular::Specular;
+@if(transmission) import package::lib::constants::{TRANSMISSION_TEXEL, VOLUME_TEXEL};
+@if(transmission && textures) import package::lib::constants::TRANSMISSION_TEXTURE;
+@if(transmission) import package::lib::material::load_material_texel;
+@if(transmission) import package::lib::math::safe_sqrt;
+
+@if(transmission)
+struct Transmission {
+    // The part of the light not reflected by the dielectric layer that passes: base colour times (1 - metallic) times
+    // factor.
+    tint: vec3f,
+    // Index of refraction on the viewer's side over that on the other; 1 where light passes straight on (a thin wall).
+    eta: f32,
+}
+
+@if(transmission)
+fn transmission_factor(material: u32) -> f32 {
+    return bitcast<f32>(load_material_texel(material + TRANSMISSION_TEXEL).x);
+}
+
+@if(transmission && textures)
+fn transmission_texture(factor: f32, texel: vec4f, texture: u32) -> f32 {
+    return select(factor, texel.x, texture == TRANSMISSION_TEXTURE);
+}
+
+// What the surface lets pass of that tint; the volume lies behind its back face.
+@if(transmission)
+fn transmission_lobe(material: u32, tint: vec3f, front: bool) -> Transmission {
+    let index = bitcast<f32>(load_material_texel(material + VOLUME_TEXEL).w);
+    return Transmission(tint, select(index, 1.0 / index, front));
+}
+
+// What is left of light after a way through the volume.
+@if(transmission)
+fn volume_transmittance(material: u32, way: f32) -> vec3f {
+    return exp(-bitcast<vec3f>(load_material_texel(material + VOLUME_TEXEL).xyz) * way);
+}
+
+@if(transmission)
+fn is_transmissive(lobe: Transmission) -> bool {
+    return any(lobe.tint > vec3f(0.0));
+}
+
+@if(transmission)
+fn pack_transmission(lobe: Transmission) -> vec4f {
+    return vec4f(lobe.tint, lobe.eta);
+}
+
+@if(transmission)
+fn unpack_transmission(packed: vec4f) -> Transmission {
+    return Transmission(packed.xyz, packed.w);
+}
+
+// The cosine that Schlick's term is for: that on the side of the lower index of refraction. -1 where all is reflected.
+@if(transmission)
+fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
+    if lobe.eta <= 1.0 { return cosine; }
+    let sine_squared = lobe.eta * lobe.eta * (1.0 - cosine * cosine);
+    return select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
+}
+
+// The part of light at that cosine to their normal that passes the microfacets.
+@if(transmission)
+fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
+    let outer = fresnel_cosine(lobe, cosine);
+    if outer < 0.0 { return vec3f(0.0); }
+    return lobe.tint * (1.0 - mix(specular.dielectric.x, specular.dielectric.y, schlick(outer)));
+}
+
+// The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely
+// directions lie about it: the normal's density times this is the direction's (Walter et al. 2007, equations 16 and
+// 17). 0 where there is none. A thin wall bends no light: it spreads it as its mirror image is spread.
+@if(transmission)
+struct Passing {
+    normal: vec3f,
+    jacobian: f32,
+}
+
+@if(transmission)
+fn passing(lobe: Transmission, pair: LocalPair) -> Passing {
+    if lobe.eta == 1.0 {
+        let mirrored = vec3f(pair.light.xy, -pair.light.z);
+        let h = normalize(pair.view + mirrored);
+        return Passing(h, 0.25 / max(dot(pair.view, h), 1e-6));
+    }
+    let bent = -(pair.light + lobe.eta * pair.view);
+    let h = normalize(select(bent, -bent, bent.z < 0.0));
+    let view_h = dot(pair.view, h);
+    let light_h = dot(pair.light, h);
+    if view_h <= 0.0 || light_h >= 0.0 { return Passing(h, 0.0); }
+    let root = light_h + lobe.eta * view_h;
+    return Passing(h, -light_h / (root * root));
+}
+
+// The BSDF for light that passes from the other side. Radiance is denser where the index of refraction is higher.
+@if(transmission)
+fn transmission_value(lobe: Transmission, specular: Specular, pair: LocalPair) -> vec3f {
+    let found = passing(lobe, pair);
+    let view_h = dot(pair.view, found.normal);
+    let density = 4.0 * view_h * found.jacobian * lobe.eta * lobe.eta * microfacets(pair, found.normal);
+    return transmittance(lobe, specular, view_h) * density;
+}
+
+// The density of directions that pass by the visible normals, over the share of normals that let light pass.
+@if(transmission)
+fn passing_density(found: Passing, pair: LocalPair) -> f32 {
+    return 4.0 * dot(pair.view, found.normal) * found.jacobian * visible_density(pair, found.normal);
+}
+
+// The direction of light that passes by a sampled microfacet normal; `reflected` is the one that is reflected by it.
+@if(transmission)
+fn passed_direction(lobe: Transmission, view: vec3f, h: vec3f, reflected: vec3f) -> vec3f {
+    if lobe.eta == 1.0 { return vec3f(reflected.xy, -reflected.z); }
+    return refract(-view, h, lobe.eta);
+}

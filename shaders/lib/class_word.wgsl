@@ -1,0 +1,80 @@
+// Class words: what the photons say of a candidate (a point and a light), packed into 32 bits, and the decisions that
+// follow from it: whether shadow rays are traced, and whether the class is audited. The bits are in src/kernels.rs.
+// Paper, "Extending the photon map": the three cases and equation 1.
+
+import package::lib::rng::{hash3, uniform_from_bits};
+import package::lib::constants::{
+    CLASS_BOUNDARY, CLASS_COUNT_MAX, CLASS_ILLUMINATION_SHIFT, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED,
+    CLASS_SHADOW_SHIFT, CLASS_UNKNOWN, CLASS_VISIBILITY_SHIFT, CLASS_VISIBILITY_STEPS, DIMENSION_AUDIT
+};
+
+// `visibility` is 0 to 1; the counts of illumination and shadow photons are at most CLASS_COUNT_MAX.
+fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u32 {
+    let steps = u32(round(visibility * f32(CLASS_VISIBILITY_STEPS)));
+    return class_ | (illumination << CLASS_ILLUMINATION_SHIFT) | (shadow << CLASS_SHADOW_SHIFT)
+        | (steps << CLASS_VISIBILITY_SHIFT);
+}
+
+fn class_of(word: u32) -> u32 {
+    return word & CLASS_MASK;
+}
+
+// The same word with another class.
+fn with_class(word: u32, class_: u32) -> u32 {
+    return (word & ~CLASS_MASK) | class_;
+}
+
+fn class_illumination(word: u32) -> u32 {
+    return (word >> CLASS_ILLUMINATION_SHIFT) & CLASS_COUNT_MAX;
+}
+
+fn class_shadow(word: u32) -> u32 {
+    return (word >> CLASS_SHADOW_SHIFT) & CLASS_COUNT_MAX;
+}
+
+// n_i / (n_s + n_i), equation 1 of the paper, with weighted shadow photons.
+fn class_visibility(word: u32) -> f32 {
+    return f32(word >> CLASS_VISIBILITY_SHIFT) / f32(CLASS_VISIBILITY_STEPS);
+}
+
+// Lit or shadowed: the photons decide.
+fn is_decided(class_: u32) -> bool {
+    return class_ == CLASS_LIT || class_ == CLASS_SHADOWED;
+}
+
+// Whether shadow rays find the visibility: where the photons do not decide or, where their own visibility is shown,
+// where there are no photons.
+fn traces_shadow_rays(word: u32) -> bool {
+    @if(visibility_estimate) {
+        return class_of(word) == CLASS_UNKNOWN && class_illumination(word) + class_shadow(word) == 0u;
+    }
+    @else { return class_of(word) == CLASS_BOUNDARY || class_of(word) == CLASS_UNKNOWN; }
+}
+
+// The word of a decided candidate in a cell that has photons of both kinds in reach. Its visibility would repeat its
+// class; a visibility one step off marks it instead.
+fn near_word(word: u32) -> u32 {
+    let class_ = class_of(word);
+    if class_ == CLASS_LIT { return word - (1u << CLASS_VISIBILITY_SHIFT); }
+    if class_ == CLASS_SHADOWED { return word + (1u << CLASS_VISIBILITY_SHIFT); }
+    return word;
+}
+
+fn is_near(word: u32) -> bool {
+    let visibility = word >> CLASS_VISIBILITY_SHIFT;
+    return visibility != 0u && visibility != CLASS_VISIBILITY_STEPS;
+}
+
+// Classes are wrong far more often near boundaries: as many more audits there keep mistakes from becoming fireflies. 16
+// raises the default of 1/64 to 1/4, a weight of 4 where a visibility was wrong.
+const NEAR_AUDITS = 16.0;
+
+// Probability that a decided candidate is audited.
+fn audit_chance(word: u32, probability: f32) -> f32 {
+    return select(probability, min(NEAR_AUDITS * probability, 1.0), is_near(word));
+}
+
+// Whether a decided candidate traces a shadow ray all the same.
+fn is_audited(seed: u32, sample_index: u32, light: u32, chance: f32) -> bool {
+    return uniform_from_bits(hash3(seed, sample_index, DIMENSION_AUDIT + light)) < chance;
+}

@@ -1,0 +1,219 @@
+// Emitter triangles, which mesh lights are made of: which of them a position samples, and with which probability.
+
+@if(texture_loads) import package::lib::table::table_texel;
+import package::lib::constants::{EMITTER_SAMPLING_TEXEL, EMITTER_TEXELS};
+@if(many_emitters) import package::lib::constants::{
+    FEW_EMITTERS, FEW_NEAR_EMITTERS, LIGHT_SPHERE_TEXEL, NEAR_LIGHT_SQUARED,
+};
+@if(emitter_pairs) import package::lib::constants::{LIGHT_CONTOUR_TEXEL, LIGHT_VIEWED, VIEW_SIDE};
+@if(many_emitters) import package::lib::light::table::light_texel_f32;
+@if(emitter_pairs) import package::lib::light::table::light_texel;
+@if(emitter_pairs) import package::lib::math::oct_wrap;
+import package::lib::constants::LIGHT_TWO_SIDED;
+import package::lib::sampling::{SphericalTriangle, spherical_triangle};
+
+@if(texture_loads) @group(1) @binding(8) var emitter_texels: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(1) @binding(8) var<storage, read> emitter_texels: array<vec4u>;
+@if(texture_loads) @group(1) @binding(9) var light_vertices: texture_storage_2d<rgba32float, read>;
+@if(!texture_loads) @group(1) @binding(9) var<storage, read> light_vertices: array<vec4f>;
+
+fn load_emitter_texel(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(emitter_texels, table_texel(i)); }
+    @else { return emitter_texels[i]; }
+}
+
+fn load_light_vertex(i: u32) -> vec4f {
+    @if(texture_loads) { return textureLoad(light_vertices, table_texel(i)); }
+    @else { return light_vertices[i]; }
+}
+
+// An emitter triangle.
+struct EmitterTriangle {
+    a: vec3f,
+    e1: vec3f,
+    e2: vec3f,
+    // e1 x e2: along the normal, twice the area long.
+    across: vec3f,
+    // By area, of points chosen by power: as much as its radiance is of the light's.
+    density: f32,
+    // Its primitive index.
+    index: u32,
+}
+
+fn load_emitter(emitter: u32) -> EmitterTriangle {
+    let r0 = load_emitter_texel(emitter * EMITTER_TEXELS);
+    let r1 = load_emitter_texel(emitter * EMITTER_TEXELS + 1u);
+    let r2 = load_emitter_texel(emitter * EMITTER_TEXELS + 2u);
+    let a = bitcast<vec3f>(r0.xyz);
+    let e1 = bitcast<vec3f>(r1.xyz) - a;
+    let e2 = bitcast<vec3f>(r2.xyz) - a;
+    return EmitterTriangle(a, e1, e2, cross(e1, e2), bitcast<f32>(r2.w), r0.w);
+}
+
+// How likely an emitter triangle is to be chosen by power.
+@if(many_emitters)
+fn emitter_power(emitter: u32) -> f32 {
+    return bitcast<f32>(load_emitter_texel(emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).y);
+}
+
+// A choice of an emitter triangle, and what is left of the random number, uniform again.
+struct SampledEmitter {
+    emitter: u32,
+    probability: f32,
+    u: f32,
+}
+
+// What is left of u within a share of the probability that ends at `cumulative`.
+fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
+    return clamp(1.0 - (cumulative - u) / share, 0.0, 1.0 - 1.0 / 16777216.0);
+}
+
+fn sample_emitter(header: vec4u, u: f32) -> SampledEmitter {
+    // The first emitter triangle whose cumulative probability exceeds u.
+    var first = header.y;
+    var last = header.y + header.z - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        let cumulative = bitcast<f32>(load_emitter_texel(middle * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).z);
+        if cumulative > u { last = middle; } else { first = middle + 1u; }
+    }
+    let found = bitcast<vec2f>(load_emitter_texel(first * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).yz);
+    return SampledEmitter(first, found.x, left_of(u, found.y, found.x));
+}
+
+fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
+    return dot(triangle.across, position - triangle.a) > 0.0;
+}
+
+// Whether the position is so near to a light that what its triangles show hangs on the place, and not on the direction
+// alone.
+@if(many_emitters)
+fn is_near_light(light: u32, position: vec3f) -> bool {
+    let sphere = light_texel_f32(light, LIGHT_SPHERE_TEXEL);
+    let offset = position - sphere.xyz;
+    return dot(offset, offset) < f32(NEAR_LIGHT_SQUARED) * sphere.w * sphere.w;
+}
+
+// Of a convex lamp what its triangles show from afar hangs on the direction alone: for each of some directions there
+// are cumulative probabilities by power times cosine, so that all points bring about the same light.
+@if(emitter_pairs) const NO_VIEW = 0xffffffffu;
+
+// The first texel of the probabilities for a position, or NO_VIEW.
+@if(emitter_pairs)
+fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
+    if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
+    let offset = position - light_texel_f32(light, LIGHT_SPHERE_TEXEL).xyz;
+    let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
+    let cell = min(place, vec2u(VIEW_SIDE - 1u));
+    return light_texel(light, LIGHT_CONTOUR_TEXEL).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
+}
+
+// Cumulative probability of a view's emitter triangle `i`, those before it included.
+@if(emitter_pairs)
+fn view_cumulative(view: u32, i: u32) -> f32 {
+    return load_light_vertex(view + i / 4u)[i & 3u];
+}
+
+// Probability of a view's emitter triangle `i`.
+@if(emitter_pairs)
+fn view_share(view: u32, i: u32) -> f32 {
+    if i == 0u { return view_cumulative(view, 0u); }
+    return view_cumulative(view, i) - view_cumulative(view, i - 1u);
+}
+
+@if(emitter_pairs)
+fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
+    // The first texel with a cumulative probability above u, and that one of it.
+    var first = 0u;
+    var last = (header.z + 3u) / 4u - 1u;
+    while first < last {
+        let middle = (first + last) / 2u;
+        if load_light_vertex(view + middle).w > u { last = middle; } else { first = middle + 1u; }
+    }
+    let below = vec3u(load_light_vertex(view + first).xyz <= vec3f(u));
+    let i = 4u * first + below.x + below.y + below.z;
+    let share = view_share(view, i);
+    return SampledEmitter(header.y + i, share, left_of(u, view_cumulative(view, i), share));
+}
+
+// The emitter triangles that may be chosen for a position: one, with that probability, or all, by what they send to it.
+struct EmitterRange {
+    first: u32,
+    end: u32,
+    all: bool,
+    probability: f32,
+    // What is left of the random number.
+    u: f32,
+}
+
+fn all_emitters(header: vec4u, u: f32) -> EmitterRange {
+    return EmitterRange(header.y, header.y + header.z, true, 1.0, u);
+}
+
+// Whether all of a light's triangles are asked what they send to a position: those of the usual lamp, a square, always;
+// more of them where they are near and differ.
+fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
+    @if(many_emitters) {
+        return header.z <= FEW_EMITTERS || (header.z <= FEW_NEAR_EMITTERS && is_near_light(light, position));
+    }
+    @else { return true; }
+}
+
+// How likely `emitter_range` is to come to an emitter triangle, where it does not ask all. Of closed lights, from near
+// or with few triangles, those that face away are each paired with one that faces about the other way, which is taken
+// in its place. So a triangle that faces the position is chosen for itself, and for its partner where that faces away.
+@if(many_emitters)
+fn emitter_probability(light: u32, header: vec4u, emitter: u32, position: vec3f) -> f32 {
+    @if(emitter_pairs) {
+        let view = view_of(light, header, position);
+        if view != NO_VIEW { return view_share(view, emitter - header.y); }
+    }
+    return paired_power(emitter, position);
+}
+
+@if(many_emitters)
+fn paired_power(emitter: u32, position: vec3f) -> f32 {
+    var power = emitter_power(emitter);
+    @if(emitter_pairs) {
+        let partner = load_emitter_texel(emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).x;
+        if partner != emitter && !emitter_faces(load_emitter(partner), position) { power += emitter_power(partner); }
+    }
+    return power;
+}
+
+@if(many_emitters)
+fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterRange {
+    if uses_all_emitters(light, header, position) { return all_emitters(header, u); }
+    var chosen: SampledEmitter;
+    @if(emitter_pairs) {
+        let view = view_of(light, header, position);
+        if view != NO_VIEW {
+            chosen = sample_viewed_emitter(header, view, u);
+        } else {
+            chosen = sample_emitter(header, u);
+            if !emitter_faces(load_emitter(chosen.emitter), position) {
+                chosen.emitter = load_emitter_texel(chosen.emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).x;
+            }
+            chosen.probability = paired_power(chosen.emitter, position);
+        }
+    }
+    @else { chosen = sample_emitter(header, u); }
+    return EmitterRange(chosen.emitter, chosen.emitter + 1u, false, chosen.probability, chosen.u);
+}
+
+// What an emitter triangle sends to a position, in units that those of its light share: its solid angle, of all of a
+// light times its radiance; 0 where it faces away.
+fn emitter_sends(
+    header: vec4u,
+    triangle: EmitterTriangle,
+    spherical: SphericalTriangle,
+    position: vec3f,
+    all: bool,
+) -> f32 {
+    let shines = (header.x & LIGHT_TWO_SIDED) != 0u || emitter_faces(triangle, position);
+    return select(0.0, 2.0 * spherical.half_angle * select(1.0, triangle.density, all), shines);
+}
+
+fn spherical_emitter(triangle: EmitterTriangle, position: vec3f) -> SphericalTriangle {
+    return spherical_triangle(triangle.a - position, triangle.e1, triangle.e2, triangle.across);
+}

@@ -1,0 +1,48 @@
+// Emission towards receiver bounds: lights send photons into the cone of directions that has all there is to light.
+
+import package::lib::constants::LIGHT_RECEIVERS_TEXEL;
+import package::lib::light::table::load_light_texel;
+@if(mesh_lights) import package::lib::math::{basis, safe_sqrt};
+@if(mesh_lights) import package::lib::sampling::{sample_cosine, sample_disc};
+
+// The cone of directions from a position to the sphere that bounds all surfaces that receive light.
+struct ReceiverCone {
+    axis: vec3f,
+    // Of the angle between the axis and the rim; 1 where the position is within the bounds, or there are none.
+    squared_sine: f32,
+    // 1 less the cosine of that angle; 2, all directions, there.
+    height: f32,
+}
+
+fn receiver_cone(position: vec3f) -> ReceiverCone {
+    let sphere = bitcast<vec4f>(load_light_texel(LIGHT_RECEIVERS_TEXEL));
+    let offset = sphere.xyz - position;
+    let squared_sine = sphere.w * sphere.w / dot(offset, offset);
+    if sphere.w == 0.0 || !(squared_sine < 1.0) { return ReceiverCone(vec3f(0.0, 0.0, 1.0), 1.0, 2.0); }
+    return ReceiverCone(normalize(offset), squared_sine, squared_sine / (1.0 + sqrt(1.0 - squared_sine)));
+}
+
+@if(mesh_lights)
+struct BoundedDirection {
+    direction: vec3f,
+    // Of the directions about the normal, by the cosine law.
+    share: f32,
+}
+
+// By the cosine law about the normal, and within the cone where that is over the horizon: such directions are the even
+// points of the unit disc under the hemisphere (Nusselt), and its rim is an ellipse there.
+@if(mesh_lights)
+fn sample_bounded_cosine(normal: vec3f, cone: ReceiverCone, u: vec2f) -> BoundedDirection {
+    let cosine = dot(cone.axis, normal);
+    let frame = basis(normal);
+    if cosine <= 0.0 || cosine * cosine <= cone.squared_sine { return BoundedDirection(frame * sample_cosine(u), 1.0); }
+    let along = cone.axis - cosine * normal;
+    let sine = length(along);
+    var radial = frame[0];
+    // Straight above, the ellipse is a circle.
+    if sine > 1e-4 { radial = along / sine; }
+    let p = sqrt(cone.squared_sine) * sample_disc(u);
+    let below = along * (1.0 - cone.height) + radial * (cosine * p.x) + cross(normal, radial) * p.y;
+    let up = safe_sqrt(1.0 - dot(below, below));
+    return BoundedDirection(below + up * normal, cone.squared_sine * cosine);
+}

@@ -1,0 +1,76 @@
+// The table of lights, which src/gpu_scene/lights/ makes, and what every kind of light gives.
+
+@if(texture_loads) import package::lib::table::table_texel;
+import package::lib::constants::{
+    LIGHT_CLOSED_FORM, LIGHT_HEADER, LIGHT_KIND_MASK, LIGHT_KIND_TEXEL, LIGHT_TEXELS,
+};
+
+@if(texture_loads) @group(1) @binding(7) var light_texels: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(1) @binding(7) var<storage, read> light_texels: array<vec4u>;
+
+fn load_light_texel(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(light_texels, table_texel(i)); }
+    @else { return light_texels[i]; }
+}
+
+// Distance to a light that is infinitely far away.
+const FAR_DISTANCE = 3e38;
+
+fn light_count() -> u32 {
+    return load_light_texel(0u).x;
+}
+
+// A texel of a light; `texel` is one of the LIGHT_..._TEXEL.
+fn light_texel(light: u32, texel: u32) -> vec4u {
+    return load_light_texel(LIGHT_HEADER + light * LIGHT_TEXELS + texel);
+}
+
+fn light_texel_f32(light: u32, texel: u32) -> vec4f {
+    return bitcast<vec4f>(light_texel(light, texel));
+}
+
+// Which of LIGHT_MESH, LIGHT_POINT and so on a light is.
+fn light_kind(light: u32) -> u32 {
+    return light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_KIND_MASK;
+}
+
+fn light_has_closed_form(light: u32) -> bool {
+    return (light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_CLOSED_FORM) != 0u;
+}
+
+struct LightSample {
+    // Unit vector from the position to the light.
+    direction: vec3f,
+    distance: f32,
+    // Emitted towards the position; of punctual lights the irradiance across the direction.
+    radiance: vec3f,
+    // By solid angle, 0 where nothing arrives; 1 of punctual lights.
+    pdf: f32,
+    // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
+    normal: vec3f,
+    // There is one direction only: no other way of sampling finds this light.
+    delta: bool,
+}
+
+fn no_light_sample() -> LightSample {
+    return LightSample(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), false);
+}
+
+// Minimum of the cosine at the surface that the potential of a light counts, where any light may arrive: the light is
+// wider than its middle, and normals are rounded. No light that arrives may be left to a chance of nearly nothing.
+const MIN_COSINE = 0.1;
+
+struct EmittedRay {
+    origin: vec3f,
+    // Unit.
+    direction: vec3f,
+    // Geometric normal on the side that the ray leaves; the direction of punctual lights.
+    normal: vec3f,
+    // Primitive index of the emitter triangle, or NO_EMITTER.
+    triangle: u32,
+    // Power over the density of the ray's choice: the mean over rays is the light's power.
+    flux: vec3f,
+}
+
+// The triangle of an emitted ray that starts on none.
+const NO_EMITTER = 0xffffffffu;

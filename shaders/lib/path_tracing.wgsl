@@ -1,0 +1,321 @@
+// Path tracing: next-event estimation, multiple importance sampling and Russian roulette. At each vertex of a path a
+// shadow ray connects to one sampled light. Light that the path itself hits counts too; multiple importance sampling
+// weights both (Veach 1997).
+// In: the first vertex of a path, and the scene. Lengths are in scene units after normalisation.
+// Out: radiance, and the numbers of rays.
+//
+// With the feature `indirect` other passes have done next-event estimation at the first vertex. The path then brings of
+// direct light only what its first ray hits, for the specular part of the BSDF. With `global_map` a path ends at
+// precomputed irradiance (Christensen 1999), once its cone is as wide as the disc of photons of that irradiance. With
+// `caustics` another pass adds what the diffuse part of the visible surface receives from lights by focusing surfaces
+// alone.
+
+import package::lib::bsdf::surface::Surface;
+import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
+@if(transmission) import package::lib::bsdf::bsdf_passes;
+@if(glossy && (global_map || (indirect && (mesh_lights || environment)))) import package::lib::bsdf::bsdf_residual;
+@if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
+@if(caustics) import package::lib::bsdf::focuses;
+import package::lib::bvh::{trace_closest, trace_occluded, traversal_iterations, traversal_overrun};
+@if(global_map) import package::lib::irradiance::irradiance_near;
+import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
+import package::lib::light::table::load_light_texel;
+@if(environment) import package::lib::environment::environment_met;
+@if(environment) import package::lib::light::table::light_count;
+@if(mesh_lights) import package::lib::light::mesh::emitter_of;
+@if(mesh_lights || environment) import package::lib::light::light_probability;
+@if(global_map) import package::lib::math::PI;
+import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::rng::{hash2, hash3, uniform_from_bits};
+import package::lib::sampling::{mis_weight, sobol2};
+import package::lib::surface::{SurfaceHit, surface_at};
+
+// Rays of this invocation so far.
+var<private> shadow_rays: u32;
+var<private> bounce_rays: u32;
+
+// Vertices before Russian roulette may end a path: the first few bounces carry most of the image.
+const FIRST_ROULETTE = 3u;
+
+// Whether the weight of a path of this invocation grew above HEAVY_WEIGHT: surfaces reflect more than they receive, or
+// far more in some directions than paths are sent there. Roulette alone does not lead there.
+const HEAVY_WEIGHT = 8.0;
+var<private> heavy_path: bool;
+
+// Iterations of a search for a direction of the environment, which has at most 1024 x 512 cells.
+@if(environment) const ENVIRONMENT_ITERATIONS = 20u;
+
+// Iterations of all traversals of a path after which it gives up and sets `traversal_overrun`. Software devices count
+// iterations for all lanes of a vector together, and each traversal may have another slowest lane: a quarter of what
+// they allow.
+const PATH_ITERATIONS = 16384u;
+
+// Maximum number of loop iterations at a vertex besides its traversals: binary searches for a light and, twice, for one
+// of the emitter triangles, or for a direction of the environment.
+fn vertex_iterations() -> u32 {
+    let header = load_light_texel(0u);
+    var iterations = 6u + firstLeadingBit(header.x | 1u) + 2u * firstLeadingBit(header.y | 1u);
+    @if(environment) { iterations += ENVIRONMENT_ITERATIONS; }
+    return iterations;
+}
+
+struct PathVertex {
+    position: vec3f,
+    surface: Surface,
+    // The diffuse part is accounted for; what remains is the BSDF less that part.
+    @if(global_map && glossy) residual: bool,
+    // For the random numbers of this vertex.
+    seed: u32,
+    sample_index: u32,
+    // Random numbers that select a lobe and a light.
+    lobe_and_light: vec2f,
+}
+
+struct PathRadiance {
+    direct: vec3f,
+    indirect: vec3f,
+}
+
+// How a path reaches its first vertex.
+struct PathStart {
+    // Bounces before the first vertex.
+    bounce: u32,
+    // Radius there of the cone of directions that the path samples.
+    spread: f32,
+}
+
+// A path at its present vertex.
+struct Path {
+    vertex: PathVertex,
+    // Bounces before the vertex.
+    bounce: u32,
+    throughput: vec3f,
+    // What the path has brought back so far.
+    radiance: PathRadiance,
+    // Whether the path continues from the vertex.
+    goes_on: bool,
+    // Light points that `shade` took of each light, where it did.
+    light_samples: u32,
+    // Radius at the vertex of the cone of directions that the path samples.
+    @if(global_map) spread: f32,
+    // Where photons that reached the vertex are stored, and the normal there.
+    @if(global_map) photon_position: vec3f,
+    @if(global_map) photon_normal: vec3f,
+    // Whether there were only focusing surfaces since the visible point, or since the gather point before the first
+    // vertex. Light then counts by the residual part of that point's BSDF.
+    @if(caustics) specular_chain: bool,
+    @if(caustics) residual_throughput: vec3f,
+}
+
+fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
+    var path: Path;
+    path.vertex = first;
+    path.bounce = start.bounce;
+    path.throughput = vec3f(1.0);
+    path.light_samples = light_samples;
+    @if(global_map) {
+        path.spread = start.spread;
+        path.photon_position = first.position;
+        path.photon_normal = first.surface.geometric_normal;
+    }
+    @if(caustics) {
+        path.specular_chain = start.bounce == 0u || focuses(first.surface);
+        path.residual_throughput = vec3f(f32(start.bounce == 0u));
+    }
+    return path;
+}
+
+// What a path brings back from its first vertex. `light_samples`: light points that `shade` took of each light, where
+// it did.
+fn trace_path(first: PathVertex, start: PathStart, seed: u32, max_bounces: u32, light_samples: u32) -> PathRadiance {
+    var path = begin_path(first, start, light_samples);
+    for (; ; path.bounce++) {
+        traversal_iterations += vertex_iterations();
+        path.vertex.seed = hash2(seed, path.bounce);
+        path.vertex.lobe_and_light = sobol2(path.vertex.sample_index, hash2(path.vertex.seed, 2u));
+        add_sampled_light(&path);
+        let scattered = scatter_path(&path);
+        // Without lights that a ray can hit, the last ray would be for nothing.
+        @if(!mesh_lights && !environment) { path.goes_on &= path.bounce < max_bounces; }
+        if path.goes_on { extend_path(&path, scattered); }
+        traversal_overrun |= traversal_iterations > PATH_ITERATIONS;
+        if traversal_overrun || !path.goes_on || path.bounce >= max_bounces { break; }
+        @if(global_map) { if add_known_irradiance(&path) { break; } }
+    }
+    return path.radiance;
+}
+
+fn add_radiance(path: ptr<function, Path>, arriving: vec3f) {
+    if (*path).bounce == 0u { (*path).radiance.direct += arriving; } else { (*path).radiance.indirect += arriving; }
+}
+
+// The throughput by which light at the vertex counts, and light that the ray from there hits.
+fn light_throughput(path: ptr<function, Path>) -> vec3f {
+    @if(caustics) {
+        let residual = (*path).specular_chain && (*path).bounce > 0u;
+        return select((*path).throughput, (*path).residual_throughput, residual);
+    }
+    @else { return (*path).throughput; }
+}
+
+// The BSDF times the cosine, or what remains of it.
+fn reflection(vertex: PathVertex, direction: vec3f) -> vec3f {
+    @if(global_map && glossy) { if vertex.residual { return bsdf_residual(vertex.surface, direction); } }
+    return bsdf_evaluate(vertex.surface, direction);
+}
+
+// Next-event estimation, where no other pass has done it.
+fn add_sampled_light(path: ptr<function, Path>) {
+    @if(indirect && !transmission) { if (*path).bounce == 0u { return; } }
+    @if(indirect && transmission) {
+        if (*path).bounce == 0u && !any((*path).vertex.surface.transmission.tint > vec3f(0.0)) { return; }
+    }
+    add_radiance(path, light_throughput(path) * light_at((*path).vertex, (*path).bounce));
+}
+
+// The light that the vertex reflects from one sampled light, over the probability of the light.
+fn light_at(vertex: PathVertex, bounce: u32) -> vec3f {
+    let selected = sample_light(vertex.lobe_and_light.y);
+    let lit = light_sample(selected.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
+    if lit.pdf <= 0.0 { return vec3f(0.0); }
+    // `shade` has sampled the lights on the viewer's side.
+    @if(indirect && transmission) {
+        if bounce == 0u && !bsdf_passes(vertex.surface, lit.direction) { return vec3f(0.0); }
+    }
+    let pdf = lit.pdf * selected.probability;
+    var reflected = reflection(vertex, lit.direction) * lit.radiance / pdf;
+    if all(reflected == vec3f(0.0)) { return vec3f(0.0); }
+    let ray = shadow_ray(vertex.position, leaving_normal(vertex.surface, lit.direction), lit);
+    if !lit.delta && !is_beyond(ray.origin, vertex.position, lit) {
+        reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, lit.direction));
+    }
+    shadow_rays++;
+    if trace_occluded(ray, hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
+    return reflected;
+}
+
+// Samples the BSDF for the next ray, and updates the throughput; `goes_on` is false where the BSDF or roulette ends the
+// path.
+fn scatter_path(path: ptr<function, Path>) -> BsdfSample {
+    let vertex = (*path).vertex;
+    let u = sobol2(vertex.sample_index, hash2(vertex.seed, 3u));
+    var scattered = bsdf_sample(vertex.surface, vec3f(u, vertex.lobe_and_light.x));
+    @if(global_map && glossy) {
+        if vertex.residual && scattered.pdf > 0.0 {
+            scattered.weight = bsdf_residual(vertex.surface, scattered.direction) / scattered.pdf;
+        }
+    }
+    (*path).goes_on = scattered.pdf > 0.0 && any(scattered.weight != vec3f(0.0));
+    if (*path).goes_on {
+        (*path).throughput *= scattered.weight;
+        @if(caustics) {
+            var residual = scattered.weight;
+            if (*path).bounce == 0u { residual = bsdf_residual(vertex.surface, scattered.direction) / scattered.pdf; }
+            (*path).residual_throughput *= residual;
+        }
+        if (*path).bounce >= FIRST_ROULETTE { play_roulette(path); }
+    }
+    return scattered;
+}
+
+// Russian roulette by the path's throughput.
+fn play_roulette(path: ptr<function, Path>) {
+    let size = abs((*path).throughput);
+    // The probability of survival is not below the throughput. A lower one would give the few long paths of a scene
+    // that absorbs little weights too large for their number, and the image would miss their light without a sign of
+    // it. (With at most 0.95, a closed room of albedo 0.99 was 17 % too dark.) So paths in white rooms end at the
+    // maximum number of bounces.
+    let survival = min(max(size.x, max(size.y, size.z)), 1.0);
+    let xi = uniform_from_bits(hash3((*path).vertex.seed, 0x726f756cu, (*path).vertex.sample_index));
+    (*path).goes_on = xi < survival;
+    (*path).throughput /= survival;
+    heavy_path |= (*path).goes_on && max(size.x, max(size.y, size.z)) > HEAVY_WEIGHT * survival;
+    @if(caustics) { (*path).residual_throughput /= survival; }
+}
+
+// Traces the scattered ray, adds the light that it hits, and moves to the next vertex.
+fn extend_path(path: ptr<function, Path>, scattered: BsdfSample) {
+    bounce_rays++;
+    let vertex = (*path).vertex;
+    let origin = offset_origin(vertex.position, leaving_normal(vertex.surface, scattered.direction));
+    let ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
+    let hit = trace_closest(ray, hash2(~vertex.seed, vertex.sample_index));
+    if hit.triangle == NO_HIT {
+        (*path).goes_on = false;
+        @if(environment) {
+            let met = environment_met(ray.direction);
+            // The environment is the last light.
+            add_radiance(path, met.xyz * hit_weight(path, scattered, vec3f(1.0), met.w, light_count() - 1u));
+        }
+        return;
+    }
+    let found = surface_at(hit, ray);
+    (*path).goes_on = !found.unlit;
+    @if(transmission) { (*path).throughput *= found.transmittance; }
+    @if(caustics && transmission) { (*path).residual_throughput *= found.transmittance; }
+    @if(mesh_lights) {
+        if (*path).goes_on && any(found.emission > vec3f(0.0)) {
+            add_radiance(path, found.emission * emission_weight(path, scattered, hit, found));
+        }
+    }
+    (*path).vertex.position = found.position;
+    (*path).vertex.surface = found.surface;
+    @if(global_map) {
+        (*path).photon_position = found.triangle_position;
+        (*path).photon_normal = found.triangle_normal;
+        (*path).spread += spread_along(scattered.pdf, hit.t);
+    }
+}
+
+// Adds precomputed irradiance where the path's cone is wide enough; true where nothing remains to be traced.
+@if(global_map)
+fn add_known_irradiance(path: ptr<function, Path>) -> bool {
+    let known = irradiance_near((*path).photon_position, (*path).photon_normal);
+    var wide = (*path).spread >= known.radius;
+    @if(caustics) {
+        let focusing = focuses((*path).vertex.surface);
+        (*path).specular_chain = (*path).specular_chain && focusing;
+        wide = wide && !focusing;
+    }
+    @if(glossy) { (*path).vertex.residual = wide; }
+    if wide {
+        (*path).radiance.indirect += (*path).throughput * bsdf_seen_afar((*path).vertex.surface) * known.value;
+        return !reflects_more((*path).vertex.surface);
+    }
+    return false;
+}
+
+// How much a ray of that density by solid angle widens the path's cone over a distance; no more than a ray of a
+// Lambertian surface does, so that in corners, too, look-ups happen only at some distance.
+@if(global_map)
+fn spread_along(pdf: f32, distance: f32) -> f32 {
+    return distance * min(inverseSqrt(PI * pdf), 1.0);
+}
+
+// The weight of the emission of a surface that the scattered ray hit: throughput and multiple importance sampling.
+@if(mesh_lights)
+fn emission_weight(path: ptr<function, Path>, scattered: BsdfSample, hit: Hit, found: SurfaceHit) -> vec3f {
+    let emitter = emitter_of(hit.triangle, (*path).vertex.position);
+    if emitter.pdf <= 0.0 { return light_throughput(path); }
+    var passing = vec3f(1.0);
+    @if(transmission) { passing = found.transmittance; }
+    return hit_weight(path, scattered, passing, emitter.pdf, emitter.light);
+}
+
+// The weight of light that the scattered ray hit, and which `light_sample` samples with density `pdf` by solid angle.
+// `passing` is the transmittance along the ray; the throughput includes it.
+@if(mesh_lights || environment)
+fn hit_weight(path: ptr<function, Path>, scattered: BsdfSample, passing: vec3f, pdf: f32, light: u32) -> vec3f {
+    @if(indirect) {
+        var shaded = (*path).bounce == 0u;
+        @if(transmission) { shaded = shaded && !bsdf_passes((*path).vertex.surface, scattered.direction); }
+        if shaded {
+            @if(glossy) {
+                let weight = mis_weight(scattered.pdf, f32((*path).light_samples) * pdf) / scattered.pdf;
+                return bsdf_residual((*path).vertex.surface, scattered.direction) * passing * weight;
+            }
+            @if(!glossy) { return vec3f(0.0); }
+        }
+    }
+    return mis_weight(scattered.pdf, pdf * light_probability(light)) * light_throughput(path);
+}

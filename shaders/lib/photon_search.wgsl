@@ -1,0 +1,261 @@
+// The class of a point and a light by the exact search for the nearest k photons (paper, "Extending the photon map").
+// In: position and normal in normalised space, and the distance within which the nearest k are known to be, or 0. Out:
+// class words. Only which kinds occur among the k matters for the class, so no list of k photons is kept.
+
+import package::lib::class_word::class_word;
+import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
+import package::lib::grid::{
+    FAR, GridShape, MAX_REACH, cell_of, counted_distance, load_photon, nearest, point_ball, reach_guess, row_photons,
+    rows_about
+};
+import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight_sixteenths};
+
+// n_i and n_s of boundary points are those of the nearest k, not those of photons about the point.
+override exact_counts: bool;
+
+// Visit budget of a query: photons and rows of cells, as a multiple of k between bounds. A point that needs more is
+// unknown. Where so many photons are not of its surface (foliage), the search costs more than the shadow rays that it
+// could save. Exact counts get as much again, within the same maximum.
+const VISITS_PER_NEAREST = 64u;
+@if(!paper_counting) const MIN_VISITS = 3200u;
+// Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed.
+@if(paper_counting) const MIN_VISITS = 24000u;
+// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait.
+// Queries of the paper's counting are of neighbours, which visit the same rows: each has the budget of one lane.
+@if(texture_loads && !paper_counting) const MAX_VISITS = 8000u;
+@if(!texture_loads || paper_counting) const MAX_VISITS = 48000u;
+
+var<private> visits_left: u32;
+
+fn visit_budget() -> u32 {
+    return clamp(VISITS_PER_NEAREST * nearest, MIN_VISITS, select(MAX_VISITS, MAX_VISITS / 2u, exact_counts));
+}
+
+// Margins for the rounding of cells' borders.
+const REACH_FACTOR = 1.0001;
+const REACH_MARGIN = 1e-3;
+
+// What a search finds within a distance.
+struct Found {
+    // Photons, and illumination photons of them.
+    all: u32,
+    lit: u32,
+    // Sixteenths of hits that the shadow photons represent beyond one each.
+    excess: u32,
+    // Squared distances of the nearest of each kind.
+    nearest_lit: f32,
+    nearest_shadow: f32,
+    // The visit budget was enough.
+    complete: bool,
+}
+
+// n_i / (n_s + n_i) of what a search found.
+fn found_visibility(found: Found) -> f32 {
+    return f32(found.lit) / (f32(found.all) + f32(found.excess) / 16.0);
+}
+
+// Counts the photons within the squared distance `limit`.
+fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
+    var result = Found(0u, 0u, 0u, FAR, FAR, false);
+    let units = (position - grid.origin) * grid.inverse_cell;
+    let ball = point_ball(units, sqrt(limit) * grid.inverse_cell * REACH_FACTOR + REACH_MARGIN, normal);
+    let rows = rows_about(grid, ball);
+    for (var z = rows.y; z <= rows.w; z++) {
+        for (var y = rows.x; y <= rows.z; y++) {
+            let row = row_photons(grid, light, vec2i(y, z), ball);
+            let visits = row.y - row.x + 1u;
+            if visits > visits_left { return result; }
+            visits_left -= visits;
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                let d = counted_distance(photon, position, normal);
+                let shadow = photon_is_shadow(photon.w);
+                result.all += u32(d <= limit);
+                result.lit += u32(d <= limit && !shadow);
+                result.nearest_lit = min(result.nearest_lit, select(d, FAR, shadow));
+                result.nearest_shadow = min(result.nearest_shadow, select(FAR, d, shadow));
+                if photon_has_weight(photon.w) && d <= limit {
+                    result.excess += photon_weight_sixteenths(photon.w) - 16u;
+                }
+            }
+        }
+    }
+    result.complete = true;
+    return result;
+}
+
+// First search of a point whose reach is known: this share of the squared reach, which holds slightly fewer than k.
+const SHORT_SHARE = 0.35;
+
+// The class word of a point. The nearest k, and perhaps more, are within `known_reach` where that is not 0.
+fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, known_reach: f32) -> u32 {
+    visits_left = visit_budget();
+    let farthest = MAX_REACH * grid.cell;
+    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
+    var reach = known_reach;
+    if reach == 0.0 {
+        reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
+    }
+    reach = min(reach, farthest);
+    // Where there surely are k, a few of both kinds nearby are enough to tell a boundary.
+    let short = known_reach > 0.0 && !exact_counts;
+    var limit = reach * reach * select(1.0, SHORT_SHARE, short);
+    var visibility = 0.0;
+    var deciding = false;
+    loop {
+        let found = search(grid, light, position, normal, limit);
+        if !found.complete { return unknown; }
+        if deciding {
+            // Both kinds are among the nearest k where the nearest of the farther kind is.
+            if found.all <= nearest { break; }
+            if found.nearest_lit < found.nearest_shadow { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+            return class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
+        }
+        if short && found.all <= nearest && max(found.nearest_lit, found.nearest_shadow) <= limit {
+            visibility = found_visibility(found);
+            break;
+        }
+        if found.all < nearest {
+            if limit < reach * reach {
+                limit = reach * reach;
+                continue;
+            }
+            if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
+            let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
+            reach = min(reach * clamp(more, 1.25, 2.0), farthest);
+            limit = reach * reach;
+            continue;
+        }
+        if found.nearest_shadow > limit { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+        if found.nearest_lit > limit { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+        visibility = found_visibility(found);
+        limit = max(found.nearest_lit, found.nearest_shadow);
+        deciding = true;
+    }
+    if exact_counts {
+        visits_left += visit_budget();
+        return class_by_counts(grid, light, position, normal, reach);
+    }
+    return boundary_word(visibility);
+}
+
+// The class word of a boundary whose counts are made of its visibility.
+fn boundary_word(visibility: f32) -> u32 {
+    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
+    return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
+}
+
+// Counts of photons within eight marks of squared distance: `floor_` plus eighths of `span`.
+struct Tally {
+    // All photons within marks 0-3 and 4-7, and illumination photons of them.
+    all_a: vec4u,
+    all_b: vec4u,
+    lit_a: vec4u,
+    lit_b: vec4u,
+    // Sixteenths of hits that shadow photons represent beyond one each: within the last mark, within the floor.
+    excess: u32,
+    excess_below: u32,
+    // The visit budget was enough.
+    complete: bool,
+}
+
+fn all_within(found: Tally, mark: u32) -> u32 {
+    return select(found.all_b[mark & 3u], found.all_a[mark & 3u], mark < 4u);
+}
+
+fn lit_within(found: Tally, mark: u32) -> u32 {
+    return select(found.lit_b[mark & 3u], found.lit_a[mark & 3u], mark < 4u);
+}
+
+// The marks of a tally: squared distances.
+struct Marks {
+    floor_: f32,
+    span: f32,
+}
+
+// Visits the photons within `reach` of the point.
+fn tally(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32, marks: Marks) -> Tally {
+    let marks_a = marks.floor_ + marks.span * vec4f(0.125, 0.25, 0.375, 0.5);
+    let marks_b = marks.floor_ + marks.span * vec4f(0.625, 0.75, 0.875, 1.0);
+    var result = Tally(vec4u(0u), vec4u(0u), vec4u(0u), vec4u(0u), 0u, 0u, false);
+    let units = (position - grid.origin) * grid.inverse_cell;
+    let ball = point_ball(units, reach * grid.inverse_cell * REACH_FACTOR + REACH_MARGIN, normal);
+    let rows = rows_about(grid, ball);
+    for (var z = rows.y; z <= rows.w; z++) {
+        for (var y = rows.x; y <= rows.z; y++) {
+            let row = row_photons(grid, light, vec2i(y, z), ball);
+            let visits = row.y - row.x + 1u;
+            if visits > visits_left { return result; }
+            visits_left -= visits;
+            for (var p = row.x; p < row.y; p++) {
+                let photon = load_photon(p);
+                let d = counted_distance(photon, position, normal);
+                let d_lit = select(d, FAR, photon_is_shadow(photon.w));
+                result.all_a += vec4u(vec4f(d) <= marks_a);
+                result.all_b += vec4u(vec4f(d) <= marks_b);
+                result.lit_a += vec4u(vec4f(d_lit) <= marks_a);
+                result.lit_b += vec4u(vec4f(d_lit) <= marks_b);
+                if photon_has_weight(photon.w) && d <= marks_b.w {
+                    let excess = photon_weight_sixteenths(photon.w) - 16u;
+                    result.excess += excess;
+                    result.excess_below += select(0u, excess, d <= marks.floor_);
+                }
+            }
+        }
+    }
+    result.complete = true;
+    return result;
+}
+
+// The class word with the exact n_i and n_s of a point whose nearest k are within `reach`.
+fn class_by_counts(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32) -> u32 {
+    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
+    var marks = Marks(0.0, reach * reach);
+    var found = tally(grid, light, position, normal, reach, marks);
+    if !found.complete { return unknown; }
+
+    // The k-th is between two marks; narrow them until it is alone between them.
+    var all_below = 0u;
+    var lit_below = 0u;
+    for (var pass_ = 0u; ; pass_++) {
+        let below = vec4u(found.all_a < vec4u(nearest)) + vec4u(found.all_b < vec4u(nearest));
+        let mark = below.x + below.y + below.z + below.w;
+        let within = all_within(found, mark);
+        let lit = lit_within(found, mark);
+        if lit == within { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+        if lit == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+        if mark > 0u {
+            all_below = all_within(found, mark - 1u);
+            lit_below = lit_within(found, mark - 1u);
+        }
+        let narrower = marks.span * 0.125;
+        let next_floor = marks.floor_ + narrower * f32(mark);
+        // Distances that no float lies between are ties: illumination photons first, whatever their order.
+        let tied = pass_ > 12u || next_floor + narrower * 0.125 <= next_floor;
+        if within == nearest || tied {
+            var n_i = lit;
+            if within > nearest { n_i = lit_below + min(lit - lit_below, nearest - all_below); }
+            let n_s = nearest - n_i;
+            if n_s == 0u { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
+            if n_i == 0u { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+            var visibility = f32(n_i) / f32(nearest);
+            // Shadow photons may represent several hits each.
+            if found.excess > 0u {
+                let end = next_floor + narrower;
+                let last = Marks(next_floor, end - next_floor);
+                let weighted = tally(grid, light, position, normal, sqrt(end) * 1.0001, last);
+                if !weighted.complete { return unknown; }
+                let shadow_below = all_below - lit_below;
+                let shadow_between = (within - lit) - shadow_below;
+                let taken = f32(n_s - shadow_below) / f32(max(shadow_between, 1u));
+                let excess = f32(weighted.excess_below) + taken * f32(weighted.excess - weighted.excess_below);
+                visibility = f32(n_i) / (f32(nearest) + excess / 16.0);
+            }
+            return class_word(CLASS_BOUNDARY, n_i, n_s, visibility);
+        }
+        marks = Marks(next_floor, narrower);
+        found = tally(grid, light, position, normal, min(sqrt(next_floor + narrower) * 1.0001, reach), marks);
+        if !found.complete { return unknown; }
+    }
+    return unknown;
+}

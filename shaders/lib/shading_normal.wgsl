@@ -1,0 +1,24 @@
+// Shading normals: those of normal maps, and those that face away from the viewer.
+
+@if(normal_maps || coat_normals) import package::lib::attributes::tangent_frame;
+@if(normal_maps || coat_normals) import package::lib::ray::Hit;
+
+// The normal that a normal map's texel stands for. It and `normal` are on the viewer's side, which may be the outer
+// one.
+@if(normal_maps || coat_normals)
+fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool) -> vec3f {
+    let outer = select(-normal, normal, front);
+    let frame = tangent_frame(hit.triangle, hit.u, hit.v, outer);
+    if all(frame[0] == vec3f(0.0)) { return normal; }
+    let local = (texel * 2.0 - 1.0) * vec3f(scale, scale, 1.0);
+    let mapped = normalize(frame * local.xy + max(local.z, 1e-3) * outer);
+    return select(-mapped, mapped, front);
+}
+
+// A shading normal whose half-space does not contain the viewer is bent towards the view as far as needed (Schuessler
+// et al. 2017 discuss the choices).
+fn bent_to(normal: vec3f, view: vec3f) -> vec3f {
+    let behind = dot(normal, view);
+    if behind >= 1e-3 { return normal; }
+    return normalize(normal + (1e-3 - behind) * view);
+}

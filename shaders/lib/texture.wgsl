@@ -1,0 +1,69 @@
+// Textures of materials: image texels by wrap mode and filter (glTF 2.0, 3.8; KHR_texture_transform).
+
+@if(texture_loads) import package::lib::table::table_texel;
+import package::lib::attributes::Uv;
+import package::lib::constants::{
+    TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1, LAYER_TEXELS_LOG2, TABLE_WIDTH_LOG2,
+};
+
+// By texture info: the matrix; offset and flags; first texel of the image, its width and its height.
+@if(texture_loads) @group(1) @binding(4) var texture_infos: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(1) @binding(4) var<storage, read> texture_infos: array<vec4u>;
+@group(1) @binding(5) var colour_texels: texture_2d_array<f32>;
+@group(1) @binding(6) var data_texels: texture_2d_array<f32>;
+
+fn load_texture_info_texel(i: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(texture_infos, table_texel(i)); }
+    @if(!texture_loads) { return texture_infos[i]; }
+}
+
+// A texel coordinate brought into 0 .. size - 1 by the wrap mode: 0 repeat, 1 mirror, 2 clamp.
+fn wrap_texel(coordinate: i32, size: i32, mode: u32) -> u32 {
+    if mode == 2u { return u32(clamp(coordinate, 0, size - 1)); }
+    let period = select(size, 2 * size, mode == 1u);
+    // Not by %, which software devices do lane by lane. Coordinates are from -2 to twice the size and some, so the
+    // quotient is too small for its rounding to reach the half that keeps it off whole numbers.
+    let inside = coordinate - period * i32(floor((f32(coordinate) + 0.5) / f32(period)));
+    return u32(select(inside, period - 1 - inside, inside >= size));
+}
+
+fn load_image_texel(i: u32, srgb: bool) -> vec4f {
+    let width_mask = (1u << TABLE_WIDTH_LOG2) - 1u;
+    let at = vec2u(i & width_mask, (i >> TABLE_WIDTH_LOG2) & width_mask);
+    let layer = i >> LAYER_TEXELS_LOG2;
+    if srgb { return textureLoad(colour_texels, at, layer, 0); }
+    return textureLoad(data_texels, at, layer, 0);
+}
+
+// The texture of info `number` (counted from 1) at a point.
+fn texture_at(number: u32, uv: Uv) -> vec4f {
+    let base = (number - 1u) * TEXTURE_INFO_TEXELS;
+    let m = bitcast<vec4f>(load_texture_info_texel(base));
+    let placement = load_texture_info_texel(base + 1u);
+    let image = load_texture_info_texel(base + 2u);
+    let flags = placement.z;
+    var coordinate = uv.set0;
+    @if(uv1) { if (flags & TEXTURE_UV1) != 0u { coordinate = uv.set1; } }
+    coordinate = m.xy * coordinate.x + m.zw * coordinate.y + bitcast<vec2f>(placement.xy);
+    let size = vec2i(image.yz);
+    let srgb = (flags & TEXTURE_SRGB) != 0u;
+    let wrap = vec2u(flags & 3u, (flags >> 2u) & 3u);
+    // Far outside the image only the position within the tile counts: keep it where integers and floats are exact.
+    let texel = (coordinate - select(vec2f(0.0), 2.0 * floor(0.5 * coordinate), wrap != vec2u(2u))) * vec2f(size);
+    let bounded = clamp(texel, vec2f(-1.0), 2.0 * vec2f(size) + 1.0);
+    if (flags & TEXTURE_NEAREST) != 0u {
+        let at = vec2i(floor(bounded));
+        let row = wrap_texel(at.y, size.y, wrap.y) * image.y;
+        return load_image_texel(image.x + wrap_texel(at.x, size.x, wrap.x) + row, srgb);
+    }
+    let corner = floor(bounded - 0.5);
+    let f = bounded - 0.5 - corner;
+    let at = vec2i(corner);
+    let x0 = wrap_texel(at.x, size.x, wrap.x);
+    let x1 = wrap_texel(at.x + 1, size.x, wrap.x);
+    let y0 = image.x + wrap_texel(at.y, size.y, wrap.y) * image.y;
+    let y1 = image.x + wrap_texel(at.y + 1, size.y, wrap.y) * image.y;
+    let top = mix(load_image_texel(y0 + x0, srgb), load_image_texel(y0 + x1, srgb), f.x);
+    let bottom = mix(load_image_texel(y1 + x0, srgb), load_image_texel(y1 + x1, srgb), f.x);
+    return mix(top, bottom, f.y);
+}

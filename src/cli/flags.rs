@@ -1,0 +1,96 @@
+//! Names of the library's settings in messages, translated to the flags that set them.
+
+use std::borrow::Cow;
+
+/// What the library writes, and the flag. Longer names come before those that they contain.
+const FLAGS: [(&str, &str); 31] = [
+    ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
+    ("`technique`", "--technique"),
+    ("`image.width`", "--width"),
+    ("`image.height`", "--height"),
+    ("`image.spp`", "--spp"),
+    ("`image.seed`", "--seed"),
+    ("`image.aovs`", "--aov"),
+    ("`visibility_map.photons_per_light`", "--photons"),
+    ("`visibility_map.nearest`", "--nearest"),
+    ("`visibility_map.shadow_photons_per_ray`", "--shadow-photons-per-ray"),
+    ("`visibility_map.dilate`", "--dilate"),
+    ("`visibility_map.audit`", "--audit"),
+    ("`visibility_map.paper_counting`", "--paper-counting"),
+    ("`shadow_rays.samples`", "--shadow-samples"),
+    ("`light_sampling.strategy`", "--light-sampling"),
+    ("`light_sampling.sampled_lights`", "--sampled-lights"),
+    ("`indirect.max_bounces`", "--max-bounces"),
+    ("`indirect.photons`", "--flux-photons"),
+    ("`indirect.irradiance_cache.accuracy`", "--accuracy"),
+    ("`indirect.irradiance_cache.gather_rays`", "--gather-rays"),
+    ("`cells.resolution`", "--cells"),
+    ("`cells.rays_per_light`", "--cell-rays"),
+    ("`ward.tolerance`", "--shadow-tolerance"),
+    ("`light_scale`", "--light-scale"),
+    ("`lenient` import", "--lenient"),
+    ("`environment_rotation`", "--environment-rotation"),
+    ("`environment_strength`", "--environment-strength"),
+    ("`budgets`", "--budgets"),
+    ("`sweep`", "--sweep"),
+    ("`reference_error`", "--reference-error"),
+    ("`reference_time`", "--reference-time"),
+];
+
+/// `text` with flags in place of the names of settings.
+pub fn with_flags(text: &str) -> Cow<'_, str> {
+    let mut text = Cow::Borrowed(text);
+    if text.contains('`') {
+        text = Cow::Owned(FLAGS.iter().fold(text.into_owned(), |text, (name, flag)| text.replace(name, flag)));
+    }
+    let remedy = "choose another device";
+    if text.contains(remedy) && !text.contains("--device") {
+        text = Cow::Owned(text.replace(remedy, "choose another device with --device"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use penumbra::settings::LightSampling;
+    use penumbra::{Settings, Technique};
+
+    use super::with_flags;
+
+    #[test]
+    fn every_error_of_settings_names_a_flag() {
+        let new = Settings::builder;
+        let wrong = [
+            (new().size(0, 1), "--width"),
+            (new().size(1, 0), "--height"),
+            (new().spp(0), "--spp"),
+            (new().photons_per_light(0), "--photons"),
+            (new().nearest(0), "--nearest"),
+            (new().shadow_photons_per_ray(0), "--shadow-photons-per-ray"),
+            (new().dilate(2), "--dilate"),
+            (new().audit(2.0), "--audit"),
+            (new().shadow_samples(0), "--shadow-samples"),
+            (new().technique(Technique::PATH).light_sampling(LightSampling::All), "--light-sampling"),
+            (new().sampled_lights(1), "--sampled-lights"),
+            (new().indirect_photons(0), "--flux-photons"),
+            (new().accuracy(0.0), "--accuracy"),
+            (new().gather_rays(0), "--gather-rays"),
+            (new().cells(0), "--cells"),
+            (new().cell_rays(0), "--cell-rays"),
+            (new().ward_tolerance(2.0), "--shadow-tolerance"),
+            (new().light_scale(-1.0), "--light-scale"),
+        ];
+        for (builder, flag) in wrong {
+            let message = builder.build().unwrap_err().to_string();
+            let translated = with_flags(&message);
+            assert!(translated.starts_with(&format!("{flag} ")), "{message}: {translated}");
+        }
+    }
+
+    #[test]
+    fn other_text_stays() {
+        assert_eq!(with_flags("`nearest` of `x`.glb"), "`nearest` of `x`.glb");
+        assert_eq!(with_flags("choose another device"), "choose another device with --device");
+        assert_eq!(with_flags("choose another with --device"), "choose another with --device");
+    }
+}

@@ -1,0 +1,31 @@
+//! The environment as a light.
+
+use std::f64::consts::PI;
+
+use super::layout::{self, Emission, LightInfo, Packed, bits, texels};
+use crate::gpu_scene::bounds::bounding_sphere;
+use crate::scene::Scene;
+
+/// `irradiance` is the radiance of the panorama, mean of the three channels, times solid angle.
+pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
+    let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
+    Packed {
+        texels: texels([
+            (layout::KIND_TEXEL, [layout::ENVIRONMENT, 0, 0, 0]),
+            (layout::DISC_TEXEL, bits(centre, radius)),
+        ]),
+        info: LightInfo {
+            power: irradiance * PI * f64::from(radius).powi(2),
+            received_share: 1.0,
+            // A surface gets about half of what comes across all directions.
+            emission: Emission { strength: irradiance / 2.0, axis: None },
+            closed_form: false,
+            contour_edges: 0,
+            two_sided: false,
+            punctual: false,
+            planar: false,
+            centre,
+            radius: 0.0,
+        },
+    }
+}

@@ -1,0 +1,86 @@
+//! How lights lie in the table of lights, and what the host knows of each.
+
+use glam::Vec3;
+
+pub(crate) use crate::kernels::light_texels::*;
+
+/// The texels of a light. What its sampling needs is added once all lights are known.
+pub(super) type LightTexels = [[u32; 4]; TEXELS as usize];
+
+/// A light as it is packed.
+pub(super) struct Packed {
+    pub texels: LightTexels,
+    pub info: LightInfo,
+}
+
+/// Packs texels by their offsets; the others are zero.
+pub(super) fn texels<const N: usize>(of: [(u32, [u32; 4]); N]) -> LightTexels {
+    let mut texels = [[0; 4]; TEXELS as usize];
+    for (offset, texel) in of {
+        texels[offset as usize] = texel;
+    }
+    texels
+}
+
+pub(super) fn bits(v: Vec3, w: f32) -> [u32; 4] {
+    v.extend(w).to_array().map(f32::to_bits)
+}
+
+/// Mean of the three channels.
+pub(super) fn mean(v: Vec3) -> f64 {
+    v.as_dvec3().element_sum() / 3.0
+}
+
+/// What the host knows of a light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightInfo {
+    /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
+    /// directional light and of the environment: through the disc that covers the scene.
+    pub power: f64,
+    /// The share of that which photons carry: those towards the receiver bounds, where these are known.
+    pub received_share: f64,
+    /// What it sends where, about.
+    pub emission: Emission,
+    /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
+    pub closed_form: bool,
+    /// Edges of its contours; 0 where there is no closed form and of punctual lights.
+    pub contour_edges: usize,
+    /// Both sides emit.
+    pub two_sided: bool,
+    /// A point, spot or directional light: one shadow ray tells all.
+    pub punctual: bool,
+    /// All its emitter triangles lie in one plane and face the same way.
+    pub planar: bool,
+    /// Centre of a sphere around the light; of a directional light around the scene.
+    pub centre: Vec3,
+    /// Radius of that sphere; 0 of point and spot lights, and of the environment.
+    pub radius: f32,
+}
+
+impl LightInfo {
+    /// That of a punctual light.
+    pub(super) fn punctual(power: f64, strength: f64, centre: Vec3, radius: f32) -> LightInfo {
+        LightInfo {
+            power,
+            received_share: 1.0,
+            emission: Emission { strength, axis: None },
+            closed_form: true,
+            contour_edges: 0,
+            two_sided: false,
+            punctual: true,
+            planar: false,
+            centre,
+            radius,
+        }
+    }
+}
+
+/// About what a light sends into a direction, mean of the three channels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Largest radiant intensity, or the mean over all directions where there is no axis; of directional lights and the
+    /// environment irradiance.
+    pub strength: f64,
+    /// The normal of a light that lies in a plane and shines from one side, by the cosine law.
+    pub axis: Option<Vec3>,
+}

@@ -1,0 +1,183 @@
+//! Mesh lights: the triangles of one node and one emissive material.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use super::contour::{Contour, contours};
+use super::emitter::{self, cumulative_views, is_convex, partners};
+use super::layout::{self, EMITTER_TEXELS, Emission, LightInfo, Packed, bits, texels};
+use crate::gpu_scene::bounds::bounding_sphere;
+use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
+use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
+
+/// Triangles of a light that is worth views: of fewer, those that face the other way are all that matters; more would
+/// take more than 4 MB.
+const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
+
+/// What mesh lights have beside their texels in the table of lights.
+#[derive(Default)]
+pub(super) struct MeshTables {
+    /// Emitter triangles, [`EMITTER_TEXELS`] each.
+    pub emitters: Vec<[u32; 4]>,
+    /// Of each emitter triangle its primitive index, its light, and its index among the emitter triangles.
+    pub primitives: Vec<[u32; 4]>,
+    /// Contours and views.
+    pub vertices: Vec<[f32; 4]>,
+}
+
+/// A mesh light while it is packed.
+struct MeshLight<'s> {
+    material: &'s Material,
+    emitters: &'s [EmitterTriangle],
+    triangles: Vec<[Vec3; 3]>,
+    /// Power of each triangle over pi and the number of its sides.
+    powers: Vec<f64>,
+    total: f64,
+}
+
+impl MeshLight<'_> {
+    fn new<'s>(scene: &'s Scene, material: u32, emitters: &'s [EmitterTriangle]) -> MeshLight<'s> {
+        let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
+        let power =
+            |(e, triangle): (&EmitterTriangle, &[Vec3; 3])| area(triangle) * e.radiance.as_dvec3().element_sum() / 3.0;
+        let powers: Vec<f64> = emitters.iter().zip(&triangles).map(power).collect();
+        let total = powers.iter().sum();
+        MeshLight { material: &scene.materials[material as usize], emitters, triangles, powers, total }
+    }
+
+    /// Adds its emitter triangles, and gives the index of the first.
+    fn push_emitters(&self, tables: &mut MeshTables, light: u32) -> u32 {
+        let first = tables.emitters.len() as u32 / EMITTER_TEXELS;
+        // Both sides of a double-sided triangle shine: none faces away.
+        let partners = match self.material.double_sided {
+            true => (0..self.emitters.len() as u32).collect(),
+            false => partners(&self.triangles),
+        };
+        let mut cumulative = 0.0;
+        let mut below = 0f32;
+        for (i, (emitter, triangle)) in self.emitters.iter().zip(&self.triangles).enumerate() {
+            let [a, b, c] = *triangle;
+            cumulative += self.powers[i];
+            // The kernels compare with the rounded numbers: the probabilities are made of them too.
+            let end = if i + 1 == self.emitters.len() { 1.0 } else { (cumulative / self.total) as f32 };
+            let density = f64::from(end - below) / area(triangle);
+            tables.primitives.push([emitter.triangle, light, first + i as u32, 0]);
+            tables.emitters.extend([
+                [a.x.to_bits(), a.y.to_bits(), a.z.to_bits(), emitter.triangle],
+                bits(b, 0.0),
+                bits(c, density as f32),
+                [first + partners[i], (end - below).to_bits(), end.to_bits(), 0],
+            ]);
+            below = end;
+        }
+        first
+    }
+
+    /// Adds its views, where it is worth them.
+    fn push_views(&self, tables: &mut MeshTables, radius: f32) -> bool {
+        let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
+            && VIEWED_TRIANGLES.contains(&self.emitters.len())
+            && is_convex(&self.triangles, f64::from(radius));
+        if viewed {
+            let powers: Vec<f64> = self.powers.iter().map(|power| power / self.total).collect();
+            tables.vertices.extend(cumulative_views(&self.triangles, &powers));
+        }
+        viewed
+    }
+
+    /// The share of its photons that are sent towards the receivers: the mean over its triangles' middles.
+    fn received_share(&self, bounds: ReceiverBounds) -> f64 {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (emitter, [a, b, c]) in self.emitters.iter().zip(&self.triangles) {
+            let across = (*b - *a).as_dvec3().cross((*c - *a).as_dvec3());
+            let power = across.length() * emitter.radiance.as_dvec3().element_sum();
+            let cone = bounds.cone_from((*a + *b + *c) / 3.0);
+            let share = |normal: DVec3| cone.as_ref().map_or(1.0, |cone: &ReceiverCone| cone.share(normal));
+            let normal = across.normalize();
+            let two_sided = self.material.double_sided;
+            sum += power * if two_sided { (share(normal) + share(-normal)) / 2.0 } else { share(normal) };
+            total += power;
+        }
+        if total > 0.0 { sum / total } else { 1.0 }
+    }
+}
+
+fn area([a, b, c]: &[Vec3; 3]) -> f64 {
+    (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
+}
+
+fn push_contours(tables: &mut MeshTables, contours: &[Contour]) {
+    for contour in contours {
+        tables.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
+        // Closed: the kernels need not remember the first vertex.
+        let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
+        tables.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
+    }
+}
+
+/// Packs the mesh light of index `light` in the scene.
+pub(super) fn pack(
+    tables: &mut MeshTables,
+    scene: &Scene,
+    light: u32,
+    (material, emitters): (u32, &[EmitterTriangle]),
+    receivers: Option<ReceiverBounds>,
+) -> Packed {
+    let mesh = MeshLight::new(scene, material, emitters);
+    let material = mesh.material;
+    let (centre, radius) = bounding_sphere(mesh.triangles.iter().flatten().copied());
+    let first = mesh.push_emitters(tables, light);
+    let two_sided = material.double_sided;
+    let whole = material.alpha == AlphaMode::Opaque;
+    let uniform = material.emissive_texture.is_none() && whole;
+    let contours = if uniform { contours(&mesh.triangles, f64::from(radius)) } else { None };
+    let start = tables.vertices.len() as u32;
+    push_contours(tables, contours.as_deref().unwrap_or_default());
+    let views = tables.vertices.len() as u32;
+    let viewed = mesh.push_views(tables, radius);
+    let flag = |flag, on| if on { flag } else { 0 };
+    let kind = layout::MESH
+        | flag(layout::TWO_SIDED, two_sided)
+        | flag(layout::CLOSED_FORM, contours.is_some())
+        | flag(layout::COVERAGE, !whole)
+        | flag(layout::VIEWED, viewed);
+    let sides = if two_sided { 2.0 } else { 1.0 };
+    let normals = contours.iter().flatten().map(|contour| contour.normal);
+    let power = mesh.total * PI * sides;
+    let planar = contours.is_some() && normals.clone().all(|n| normals.clone().all(|m| m == n));
+    let axis = normals.clone().next().filter(|_| planar && !two_sided);
+    Packed {
+        texels: texels([
+            (layout::KIND_TEXEL, [kind, first, emitters.len() as u32, start]),
+            (layout::SPHERE_TEXEL, bits(centre, radius)),
+            (layout::EMISSION_TEXEL, bits(material.emissive, 0.0)),
+            (layout::CONTOUR_TEXEL, [views - start, views, 0, 0]),
+        ]),
+        info: LightInfo {
+            power,
+            received_share: receivers.map_or(1.0, |bounds| mesh.received_share(bounds)),
+            // Along the axis the radiance times the area; without one, the mean over all directions.
+            emission: Emission { strength: axis.map_or(power / (4.0 * PI), |_| mesh.total), axis },
+            closed_form: contours.is_some(),
+            contour_edges: contours.iter().flatten().map(|contour| contour.vertices.len()).sum(),
+            two_sided,
+            punctual: false,
+            planar,
+            centre,
+            radius,
+        },
+    }
+}
+
+/// Whether a light has so many triangles that points sample one by power before they know what it sends to them.
+pub fn has_many_emitters(light: &Light) -> bool {
+    matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > layout::FEW_EMITTERS as usize)
+}
+
+/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any position.
+pub fn is_closed(scene: &Scene, light: &Light) -> bool {
+    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
+    let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
+    emitter::is_closed(&triangles, scene.materials[*material as usize].double_sided)
+}

@@ -1,0 +1,61 @@
+//! How lights lie in the table of lights: the codes and offsets that the host writes and the kernels read.
+
+/// Codes of the kinds of lights, and flags, in the first word of a light's texels.
+pub(crate) const MESH: u32 = 0;
+pub(crate) const POINT: u32 = 1;
+pub(crate) const SPOT: u32 = 2;
+pub(crate) const DIRECTIONAL: u32 = 3;
+pub(crate) const ENVIRONMENT: u32 = 4;
+pub(crate) const KIND_MASK: u32 = 7;
+pub(crate) const TWO_SIDED: u32 = 8;
+pub(crate) const CLOSED_FORM: u32 = 16;
+/// Some of the surface may be missing: its material is an alpha mask or blends.
+pub(crate) const COVERAGE: u32 = 32;
+pub(crate) const VIEWED: u32 = 64;
+
+/// Texels before the first light's: numbers of lights and emitter triangles; the bounds of the receivers.
+pub(crate) const HEADER: u32 = 2;
+pub(crate) const RECEIVERS_TEXEL: u32 = 1;
+/// Texels of a light, and of an emitter triangle.
+pub(crate) const TEXELS: u32 = 6;
+pub(crate) const EMITTER_TEXELS: u32 = 4;
+/// Offset within an emitter triangle's texels, whose first three are its corners: its partner and its probability.
+pub(crate) const EMITTER_SAMPLING_TEXEL: u32 = 3;
+
+/// Offsets within a light's texels: kind, flags and, of a mesh light, where its emitter triangles and contours are.
+pub(crate) const KIND_TEXEL: u32 = 0;
+/// Position and range of a point or spot light.
+pub(crate) const POSITION_TEXEL: u32 = 1;
+/// Bounding sphere of a mesh light.
+pub(crate) const SPHERE_TEXEL: u32 = 1;
+/// Radiance, intensity or irradiance.
+pub(crate) const EMISSION_TEXEL: u32 = 2;
+/// Direction of a spot or directional light, and the cosine of the outer cone angle.
+pub(crate) const AXIS_TEXEL: u32 = 3;
+/// Length of a mesh light's contours, and where its views are.
+pub(crate) const CONTOUR_TEXEL: u32 = 3;
+/// Cosine of a spot light's inner cone angle.
+pub(crate) const CONE_TEXEL: u32 = 4;
+/// Bounding sphere of the scene, of lights that are infinitely far away.
+pub(crate) const DISC_TEXEL: u32 = 4;
+/// Cumulative probability, probability, strength and axis, by which lights are sampled.
+pub(crate) const SAMPLING_TEXEL: u32 = 5;
+
+/// Cells a side of the octahedral map from which a convex light is seen, some 7 degrees wide each. What the points of a
+/// sphere bring then spreads by 8 % about its mean; by 59 % where power alone chooses them.
+pub(crate) const VIEW_SIDE: u32 = 16;
+
+/// Radii of a light from whose middle it is far. Nearer, what its triangles show depends on the position and not on the
+/// direction alone.
+pub(crate) const NEAR_LIGHT: f64 = 2.0;
+
+/// Maximum number of triangles of a light that samples all of them by what they send, wherever it is. A square has two.
+pub(crate) const FEW_EMITTERS: u32 = 4;
+
+/// Maximum number of triangles of a light that samples all of them where it is near: each costs some tenth of a shadow
+/// ray.
+pub(crate) const FEW_NEAR_EMITTERS: u32 = 15;
+
+/// [`Emission::axis`] where there is none, in the table: no normal has this code, as -32768 is no signed 16-bit
+/// fraction.
+pub(crate) const NO_AXIS: u32 = 0x8000_8000;

@@ -1,0 +1,16 @@
+//! The kernels: how they are composed, and what they share with the host beside the layouts of structs.
+//!
+//! `package::lib::constants`, which the kernels import, is generated from these numbers: none is written in both
+//! languages.
+
+mod compose;
+mod constants;
+pub mod grid_shape;
+pub(crate) mod light_texels;
+mod numbers;
+pub(crate) mod scene_texels;
+
+pub use compose::{compose, compose_source, kernel_stems};
+pub use constants::constant;
+pub use grid_shape::GridShape;
+pub use numbers::*;

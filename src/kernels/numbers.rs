@@ -1,0 +1,181 @@
+//! Enumerations, bit layouts, limits and sizes that host and kernels share.
+
+use crate::settings::Settings;
+
+/// What the photons say of a candidate: a point and a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Class {
+    /// The whole light is behind the surface's plane, or emits away from it.
+    Dark = 0,
+    /// The nearest k photons are illumination photons.
+    Lit = 1,
+    /// The nearest k photons are shadow photons.
+    Shadowed = 2,
+    /// There are both among the nearest k.
+    Boundary = 3,
+    /// Fewer than k photons are within the largest search radius, or there are too many to visit.
+    Unknown = 4,
+}
+
+impl Class {
+    /// How many classes there are.
+    pub const COUNT: usize = 5;
+}
+
+/// Bits of a class word: class, illumination photons, shadow photons, visibility. See `shaders/lib/class_word.wgsl`.
+pub mod class_word {
+    /// Bits 0-2: the class.
+    pub const CLASS_MASK: u32 = 7;
+    /// Bits 3-11: illumination photons among the nearest k.
+    pub const ILLUMINATION_SHIFT: u32 = 3;
+    /// Bits 12-20: shadow photons among the nearest k.
+    pub const SHADOW_SHIFT: u32 = 12;
+    /// Largest count of either kind.
+    pub const MAX_COUNT: u32 = 511;
+    /// Bits 21-31: the visibility, in steps of 1 / [`VISIBILITY_STEPS`].
+    pub const VISIBILITY_SHIFT: u32 = 21;
+    /// The word of a visibility of 1.
+    pub const VISIBILITY_STEPS: u32 = 2047;
+}
+
+/// A class word, taken apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Classified {
+    /// The class.
+    pub class: Class,
+    /// Illumination photons among the nearest k.
+    pub n_i: u32,
+    /// Shadow photons among the nearest k.
+    pub n_s: u32,
+    /// n_i over the hits that the k photons represent, in steps of 1/2047.
+    pub visibility: f32,
+}
+
+impl Classified {
+    /// Takes a class word apart.
+    pub fn new(word: u32) -> Classified {
+        use class_word::{CLASS_MASK, ILLUMINATION_SHIFT, MAX_COUNT, SHADOW_SHIFT, VISIBILITY_SHIFT, VISIBILITY_STEPS};
+        let classes = [Class::Dark, Class::Lit, Class::Shadowed, Class::Boundary];
+        let class = classes.get((word & CLASS_MASK) as usize).copied().unwrap_or(Class::Unknown);
+        let count = |shift: u32| (word >> shift) & MAX_COUNT;
+        let visibility = (word >> VISIBILITY_SHIFT) as f32 / VISIBILITY_STEPS as f32;
+        Classified { class, n_i: count(ILLUMINATION_SHIFT), n_s: count(SHADOW_SHIFT), visibility }
+    }
+}
+
+/// A queue of the passes of direct light. The device compacts it; an indirect dispatch consumes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Queue {
+    /// Candidates that no cell class decides. Pass `classify` fills and consumes it.
+    Query = 0,
+    /// Boundary and unknown candidates, for shadow rays.
+    Boundary = 1,
+    /// Lit and shadowed candidates that are audited.
+    Audit = 2,
+    /// Points (not candidates) whose light is sampled. Pass `shade` fills and consumes it.
+    Sampled = 3,
+}
+
+impl Queue {
+    /// How many queues there are.
+    pub const COUNT: usize = 4;
+
+    /// Words of a queue's indirect arguments: three and one unused.
+    pub const ARGUMENT_WORDS: u32 = 4;
+
+    /// Byte offset of the queue's indirect arguments in the buffer `queue_arguments`.
+    pub fn arguments_offset(self) -> u64 {
+        u64::from(self as u32 * Queue::ARGUMENT_WORDS) * size_of::<u32>() as u64
+    }
+}
+
+/// Bits of a photon's word. The visibility map has the light in bits 14-24 and the weight's exponent in bits 25-30; the
+/// global map has flux in bits 14-30. See `shaders/lib/photon.wgsl`.
+pub mod photon_word {
+    /// Bits 0-13: octahedral normal, 7 bits a coordinate.
+    pub const NORMAL_MASK: u32 = 0x3fff;
+    /// Bits 14-24: the light.
+    pub const LIGHT_SHIFT: u32 = 14;
+    /// Bits 25-30: the exponent w of the weight 2^(w/4), the hits that the photon represents.
+    pub const WEIGHT_SHIFT: u32 = 25;
+    /// Largest exponent.
+    pub const MAX_WEIGHT_EXPONENT: u32 = 63;
+    /// Bit 31: a shadow photon.
+    pub const SHADOW: u32 = 0x8000_0000;
+}
+
+/// Maximum number of lights of a photon map: a photon's word has eleven bits for its light.
+pub const MAX_LIGHTS: u32 = 2048;
+
+const _: () = assert!(Settings::MAX_NEAREST <= class_word::MAX_COUNT, "a class word has room for both counts");
+
+/// The largest search radius in cells. With [`grid_shape::PHOTONS_PER_CELL`] it finds k photons where they are 32 times
+/// sparser than on average; points in sparser regions are unknown. Six cells would take two thirds of the time, most of
+/// which goes into searches that find nothing, but leave seven times as many points of the paper's box unknown.
+pub const REACH_CELLS: u32 = 8;
+
+/// Maximum number of lights that a zone lists, a multiple of four; one word each. Audits sample the lights that do not
+/// fit, with more variance. The lists of 64 points share a workgroup's memory: longer ones would not fit every device.
+pub const ZONE_LIGHTS: u32 = 64;
+
+/// Light of a candidate that has none: fewer lights were sampled than there is room for.
+pub const NO_SAMPLED_LIGHT: u32 = u32::MAX;
+
+/// Normal of a point where nothing is to be lit: the ray left the scene, or hit an unlit surface. No normal has this
+/// code, as -32768 is no signed 16-bit fraction.
+pub const INVALID_POINT: u32 = 0x8000_8000;
+
+/// Cells that one invocation of the grid's scan adds up.
+pub const SCAN_SERIAL: u32 = 64;
+
+/// Words of the photon counts before those of the lights: photons stored, and rays that met the loop budget.
+pub const PHOTON_COUNT_HEADER: u32 = 2;
+
+/// Words of a light's photon counts: illumination photons and shadow photons.
+pub const PHOTON_COUNTS_PER_LIGHT: u32 = 2;
+
+/// Steps of a photon's encoded flux to a unit.
+pub const FLUX_STEPS: u32 = 31;
+
+/// Maximum flux of a photon in units; what a photon carries beyond it is lost, and counted.
+pub const MAX_FLUX: u32 = 512;
+
+/// Index of the count of photons stored, the first of the counts of pass `flux`.
+pub const FLUX_STORED: u32 = 0;
+/// Index of the count of rays whose traversal gave up.
+pub const FLUX_OVERRUNS: u32 = 1;
+/// Index of the count of rays traced.
+pub const FLUX_TRACED: u32 = 2;
+/// Index of the count of photons of more than [`MAX_FLUX`].
+pub const FLUX_CLIPPED: u32 = 3;
+/// Index of the count of photons not stored because their flux is not finite.
+pub const FLUX_NOT_FINITE: u32 = 4;
+/// Number of the counts of pass `flux`.
+pub const FLUX_COUNTS: u32 = 5;
+
+/// Texels of the head of an irradiance record.
+pub const RECORD_HEAD_TEXELS: u32 = 2;
+
+/// Texels of a record's values without rotational gradients: for each channel the translational gradient and the
+/// irradiance.
+pub const RECORD_VALUE_TEXELS_FLAT: u32 = 3;
+
+/// Texels of a record's values with rotational gradients.
+pub const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
+
+/// Minimum radius of an irradiance record in pixels: denser records cost more than they improve.
+pub const MIN_RADIUS_PIXELS: u32 = 3;
+
+/// Invocations of a workgroup of pass `gather`, by which the rays to be followed are dispatched.
+pub const GATHER_GROUP: u32 = 64;
+
+/// Invocations of a workgroup of pass `path`, by which a queue of points is dispatched.
+pub const PATH_GROUP: u32 = 64;
+
+/// Vectors of a packed surface for the specular chain that led to it; see `shaders/lib/point.wgsl`.
+pub const CHAIN_VECTORS: u32 = 1;
+
+/// Vectors of a packed surface for the position on the triangle, where that differs from the smooth surface's.
+pub const TRIANGLE_VECTORS: u32 = 1;

@@ -1,0 +1,88 @@
+//! Adaptive shadow testing (Ward 1991): the lights of a point are tested in the order of what they could contribute,
+//! until the sum of what is left is below a tolerance times what was found. The rest is guessed by the share of each
+//! light that was seen so far, times how much more or less than that was seen of the lights tested here.
+//!
+//! Ward tests the parts of a large source one by one. Here the light points of one light stay together: each of them
+//! could contribute about as much as the others, and a rest of one in four is never below the tolerance.
+//!
+//! What was seen so far is that of the tiles before, so that results do not depend on the order of a tile's points.
+
+use crate::Result;
+use crate::passes::Tile;
+use crate::passes::classify::{Chunk, ClassifyBuffers};
+use crate::passes::ward::{BoundWard, Ward, WardBuffers, WardParameters};
+use crate::settings::Settings;
+use kernel_kit::{Frame, Gpu};
+
+use super::direct_light::DirectLight;
+use super::shared::Shared;
+
+pub(crate) struct AdaptiveTesting {
+    buffers: WardBuffers,
+    bound: BoundWard,
+    light_samples: u32,
+    tolerance: f32,
+}
+
+impl AdaptiveTesting {
+    /// Makes room for tiles of `points` points, and binds the pass to the classes of direct light.
+    pub fn new(
+        shared: &Shared<'_>,
+        kernel: &Ward,
+        direct: &DirectLight,
+        points: u32,
+        settings: &Settings,
+    ) -> Result<AdaptiveTesting> {
+        let Shared { gpu, scene, gpu_scene, tile } = *shared;
+        let buffers = WardBuffers::new(gpu, points, scene.lights.len() as u32)?;
+        let bound = kernel.bind(gpu, tile, direct.classify_buffers(), direct.visibility(), &buffers, gpu_scene)?;
+        let (light_samples, tolerance) = (settings.shadow_rays.samples, settings.ward.tolerance);
+        Ok(AdaptiveTesting { buffers, bound, light_samples, tolerance })
+    }
+
+    fn parameters(&self, tile: &Tile, chunk: &Chunk) -> WardParameters {
+        WardParameters {
+            tile: *tile,
+            light_count: chunk.lights,
+            light_samples: self.light_samples,
+            visibility_words: self.light_samples.div_ceil(32),
+            tolerance: self.tolerance,
+            ..WardParameters::default()
+        }
+    }
+
+    /// See [`BoundWard::order`].
+    pub fn order(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.order(frame, &self.parameters(tile, chunk));
+    }
+
+    /// See [`BoundWard::next`].
+    pub fn next(&self, frame: &mut Frame<'_>, classify: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        self.bound.next(frame, classify, &self.parameters(tile, chunk));
+    }
+
+    /// See [`BoundWard::guess`].
+    pub fn guess(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.guess(frame, &self.parameters(tile, chunk));
+    }
+
+    /// See [`BoundWard::learn`].
+    pub fn learn(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound.learn(frame, &self.parameters(tile, chunk));
+    }
+
+    /// What samples have left for later samples: what was seen of each light.
+    pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
+        self.buffers.rates(gpu)
+    }
+
+    /// Puts back what [`AdaptiveTesting::state`] gave; false where it is not of this render.
+    pub fn restore(&self, gpu: &Gpu, words: &[u32]) -> bool {
+        self.buffers.restore(gpu, words)
+    }
+
+    /// Bytes of the buffers of the frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.buffers.bytes()
+    }
+}

@@ -1,0 +1,87 @@
+//! The steps of a technique's first pass: what happens once, before the first sample. A step does nothing where the
+//! specialisation has left its kernels out.
+
+use crate::Result;
+use crate::gpu_scene::CameraUniform;
+use crate::passes::primary::BoundPrimary;
+use crate::settings::Settings;
+use crate::statistics::totals::Totals;
+
+use super::adaptive_testing::AdaptiveTesting;
+use super::cell_visibility::CellVisibility;
+use super::indirect_light::{IndirectLight, IndirectSetup};
+use super::kernels::{DirectKernels, IndirectKernels};
+use super::light_sampler::LightSampler;
+use super::lighting::Lighting;
+use super::shared::Shared;
+use super::visibility_map::VisibilityMap;
+
+/// A first pass under way.
+pub(crate) struct FirstPass<'a> {
+    pub shared: Shared<'a>,
+    pub direct_kernels: DirectKernels,
+    pub indirect_kernels: &'a IndirectKernels,
+    pub primary: &'a BoundPrimary,
+    pub camera: &'a CameraUniform,
+    pub settings: &'a Settings,
+    /// Points of a tile.
+    pub points: u32,
+    pub totals: &'a mut Totals,
+    /// What was made so far.
+    pub lighting: Lighting,
+}
+
+impl FirstPass<'_> {
+    /// Makes the sampler that gives each point a few of many lights. With zones it traces photons of every light, sorts
+    /// them by zone, and lists the lights that reach each zone (passes `photons`, `grid`, `zones`).
+    pub fn make_light_sampler(&mut self) -> Result<()> {
+        if let Some(kernels) = self.direct_kernels.light_sampler.take() {
+            let sampler = LightSampler::new(&self.shared, kernels, self.points, self.settings, self.totals)?;
+            self.lighting.light_sampler = Some(sampler);
+        }
+        Ok(())
+    }
+
+    /// Traces illumination and shadow photons of every light, sorts them into a grid, and classifies its cells (passes
+    /// `photons`, `grid`).
+    pub fn make_visibility_map(&mut self) -> Result<()> {
+        if let Some(kernels) = self.direct_kernels.visibility_map.take() {
+            self.lighting.visibility_map = Some(VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?);
+        }
+        Ok(())
+    }
+
+    /// Makes direct light ready: passes `classify`, `shadow` and `shade`, bound to what the steps before have made.
+    pub fn make_direct_light(&mut self) -> Result<()> {
+        let Some(kernels) = self.direct_kernels.direct_light.take() else { return Ok(()) };
+        self.lighting.make_direct_light(&self.shared, kernels, self.points, self.settings)
+    }
+
+    /// Traces rays from every cell of a grid to every light (pass `cells`). Direct light must be ready.
+    pub fn trace_cell_rays(&mut self) -> Result<()> {
+        if let (Some(kernel), Some(direct)) = (self.direct_kernels.cells.take(), &self.lighting.direct) {
+            let cells = CellVisibility::new(&self.shared, &kernel, direct, self.settings, self.totals)?;
+            self.lighting.cells = Some(cells);
+        }
+        Ok(())
+    }
+
+    /// Makes room for the order of each point's lights (pass `ward`). Direct light must be ready.
+    pub fn make_adaptive_testing(&mut self) -> Result<()> {
+        if let (Some(kernel), Some(direct)) = (self.direct_kernels.ward.take(), &self.lighting.direct) {
+            let testing = AdaptiveTesting::new(&self.shared, &kernel, direct, self.points, self.settings)?;
+            self.lighting.adaptive_testing = Some(testing);
+        }
+        Ok(())
+    }
+
+    /// Traces photons that carry flux into the global map, precomputes irradiance at some of them, and places
+    /// irradiance records all over the view, from coarse to fine, each with a final gather that ends in the map (passes
+    /// `flux`, `grid`, `irradiance`, `cache`, `gather`).
+    pub fn make_indirect_light(&mut self) -> Result<()> {
+        let FirstPass { shared, indirect_kernels: kernels, primary, camera, settings, .. } = *self;
+        let setup = IndirectSetup { shared, kernels, primary, camera, settings };
+        self.lighting.indirect = Some(IndirectLight::new(&setup, self.totals)?);
+        Ok(())
+    }
+}

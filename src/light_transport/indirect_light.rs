@@ -1,0 +1,88 @@
+//! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that
+//! compute no direct light apart these are all light.
+
+use crate::Result;
+use crate::gpu_scene::CameraUniform;
+use crate::passes::Tile;
+use crate::passes::path::{BoundPath, PathParameters};
+use crate::passes::primary::BoundPrimary;
+use crate::settings::Settings;
+use crate::statistics::totals::Totals;
+use kernel_kit::{Bindings, Frame, Resources};
+
+use super::global_map::GlobalMap;
+use super::irradiance_cache::{Filling, IrradianceCache};
+use super::kernels::IndirectKernels;
+use super::shared::Shared;
+
+/// What indirect light is made from.
+pub(crate) struct IndirectSetup<'a> {
+    pub shared: Shared<'a>,
+    pub kernels: &'a IndirectKernels,
+    pub primary: &'a BoundPrimary,
+    pub camera: &'a CameraUniform,
+    pub settings: &'a Settings,
+}
+
+pub(crate) struct IndirectLight {
+    /// Where paths and gathers end; or shown directly.
+    map: Option<GlobalMap>,
+    /// The diffuse part.
+    cache: Option<IrradianceCache>,
+    /// All light, or what map and cache leave.
+    path: Option<BoundPath>,
+}
+
+impl IndirectLight {
+    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache, as far as there are
+    /// kernels.
+    pub fn new(setup: &IndirectSetup<'_>, totals: &mut Totals) -> Result<IndirectLight> {
+        let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
+        let IndirectKernels { global_map, cache, path, features, .. } = kernels;
+        let Shared { gpu, gpu_scene, tile, .. } = shared;
+        totals.indirect_bytes = 0;
+        let paths = path.is_some();
+        let map = global_map.as_ref().map(|map| GlobalMap::new(&shared, map, settings, paths, totals)).transpose()?;
+        let nothing = Resources::new();
+        let scene: [&dyn Bindings; 2] = [gpu_scene, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+        let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
+        let cache = cache.as_ref().map(|kernels| IrradianceCache::new(&filling(kernels), totals)).transpose()?;
+        let mut sets = scene.to_vec();
+        sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
+        let path = path.as_ref().map(|path| path.bind(gpu, tile, &sets)).transpose()?;
+        Ok(IndirectLight { map, cache, path })
+    }
+
+    /// There is a global map, which more photons would refine.
+    pub fn has_map(&self) -> bool {
+        self.map.is_some()
+    }
+
+    /// Shows the global map at the tile's points, where the technique does.
+    pub fn show_map(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        if let Some(map) = &self.map {
+            map.show(frame, tile);
+        }
+    }
+
+    /// Lights the tile's points by irradiance records, and queues those that no record covers, where there is a cache.
+    pub fn interpolate_irradiance(&self, frame: &mut Frame<'_>, tile: &Tile) {
+        if let Some(cache) = &self.cache {
+            cache.interpolate(frame, tile);
+        }
+    }
+
+    /// Traces a path from each point, or from each queued point where there is a cache.
+    pub fn trace_paths(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
+        match (&self.path, &self.cache) {
+            (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
+            (Some(path), None) => path.record(frame, parameters),
+            (None, _) => {}
+        }
+    }
+
+    /// Bytes of the buffers of the frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.cache.as_ref().map_or(0, IrradianceCache::frame_bytes)
+    }
+}

@@ -1,0 +1,107 @@
+//! The kernels of light transport, composed and compiled side by side. What a render does not need is none.
+
+use crate::Result;
+use crate::passes::cells::Cells;
+use crate::passes::path::Path;
+use crate::passes::ward::Ward;
+use crate::settings::Settings;
+use crate::specialisation::Specialisation;
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::Gpu;
+
+use super::caustic_map::CausticKernels;
+use super::direct_light::DirectLightKernels;
+use super::global_map::GlobalMapKernels;
+use super::irradiance_cache::CacheKernels;
+use super::light_sampler::LightSamplerKernels;
+use super::visibility_map::MapKernels;
+
+/// The kernels of direct light as a pass of its own. The first pass takes them.
+#[derive(Default)]
+pub(crate) struct DirectKernels {
+    pub light_sampler: Option<LightSamplerKernels>,
+    pub visibility_map: Option<MapKernels>,
+    pub cells: Option<Cells>,
+    pub ward: Option<Ward>,
+    pub direct_light: Option<DirectLightKernels>,
+}
+
+impl DirectKernels {
+    /// Those that the features say.
+    pub fn new(
+        gpu: &Gpu,
+        features: &Features,
+        constants: &[(&str, f64)],
+        settings: &Settings,
+    ) -> Result<DirectKernels> {
+        if !settings.technique.is_two_pass() {
+            return Ok(DirectKernels::default());
+        }
+        let map = || MapKernels::new(gpu, features, constants, settings);
+        let light_sampler = || LightSamplerKernels::new(gpu, features, constants, settings);
+        let has = |name| features.has(name);
+        let ((direct_light, visibility_map), ((cells, ward), light_sampler)) = rayon::join(
+            || {
+                rayon::join(
+                    || DirectLightKernels::new(gpu, features, constants, settings),
+                    || has(Feature::VisibilityMap).then(map).transpose(),
+                )
+            },
+            || {
+                rayon::join(
+                    || {
+                        let cells = has(Feature::Cells).then(|| Cells::new(gpu, features, constants)).transpose();
+                        (cells, has(Feature::Ward).then(|| Ward::new(gpu, features, constants)).transpose())
+                    },
+                    || has(Feature::LightSampling).then(light_sampler).transpose(),
+                )
+            },
+        );
+        Ok(DirectKernels {
+            light_sampler: light_sampler?,
+            visibility_map: visibility_map?,
+            cells: cells?,
+            ward: ward?,
+            direct_light: Some(direct_light?),
+        })
+    }
+}
+
+/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when photons
+/// and records are made anew.
+pub(crate) struct IndirectKernels {
+    pub global_map: Option<GlobalMapKernels>,
+    pub caustics: Option<CausticKernels>,
+    pub cache: Option<CacheKernels>,
+    pub path: Option<Path>,
+    pub features: Features,
+}
+
+impl IndirectKernels {
+    /// Those that the specialisation says.
+    pub fn new(gpu: &Gpu, specialisation: &Specialisation, constants: &[(&str, f64)]) -> Result<IndirectKernels> {
+        let features = &specialisation.features;
+        let has = |name| features.has(name);
+        let ((map, caustics), (cache, path)) = rayon::join(
+            || {
+                rayon::join(
+                    || has(Feature::GlobalMap).then(|| GlobalMapKernels::new(gpu, features, constants)).transpose(),
+                    || has(Feature::Caustics).then(|| CausticKernels::new(gpu, features, constants)).transpose(),
+                )
+            },
+            || {
+                rayon::join(
+                    || has(Feature::IrradianceCache).then(|| CacheKernels::new(gpu, features, constants)).transpose(),
+                    || specialisation.traces_paths.then(|| Path::new(gpu, features, constants)).transpose(),
+                )
+            },
+        );
+        let (global_map, caustics, cache, path) = (map?, caustics?, cache?, path?);
+        Ok(IndirectKernels { global_map, caustics, cache, path, features: features.clone() })
+    }
+
+    /// Something brings light that is not direct light of a pass of its own.
+    pub fn bring_light(&self) -> bool {
+        self.path.is_some() || self.global_map.is_some()
+    }
+}

@@ -1,0 +1,105 @@
+//! What the first pass of a technique leaves for its second pass.
+
+use crate::Result;
+use crate::settings::Settings;
+use crate::statistics::totals::Totals;
+use kernel_kit::Gpu;
+
+use super::adaptive_testing::AdaptiveTesting;
+use super::caustic_map::CausticMap;
+use super::cell_visibility::CellVisibility;
+use super::direct_light::{DirectLight, DirectLightKernels, Guides};
+use super::indirect_light::IndirectLight;
+use super::light_sampler::LightSampler;
+use super::shared::Shared;
+use super::visibility_map::{MapState, VisibilityMap};
+
+/// The parts that light a tile's points. What a technique or a scene does not need is none.
+#[derive(Default)]
+pub(crate) struct Lighting {
+    /// A few of many lights for each point.
+    pub light_sampler: Option<LightSampler>,
+    pub visibility_map: Option<VisibilityMap>,
+    /// Cells whose rays tell what points see.
+    pub cells: Option<CellVisibility>,
+    pub adaptive_testing: Option<AdaptiveTesting>,
+    /// Direct light, where it is a pass of its own.
+    pub direct: Option<DirectLight>,
+    pub indirect: Option<IndirectLight>,
+    /// The caustic map of the samples under way, where surfaces focus light.
+    pub caustics: Option<CausticMap>,
+}
+
+impl Lighting {
+    fn guides(&self) -> Guides<'_> {
+        Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() }
+    }
+
+    /// Makes direct light from what there is to guide it, for tiles of `points` points.
+    pub fn make_direct_light(
+        &mut self,
+        shared: &Shared<'_>,
+        kernels: DirectLightKernels,
+        points: u32,
+        settings: &Settings,
+    ) -> Result<()> {
+        self.direct = Some(DirectLight::new(shared, kernels, points, settings, self.guides())?);
+        Ok(())
+    }
+
+    fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
+        // Field by field: direct light is borrowed beside it.
+        let guides =
+            Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() };
+        self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
+    }
+
+    /// Adds the photons that audits left to the visibility map and sorts it anew, if that is `due` or there is little
+    /// room for more.
+    pub fn repair_map(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
+        let Some(map) = &mut self.visibility_map else { return Ok(()) };
+        if map.take_repairs(shared.gpu, due, totals)? {
+            unbind(&mut self.direct);
+            map.sort(shared.gpu)?;
+        }
+        self.bind_direct_light(shared)
+    }
+
+    /// What samples have left in the visibility map, or in adaptive shadow testing.
+    pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
+        match (&self.visibility_map, &self.adaptive_testing) {
+            (Some(map), _) => map.state(gpu),
+            (None, Some(testing)) => Ok(MapState { rest: testing.state(gpu)?, ..MapState::default() }),
+            (None, None) => Ok(MapState::default()),
+        }
+    }
+
+    /// Puts back what samples had left, where nothing was left yet; false where it is not of this render.
+    pub fn restore(&mut self, shared: &Shared<'_>, state: &MapState, totals: &mut Totals) -> Result<bool> {
+        let fits = match (&mut self.visibility_map, &self.adaptive_testing) {
+            (Some(map), _) => {
+                unbind(&mut self.direct);
+                map.restore(shared.gpu, state, totals)?
+            }
+            (None, Some(testing)) => testing.restore(shared.gpu, &state.rest),
+            (None, None) => state.rest.is_empty(),
+        };
+        self.bind_direct_light(shared)?;
+        Ok(fits)
+    }
+
+    /// Bytes of the buffers of the frame.
+    pub fn frame_bytes(&self) -> u64 {
+        self.direct.as_ref().map_or(0, DirectLight::frame_bytes)
+            + self.adaptive_testing.as_ref().map_or(0, AdaptiveTesting::frame_bytes)
+            + self.light_sampler.as_ref().map_or(0, LightSampler::frame_bytes)
+            + self.indirect.as_ref().map_or(0, IndirectLight::frame_bytes)
+    }
+}
+
+/// Direct light must let go of the map's tables before they are made anew.
+fn unbind(direct: &mut Option<DirectLight>) {
+    if let Some(direct) = direct {
+        direct.unbind();
+    }
+}

@@ -1,0 +1,197 @@
+//! The steps of a technique's second pass: one frame, which adds one sample or some to every pixel of a tile. A step
+//! records its dispatches; it does nothing where the first pass did not make its part.
+
+use crate::passes::Tile;
+use crate::passes::classify::Chunk;
+use crate::passes::film::Plane;
+use crate::passes::path::PathParameters;
+use crate::passes::primary::BoundPrimary;
+use crate::settings::Settings;
+use kernel_kit::Frame;
+
+use super::adaptive_testing::AdaptiveTesting;
+use super::direct_light::DirectLight;
+use super::lighting::Lighting;
+
+/// A second pass under way.
+pub(crate) struct SecondPass<'a, 'g> {
+    pub frame: &'a mut Frame<'g>,
+    pub tile: &'a Tile,
+    pub primary: &'a BoundPrimary,
+    pub lighting: &'a Lighting,
+    pub settings: &'a Settings,
+    /// The film's planes for the tile.
+    pub planes: Vec<&'a Plane>,
+    /// The films of the lights' classes, where they are asked for.
+    pub class_films: &'a [Plane],
+}
+
+impl SecondPass<'_, '_> {
+    /// Traces a camera ray for each sample, on over mirrors and through clear glass; the points that it leaves are to
+    /// be lit (pass `primary`).
+    pub fn trace_camera_rays(&mut self) {
+        self.primary.record(self.frame, self.tile);
+    }
+
+    /// Samples a few of many lights for each point (pass `sample_lights`).
+    pub fn sample_lights(&mut self) {
+        if let Some(sampler) = &self.lighting.light_sampler {
+            sampler.sample(self.frame, self.tile);
+        }
+    }
+
+    /// The lights that points consider, as many at a time as buffers have room for.
+    pub fn light_chunks(&self) -> impl Iterator<Item = Chunk> + use<> {
+        self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
+    }
+
+    /// Gives each point the class of its cell for each light, where photons have decided that; without a visibility map
+    /// every point that does not face away from the light is unknown (pass `classify`).
+    pub fn classify(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
+    }
+
+    /// Requests classes for the cells of the points that are left (pass `classify`).
+    pub fn request_cells(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.request_cells(frame, tile, lights));
+    }
+
+    /// Classifies the cells that were requested for the first time (pass `grid`).
+    pub fn classify_requested_cells(&mut self) {
+        self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
+    }
+
+    /// Classifies the points that are left: by the requested cells, or by the k photons nearest to each (pass
+    /// `classify`).
+    pub fn query_photons(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.query(frame, tile, lights));
+    }
+
+    /// Makes boundaries of the pixels next to boundaries (pass `classify`).
+    pub fn dilate_boundaries(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.dilate(frame, tile, lights));
+    }
+
+    /// Counts the classes, and queues boundary and unknown points for shadow rays and some of the others for audits
+    /// (pass `classify`).
+    pub fn queue_shadow_rays(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.compact(frame, tile, lights));
+    }
+
+    /// Traces the queued shadow rays (pass `shadow`).
+    pub fn trace_shadow_rays(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.trace_shadow_rays(frame, tile, lights));
+    }
+
+    /// Traces the queued audits; those that contradict a class leave photons to repair the map (pass `shadow`).
+    pub fn audit(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.audit(frame, tile, lights));
+    }
+
+    /// Adds the lights' direct light to each point by its class (pass `shade`).
+    pub fn shade(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.shade(frame, tile, lights));
+    }
+
+    /// Adds the classes to their films (pass `film`), where the AOV `shadow` is asked for.
+    pub fn add_classes_to_film(&mut self, lights: &Chunk) {
+        let films = self.class_films;
+        self.direct(|direct, frame, tile| direct.add_classes_to_film(frame, tile, lights, films));
+    }
+
+    /// Gives each point the class of its cell for each light (pass `cells`). The queues are empty then.
+    pub fn look_up_cells(&mut self, lights: &Chunk) {
+        if let Some(cells) = &self.lighting.cells {
+            cells.classify(self.frame, self.tile, lights);
+        }
+        self.direct(|direct, frame, _| direct.clear_queues(frame));
+    }
+
+    /// Sorts the lights of each point by what they could contribute (pass `ward`).
+    pub fn order_lights(&mut self, lights: &Chunk) {
+        self.testing(|testing, _, frame, tile| testing.order(frame, tile, lights));
+    }
+
+    /// Queues the next light of each point whose untested lights could still matter (pass `ward`).
+    pub fn queue_next_light(&mut self, lights: &Chunk) {
+        self.testing(|testing, direct, frame, tile| testing.next(frame, direct.classify_buffers(), tile, lights));
+    }
+
+    /// Traces the shadow rays of the queued lights (pass `shadow`).
+    pub fn test_queued_lights(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.trace_filled_queue(frame, tile, lights));
+    }
+
+    /// Guesses the visibility of the lights that were not tested (pass `ward`).
+    pub fn guess_untested_lights(&mut self, lights: &Chunk) {
+        self.testing(|testing, _, frame, tile| testing.guess(frame, tile, lights));
+    }
+
+    /// Adds what was seen of each light to what later guesses are made of (pass `ward`). The queues are empty then.
+    pub fn learn_visibility(&mut self, lights: &Chunk) {
+        self.testing(|testing, direct, frame, tile| {
+            testing.learn(frame, tile, lights);
+            direct.clear_queues(frame);
+        });
+    }
+
+    /// Shows the global map at each point: density estimation (pass `irradiance`).
+    pub fn show_global_map(&mut self) {
+        if let Some(indirect) = &self.lighting.indirect {
+            indirect.show_map(self.frame, self.tile);
+        }
+    }
+
+    /// Lights each point by the irradiance records about it, and queues those that none covers (pass `cache`).
+    pub fn interpolate_irradiance(&mut self) {
+        if let Some(indirect) = &self.lighting.indirect {
+            indirect.interpolate_irradiance(self.frame, self.tile);
+        }
+    }
+
+    /// Traces paths: where records are, from glossy points and those that no record covers; else from every point (pass
+    /// `path`).
+    pub fn trace_paths(&mut self) {
+        let (max_bounces, light_samples) = (self.settings.indirect.max_bounces, self.settings.shadow_rays.samples);
+        let parameters = PathParameters { tile: *self.tile, max_bounces, light_samples };
+        if let Some(indirect) = &self.lighting.indirect {
+            indirect.trace_paths(self.frame, &parameters);
+        }
+    }
+
+    /// Shows the caustic map at each point (pass `irradiance`).
+    pub fn show_caustics(&mut self) {
+        if let Some(caustics) = &self.lighting.caustics {
+            caustics.show(self.frame, self.tile);
+        }
+    }
+
+    /// Adds the samples to the film's sums (pass `film`).
+    pub fn add_to_film(&mut self) {
+        for plane in &self.planes {
+            plane.record(self.frame, self.tile);
+        }
+    }
+
+    /// Adaptive shadow testing has something to order: there are several lights. With one it is `two-pass`.
+    pub fn has_adaptive_testing(&self) -> bool {
+        self.lighting.adaptive_testing.is_some()
+    }
+
+    /// There are cells with classes: there is something to be lit.
+    pub fn has_cells(&self) -> bool {
+        self.lighting.cells.is_some()
+    }
+
+    fn direct(&mut self, step: impl FnOnce(&DirectLight, &mut Frame<'_>, &Tile)) {
+        if let Some(direct) = &self.lighting.direct {
+            step(direct, self.frame, self.tile);
+        }
+    }
+
+    fn testing(&mut self, step: impl FnOnce(&AdaptiveTesting, &DirectLight, &mut Frame<'_>, &Tile)) {
+        if let (Some(testing), Some(direct)) = (&self.lighting.adaptive_testing, &self.lighting.direct) {
+            step(testing, direct, self.frame, self.tile);
+        }
+    }
+}

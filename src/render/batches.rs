@@ -1,0 +1,124 @@
+//! Adding samples, batch by batch.
+
+use crate::specialisation::features::Feature;
+use std::time::Instant;
+
+use crate::Result;
+use crate::light_transport::second_pass::SecondPass;
+use crate::light_transport::shared::Shared;
+use crate::statistics::Counter;
+use crate::techniques::implementation;
+
+use super::renderer::Renderer;
+
+/// How far a render is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Samples a pixel so far.
+    pub samples: u32,
+    /// Rays of all types so far.
+    pub rays: u64,
+    /// Boundary and unknown points over all points so far.
+    pub boundary_share: f64,
+}
+
+impl Renderer<'_> {
+    /// Renders some more samples of every pixel, at least one; not more than the settings' number where that is not
+    /// reached yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Computation`] where more than a thousandth of the rays met the loop budget, and those of
+    /// [`kernel_kit::Gpu::check`].
+    pub fn render_batch(&mut self) -> Result<Progress> {
+        self.render_at_most(u32::MAX)
+    }
+
+    /// As [`Renderer::render_batch`], with no more than `limit` samples a pixel, at least one: for callers with little
+    /// time.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_batch`].
+    pub fn render_at_most(&mut self, limit: u32) -> Result<Progress> {
+        self.refine()?;
+        let start = Instant::now();
+        let layers = self.layers_of_batch(limit);
+        if self.batches == 1 {
+            self.end_pilot()?;
+        }
+        if self.batches > 0 {
+            self.repair_map()?;
+        }
+        self.trace_caustics()?;
+        self.batches += 1;
+        for tile in 0..self.tiles.len() {
+            self.render_tile(tile, layers)?;
+        }
+        self.samples += layers;
+        self.count_procedural_misses()?;
+        self.totals.check()?;
+        self.keep()?;
+        self.totals.time_render += start.elapsed().as_secs_f64();
+        let points = self.totals.points();
+        Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
+    }
+
+    /// Samples a pixel of the next batch.
+    fn layers_of_batch(&self, limit: u32) -> u32 {
+        let most = self.tile_size.layers.min(limit.max(1));
+        let missing = self.settings.image.spp.saturating_sub(self.samples);
+        // The first sample of each pixel is the pilot.
+        match self.batches == 0 && self.specialisation.features.has(Feature::VisibilityMap) {
+            true => 1,
+            false if missing > 0 => most.min(missing),
+            false => most,
+        }
+    }
+
+    /// Repairs the visibility map after the second batch, the fourth, the eighth, ...: what audits find is found early,
+    /// and sorting the map anew then costs little of a long render. After the pilot it would cost a short render more
+    /// than the few photons are worth that one sample a pixel finds.
+    fn repair_map(&mut self) -> Result<()> {
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        let due = self.batches > 1 && self.batches.is_power_of_two();
+        self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
+    }
+
+    /// Runs the technique's second pass for `layers` samples of each pixel of a tile.
+    fn render_tile(&mut self, index: usize, layers: u32) -> Result<()> {
+        let film = &self.tiles[index];
+        let tile = film.tile(&self.settings, self.samples, layers);
+        let mut frame = self.gpu.frame("sample");
+        frame.clear(&self.buffers.counters);
+        let mut second_pass = SecondPass {
+            frame: &mut frame,
+            tile: &tile,
+            primary: &self.primary,
+            lighting: &self.lighting,
+            settings: &self.settings,
+            planes: film.planes().collect(),
+            class_films: &film.classes,
+        };
+        (implementation(self.settings.technique).second_pass)(&mut second_pass);
+        frame.submit()?;
+        let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
+        self.totals.add(&counters, u64::from(tile.point_count));
+        if self.specialisation.features.has(Feature::VisibilityMap) {
+            self.totals.add_mapped(&counters);
+        }
+        Ok(())
+    }
+
+    /// Adds what the kernels have counted of procedural objects since the last batch.
+    fn count_procedural_misses(&mut self) -> Result<()> {
+        if !self.specialisation.features.has(Feature::Procedurals) {
+            return Ok(());
+        }
+        let misses = &self.gpu_scene.procedural_misses;
+        let counters = [Counter::ProceduralOverruns, Counter::ProceduralInvalid];
+        for (counter, more) in counters.into_iter().zip(self.gpu.read::<u32>(misses, 2)?) {
+            self.totals.count(counter, more.into());
+        }
+        self.gpu.write(misses, &[0u32; 2]);
+        Ok(())
+    }
+}

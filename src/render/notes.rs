@@ -1,0 +1,29 @@
+//! Remarks on a render, known before its first sample.
+
+use crate::gpu_scene::GpuScene;
+use crate::scene::Scene;
+use crate::settings::Settings;
+use crate::statistics::Indirect;
+
+/// The remarks, a line each.
+pub(super) fn notes(scene: &Scene, settings: &Settings, indirect: &Indirect, gpu_scene: &GpuScene) -> Vec<String> {
+    let mut notes = Vec::new();
+    let environment = gpu_scene.lights.environment.as_ref();
+    if let Some([width, height]) = environment.and_then(|environment| environment.reduced) {
+        notes.push(format!("the panorama is reduced to {width} x {height} texels: the device has no room for more"));
+    }
+    if scene.is_empty() {
+        let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
+        notes.push(format!("the scene has no triangles: the image {shown}"));
+    }
+    let wanted = u64::from(settings.indirect.photons);
+    // Rounding by light takes a few rays; less than half are left only where the device has no room.
+    if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
+        let emitted = indirect.emitted;
+        notes.push(format!("the photons of {emitted} rays fill the device's largest buffer: not {wanted} carry flux"));
+    }
+    if indirect.cut > 0 {
+        notes.push(format!("{} photons carry more flux than they can hold: indirect light is too dark", indirect.cut));
+    }
+    notes
+}

@@ -1,0 +1,195 @@
+//! [`Renderer`]: a render under way, and its preparation.
+
+use kernel_kit::Gpu;
+use std::time::Instant;
+
+use crate::Result;
+use crate::bvh::Bvh;
+use crate::gpu_scene::{CameraUniform, GpuScene};
+use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
+use crate::light_transport::lighting::Lighting;
+use crate::light_transport::shared::Shared;
+use crate::passes::TileBuffers;
+use crate::passes::film::{Film, Plane};
+use crate::passes::primary::{BoundPrimary, Primary};
+use crate::scene::{Camera, Scene};
+use crate::settings::Settings;
+use crate::specialisation::Specialisation;
+use crate::statistics::totals::Totals;
+use crate::techniques::implementation;
+
+use super::keeping::Keeping;
+use super::notes::notes;
+use super::tiles::{TileFilm, TileSize};
+
+/// A render under way.
+pub struct Renderer<'g> {
+    pub(super) gpu: &'g Gpu,
+    pub(super) scene: Scene,
+    pub(super) camera: Camera,
+    pub(super) settings: Settings,
+    pub(super) specialisation: Specialisation,
+    pub(super) notes: Vec<String>,
+    pub(super) gpu_scene: GpuScene,
+    pub(super) primary: BoundPrimary,
+    /// What the technique's first pass has made.
+    pub(super) lighting: Lighting,
+    /// For photons and records that are made anew.
+    pub(super) indirect_kernels: IndirectKernels,
+    /// How often photons and gather rays have been multiplied; see `refinement.rs`.
+    pub(super) stage: u32,
+    pub(super) buffers: TileBuffers,
+    pub(super) tiles: Vec<TileFilm>,
+    pub(super) tile_size: TileSize,
+    pub(super) samples: u32,
+    /// Calls of [`Renderer::render_batch`] so far.
+    pub(super) batches: u32,
+    pub(super) totals: Totals,
+    /// What is kept of the render should the device be lost; none where the caller does not want that.
+    pub(super) keeping: Option<Keeping>,
+}
+
+impl<'g> Renderer<'g> {
+    /// Makes everything ready for the first sample: hierarchy, kernels, the scene on the device, and the technique's
+    /// first pass.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] for settings out of range, [`crate::Error::Buffer`] for what the device cannot hold, and
+    /// those of [`Gpu::check`].
+    pub fn new(gpu: &'g Gpu, mut scene: Scene, camera: &Camera, settings: &Settings) -> Result<Renderer<'g>> {
+        settings.check()?;
+        let mut totals = Totals::default();
+        scene.scale_lights(settings.light_scale);
+        let bvh = build_hierarchy(&mut scene, &mut totals)?;
+        let mut specialisation = Specialisation::new(&scene, settings);
+        specialisation.of_hierarchy(&bvh);
+        specialisation.of_device(gpu);
+        let size = [settings.image.width, settings.image.height];
+        let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
+        totals.scene_bytes = gpu_scene.bytes;
+        specialisation.of_closed_forms(gpu_scene.lights.lights.iter().all(|light| light.closed_form));
+
+        let start = Instant::now();
+        let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;
+        gpu.compile_ahead(&gpu_scene)?;
+        totals.time_compile = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let features = &specialisation.features;
+        let tile_size = TileSize::new(features, scene.lights.len(), settings);
+        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
+        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
+        let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
+        let mut first_pass = FirstPass {
+            shared: Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers },
+            direct_kernels: direct,
+            indirect_kernels: &indirect_kernels,
+            primary: &primary,
+            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
+            settings,
+            points: tile_size.points,
+            totals: &mut totals,
+            lighting: Lighting::default(),
+        };
+        (implementation(settings.technique).first_pass)(&mut first_pass)?;
+        let lighting = first_pass.lighting;
+        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
+        gpu.wait("preparation")?;
+        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.frame_bytes += lighting.frame_bytes();
+        totals.time_render = start.elapsed().as_secs_f64();
+
+        Ok(Renderer {
+            notes: notes(&scene, settings, &totals.indirect, &gpu_scene),
+            gpu,
+            scene,
+            camera: camera.clone(),
+            settings: settings.clone(),
+            specialisation,
+            gpu_scene,
+            primary,
+            lighting,
+            indirect_kernels,
+            stage: 0,
+            buffers,
+            tiles,
+            tile_size,
+            samples: 0,
+            batches: 0,
+            totals,
+            keeping: None,
+        })
+    }
+
+    /// All planes of the film, in an order that the scene and the settings decide.
+    pub(super) fn planes(&self) -> impl Iterator<Item = &Plane> {
+        self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
+    }
+
+    /// Samples a pixel so far.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// The settings, as they were given.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The device that it runs on.
+    pub fn gpu(&self) -> &'g Gpu {
+        self.gpu
+    }
+
+    /// What was kept and left out.
+    pub fn specialisation(&self) -> &Specialisation {
+        &self.specialisation
+    }
+
+    /// Remarks on the render, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
+
+/// Builds the hierarchy and puts the scene's triangles in its order.
+fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
+    let start = Instant::now();
+    let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
+    let bvh = Bvh::build(&positions)?;
+    drop(positions);
+    scene.reorder_triangles(&bvh.order);
+    totals.bvh_depth = bvh.depth;
+    totals.time_bvh = start.elapsed().as_secs_f64();
+    Ok(bvh)
+}
+
+/// The kernels of a render.
+struct Kernels {
+    primary: Primary,
+    film: Film,
+    direct: DirectKernels,
+    indirect: IndirectKernels,
+}
+
+impl Kernels {
+    fn new(
+        gpu: &Gpu,
+        specialisation: &Specialisation,
+        constants: &[(&str, f64)],
+        settings: &Settings,
+    ) -> Result<Kernels> {
+        let features = &specialisation.features;
+        let ((direct, primary), (film, indirect)) = rayon::join(
+            || {
+                rayon::join(
+                    || DirectKernels::new(gpu, features, constants, settings),
+                    || Primary::new(gpu, features, constants),
+                )
+            },
+            || rayon::join(|| Film::new(gpu, features), || IndirectKernels::new(gpu, specialisation, constants)),
+        );
+        Ok(Kernels { primary: primary?, film: film?, direct: direct?, indirect: indirect? })
+    }
+}

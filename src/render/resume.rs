@@ -1,0 +1,108 @@
+//! Renders that go on from a checkpoint, in another process or on another device, bit for bit as if they had never
+//! stopped.
+
+use crate::specialisation::features::Feature;
+use std::path::Path;
+
+use crate::light_transport::shared::Shared;
+use crate::light_transport::visibility_map::MapState;
+use crate::{Error, Result};
+
+use super::checkpoint::{Checkpoint, Header};
+use super::renderer::Renderer;
+
+impl Renderer<'_> {
+    /// What samples have left so far.
+    ///
+    /// # Errors
+    /// Those of [`kernel_kit::Gpu::read`].
+    pub fn checkpoint(&self) -> Result<Checkpoint> {
+        Ok(self.unsigned_checkpoint()?.signed(self.fingerprint()))
+    }
+
+    /// Writes what [`Renderer::resume`] needs. The old file stays until the new one is whole.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::checkpoint`] and [`Checkpoint::write`].
+    pub fn save_checkpoint(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.checkpoint()?.write(path)
+    }
+
+    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without its fingerprint, which takes
+    /// longer than all the rest.
+    pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
+        let mut words = Vec::new();
+        for plane in self.planes() {
+            words.extend(plane.state(self.gpu)?);
+        }
+        let map = self.lighting.map_state(self.gpu)?;
+        words.extend(map.words());
+        let left_out = self.specialisation.left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
+        let header = Header {
+            version: Header::version(),
+            fingerprint: String::new(),
+            samples: self.samples,
+            batches: self.batches,
+            totals: self.totals.clone(),
+            map_left_out: left_out.map(|item| item.reason.clone()),
+            added: map.added.len(),
+            left: map.left,
+        };
+        Ok(Checkpoint { header, words, file: None })
+    }
+
+    /// As [`Renderer::resume_from`], with a file.
+    ///
+    /// # Errors
+    /// Those of [`Checkpoint::read`] and [`Renderer::resume_from`].
+    pub fn resume(&mut self, path: impl AsRef<Path>) -> Result<()> {
+        self.resume_from(&Checkpoint::read(path)?)
+    }
+
+    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. Call it before
+    /// the first sample.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the checkpoint is of another scene, camera, or other settings, the seed and the number of
+    /// samples among them.
+    pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
+        let Checkpoint { header, words, file } = from;
+        let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
+        let damaged = || refuse("is damaged");
+        let unsigned = file.is_none() && header.fingerprint.is_empty();
+        if !unsigned && header.fingerprint != self.fingerprint() {
+            return Err(refuse(
+                "is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` or the size",
+            ));
+        }
+        // Counts are by light; and a render that has all of its samples takes no more.
+        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
+            return Err(damaged());
+        }
+        let left_out = header.map_left_out.as_ref();
+        if let Some(reason) = left_out.filter(|_| self.specialisation.features.has(Feature::VisibilityMap)) {
+            self.leave_map_out(reason)?;
+        }
+        let mut rest = words.as_slice();
+        for plane in self.planes() {
+            let (state, others) = rest.split_at_checked(plane.state_words()).ok_or_else(damaged)?;
+            plane.restore(self.gpu, state);
+            rest = others;
+        }
+        let map = MapState::from_words(rest, header.added, header.left).ok_or_else(damaged)?;
+        let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
+            return Err(damaged());
+        }
+        self.refine_for(header.samples)?;
+        self.samples = header.samples;
+        self.batches = header.batches;
+        self.totals = header.totals.clone().after(&self.totals);
+        Ok(())
+    }
+
+    /// Of scene, camera, settings and version.
+    pub(super) fn fingerprint(&self) -> String {
+        self.scene.fingerprint(&(&self.camera, &self.settings))
+    }
+}

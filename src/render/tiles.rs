@@ -1,0 +1,120 @@
+//! Tiles: whole rows of the image, several samples of each pixel at once, with a film each.
+
+use crate::Result;
+use crate::light_transport::direct_light::{DirectLight, max_points};
+use crate::light_transport::shared::TILE_SAMPLES;
+use crate::passes::film::{Film, Plane};
+use crate::passes::{Tile, TileBuffers};
+use crate::settings::{Aov, Settings};
+use crate::specialisation::features::Features;
+use kernel_kit::{Buffer, Gpu};
+
+/// Maximum number of points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
+const TILE_POINTS: u32 = 1 << 19;
+
+/// The size of a tile.
+#[derive(Clone, Copy)]
+pub(super) struct TileSize {
+    pub rows: u32,
+    /// Maximum number of samples of a pixel.
+    pub layers: u32,
+    /// Maximum number of points.
+    pub points: u32,
+}
+
+impl TileSize {
+    /// As many rows, and then samples, as have room; `lights` is the number of the scene's lights.
+    pub fn new(features: &Features, lights: usize, settings: &Settings) -> TileSize {
+        let most = TILE_POINTS.min(max_points(features, lights, settings));
+        let rows = (most / settings.image.width).clamp(1, settings.image.height);
+        let layers = (most / (rows * settings.image.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
+        TileSize { rows, layers, points: rows * settings.image.width * layers }
+    }
+}
+
+/// The film of some rows.
+pub(super) struct TileFilm {
+    first_row: u32,
+    rows: u32,
+    pub direct: Plane,
+    pub indirect: Option<Plane>,
+    pub squares: Option<Plane>,
+    pub albedo: Option<Plane>,
+    pub normal: Option<Plane>,
+    pub position: Option<Plane>,
+    /// The classes of each light, where they are asked for; see [`DirectLight::class_films`].
+    pub classes: Vec<Plane>,
+}
+
+impl TileFilm {
+    /// Empty films of all tiles, from the first row on.
+    pub fn of_all_tiles(
+        gpu: &Gpu,
+        film: &Film,
+        buffers: &TileBuffers,
+        direct: Option<&DirectLight>,
+        size: TileSize,
+        settings: &Settings,
+    ) -> Result<Vec<TileFilm>> {
+        let first_rows = (0..settings.image.height).step_by(size.rows as usize);
+        first_rows
+            .map(|first_row| {
+                let rows = size.rows.min(settings.image.height - first_row);
+                TileFilm::new(gpu, film, buffers, direct, [first_row, rows], settings)
+            })
+            .collect()
+    }
+
+    fn new(
+        gpu: &Gpu,
+        film: &Film,
+        buffers: &TileBuffers,
+        direct: Option<&DirectLight>,
+        [first_row, rows]: [u32; 2],
+        settings: &Settings,
+    ) -> Result<TileFilm> {
+        let pixels = rows * settings.image.width;
+        let plane = |samples: &Buffer| film.plane(gpu, pixels, samples, &buffers.counters);
+        let optional = |samples: &Option<Buffer>| samples.as_ref().map(plane).transpose();
+        let other = buffers.radiance_indirect.as_ref();
+        let squares = settings.image.aovs.contains(&Aov::Variance).then(|| {
+            let parts = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
+            film.plane_of_squares(gpu, pixels, parts, &buffers.counters)
+        });
+        let classes = direct.map(|direct| direct.class_films(gpu, film, pixels, &buffers.counters));
+        Ok(TileFilm {
+            first_row,
+            rows,
+            direct: plane(&buffers.radiance_direct)?,
+            indirect: optional(&buffers.radiance_indirect)?,
+            squares: squares.transpose()?,
+            albedo: optional(&buffers.albedo_samples)?,
+            normal: optional(&buffers.normal_samples)?,
+            position: optional(&buffers.position_samples)?,
+            classes: classes.transpose()?.unwrap_or_default(),
+        })
+    }
+
+    /// The planes that every technique fills.
+    pub fn planes(&self) -> impl Iterator<Item = &Plane> {
+        let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
+        std::iter::once(&self.direct).chain(optional.into_iter().flatten())
+    }
+
+    /// The tile for `layers` samples of each pixel, the first of which is number `first_sample`.
+    pub fn tile(&self, settings: &Settings, first_sample: u32, layers: u32) -> Tile {
+        let (width, height, seed, spp) =
+            (settings.image.width, settings.image.height, settings.image.seed, settings.image.spp);
+        let pixel_count = self.rows * width;
+        Tile {
+            width,
+            height,
+            first_row: self.first_row,
+            pixel_count,
+            point_count: pixel_count * layers,
+            first_sample,
+            seed,
+            centred: u32::from(spp == 1),
+        }
+    }
+}

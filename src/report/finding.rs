@@ -1,0 +1,99 @@
+//! What the error of a technique consists of: bias, noise, or the error of the reference.
+
+use serde::Serialize;
+
+use crate::Image;
+
+use super::format::percent;
+use super::interval::Interval;
+use super::metrics::channels;
+use super::reference::{Reference, variance};
+
+/// Relative brightness error from which a technique counts as biased. A smaller one does not change an 8-bit code of
+/// mid grey.
+const BRIGHTNESS: f64 = 0.005;
+
+/// Share of bias in the error from which a technique counts as biased. A smaller share is lost in the noise of the
+/// image.
+const BIAS_SHARE: f64 = 0.1;
+
+/// An error below this multiple of the reference's own error cannot be distinguished from it.
+const ABOVE_FLOOR: f64 = 2.0;
+
+/// What the error of a technique consists of.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// The larger part of the error.
+    pub kind: FindingKind,
+    /// The same in a sentence, with figures.
+    pub text: String,
+}
+
+/// The kinds of [`Finding`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FindingKind {
+    /// The image stays wrong however long it renders.
+    Bias,
+    /// The error decreases with time.
+    Noise,
+    /// The error is no larger than that of the reference.
+    Reference,
+}
+
+/// The relMSE of a technique at its last budget, and its parts.
+pub(super) struct ErrorParts<'a> {
+    pub relmse: f64,
+    pub bias: &'a Interval,
+    pub variance: f64,
+    /// relMSE of the reference itself, if known.
+    pub floor: Option<f64>,
+}
+
+/// Mean radiance over the reference's, minus 1. The interval includes the reference's own error where that is known.
+pub(super) fn brightness(images: &[&Image], reference: &Reference) -> Interval {
+    let sum = |image: &Image| -> f64 { channels(image).flat_map(|(_, samples)| samples).map(|x| f64::from(*x)).sum() };
+    let truth = sum(&reference.image);
+    if truth == 0.0 {
+        let any = images.iter().any(|image| sum(image) != 0.0);
+        let value = if any { f64::INFINITY } else { 0.0 };
+        return Interval { value, low: value, high: value };
+    }
+    let ratios: Vec<f64> = images.iter().map(|image| sum(image) / truth - 1.0).collect();
+    let interval = Interval::of_mean(&ratios);
+    let variances = ["R", "G", "B"].iter().filter_map(|name| reference.image.channel(&variance(name)));
+    let error = variances.flatten().map(|v| f64::from(*v)).sum::<f64>().sqrt() / truth;
+    // The reference's sum is over very many independent pixels, so its error is normal: 97.5 % quantile.
+    let half = (interval.high - interval.value).hypot(1.959_964 * error);
+    Interval { low: interval.value - half, high: interval.value + half, ..interval }
+}
+
+/// Decides which part of the error is the larger one.
+pub(super) fn finding(parts: &ErrorParts<'_>, brightness: &Interval) -> Finding {
+    let ErrorParts { relmse: error, floor, .. } = *parts;
+    let [bias, noise] = [parts.bias.value.max(0.0), parts.variance.max(0.0)];
+    // The share of what is not the reference's error.
+    let share = |part: f64| if part > 0.0 { part / (bias + noise) } else { 0.0 };
+    if !brightness.holds(0.0) && brightness.value.abs() >= BRIGHTNESS {
+        let (word, sign) = if brightness.value > 0.0 { ("strong", 1.0) } else { ("weak", -1.0) };
+        let mut ends = [sign * brightness.low, sign * brightness.high];
+        ends.sort_by(f64::total_cmp);
+        let [low, high] = ends.map(percent);
+        let text = format!("biased: its light is too {word} by {} ({low} to {high})", percent(brightness.value.abs()));
+        return Finding { kind: FindingKind::Bias, text };
+    }
+    // The error that all runs share includes the reference's error. A few bright pixels can dominate that error, and
+    // then its estimate is only good to this factor.
+    let unclear = floor.is_some_and(|floor| bias + floor < ABOVE_FLOOR * floor);
+    if floor.is_some_and(|floor| error < ABOVE_FLOOR * floor || unclear && noise < bias + floor) {
+        let text = "as small as the reference can resolve".to_owned();
+        return Finding { kind: FindingKind::Reference, text };
+    }
+    if parts.bias.low > 0.0 && share(bias) >= BIAS_SHARE && !unclear {
+        let part = if floor.is_some() { "" } else { ", unless it is the reference's error, which is not known" };
+        let text = format!("biased: {} of the error stays however long it renders{part}", percent(share(bias)));
+        return Finding { kind: FindingKind::Bias, text };
+    }
+    let text = format!("noise: {} of the error differs from run to run", percent(share(noise)));
+    Finding { kind: FindingKind::Noise, text }
+}

@@ -1,0 +1,102 @@
+//! The scene: the result of import and the input of the renderer.
+
+use glam::Vec3;
+
+use super::camera::Camera;
+use super::light::{Light, LightKind};
+use super::material::Material;
+use super::normalisation::Normalisation;
+use super::texture::{Texture, TextureImage};
+use super::triangle::{Triangle, Vertex};
+use crate::procedural::{Functions, Procedural};
+
+/// A scene ready to render.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Vertices. Triangles of the same mesh primitive share them.
+    pub vertices: Vec<Vertex>,
+    /// Triangles. None of them has zero area.
+    pub triangles: Vec<Triangle>,
+    /// Materials. There is at least one if there is a triangle.
+    pub materials: Vec<Material>,
+    /// Textures: an image, a sampler and a colour space.
+    pub textures: Vec<Texture>,
+    /// Decoded images.
+    pub images: Vec<TextureImage>,
+    /// Procedural objects, at most [`crate::procedural::MAX_OBJECTS`].
+    pub procedurals: Vec<Procedural>,
+    /// The functions of the procedural objects.
+    pub functions: Functions,
+    /// Emissive meshes and punctual lights in the order of the file's nodes, followed by the environment if there is
+    /// one.
+    pub lights: Vec<Light>,
+    /// Cameras in the order of the file's nodes.
+    pub cameras: Vec<Camera>,
+    /// The map between the file's world space and normalised space.
+    pub normalisation: Normalisation,
+    /// Remarks on the file, one line each and without repetition: content that is not rendered, unknown extensions,
+    /// degenerate triangles that were dropped.
+    pub notes: Vec<String>,
+}
+
+impl Scene {
+    /// Whether the triangle is flat: it has no shading normals, or they equal its geometric normal.
+    pub fn is_flat(&self, triangle: &Triangle) -> bool {
+        let corners = triangle.vertices.map(|v| &self.vertices[v as usize]);
+        let [a, b, c] = corners.map(|v| v.position);
+        let flat = (b - a).cross(c - a).normalize_or_zero();
+        // The tolerance of 1e-4 covers the rounding of the normals that files store for flat faces.
+        corners.iter().any(|v| v.normal == Vec3::ZERO) || corners.iter().all(|v| v.normal.dot(flat) >= 1.0 - 1e-4)
+    }
+
+    /// Multiplies the power of every light by `factor`, which must be at least 0. Directly visible lights change too.
+    pub fn scale_lights(&mut self, factor: f32) {
+        self.materials.iter_mut().for_each(|material| material.emissive *= factor);
+        for light in &mut self.lights {
+            match &mut light.kind {
+                LightKind::Mesh { emitters, .. } => emitters.iter_mut().for_each(|emitter| emitter.radiance *= factor),
+                LightKind::Point { intensity, .. } | LightKind::Spot { intensity, .. } => *intensity *= factor,
+                LightKind::Directional { irradiance, .. } => *irradiance *= factor,
+                LightKind::Environment { strength, .. } => *strength *= factor,
+            }
+        }
+    }
+
+    /// Reorders the triangles: the new triangle `i` is the old triangle `order[i]`. Updates the indices of the lights.
+    pub fn reorder_triangles(&mut self, order: &[u32]) {
+        let mut new_index = vec![0u32; order.len()];
+        for (new, old) in order.iter().enumerate() {
+            new_index[*old as usize] = new as u32;
+        }
+        self.triangles = order.iter().map(|old| self.triangles[*old as usize]).collect();
+        for light in &mut self.lights {
+            if let LightKind::Mesh { emitters, .. } = &mut light.kind {
+                for emitter in emitters {
+                    emitter.triangle = new_index[emitter.triangle as usize];
+                }
+            }
+        }
+    }
+
+    /// The positions of the corners of triangle `index`.
+    pub fn triangle_positions(&self, index: usize) -> [Vec3; 3] {
+        self.triangles[index].vertices.map(|vertex| self.vertices[vertex as usize].position)
+    }
+
+    /// Whether the scene has no surface that a ray could hit.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty() && self.procedurals.is_empty()
+    }
+
+    /// Lower and upper corner of the bounding box of all triangles and procedural objects. None for an empty scene.
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
+        self.bounds_of(0..self.triangles.len())
+    }
+
+    /// Lower and upper corner of the bounding box of the triangles `indices` and of all procedural objects.
+    pub(super) fn bounds_of(&self, indices: impl Iterator<Item = usize>) -> Option<[Vec3; 2]> {
+        let corners = indices.flat_map(|index| self.triangle_positions(index));
+        let corners = corners.chain(self.procedurals.iter().flat_map(Procedural::corners));
+        corners.map(|p| [p, p]).reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
+    }
+}

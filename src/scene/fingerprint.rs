@@ -1,0 +1,56 @@
+//! The fingerprint of a scene, which identifies the checkpoints and references of a render.
+
+use std::fmt::{Debug, Write};
+
+use super::description::Scene;
+use super::panorama::Panorama;
+use super::texture::TextureImage;
+use crate::fingerprint::Fingerprint;
+
+impl Scene {
+    /// The fingerprint of the scene, of Penumbra's version and of `settings`, which is whatever else decides the image:
+    /// 32 hexadecimal digits.
+    pub fn fingerprint(&self, settings: &impl Debug) -> String {
+        let mut fingerprint = Fingerprint::default();
+        // Naming every field makes the compiler report one that is forgotten.
+        let Scene {
+            vertices,
+            triangles,
+            materials,
+            textures,
+            images,
+            procedurals,
+            functions,
+            lights,
+            cameras,
+            normalisation,
+            notes: _,
+        } = self;
+        // The debug form of a float has all of its bits, except those of a NaN.
+        let parts = (
+            vertices,
+            triangles,
+            materials,
+            textures,
+            lights,
+            cameras,
+            normalisation,
+            procedurals,
+            functions,
+            settings,
+        );
+        // Writing to a fingerprint never fails.
+        let _ = write!(fingerprint, "{} {parts:?}", env!("CARGO_PKG_VERSION"));
+        // The debug form of millions of texels is slow, so their bytes are hashed.
+        for TextureImage { name, width, height, texels } in images {
+            let _ = write!(fingerprint, "{name:?} {width} {height}");
+            fingerprint.write_bytes(texels.as_flattened());
+        }
+        // The debug form of a panorama is only its size.
+        if let Some(Panorama { width, height, texels }) = self.environment() {
+            let _ = write!(fingerprint, "{width} {height}");
+            fingerprint.write_bytes(bytemuck::cast_slice(texels));
+        }
+        fingerprint.finish()
+    }
+}

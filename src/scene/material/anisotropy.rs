@@ -1,0 +1,63 @@
+//! Reflections that are spread along a tangent: KHR_materials_anisotropy.
+
+use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::Result;
+use crate::scene::json::Json;
+use crate::scene::texture::{ColourSpace, TextureInfo};
+
+/// KHR_materials_anisotropy.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Anisotropy {
+    /// Strength, 0 to 1.
+    pub strength: f32,
+    /// Rotation from the tangent, counter-clockwise, in radians.
+    pub rotation: f32,
+    /// Direction in R and G, strength in B.
+    pub texture: Option<TextureInfo>,
+}
+
+impl Anisotropy {
+    /// One of that strength along the tangent, without a texture.
+    pub const fn with_strength(strength: f32) -> Anisotropy {
+        Anisotropy { strength, rotation: 0.0, texture: None }
+    }
+
+    /// Whether reflections along the tangent differ from those across.
+    pub fn is_present(&self) -> bool {
+        self.strength > 0.0
+    }
+
+    /// Vectors that it takes in a packed surface.
+    pub(crate) const VECTORS: u32 = 1;
+}
+
+impl Lobe for Anisotropy {
+    const LAYOUT: Layout = Layout {
+        texel: "ANISOTROPY_TEXEL",
+        texels: 1,
+        mask: "ANISOTROPY_TEXTURES",
+        textures: &["ANISOTROPY_TEXTURE"],
+        constants: &[("ANISOTROPY_VECTORS", Anisotropy::VECTORS)],
+    };
+
+    fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
+        let Some(json) = material.extension("KHR_materials_anisotropy")? else { return Ok(Self::default()) };
+        Ok(Anisotropy {
+            strength: json.number_in("anisotropyStrength", 0.0, 0.0..=1.0)?,
+            rotation: json.number_in("anisotropyRotation", 0.0, ..)?,
+            texture: textures.texture(&json, "anisotropyTexture", ColourSpace::Linear)?,
+        })
+    }
+
+    fn textures(&self) -> Vec<&Option<TextureInfo>> {
+        vec![&self.texture]
+    }
+
+    fn without_textures(self) -> Self {
+        Anisotropy { texture: None, ..self }
+    }
+
+    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+        vec![[self.strength, self.rotation.cos(), self.rotation.sin(), 0.0]]
+    }
+}

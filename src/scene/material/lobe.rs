@@ -1,0 +1,58 @@
+//! What all lobes of a material have in common: reading their glTF extension, their textures, their part of the tables.
+
+use crate::Result;
+use crate::scene::json::Json;
+use crate::scene::texture::{ColourSpace, TextureInfo};
+/// Reads texture infos, and remembers which textures and images of the file are used.
+pub(in crate::scene) trait ReadTexture {
+    /// The texture info `key` of `owner`; None where there is none, or none that can be shown.
+    ///
+    /// # Errors
+    /// [`crate::Error`] with the place in the file where the info is malformed.
+    fn texture(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>>;
+}
+
+/// What a lobe's texels depend on beside its own parameters.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surroundings {
+    /// Factor from world lengths to normalised ones.
+    pub scale: f64,
+    /// The material's index of refraction, or 0.
+    pub ior: f32,
+}
+
+/// How kernels find a lobe: the names of constants of `package::lib::constants`, and their values.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Layout {
+    /// Name of the constant for the offset of its texels within a material's.
+    pub texel: &'static str,
+    /// Number of its texels.
+    pub texels: usize,
+    /// Name of the constant that has a bit for each of its textures.
+    pub mask: &'static str,
+    /// Names of the constants for its textures, in the order of [`Lobe::textures`].
+    pub textures: &'static [&'static str],
+    /// Other numbers that its kernels use, such as the vectors that it takes in a packed surface.
+    pub constants: &'static [(&'static str, u32)],
+}
+
+/// A part of a material that reflects light or lets it pass: one of the extensions of glTF's metallic-roughness model.
+pub(in crate::scene) trait Lobe: Sized + Default {
+    /// How kernels find it.
+    const LAYOUT: Layout;
+
+    /// Reads it from a material; the default where the material has no such extension.
+    ///
+    /// # Errors
+    /// [`crate::Error`] where the extension is malformed.
+    fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self>;
+
+    /// Its textures, in the order of [`Layout::textures`].
+    fn textures(&self) -> Vec<&Option<TextureInfo>>;
+
+    /// The same lobe without any texture.
+    fn without_textures(self) -> Self;
+
+    /// Its texels in the table of materials: [`Layout::texels`] of them.
+    fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]>;
+}

@@ -1,0 +1,60 @@
+//! Light that passes through the surface: KHR_materials_transmission.
+
+use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::Result;
+use crate::scene::json::Json;
+use crate::scene::texture::{ColourSpace, TextureInfo};
+
+/// KHR_materials_transmission.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Transmission {
+    /// The part of the base that lets light pass, 0 to 1.
+    pub factor: f32,
+    /// Transmission in R.
+    pub texture: Option<TextureInfo>,
+}
+
+impl Transmission {
+    /// One of that factor, without a texture.
+    pub const fn with_factor(factor: f32) -> Transmission {
+        Transmission { factor, texture: None }
+    }
+
+    /// Whether some light may pass.
+    pub fn is_present(&self) -> bool {
+        self.factor > 0.0
+    }
+
+    /// Vectors that the lobe takes in a packed surface.
+    pub(crate) const VECTORS: u32 = 1;
+}
+
+impl Lobe for Transmission {
+    const LAYOUT: Layout = Layout {
+        texel: "TRANSMISSION_TEXEL",
+        texels: 1,
+        mask: "TRANSMISSION_TEXTURES",
+        textures: &["TRANSMISSION_TEXTURE"],
+        constants: &[("TRANSMISSION_VECTORS", Transmission::VECTORS)],
+    };
+
+    fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
+        let Some(json) = material.extension("KHR_materials_transmission")? else { return Ok(Self::default()) };
+        Ok(Transmission {
+            factor: json.number_in("transmissionFactor", 0.0, 0.0..=1.0)?,
+            texture: textures.texture(&json, "transmissionTexture", ColourSpace::Linear)?,
+        })
+    }
+
+    fn textures(&self) -> Vec<&Option<TextureInfo>> {
+        vec![&self.texture]
+    }
+
+    fn without_textures(self) -> Self {
+        Transmission { texture: None, ..self }
+    }
+
+    fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
+        vec![[self.factor, 0.0, 0.0, 0.0]]
+    }
+}

@@ -1,0 +1,77 @@
+//! What light passes through behind a surface: KHR_materials_volume.
+
+use glam::Vec3;
+
+use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use crate::Result;
+use crate::scene::json::Json;
+use crate::scene::texture::TextureInfo;
+
+/// What light passes through inside a closed surface (KHR_materials_volume).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// World length after which white light has the attenuation colour; infinite where nothing is absorbed.
+    pub attenuation_distance: f32,
+    /// See [`Volume::attenuation_distance`]; each 0 to 1.
+    pub attenuation_colour: Vec3,
+}
+
+/// Indices of refraction nearer to 1 bend light by less than its half vector, a difference, has digits for.
+const MIN_BENDING: f32 = 1e-3;
+
+impl Volume {
+    /// Absorption by normalised length: over the attenuation distance, light becomes the attenuation colour (Beer and
+    /// Lambert).
+    fn absorption(&self, scale: f64) -> [f32; 3] {
+        let distance = f64::from(self.attenuation_distance) * scale;
+        // What nothing passes still has a logarithm: e^-80 is less than any radiance that shows.
+        self.attenuation_colour.to_array().map(|c| (-f64::from(c).ln().max(-80.0) / distance) as f32)
+    }
+
+    fn read(json: &Json) -> Result<Option<Volume>> {
+        // How thick it is follows from the mesh; 0 stands for a thin wall.
+        if json.number_in("thicknessFactor", 0.0, 0.0..)? <= 0.0 {
+            return Ok(None);
+        }
+        let volume = Volume {
+            attenuation_distance: match json.get("attenuationDistance")? {
+                Some(_) => json.number_in("attenuationDistance", 1.0, 0.0..)?,
+                None => f32::INFINITY,
+            },
+            attenuation_colour: json.numbers_in::<3>("attenuationColor", 1.0, 0.0..=1.0)?.into(),
+        };
+        if let Some(distance) = json.get("attenuationDistance")?
+            && volume.attenuation_distance == 0.0
+        {
+            return Err(distance.error("attenuationDistance is 0: it must be more"));
+        }
+        Ok(Some(volume))
+    }
+}
+
+impl Lobe for Option<Volume> {
+    const LAYOUT: Layout =
+        Layout { texel: "VOLUME_TEXEL", texels: 1, mask: "VOLUME_TEXTURES", textures: &[], constants: &[] };
+
+    fn read(material: &Json, _: &mut dyn ReadTexture) -> Result<Self> {
+        material.extension("KHR_materials_volume")?.map_or(Ok(None), |json| Volume::read(&json))
+    }
+
+    fn textures(&self) -> Vec<&Option<TextureInfo>> {
+        Vec::new()
+    }
+
+    fn without_textures(self) -> Self {
+        self
+    }
+
+    /// Absorption, and the index of refraction by which light that passes is bent: 1 for a thin wall.
+    fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]> {
+        let ior = surroundings.ior;
+        let bends = self.is_some() && (ior - 1.0).abs() >= MIN_BENDING;
+        // An index of 0 stands for an infinite one, which reflects all.
+        let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
+        let [red, green, blue] = self.map_or([0.0; 3], |volume| volume.absorption(surroundings.scale));
+        vec![[red, green, blue, refraction]]
+    }
+}

@@ -1,0 +1,202 @@
+//! The groups of [`Settings`](super::Settings).
+
+use super::{Aov, LightSampling, Settings};
+
+/// The image: its size, samples and channels.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct ImageSettings {
+    /// Width in pixels, 1 to [`Settings::MAX_SIDE`].
+    pub width: u32,
+    /// Height in pixels, 1 to [`Settings::MAX_SIDE`].
+    pub height: u32,
+    /// Samples per pixel, at least 1. A single sample goes through the centre of the pixel.
+    pub spp: u32,
+    /// Seed of all random numbers.
+    pub seed: u32,
+    /// Channels beside the picture.
+    pub aovs: Vec<Aov>,
+}
+
+impl Default for ImageSettings {
+    fn default() -> Self {
+        ImageSettings { width: 512, height: 512, spp: 16, seed: 0, aovs: Vec::new() }
+    }
+}
+
+/// The visibility map: illumination and shadow photons, and how they classify points.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct VisibilityMapSettings {
+    /// Visibility photons emitted from each light, 1 to [`Settings::MAX_PHOTONS`].
+    #[serde(rename = "photons")]
+    pub photons_per_light: u32,
+    /// Nearest photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
+    pub nearest: u32,
+    /// Maximum number of shadow photons stored along one photon ray, 1 to [`Settings::MAX_SHADOW_PHOTONS`].
+    pub shadow_photons_per_ray: u32,
+    /// Pixels by which boundaries are widened, 0 or 1. `None`: 1 for lights with wide penumbrae, 0 for small ones.
+    pub dilate: Option<u32>,
+    /// Probability that a lit or shadowed point is audited by a shadow ray, 0 to 1. 0 is the paper's method, which is
+    /// biased; zones are then not audited either.
+    pub audit: f32,
+    /// Count photons whatever their normals, as the paper does.
+    pub paper_counting: bool,
+}
+
+impl Default for VisibilityMapSettings {
+    fn default() -> Self {
+        VisibilityMapSettings {
+            photons_per_light: 131_072,
+            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the same.
+            nearest: 36,
+            shadow_photons_per_ray: 10,
+            dilate: None,
+            audit: 1.0 / 64.0,
+            paper_counting: false,
+        }
+    }
+}
+
+/// Shadow rays of the points that need them.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct ShadowRaySettings {
+    /// Light points sampled, with a shadow ray each, by a boundary point: 1 to [`Settings::MAX_SHADOW_SAMPLES`].
+    #[serde(rename = "shadow_samples")]
+    pub samples: u32,
+}
+
+impl Default for ShadowRaySettings {
+    fn default() -> Self {
+        ShadowRaySettings { samples: 4 }
+    }
+}
+
+/// The choice of lights at a point of a scene of many lights.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct LightSamplingSettings {
+    /// Probabilities by which lights are sampled. `None`: `zones` for `shadow-photons` in scenes of more than
+    /// [`Settings::MANY_LIGHTS`] lights, `power` for paths, otherwise `all`.
+    #[serde(rename = "light_sampling")]
+    pub strategy: Option<LightSampling>,
+    /// Lights sampled at each point, unless all are used: 2 to [`Settings::MAX_SAMPLED_LIGHTS`].
+    pub sampled_lights: u32,
+}
+
+impl Default for LightSamplingSettings {
+    fn default() -> Self {
+        LightSamplingSettings { strategy: None, sampled_lights: 8 }
+    }
+}
+
+/// Indirect light.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct IndirectSettings {
+    /// Maximum number of bounces of indirect light; 0 for direct light alone. A gather ray that hits a surface too near
+    /// continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a third.
+    pub max_bounces: u32,
+    /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
+    #[serde(rename = "flux_photons")]
+    pub photons: u32,
+    /// The irradiance cache.
+    #[serde(flatten)]
+    pub irradiance_cache: IrradianceCacheSettings,
+}
+
+impl Default for IndirectSettings {
+    fn default() -> Self {
+        IndirectSettings {
+            // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
+            max_bounces: 64,
+            photons: 65_536,
+            irradiance_cache: IrradianceCacheSettings::default(),
+        }
+    }
+}
+
+/// The irradiance cache of diffuse indirect light (Ward and Heckbert 1992).
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct IrradianceCacheSettings {
+    /// Interpolate irradiance between records. `false`: every point traces one gather ray.
+    #[serde(rename = "cache")]
+    pub enabled: bool,
+    /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992): smaller is
+    /// more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
+    pub accuracy: f32,
+    /// Approximate number of gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`].
+    pub gather_rays: u32,
+}
+
+impl Default for IrradianceCacheSettings {
+    fn default() -> Self {
+        IrradianceCacheSettings { enabled: true, accuracy: 0.25, gather_rays: 256 }
+    }
+}
+
+/// The grid of the techniques `visibility-cells` and `voxel-tags`.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct CellSettings {
+    /// Cells along the longest side of the scene, 1 to [`Settings::MAX_CELLS`].
+    #[serde(rename = "cells")]
+    pub resolution: u32,
+    /// Rays from each cell to each light, 1 to [`Settings::MAX_CELL_RAYS`].
+    #[serde(rename = "cell_rays")]
+    pub rays_per_light: u32,
+}
+
+impl Default for CellSettings {
+    fn default() -> Self {
+        // Zimmerman and Shirley: up to 100 rays.
+        CellSettings { resolution: 64, rays_per_light: 100 }
+    }
+}
+
+/// The technique `ward-adaptive` (Ward 1991).
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct WardSettings {
+    /// Lights are tested until those left could contribute less than this share of the point's light, 0 to 1. 0 tests all.
+    #[serde(rename = "shadow_tolerance")]
+    pub tolerance: f32,
+}
+
+impl Default for WardSettings {
+    fn default() -> Self {
+        // The default of Radiance (-dt), the renderer that the method was made for.
+        WardSettings { tolerance: 0.05 }
+    }
+}
+
+impl Settings {
+    /// Largest side of an image.
+    pub const MAX_SIDE: u32 = 16_384;
+    /// Samples per pixel of a render that its time ends: never reached. A power of two keeps the samples of a pixel well
+    /// stratified.
+    pub const UNLIMITED_SPP: u32 = 1 << 24;
+    /// Largest k: a class word has room for no more.
+    pub const MAX_NEAREST: u32 = 511;
+    /// Maximum number of light points sampled by a boundary point.
+    pub const MAX_SHADOW_SAMPLES: u32 = 1024;
+    /// Maximum number of shadow photons stored along one ray: an invocation has registers for no more.
+    pub const MAX_SHADOW_PHOTONS: u32 = 64;
+    /// Maximum number of lights that all points use by default. With 16 small lamps, sampling eight takes half to a sixth of the
+    /// time at the same error (docs/decisions.md, many lights).
+    pub const MANY_LIGHTS: u32 = 16;
+    /// Maximum number of lights sampled at a point: as many as a zone lists.
+    pub const MAX_SAMPLED_LIGHTS: u32 = 64;
+    /// Maximum number of photons: a map of that size fills a storage buffer of 128 MiB several times.
+    pub const MAX_PHOTONS: u32 = 1 << 26;
+    /// Maximum number of cells along a side: 2^24 cells in all.
+    pub const MAX_CELLS: u32 = 256;
+    /// Maximum number of rays from a cell to a light: they are counted in half a word.
+    pub const MAX_CELL_RAYS: u32 = 4096;
+    /// Largest ratio of a record's radius to the distance of the surfaces around it.
+    pub const MAX_ACCURACY: f32 = 10.0;
+    /// Maximum number of gather rays per record: as many as one invocation can sum up on software devices.
+    pub const MAX_GATHER_RAYS: u32 = 16_384;
+}

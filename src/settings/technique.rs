@@ -1,0 +1,175 @@
+//! A technique: how light is computed. Each one has a file of its own in `src/techniques/`, with its description.
+
+use std::fmt;
+use std::hash::{Hash, Hasher};
+
+use serde::{Serialize, Serializer};
+
+/// How light is computed. [`Technique::all`] lists all of them; the name tells them apart.
+#[derive(Clone, Copy)]
+pub struct Technique(&'static Description);
+
+/// What there is to know of a technique before a scene is known.
+pub struct Description {
+    /// The name on the command line, in files and in reports.
+    pub name: &'static str,
+    /// What it does, in one line.
+    pub help: &'static str,
+    /// The publication that it follows.
+    pub source: &'static str,
+    /// What it needs; [`crate::specialisation`] turns this into features for a scene.
+    pub requirements: Requirements,
+}
+
+/// What a technique needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Requirements {
+    /// How light gets from the lights to the camera.
+    pub transport: Transport,
+    /// How direct light finds out what a shading point sees of a light.
+    pub visibility: Visibility,
+    /// How many of the lights a shading point considers.
+    pub lights: ConsideredLights,
+}
+
+/// How light gets from the lights to the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Paths from the camera bring all light.
+    Paths,
+    /// Direct light is computed apart. Indirect light comes from paths and final gathers that end in the global map.
+    TwoPass,
+    /// The global map is shown directly, by density estimation.
+    ShownMap,
+    /// As [`Transport::ShownMap`], but direct light counts as unoccluded, and shadow photons subtract their energy.
+    ShownMapWithNegativePhotons,
+}
+
+/// How direct light finds out what a shading point sees of a light. Only [`Transport::TwoPass`] reads it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// By shadow rays alone.
+    ShadowRays,
+    /// By the visibility map; shadow rays are traced at boundaries, and for audits.
+    Photons,
+    /// By the visibility map alone: equation 1 of the paper.
+    PhotonsAlone,
+    /// By shadow rays to the lights that may contribute most; the other lights are guessed.
+    Adaptive,
+    /// By rays from the cells of a grid: no shadow rays leave a cell from which no ray reached the light.
+    Cells,
+    /// By rays from the cells of a grid: shadow rays leave only cells that are neither lit nor shadowed as a whole.
+    Voxels,
+}
+
+/// How many of the lights a shading point considers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ConsideredLights {
+    /// One at each vertex of a path.
+    OneAtVertex,
+    /// All of them.
+    All,
+    /// All of them, or a few where the settings ask for that.
+    AllOrSampled,
+    /// A few where there are many, sampled by what photons say of the point's zone.
+    SampledByZones,
+}
+
+impl Technique {
+    /// The technique of a description, which must have a name of its own.
+    pub const fn new(description: &'static Description) -> Technique {
+        Technique(description)
+    }
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        self.0.name
+    }
+
+    /// What it does, in one line.
+    pub const fn help(self) -> &'static str {
+        self.0.help
+    }
+
+    /// The publication that it follows.
+    pub const fn source(self) -> &'static str {
+        self.0.source
+    }
+
+    /// What it needs.
+    pub const fn requirements(self) -> Requirements {
+        self.0.requirements
+    }
+
+    /// Paths from the camera bring all light: there is no other pass for it.
+    pub fn is_path_tracing(self) -> bool {
+        self.requirements().transport == Transport::Paths
+    }
+
+    /// Its direct light is a pass of its own, and indirect light another.
+    pub fn is_two_pass(self) -> bool {
+        self.requirements().transport == Transport::TwoPass
+    }
+
+    /// It shows the global map directly.
+    pub fn shows_map(self) -> bool {
+        matches!(self.requirements().transport, Transport::ShownMap | Transport::ShownMapWithNegativePhotons)
+    }
+
+    /// It queries the visibility map.
+    pub fn uses_visibility_map(self) -> bool {
+        matches!(self.requirements().visibility, Visibility::Photons | Visibility::PhotonsAlone)
+    }
+
+    /// Rays from the cells of a grid tell, before the first sample, what its points see.
+    pub fn uses_cells(self) -> bool {
+        matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)
+    }
+
+    /// Photons or cells tell, before a shadow ray is traced, whether a point is lit, shadowed or neither.
+    pub fn classifies(self) -> bool {
+        self.uses_visibility_map() || self.uses_cells()
+    }
+
+    /// Photons can tell it which lights reach a zone.
+    pub fn uses_zones(self) -> bool {
+        self.requirements().lights == ConsideredLights::SampledByZones
+    }
+
+    /// Its direct light may sample a few of many lights.
+    pub fn samples_lights(self) -> bool {
+        matches!(self.requirements().lights, ConsideredLights::AllOrSampled | ConsideredLights::SampledByZones)
+    }
+}
+
+impl PartialEq for Technique {
+    fn eq(&self, other: &Technique) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Technique {}
+
+impl Hash for Technique {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.name().hash(state);
+    }
+}
+
+impl fmt::Debug for Technique {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl fmt::Display for Technique {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Serialize for Technique {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}

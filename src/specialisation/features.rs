@@ -1,0 +1,162 @@
+//! The features that kernels are composed of.
+
+use crate::procedural::Functions;
+
+kernel_kit::features! {
+    /// What a kernel has only where a scene, a setting or a device needs it. Kernels name a feature in snake case:
+    /// `@if(visibility_map)`. The module [`crate::specialisation`] decides each of them.
+    pub enum Feature {
+        /// Device: lookup tables are textures, which software devices read several times faster than storage buffers.
+        TextureLoads,
+        /// Device: two threads share a dispatch, so workgroups alternate between its halves.
+        Interleave,
+        /// Scene: the hierarchy is shallow, so a short traversal stack is enough.
+        ShallowBvh,
+        /// Scene: some triangle is so long and thin that barycentric weights round to a wrong distance.
+        Needles,
+        /// Scene: some material has a texture.
+        Textures,
+        /// Scene: some texture uses the second set of texture coordinates.
+        Uv1,
+        /// Scene: some vertex has a colour other than white.
+        VertexColours,
+        /// Scene: some material has a normal map.
+        NormalMaps,
+        /// Scene: some triangle has vertex normals that make it part of a smooth surface.
+        SmoothNormals,
+        /// Scene: some material is not Lambertian.
+        Glossy,
+        /// Scene: some material transmits light.
+        Transmission,
+        /// Scene: some material has a clear coat.
+        Clearcoat,
+        /// Scene: some clear coat has a normal map that its base does not have.
+        CoatNormals,
+        /// Scene: some material has an anisotropic specular lobe.
+        Anisotropy,
+        /// Scene: some material has a sheen lobe.
+        Sheen,
+        /// Scene: some material is alpha-masked or blended, so rays test the triangles that they hit.
+        AlphaTest,
+        /// Scene: some material is unlit.
+        Unlit,
+        /// Scene: some objects are functions, not meshes.
+        Procedurals,
+        /// Scene: some light is an emissive mesh.
+        MeshLights,
+        /// Scene: some light is a point light.
+        PointLights,
+        /// Scene: some light is a spot light.
+        SpotLights,
+        /// Scene: some light is directional.
+        DirectionalLights,
+        /// Scene: an environment map surrounds it.
+        Environment,
+        /// Scene: some mesh light has too many triangles to evaluate each of them at every point.
+        ManyEmitters,
+        /// Scene: some mesh light with many triangles is closed, so that about half of it faces away from any point.
+        EmitterPairs,
+        /// Scene: some mesh light has an emissive texture.
+        EmissiveTextures,
+        /// Method: points that face away from a light are counted apart.
+        DarkPoints,
+        /// Method: photons classify the points.
+        VisibilityMap,
+        /// Method: photons carry the index of their light.
+        LightTags,
+        /// Method: photons are counted without regard to their normals, as in the paper.
+        PaperCounting,
+        /// Method: rays from the cells of a grid estimate what the points in them see.
+        Cells,
+        /// Method: a cell decides only if its neighbours agree with it.
+        VoxelTags,
+        /// Method: lights are tested in the order of their potential contribution.
+        Ward,
+        /// Method: points sample a few of many lights.
+        LightSampling,
+        /// Method: all lights are sampled with the same probability, not by power.
+        UniformLightSampling,
+        /// Method: photons tell which lights reach a zone, and points sample lights of their zone.
+        Zones,
+        /// Method: points that photons decide are audited.
+        Audit,
+        /// Method: few points need light samples, because every light has a closed form and photons decide the rest.
+        FewSampled,
+        /// Method: paths end in the irradiance that photons brought.
+        GlobalMap,
+        /// Method: the photon map is shown directly.
+        PhotonMap,
+        /// Method: shadow photons carry negative flux.
+        NegativePhotons,
+        /// Scene and method: camera rays follow specular chains through clear glass and mirrors.
+        Chains,
+        /// Method: a photon map of its own holds caustics.
+        Caustics,
+        /// Method: irradiance records hold the diffuse part of indirect light.
+        IrradianceCache,
+        /// Method: paths carry indirect light, and another pass carries direct light.
+        Indirect,
+        /// Method: visibility is estimated from photons or statistics, without shadow rays.
+        VisibilityEstimate,
+        /// Output: the albedo channels.
+        AovAlbedo,
+        /// Output: the normal channels.
+        AovNormal,
+        /// Output: the position and depth channels.
+        AovPosition,
+        /// Output: the shadow channels.
+        AovShadow,
+    }
+}
+
+/// The features that the kernels of a render are composed with, and the functions of its procedural objects.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Features {
+    set: kernel_kit::Features<Feature>,
+    functions: Functions,
+}
+
+impl Features {
+    /// All features, and no functions.
+    pub fn all() -> Self {
+        Features { set: kernel_kit::Features::all(), functions: Functions::default() }
+    }
+
+    /// With `feature` in or out.
+    #[must_use]
+    pub fn with(mut self, feature: Feature, on: bool) -> Self {
+        self.set.set(feature, on);
+        self
+    }
+
+    /// Puts `feature` in or takes it out.
+    pub fn set(&mut self, feature: Feature, on: bool) {
+        self.set.set(feature, on);
+    }
+
+    /// With the functions that [`Feature::Procedurals`] is for.
+    #[must_use]
+    pub fn with_functions(self, functions: Functions) -> Self {
+        Features { functions, ..self }
+    }
+
+    /// Whether `feature` is in.
+    pub fn has(&self, feature: Feature) -> bool {
+        self.set.has(feature)
+    }
+
+    /// The features that are in, in the order of [`Feature`].
+    pub fn iter(&self) -> impl Iterator<Item = Feature> + '_ {
+        self.set.iter()
+    }
+
+    /// The features as the kit takes them.
+    pub fn kit(&self) -> &kernel_kit::Features<Feature> {
+        &self.set
+    }
+
+    /// The functions of procedural objects.
+    pub fn functions(&self) -> &Functions {
+        &self.functions
+    }
+}

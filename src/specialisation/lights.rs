@@ -1,0 +1,152 @@
+//! What the lights of a scene need, and which of them a shading point samples.
+
+use crate::specialisation::features::Feature;
+use glam::Vec3;
+
+use crate::kernels::MAX_LIGHTS;
+use crate::scene::{Light, LightKind, Scene};
+use crate::settings::technique::ConsideredLights;
+use crate::settings::{Aov, LightSampling, Settings};
+
+use super::decisions::{Specialisation, count};
+use super::surfaces::Facts;
+
+/// Maximum number of triangles of a light whose contributions are all worked out, at any distance. A square has two.
+pub(crate) const FEW_EMITTERS: u32 = 4;
+
+impl Specialisation {
+    pub(super) fn of_lights(&mut self, scene: &Scene, m: &Facts) {
+        let some_lights = |n: usize| (n > 0, count(n, "light"));
+        for (feature, number) in [
+            (Feature::MeshLights, m.mesh_lights),
+            (Feature::PointLights, m.point_lights),
+            (Feature::SpotLights, m.spot_lights),
+            (Feature::DirectionalLights, m.directional_lights),
+        ] {
+            let (on, why) = some_lights(number);
+            self.decide(feature, on, why, "the scene has none", "a branch at every light point and photon");
+        }
+        let panorama = scene.environment();
+        let why = panorama
+            .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
+        let unneeded = "the scene has no environment";
+        let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
+        self.decide(Feature::Environment, panorama.is_some(), why, unneeded, cost);
+        let (on, why) = some_lights(m.textured_lights);
+        self.decide(
+            Feature::EmissiveTextures,
+            on,
+            why,
+            "no emission is textured",
+            "texture lookups at every light point",
+        );
+
+        self.decide(
+            Feature::DarkPoints,
+            !scene.placed_lights().is_empty(),
+            "points that face away from a light need no ray".into(),
+            "there is no light that a point could face away from",
+            "a test at every point and light",
+        );
+        let many = |light: &&Light| has_many_emitters(light);
+        let (on, why) = some_lights(scene.lights.iter().filter(many).count());
+        let unneeded = "every light has so few triangles that points evaluate all of them";
+        self.decide(Feature::ManyEmitters, on, why, unneeded, "a search at every light point");
+        let closed = |light: &&Light| is_closed(scene, light);
+        let (on, why) = some_lights(scene.lights.iter().filter(many).filter(closed).count());
+        self.decide(
+            Feature::EmitterPairs,
+            on,
+            why,
+            "no light of many triangles is a closed mesh",
+            "two table look-ups at every light point; 1 kB a triangle",
+        );
+    }
+
+    pub(super) fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
+        let (sampling, why) = light_sampling(scene, settings);
+        let few = !matches!(sampling, LightSampling::All) && !settings.technique.is_path_tracing();
+        let cost = format!("pass sample_lights; {} B a point", 8 * settings.light_sampling.sampled_lights);
+        self.decide(Feature::LightSampling, few, why.clone(), &why, &cost);
+        let uniform = sampling == LightSampling::Uniform;
+        self.decide(
+            Feature::UniformLightSampling,
+            uniform,
+            "asked for".into(),
+            "not asked for",
+            "much noise where lights differ",
+        );
+        let zones = sampling == LightSampling::Zones;
+        let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 potentials a point";
+        self.decide(Feature::Zones, zones, why.clone(), &why, cost);
+    }
+}
+
+/// How shading points sample lights, and why.
+fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String) {
+    let (lights, placed) = (scene.lights.len(), scene.placed_lights().len());
+    let sampled = settings.light_sampling.sampled_lights as usize;
+    let technique = settings.technique;
+    let all = |why: String| (LightSampling::All, why);
+    if technique.is_path_tracing() {
+        let sampling = settings.light_sampling.strategy.unwrap_or(LightSampling::Power);
+        return (sampling, "paths sample one light at each vertex".into());
+    }
+    let few_enough = || all(format!("{lights} lights are few enough to evaluate all of them"));
+    if lights <= sampled || scene.is_empty() {
+        return few_enough();
+    }
+    if settings.image.aovs.contains(&Aov::Shadow) {
+        return all("the AOV shadow is of all lights".into());
+    }
+    let evaluates_all = || all(format!("the technique {technique} evaluates all lights"));
+    if !technique.samples_lights() {
+        return evaluates_all();
+    }
+    let requested = |sampling: LightSampling| {
+        (sampling, format!("points sample {sampled} of {lights} lights: `light_sampling.strategy` is {sampling}"))
+    };
+    match settings.light_sampling.strategy {
+        Some(LightSampling::Uniform) => requested(LightSampling::Uniform),
+        Some(LightSampling::Power) => requested(LightSampling::Power),
+        Some(LightSampling::All) => all("`light_sampling.strategy` is all".into()),
+        None if technique.requirements().lights == ConsideredLights::AllOrSampled => evaluates_all(),
+        None if lights <= Settings::MANY_LIGHTS as usize => few_enough(),
+        _ if placed > 0 && placed <= MAX_LIGHTS as usize => {
+            let why = format!("points sample {sampled} of {lights} lights, by what reaches their zone");
+            (LightSampling::Zones, why)
+        }
+        _ => {
+            let why = format!(
+                "points sample {sampled} of {lights} lights by power: a photon's word has room for {MAX_LIGHTS}"
+            );
+            (LightSampling::Power, why)
+        }
+    }
+}
+
+/// Whether a light has so many triangles that points sample one by power before they know what it contributes to them.
+pub fn has_many_emitters(light: &Light) -> bool {
+    matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > FEW_EMITTERS as usize)
+}
+
+/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any point:
+/// its area vectors sum to nothing.
+pub fn is_closed(scene: &Scene, light: &Light) -> bool {
+    let LightKind::Mesh { material, emitters } = &light.kind else { return false };
+    let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
+    is_closed_mesh(&triangles, scene.materials[*material as usize].double_sided)
+}
+
+/// As [`is_closed`], of triangles.
+pub(crate) fn is_closed_mesh(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
+    let mut sum = Vec3::ZERO;
+    let mut area = 0.0;
+    for [a, b, c] in triangles {
+        let across = (*b - *a).cross(*c - *a);
+        sum += across;
+        area += across.length();
+    }
+    // A hundredth: a mesh with a small hole for a socket counts as closed.
+    !two_sided && sum.length() < 0.01 * area
+}

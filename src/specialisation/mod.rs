@@ -1,0 +1,71 @@
+//! What a render needs: the one place that decides which modules and branches the kernels are composed of, which
+//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], which is
+//! all that a plan knows), by hierarchy and device, by the light tables, and by the pilot samples.
+
+mod decisions;
+pub mod features;
+mod indirect;
+pub mod kernels;
+pub(crate) mod lights;
+mod surfaces;
+pub(crate) mod visibility;
+
+use crate::bvh::Bvh;
+use crate::scene::Scene;
+use crate::settings::{Aov, Settings};
+use crate::specialisation::features::{Feature, Features};
+use kernel_kit::Gpu;
+
+pub use decisions::{Item, Specialisation, bytes_text};
+use surfaces::Facts;
+pub(crate) use surfaces::{FOCUSING_ALPHA, surface_vectors};
+
+impl Specialisation {
+    /// Decides what `scene` rendered with `settings` needs.
+    pub fn new(scene: &Scene, settings: &Settings) -> Specialisation {
+        let mut specialisation = Specialisation {
+            features: Features::default(),
+            traces_paths: false,
+            kept: Vec::new(),
+            left_out: Vec::new(),
+        };
+        let facts = Facts::new(scene);
+        specialisation.of_surfaces(scene, &facts);
+        specialisation.of_lights(scene, &facts);
+        specialisation.of_light_sampling(scene, settings);
+        specialisation.of_visibility(scene, settings);
+        specialisation.of_indirect_light(scene, settings, &facts);
+        specialisation.of_channels(settings);
+        specialisation
+    }
+
+    fn of_channels(&mut self, settings: &Settings) {
+        let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
+        let aov = |aov: Aov| settings.image.aovs.contains(&aov);
+        for (feature, on) in [
+            (Feature::AovAlbedo, aov(Aov::Albedo)),
+            (Feature::AovNormal, aov(Aov::Normal)),
+            (Feature::AovPosition, aov(Aov::Position) || aov(Aov::Depth)),
+            (Feature::AovShadow, aov(Aov::Shadow)),
+        ] {
+            let cost = format!("{} of film", bytes_text(pixels * 32));
+            self.decide(feature, on, "asked for".into(), "not asked for", &cost);
+        }
+    }
+
+    /// Decides what depends on the hierarchy, which a plan does not build.
+    pub(crate) fn of_hierarchy(&mut self, bvh: &Bvh) {
+        self.features.set(Feature::ShallowBvh, bvh.is_shallow());
+    }
+
+    /// Decides what depends on the device, which a plan does not open.
+    pub(crate) fn of_device(&mut self, gpu: &Gpu) {
+        self.features = device_features(gpu, std::mem::take(&mut self.features));
+    }
+}
+
+/// `features` with those of the device: software devices read tables through textures, and interleave workgroups
+/// between threads.
+pub fn device_features(gpu: &Gpu, features: Features) -> Features {
+    features.with(Feature::TextureLoads, gpu.texture_loads).with(Feature::Interleave, gpu.info.is_software())
+}

@@ -1,0 +1,67 @@
+//! The counters of kernels.
+
+/// What kernels count, each in its own word of the buffer `counters`; the host adds them up.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Counter {
+    /// [`super::Rays::shadow`].
+    ShadowRays,
+    /// [`super::Rays::audit`].
+    AuditRays,
+    /// [`super::Rays::bounce`].
+    BounceRays,
+    /// [`super::Rays::gather`].
+    GatherRays,
+    /// [`super::Audits::audited`].
+    Audited,
+    /// [`super::Audits::wrong`].
+    AuditsWrong,
+    /// Boundary points whose light points are neither all visible nor all occluded.
+    PenumbraSeen,
+    /// [`super::Statistics::not_finite`].
+    NotFinite,
+    /// [`super::Conditioning::overruns`].
+    Overrun,
+    /// [`super::Points::dark`].
+    Dark,
+    /// [`super::Points::lit`].
+    Lit,
+    /// [`super::Points::shadowed`].
+    Shadowed,
+    /// [`super::Points::boundary`].
+    Boundary,
+    /// [`super::Points::unknown`].
+    Unknown,
+    /// Decided points near boundaries: with photons of both kinds in reach of their cell.
+    Near,
+    /// Those of them that are audited.
+    NearAudited,
+    /// Those of them whose shadow ray contradicted the class.
+    AuditsWrongNear,
+    /// [`super::Conditioning::near_overflow`].
+    NearOverflow,
+    /// [`super::Conditioning::heavy_paths`].
+    HeavyPaths,
+    /// [`super::NotFinite::flux`]: the pass counts it in a buffer of its own, and the host adds it.
+    NotFiniteFlux,
+    /// [`super::NotFinite::irradiance`].
+    NotFiniteIrradiance,
+    /// [`super::NotFinite::gather`].
+    NotFiniteGather,
+    /// [`super::NotFinite::primary`].
+    NotFinitePrimary,
+    /// [`super::NotFinite::shade`].
+    NotFiniteShade,
+    /// [`super::NotFinite::path`].
+    NotFinitePath,
+    /// [`super::Conditioning::procedural_overruns`]: kernels count it in a buffer of its own.
+    ProceduralOverruns,
+    /// [`super::Conditioning::procedural_nonsense`]: likewise.
+    ProceduralInvalid,
+}
+
+impl Counter {
+    /// Words of the buffer `counters`.
+    pub const COUNT: usize = 27;
+}

@@ -1,0 +1,40 @@
+//! As `photon-map`, but direct light is that of a scene where everything is lit, less the energy of shadow photons
+//! (Jensen and Christensen 1995: "adding the negative energy").
+
+use crate::Result;
+use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::second_pass::SecondPass;
+use crate::settings::Technique;
+use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
+
+use super::passes::Implementation;
+
+impl Technique {
+    /// As [`Technique::PHOTON_MAP`], but direct light counts as unoccluded, and shadow photons subtract their energy.
+    pub const NEGATIVE_PHOTONS: Technique = Technique::new(&Description {
+        name: "negative-photons",
+        help: "everything taken as lit, shadow photons take their energy away",
+        source: "Jensen and Christensen 1995, \"adding the negative energy\"",
+        requirements: Requirements {
+            transport: Transport::ShownMapWithNegativePhotons,
+            visibility: Visibility::ShadowRays,
+            lights: ConsideredLights::All,
+        },
+    });
+}
+
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::NEGATIVE_PHOTONS, is_unbiased: |_| false, first_pass, second_pass };
+
+fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
+    // The global map. Its photons go on through what they hit, and carry negative flux from there.
+    setup.make_indirect_light()
+}
+
+fn second_pass(frame: &mut SecondPass<'_, '_>) {
+    frame.trace_camera_rays();
+    frame.show_global_map();
+    // The light of glossy points.
+    frame.trace_paths();
+    frame.add_to_film();
+}

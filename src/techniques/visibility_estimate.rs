@@ -1,0 +1,56 @@
+//! No shadow rays: the visibility of a light is n_i / (n_s + n_i) of the nearest photons (Jensen and Christensen 1995,
+//! equation 1, and figures 2 and 3, lower right). Only lights that have no photons, such as an environment, have shadow
+//! rays.
+
+use crate::Result;
+use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::second_pass::SecondPass;
+use crate::settings::Technique;
+use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
+
+use super::passes::{Implementation, indirect_light};
+
+impl Technique {
+    /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.
+    pub const VISIBILITY_ESTIMATE: Technique = Technique::new(&Description {
+        name: "visibility-estimate",
+        help: "no shadow rays: the photons' own visibility, equation 1 of the paper",
+        source: "Jensen and Christensen 1995, equation 1, and figures 2 and 3, lower right",
+        requirements: Requirements {
+            transport: Transport::TwoPass,
+            visibility: Visibility::PhotonsAlone,
+            lights: ConsideredLights::All,
+        },
+    });
+}
+
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::VISIBILITY_ESTIMATE, is_unbiased: |_| false, first_pass, second_pass };
+
+fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
+    // Illumination and shadow photons of every light ("Extending the photon map").
+    setup.make_visibility_map()?;
+    setup.make_direct_light()?;
+    // The global map and the irradiance cache of the two-pass method.
+    setup.make_indirect_light()
+}
+
+fn second_pass(frame: &mut SecondPass<'_, '_>) {
+    frame.trace_camera_rays();
+    for lights in frame.light_chunks() {
+        // n_i and n_s of the nearest photons, exactly.
+        frame.classify(&lights);
+        frame.request_cells(&lights);
+        frame.classify_requested_cells();
+        frame.query_photons(&lights);
+        frame.dilate_boundaries(&lights);
+        // For lights without photons.
+        frame.queue_shadow_rays(&lights);
+        frame.trace_shadow_rays(&lights);
+        // The light times n_i / (n_s + n_i): equation 1.
+        frame.shade(&lights);
+        frame.add_classes_to_film(&lights);
+    }
+    indirect_light(frame);
+    frame.add_to_film();
+}

@@ -1,0 +1,58 @@
+//! Voxel occlusion testing (Woo and Amanatides 1990), which shadow photons are compared with: each voxel is tagged lit,
+//! shadowed or neither for each light, and shadow rays are for the last kind alone.
+//!
+//! The original tags voxels by scanning the shadow volumes of polygons into the grid, which finds no shadow that
+//! several polygons cast together. Rays find them all, but what falls between the rays. So a tag stands only where the
+//! 26 voxels around have it too.
+
+use crate::Result;
+use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::second_pass::SecondPass;
+use crate::settings::Technique;
+use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
+
+use super::passes::{Implementation, indirect_light};
+use super::two_pass;
+
+impl Technique {
+    /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and
+    /// Amanatides 1990).
+    pub const VOXEL_TAGS: Technique = Technique::new(&Description {
+        name: "voxel-tags",
+        help: "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)",
+        source: "Woo and Amanatides 1990, Voxel Occlusion Testing",
+        requirements: Requirements {
+            transport: Transport::TwoPass,
+            visibility: Visibility::Voxels,
+            lights: ConsideredLights::All,
+        },
+    });
+}
+
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::VOXEL_TAGS, is_unbiased: |_| false, first_pass, second_pass };
+
+fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
+    setup.make_direct_light()?;
+    // The tags: pass `cells` with the feature `voxel_tags`.
+    setup.trace_cell_rays()?;
+    // The global map and the irradiance cache.
+    setup.make_indirect_light()
+}
+
+fn second_pass(frame: &mut SecondPass<'_, '_>) {
+    // Nothing is lit.
+    if !frame.has_cells() {
+        return two_pass::second_pass(frame);
+    }
+    frame.trace_camera_rays();
+    for lights in frame.light_chunks() {
+        frame.look_up_cells(&lights);
+        frame.queue_shadow_rays(&lights);
+        frame.trace_shadow_rays(&lights);
+        frame.shade(&lights);
+        frame.add_classes_to_film(&lights);
+    }
+    indirect_light(frame);
+    frame.add_to_film();
+}
