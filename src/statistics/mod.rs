@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::settings::Settings;
 
+#[cfg(feature = "report")]
 pub(crate) use audits::wilson;
 pub use audits::{Audits, Stratum};
 pub use counter::Counter;
