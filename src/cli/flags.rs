@@ -43,6 +43,11 @@ pub fn with_flags(text: &str) -> Cow<'_, str> {
     if text.contains('`') {
         text = Cow::Owned(FLAGS.iter().fold(text.into_owned(), |text, (name, flag)| text.replace(name, flag)));
     }
+    let remedy = "install a Vulkan driver (Mesa's lavapipe is one that needs no GPU)";
+    if text.contains(remedy) {
+        let script = "run through scripts/with-vulkan, which installs the software device lavapipe";
+        text = Cow::Owned(text.replace(remedy, script));
+    }
     let remedy = "choose another device";
     if text.contains(remedy) && !text.contains("--device") {
         text = Cow::Owned(text.replace(remedy, "choose another device with --device"));

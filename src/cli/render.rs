@@ -189,7 +189,7 @@ impl Session<'_> {
         let (image, statistics) = (renderer.image()?, renderer.statistics()?);
         if let Some(estimate) = noise.estimate.filter(|_| !arguments.quiet) {
             let rest = if statistics.indirect.photons > 0 {
-                ", without the error of the photon map of indirect light"
+                " without the error of the photon map of indirect light"
             } else {
                 ""
             };

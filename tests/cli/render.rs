@@ -175,7 +175,7 @@ fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
         (STILL_LIFE, "--aov variance --light-sampling zones --sampled-lights 2".to_owned()),
         (STILL_LIFE, "--aov all --technique ward-adaptive --shadow-tolerance 0.5".to_owned()),
     ];
-    for (scene, arguments) in all.map(|arguments| (BOX, arguments)).into_iter().chain(others) {
+    for (scene, arguments) in all.map(|arguments| (BOX, arguments)).chain(others) {
         let arguments = format!("{arguments} --spp 20 --seed 3 --audit 0.25");
         let render = |arguments: &str, output: &Path| render_scene(scene, arguments, &[output]);
         render(&arguments, &whole).assert_done();
