@@ -10,9 +10,10 @@
 use std::time::Instant;
 
 use kernel_kit::{Gpu, Resources};
-use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
-use penumbra::internal::passes::grid::{Grid, GridShape};
-use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
+use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers};
+use penumbra::internal::passes::grid::Grid;
+use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 #[allow(dead_code)]

@@ -31,7 +31,7 @@ type Times = [[f64; 2]; 2];
 
 /// Rays come from a table, which is the cheapest read. Every answer is stored.
 const KERNEL: &str = "
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::ray::Ray;
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};

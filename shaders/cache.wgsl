@@ -5,7 +5,7 @@
 // In: `points`, `surfaces` and the records (lib/record).
 // Out: `wanted_points`, `radiance_indirect` and `path_points`.
 
-import package::lib::dispatch::{dispatch_groups, group_index};
+import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 import package::lib::point::SURFACE_VECTORS;
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;

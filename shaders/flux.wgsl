@@ -10,7 +10,7 @@
 import package::lib::bsdf::{bsdf_sample, leaving_normal};
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, traversal_overrun};
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{Photon, flux_word};

@@ -6,7 +6,7 @@
 // in scene units after normalisation; irradiance is in units of radiance times steradian.
 
 import package::lib::bvh::{hit_normal, trace_closest, trace_occluded, traversal_overrun};
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::irradiance::encode_disc;
 import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,

@@ -5,7 +5,7 @@
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
 // `radiance_indirect`.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::table::light_count;

@@ -2,7 +2,7 @@
 // photon, every later one a shadow photon. In: the lights and the hierarchy (normalised space). Out: photons in any
 // order, appended to `traced_photons`, and counts by light. Paper, "Extending the photon map": shadow photons.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::math::oct_encode7;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;

@@ -5,7 +5,7 @@
 // with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested. Positions
 // are in scene units after normalisation.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
 import package::lib::bvh::{trace_closest, traversal_overrun};

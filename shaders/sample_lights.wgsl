@@ -10,7 +10,7 @@
 // the mean is the sum over all lights, whatever the lists say. By power, or uniformly: the comb over the cumulative
 // probabilities of all lights.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::light::sample_light;
 import package::lib::point::Point;

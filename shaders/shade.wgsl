@@ -9,7 +9,7 @@
 // Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the
 // points for which `shade_sampled` adds the rest.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::table::{LightSample, light_has_closed_form};

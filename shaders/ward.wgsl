@@ -10,7 +10,7 @@ import package::lib::class_word::class_word;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN, INVALID_POINT, MAX_LIGHTS, QUEUE_BOUNDARY, QUEUE_COUNT
 };
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::sampled_light::nth_light_sample;
 import package::lib::math::luminance;

@@ -4,7 +4,7 @@
 // those around it, that nothing had blocked. (A light that is visible from a share v of a zone's points is best sampled
 // in proportion to the root of v.) Where more lights reach a zone, the strongest are listed.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cells_of_a_light, index_in_grid, load_cell_start, load_photon};
 import package::lib::constants::{MAX_LIGHTS, PHOTON_LIGHT_SHIFT, ZONE_LIGHTS};
 import package::lib::photon::photon_is_shadow;

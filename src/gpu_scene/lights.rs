@@ -9,7 +9,7 @@ mod mesh;
 mod point;
 mod spot;
 
-use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 
 use super::environment::GpuEnvironment;
 use super::receivers::ReceiverBounds;
@@ -75,16 +75,38 @@ impl GpuLights {
     }
 }
 
+bindings! {
+    /// The tables of the lights.
+    pub struct LightBindings {
+        /// See `shaders/lib/light/table.wgsl`.
+        pub light_texels: &Table,
+        /// Emitter triangles of mesh lights, and the list in the order of their primitives.
+        pub emitter_texels: &Table,
+        /// Contours and views of mesh lights.
+        pub light_vertices: &Table,
+        /// The panorama; see `shaders/lib/environment.wgsl`.
+        pub environment_texels: Option<&Table>,
+        /// Direction numbers of the Sobol sequence.
+        pub sobol_directions: &Buffer,
+    }
+}
+
+impl GpuLights {
+    /// What kernels read of the lights.
+    fn bindings(&self) -> LightBindings<'_> {
+        LightBindings {
+            light_texels: &self.lights_table,
+            emitter_texels: &self.emitters,
+            light_vertices: &self.vertices,
+            environment_texels: self.environment.as_ref().map(|environment| &environment.table),
+            sobol_directions: &self.sobol,
+        }
+    }
+}
+
 impl Bindings for GpuLights {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        match name {
-            "light_texels" => Some((&self.lights_table).into()),
-            "emitter_texels" => Some((&self.emitters).into()),
-            "light_vertices" => Some((&self.vertices).into()),
-            "environment_texels" => self.environment.as_ref().map(|environment| (&environment.table).into()),
-            "sobol_directions" => Some((&self.sobol).into()),
-            _ => None,
-        }
+        self.bindings().find(name)
     }
 }
 

@@ -11,7 +11,7 @@ pub mod surfaces;
 pub mod textures;
 
 pub use camera::CameraUniform;
-use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 pub use lights::GpuLights;
 pub use receivers::ReceiverBounds;
 pub use surfaces::GpuSurfaces;
@@ -96,22 +96,56 @@ impl GpuScene {
     }
 }
 
+bindings! {
+    /// What kernels read of a scene, except the lights, and the count of lost rays that they write.
+    pub struct SceneBindings {
+        /// The hierarchy; see `shaders/lib/bvh.wgsl`.
+        pub bvh_nodes: &Table,
+        /// Triangles in the order of the hierarchy.
+        pub bvh_triangles: &Table,
+        /// Normals, texture coordinates and materials of the triangles.
+        pub surface_texels: &Table,
+        /// Materials; see `shaders/lib/material.wgsl`.
+        pub material_texels: &Table,
+        /// Texture infos; see `shaders/lib/texture.wgsl`.
+        pub texture_infos: &Table,
+        /// Texels of colours.
+        pub colour_texels: &wgpu::TextureView,
+        /// Texels of other data.
+        pub data_texels: &wgpu::TextureView,
+        /// Procedural objects; see `shaders/lib/procedural.wgsl`.
+        pub procedural_texels: &Table,
+        /// See [`GpuScene::procedural_misses`].
+        pub procedural_misses: &Buffer,
+        /// A [`CameraUniform`].
+        pub camera: &Buffer,
+        /// Albedos of the sheen lobe.
+        pub sheen_albedos: Option<&Buffer>,
+    }
+}
+
+impl GpuScene {
+    /// What kernels read of the scene except the lights.
+    fn bindings(&self) -> SceneBindings<'_> {
+        SceneBindings {
+            bvh_nodes: &self.nodes,
+            bvh_triangles: &self.triangles,
+            surface_texels: &self.surfaces.surfaces,
+            material_texels: &self.surfaces.materials,
+            texture_infos: &self.textures.infos,
+            colour_texels: &self.textures.colour,
+            data_texels: &self.textures.data,
+            procedural_texels: &self.procedurals,
+            procedural_misses: &self.procedural_misses,
+            camera: &self.camera,
+            sheen_albedos: self.sheen_albedos.as_ref(),
+        }
+    }
+}
+
 impl Bindings for GpuScene {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        Some(match name {
-            "bvh_nodes" => (&self.nodes).into(),
-            "bvh_triangles" => (&self.triangles).into(),
-            "surface_texels" => (&self.surfaces.surfaces).into(),
-            "material_texels" => (&self.surfaces.materials).into(),
-            "texture_infos" => (&self.textures.infos).into(),
-            "colour_texels" => (&self.textures.colour).into(),
-            "data_texels" => (&self.textures.data).into(),
-            "procedural_texels" => (&self.procedurals).into(),
-            "procedural_misses" => (&self.procedural_misses).into(),
-            "camera" => (&self.camera).into(),
-            "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),
-            _ => return self.lights.get(name),
-        })
+        self.bindings().find(name).or_else(|| self.lights.get(name))
     }
 }
 

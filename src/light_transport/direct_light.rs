@@ -8,9 +8,11 @@ use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::VisibilityMap;
 use crate::Result;
+use crate::kernels::Queue;
 use crate::passes::Tile;
-use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
+use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers};
 use crate::passes::film::{Film, Plane};
+use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::settings::{Aov, Settings};
@@ -181,7 +183,7 @@ impl DirectLight {
         }
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let Buffers { classify, visibility, shadow_samples } = &self.buffers;
-        let sampled = guides.light_sampler.map(LightSampler::resources).unwrap_or_default();
+        let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
         let scene: [&dyn Bindings; 2] = [gpu_scene, &sampled];
         let classes = classify.final_classes(self.dilate);
         let shadow = ShadowBuffers {

@@ -1,12 +1,13 @@
 //! The global map: photons that carry flux, and the irradiance that they bring, precomputed.
 
-use kernel_kit::{Binding, Bindings, Frame, Gpu};
+use kernel_kit::{Frame, Gpu};
 
 use super::shared::{Shared, extent};
 use crate::Result;
+use crate::kernels::GridShape;
 use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
-use crate::passes::grid::{Grid, GridShape};
+use crate::passes::grid::Grid;
 use crate::passes::irradiance::{
     BoundShow, Irradiance, IrradianceMap, MAP_PHOTONS_PER_CELL, RAYS_PER_IRRADIANCE_POINT_RAY, ShownMap,
     irradiance_point_grid,
@@ -42,13 +43,12 @@ pub(crate) struct GlobalMap {
     show: Option<BoundShow>,
 }
 
-impl Bindings for GlobalMap {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        self.irradiance.as_ref().and_then(|irradiance| irradiance.get(name))
-    }
-}
-
 impl GlobalMap {
+    /// The irradiance at which paths and gathers end.
+    pub fn irradiance(&self) -> Option<&IrradianceMap> {
+        self.irradiance.as_ref()
+    }
+
     /// Traces the photons, sorts them, and estimates the irradiance at some of them for `paths`.
     pub fn new(
         shared: &Shared<'_>,

@@ -6,8 +6,9 @@ use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
+use crate::kernels::MIN_RADIUS_PIXELS;
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, ViewRecords, record_values, wanted};
-use crate::passes::gather::{BoundGather, Gather, GatherSettings, MIN_RADIUS_PIXELS, RecordHead};
+use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;

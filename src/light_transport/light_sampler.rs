@@ -1,6 +1,6 @@
 //! The light sampler: a few of many lights for each point, by light zones where photons tell them.
 
-use kernel_kit::{Buffer, Frame, Gpu, Resources};
+use kernel_kit::{Buffer, Frame, Gpu};
 
 use super::shared::{Shared, extent, photons_by_light};
 use crate::Result;
@@ -99,9 +99,9 @@ impl LightSampler {
         self.bound.record(frame, tile);
     }
 
-    /// The sampled lights, as the other passes read them.
-    pub fn resources(&self) -> Resources<'_> {
-        Resources::new().with("sampled_lights", &self.sampled_lights)
+    /// The sampled lights, as the passes after the sampler read them.
+    pub fn sampled_lights(&self) -> &Buffer {
+        &self.sampled_lights
     }
 
     /// Bytes of the buffers of the frame.

@@ -4,7 +4,8 @@ use kernel_kit::{Buffer, Gpu};
 
 use super::shared::{Shared, extent, photons_by_light};
 use crate::Result;
-use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
+use crate::kernels::GridShape;
+use crate::passes::grid::{Grid, Photon, PhotonGrid};
 use crate::passes::photons::Photons;
 use crate::settings::Settings;
 use crate::specialisation::features::Features;

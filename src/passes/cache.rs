@@ -1,9 +1,7 @@
 //! Pass `cache`: the irradiance cache. Lists the points that need an irradiance record of their own, and interpolates
 //! the indirect light of all others from the records there are.
 
-use kernel_kit::{
-    Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
-};
+use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 
 use super::gather::RecordHead;
 use super::{Tile, TileBuffers, kernel};
@@ -125,15 +123,28 @@ fn vectors(mut words: Vec<u32>) -> Vec<[u32; 4]> {
     words.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect()
 }
 
-impl Bindings for ViewRecords {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        Some(match name {
-            "head_table" => (&self.heads).into(),
-            "value_table" => (&self.values).into(),
-            "block_starts" => (&self.starts).into(),
-            "block_records" => (&self.records).into(),
-            _ => return None,
-        })
+bindings! {
+    /// What kernels read of the records.
+    pub struct RecordBindings {
+        /// [`RecordHead`]s.
+        pub head_table: &Table,
+        /// Irradiance and gradients of the records.
+        pub value_table: &Table,
+        /// Index of the first entry of each block in `block_records`, four to a texel; the end follows.
+        pub block_starts: &Table,
+        /// Indices of the records by block, four to a texel.
+        pub block_records: &Table,
+    }
+}
+
+impl ViewRecords {
+    fn bindings(&self) -> RecordBindings<'_> {
+        RecordBindings {
+            head_table: &self.heads,
+            value_table: &self.values,
+            block_starts: &self.starts,
+            block_records: &self.records,
+        }
     }
 }
 
@@ -185,14 +196,20 @@ impl CacheBuffers {
     }
 }
 
-/// For the kernels that read the queue for path tracing.
-impl Bindings for CacheBuffers {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        Some(match name {
-            "path_count" => (&self.path_count).into(),
-            "path_points" => (&self.path_points).into(),
-            _ => return None,
-        })
+bindings! {
+    /// The queue for path tracing, as pass `path` reads it.
+    pub struct PathQueueBindings {
+        /// Number of queued points.
+        pub path_count: &Buffer,
+        /// Their indices.
+        pub path_points: &Buffer,
+    }
+}
+
+impl CacheBuffers {
+    /// The queue for path tracing.
+    pub fn path_queue(&self) -> PathQueueBindings<'_> {
+        PathQueueBindings { path_count: &self.path_count, path_points: &self.path_points }
     }
 }
 
@@ -226,7 +243,7 @@ impl Cache {
             path_points: &buffers.path_points,
             path_arguments: &buffers.path_arguments,
         };
-        let entry = |name: &str| self.0.bind(gpu, name, &[&own, records]);
+        let entry = |name: &str| self.0.bind(gpu, name, &[&own, &records.bindings()]);
         Ok(BoundCache {
             request: entry("request")?,
             interpolate: entry("interpolate")?,

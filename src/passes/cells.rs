@@ -4,8 +4,8 @@
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::classify::Chunk;
-use super::grid::GridShape;
 use super::{Tile, TileBuffers, kernel};
+use crate::kernels::GridShape;
 use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::{Error, Result};

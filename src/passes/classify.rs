@@ -3,14 +3,11 @@
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::{ClassifyRequestedCells, GridShape, PhotonGrid};
-use super::new_kernel;
-use super::{Tile, TileBuffers};
+use super::grid::{ClassifyRequestedCells, PhotonGrid};
+use super::{Tile, TileBuffers, kernel};
 use crate::Result;
-use crate::kernels::compose;
+use crate::kernels::{GridShape, Queue};
 use crate::specialisation::features::{Feature, Features};
-
-pub use crate::kernels::{Class, Classified, Queue};
 
 /// Lights that the passes of direct light work on together.
 #[derive(Clone, Copy, Debug)]
@@ -127,9 +124,8 @@ impl Classify {
     /// As [`Kernel::new`]; [`crate::Error::Setting`] for a `nearest` out of range.
     pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
         super::grid::check_nearest(nearest)?;
-        let composed = compose("classify", features)?;
         let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];
-        let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &[ClassifyBindings::DECLARED])?;
+        let kernel = kernel(gpu, "classify", features, &constants, &[ClassifyBindings::DECLARED])?;
         Ok(Classify { kernel, map: features.has(Feature::VisibilityMap) })
     }
 

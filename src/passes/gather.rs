@@ -4,7 +4,6 @@ use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_st
 
 use super::{TileBuffers, kernel};
 use crate::Result;
-pub use crate::kernels::MIN_RADIUS_PIXELS;
 use crate::kernels::RECORD_HEAD_TEXELS;
 use crate::specialisation::features::Features;
 

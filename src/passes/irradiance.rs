@@ -3,12 +3,13 @@
 //! tile; adds the light of the caustic map there.
 
 use kernel_kit::{
-    Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
+    Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
 
-use super::grid::{GridShape, SortedPhotons};
+use super::grid::SortedPhotons;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
+use crate::kernels::GridShape;
 use crate::specialisation::features::{Feature, Features};
 use crate::statistics::Counter;
 
@@ -74,13 +75,20 @@ pub struct IrradianceMap {
     pub not_finite: u64,
 }
 
+bindings! {
+    /// What paths and gathers read of the irradiance, beside the sorted irradiance points.
+    pub struct IrradianceMapBindings {
+        /// Irradiance at the points, and the radius of the disc that it is the mean of.
+        pub irradiance_table: &Table,
+        /// The [`GridShape`] of the points.
+        pub irradiance_grid: &Buffer,
+    }
+}
+
 impl Bindings for IrradianceMap {
-    fn get(&self, name: &str) -> Option<kernel_kit::Binding<'_>> {
-        match name {
-            "irradiance_table" => Some((&self.irradiances).into()),
-            "irradiance_grid" => Some((&self.shape).into()),
-            _ => self.points.get(name),
-        }
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        let own = IrradianceMapBindings { irradiance_table: &self.irradiances, irradiance_grid: &self.shape };
+        own.find(name).or_else(|| self.points.get(name))
     }
 }
 

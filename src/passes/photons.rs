@@ -3,9 +3,9 @@
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::{MAX_LIGHTS, Photon};
+use super::grid::Photon;
 use super::kernel;
-use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
+use crate::kernels::{MAX_LIGHTS, PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
 use crate::{Error, Result};

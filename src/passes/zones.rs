@@ -2,14 +2,12 @@
 //! lists the lights that reach it, from the photons.
 
 use glam::Vec3;
-use kernel_kit::{
-    Binding, Bindings, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
-};
+use kernel_kit::{Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 
-use super::grid::{GridShape, SortedPhotons};
+use super::grid::SortedPhotons;
 use super::kernel;
 use crate::Result;
-pub use crate::kernels::ZONE_LIGHTS;
+use crate::kernels::{GridShape, ZONE_LIGHTS};
 use crate::specialisation::features::Features;
 
 /// Maximum number of zones: 8 MiB of lists.
@@ -44,7 +42,7 @@ pub struct Zones {
     group: u32,
 }
 
-/// The lights of each zone, bound as `zone_lists`.
+/// The lights of each zone.
 pub struct ZoneTable {
     /// Shape of the grid of zones.
     pub shape: GridShape,
@@ -55,9 +53,18 @@ pub struct ZoneTable {
     table: Table,
 }
 
-impl Bindings for ZoneTable {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        (name == "zone_lists").then(|| (&self.table).into())
+bindings! {
+    /// What kernels read of the zones.
+    pub struct ZoneListBindings {
+        /// [`ZONE_LIGHTS`] words a zone.
+        pub zone_lists: &Table,
+    }
+}
+
+impl ZoneTable {
+    /// What kernels read of the zones.
+    pub fn bindings(&self) -> ZoneListBindings<'_> {
+        ZoneListBindings { zone_lists: &self.table }
     }
 }
 

@@ -14,11 +14,16 @@ use crate::feature::{Feature, Features};
 /// Largest number of workgroups in one dimension of a dispatch (WebGPU's limit, and lavapipe's).
 pub const MAX_GROUPS: u32 = 65_535;
 
+/// The feature by which `group_index` of `package::kit` interleaves workgroups.
+const INTERLEAVE: &str = "interleave";
+
 /// The modules that kernels are composed of, by path: kernels import from the module `lib/noise` as
 /// `package::lib::noise::item`. Clones share the text of embedded modules.
 ///
 /// Every composer has the module `package::kit`: `group_index`, `dispatch_groups`, `MAX_GROUPS`, `TABLE_WIDTH` and
-/// `TABLE_WIDTH_LOG2`. What a kernel does not use is left out of it.
+/// `TABLE_WIDTH_LOG2`. What a kernel does not use is left out of it. Where the kernels have a feature `interleave` and it
+/// is on, `group_index` alternates between the two halves of a dispatch, for software devices that give each half to
+/// a thread.
 #[derive(Clone, Debug)]
 pub struct Composer {
     modules: BTreeMap<String, Cow<'static, str>>,
@@ -95,6 +100,8 @@ impl Composer {
         // naga validates what comes out.
         let mut options = wesl::CompileOptions { validate: false, ..Default::default() };
         options.features.default = wesl::Feature::Error;
+        // Kernels that have no such feature use the kit's own module without it.
+        options.features.flags.insert(INTERLEAVE.to_owned(), false.into());
         for feature in F::ALL {
             options.features.flags.insert(feature.name().to_owned(), features.has(*feature).into());
         }
