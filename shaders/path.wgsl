@@ -35,9 +35,9 @@ struct PathParameters {
 
 var<immediate> parameters: PathParameters;
 
-// Each of these holds two counts of a workgroup: on software devices four atomics would cost more than the counts are
-// worth. The lower SECOND_COUNT bits count rays, of which an invocation
-// traces at most MAX_ITERATIONS. The upper ones count invocations whose radiance is not finite, or whose path is heavy.
+// Each of these holds two counts of a workgroup, because four atomics would be slow on software devices. The lower
+// SECOND_COUNT bits count rays, of which an invocation traces at most MAX_ITERATIONS. The upper ones count invocations
+// whose radiance is not finite, or whose path is heavy.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
@@ -91,7 +91,7 @@ fn path(
     }
 }
 
-// What a path from point i brings back, through the specular chain that leads to the point.
+// The radiance of a path from point i, as it reaches the camera through the specular chain.
 fn radiance_along(i: u32) -> PathRadiance {
     var vertex: PathVertex;
     vertex.position = points[i].position;

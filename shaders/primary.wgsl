@@ -97,8 +97,8 @@ fn store_surface(i: u32, found: SurfaceHit) {
     }
 }
 
-// Maximum number of links of a specular chain: of the light that enters glass, a few thousandths have not left it by
-// then.
+// Maximum number of links of a specular chain. After so many, a few thousandths of the light that entered glass are
+// left in it.
 @if(specular_chains) const MAX_LINKS = 32u;
 
 // Follows the camera's ray through clear glass and over mirrors to a surface that is neither, and leaves that in

@@ -2,7 +2,7 @@
 // points (normalised space), surfaces, class words, visibilities of the queued candidates. Out: radiance, relative to
 // the scene's unit, added to `radiance_direct`. Paper, "Extending the photon map": cases 1 to 3.
 //
-// The estimator, with U the unshadowed answer, f_j / p_j the contributions of the N light points, V_j their
+// The estimator, with U the unshadowed light, f_j / p_j the contributions of the N light points, V_j their
 // visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
@@ -59,7 +59,7 @@ var<immediate> parameters: ShadeParameters;
 @if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
 @if(few_sampled) var<workgroup> group_base: u32;
 
-// What the lights of a point have in common.
+// The state of a point that all its lights share.
 struct ShadingPoint {
     position: vec3f,
     surface: Surface,
@@ -100,11 +100,11 @@ fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32) -> Cont
 struct Estimate {
     radiance: vec3f,
     visibility: f32,
-    // Light points have a part in it.
+    // Whether light points contribute.
     sampled: bool,
 }
 
-// What the estimator takes as given for a candidate.
+// The terms of the estimator that are known before any light point is sampled.
 struct Given {
     // The visibility without shadow rays: by class, or the photons' own, rounded.
     visibility: f32,
@@ -280,8 +280,8 @@ fn shade(
     }
 }
 
-// The light points' part, at the points that `shade` queued. Most points have none, and software devices would sample
-// it all the same.
+// The contribution of light points at the points that `shade` queued. Few points have any, but software devices would
+// execute the sampling for all of them.
 @if(few_sampled)
 @compute @workgroup_size(64)
 fn shade_sampled(

@@ -29,7 +29,7 @@ const GROUP = 64u;
 const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 
-// By light: illumination photons, above bit 16 shadow photons.
+// By light: illumination photons in bits 0-15, shadow photons above.
 var<workgroup> tallies: array<atomic<u32>, MAX_LIGHTS>;
 var<workgroup> buckets: array<atomic<u32>, BUCKETS>;
 // By invocation: lights above the last bucket that is listed, above bit 16 those in it; then those listed before.

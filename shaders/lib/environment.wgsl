@@ -1,6 +1,6 @@
 // The environment: an equirectangular panorama infinitely far away. Radiance is interpolated between the middles of
-// four texels, over a patch; directions are chosen among cells of whole patches by what comes from there, and evenly
-// within a cell. Tables are made by src/gpu_scene/environment.rs.
+// four texels, over a patch; sampling takes a cell of whole patches by the radiance from there, and a direction evenly
+// within it. Tables are made by src/gpu_scene/environment.rs.
 
 import package::lib::constants::ENVIRONMENT_HEADER;
 import package::lib::math::{PI, safe_sqrt};
@@ -97,7 +97,7 @@ fn environment_radiance(direction: vec3f) -> vec3f {
     return environment_radiance_at(shape, environment_patch(shape, direction));
 }
 
-// What comes from a direction, and the density by solid angle with which `environment_sample` chooses it.
+// What comes from a direction, and the density by solid angle with which `environment_sample` samples it.
 fn environment_met(direction: vec3f) -> vec4f {
     let shape = environment_shape();
     let patch_ = environment_patch(shape, direction);

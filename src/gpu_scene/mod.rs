@@ -1,4 +1,4 @@
-//! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
+//! The scene as the kernels read it: tables on the device, bound to kernels by the names of their variables.
 
 mod bounds;
 pub mod camera;
@@ -24,9 +24,9 @@ use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 use crate::specialisation::features::{Feature, Features};
 
-/// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
+/// The scene on the device. It binds the variables of the modules in `shaders/lib/`.
 pub struct GpuScene {
-    /// The lights, and what the host wants to know of them.
+    /// The lights, on the device and for the host.
     pub lights: GpuLights,
     nodes: Table,
     triangles: Table,
@@ -35,8 +35,8 @@ pub struct GpuScene {
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
-    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was
-    /// none.
+    /// Rays that passed through a procedural object since the counts were last read: those whose function took too many
+    /// iterations, and those whose function returned an invalid result.
     pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
@@ -68,8 +68,8 @@ impl GpuScene {
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
         let texels =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to
-        // another.
+        // Equation 1 compares numbers of photons, so that each must represent the same part of its light: emission is
+        // not narrowed to the receivers.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);

@@ -92,7 +92,7 @@ impl ClassifyBuffers {
 /// The pass; see `shaders/classify.wgsl`.
 pub struct Classify {
     kernel: Kernel,
-    /// There is a visibility map.
+    /// Whether there is a visibility map.
     map: bool,
 }
 
@@ -226,7 +226,7 @@ impl BoundClassify {
         frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
     }
 
-    /// Widens boundaries, where the chunk asks for that.
+    /// Widens boundaries by [`Chunk::dilate`] pixels.
     pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         if chunk.dilate > 0 {
             let candidates = tile.point_count * chunk.lights;

@@ -34,7 +34,7 @@ impl Photon {
     }
 }
 
-/// Refuses a number of nearest photons that no query can count.
+/// Checks that queries can count so many nearest photons.
 ///
 /// # Errors
 /// [`Error::Setting`] for a `nearest` out of 1 to [`Settings::MAX_NEAREST`].

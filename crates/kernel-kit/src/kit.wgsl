@@ -1,8 +1,8 @@
 // Which item an invocation works on, where a dispatch may have more workgroups than fit one dimension.
 
-// The linear index of a workgroup. `Frame::run` lays out more than MAX_GROUPS workgroups in two dimensions; the last ones
-// may be past the last item. Lavapipe splits the workgroups of a dispatch into two contiguous halves, one a thread:
-// with the feature `interleave` workgroups alternate between the halves, which balances uneven work.
+// The linear index of a workgroup. `Frame::run` lays out more than MAX_GROUPS workgroups in two dimensions; the last
+// ones may be past the last item. Lavapipe splits the workgroups of a dispatch into two contiguous halves, one a
+// thread: with the feature `interleave` workgroups alternate between the halves, which balances uneven work.
 fn group_index(group: vec3u, groups: vec3u) -> u32 {
     let linear = group.x + group.y * groups.x;
     @if(interleave) {

@@ -11,8 +11,8 @@ use crate::gpu_scene::bounds::bounding_sphere;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 
-/// Triangles of a light that is worth views: of fewer, those that face the other way are all that matters; more would
-/// take more than 4 MB.
+/// Numbers of triangles for which a light gets views. With fewer, only the triangles that face away matter; with more,
+/// the views would take more than 4 MB.
 const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
 /// What mesh lights have beside their texels in the table of lights.
@@ -74,7 +74,7 @@ impl MeshLight<'_> {
         first
     }
 
-    /// Adds its views, where it is worth them.
+    /// Adds the views of the light, where it gets any.
     fn push_views(&self, tables: &mut MeshTexels, radius: f32) -> bool {
         let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
@@ -86,7 +86,7 @@ impl MeshLight<'_> {
         viewed
     }
 
-    /// The share of its photons that are sent towards the receivers: the mean over its triangles' middles.
+    /// The share of its photons that are emitted towards the receivers: the mean over the middles of its triangles.
     fn received_share(&self, bounds: ReceiverBounds) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for (emitter, [a, b, c]) in self.emitters.iter().zip(&self.triangles) {
@@ -170,7 +170,7 @@ pub(super) fn pack(
     }
 }
 
-/// Whether a light has so many triangles that points sample one by power before they know what it sends to them.
+/// Whether a light has so many triangles that points sample one by power, without evaluating each of them.
 pub fn has_many_emitters(light: &Light) -> bool {
     matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > layout::FEW_EMITTERS as usize)
 }
