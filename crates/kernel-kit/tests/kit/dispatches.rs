@@ -153,7 +153,7 @@ fn kernels_compiled_ahead_run_and_are_timed(gpu: &Gpu) {
 
 /// A table of what a kernel wrote is read back as it was written, past the first row, on devices of both kinds.
 #[kernel_test]
-fn results_of_kernels_are_read_as_tables(gpu: &Gpu) {
+fn what_kernels_write_is_read_as_a_table(gpu: &Gpu) {
     let features = device_features(gpu);
     let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
     let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
