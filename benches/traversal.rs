@@ -6,16 +6,16 @@
 //! It prints for each scene the time to build the hierarchy and its levels, and for each kernel the median (and the
 //! best) of nine runs in millions of rays a second, camera / shadow / diffuse. Times are those of the device.
 
-use kernel_kit::{BoundKernel, Declared, Gpu, Resources, TableFormat};
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::passes::new_kernel;
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f32::consts::{PI, TAU};
 use std::time::Instant;
 
 use glam::{Mat3, Vec3, vec3};
+use kernel_kit::{BoundKernel, Declared, Gpu, Resources, TableFormat};
 use penumbra::Result;
 use penumbra::internal::bvh::Bvh;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::new_kernel;
+use penumbra::internal::specialisation::features::{Feature, Features};
 
 /// Runs for each time.
 const RUNS: usize = 9;
@@ -31,7 +31,7 @@ type Times = [[f64; 2]; 2];
 
 /// Rays come from a table, which is the cheapest read. Every answer is stored.
 const KERNEL: &str = "
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::ray::Ray;
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};

@@ -9,7 +9,7 @@ import package::lib::constants::{
     DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT
 };
 import package::lib::class_word::class_word;
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cell_of, cells_of_a_light, index_in_grid};
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light::{light_sample, shadow_ray};

@@ -7,7 +7,7 @@
 // for, `query` searches for the nearest photons where no cell class decides, `dilate` widens boundaries, `compact`
 // fills the queues.
 
-import package::lib::dispatch::{dispatch_groups, group_index};
+import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near, with_class};
 @if(visibility_map) import package::lib::class_word::near_word;

@@ -5,7 +5,7 @@
 // Out: `sums` and `compensations`, a vector for each pixel; compensations.w is the number of samples that were left
 // out.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::math::is_finite4;
 import package::lib::constants::{COUNTER_NOT_FINITE, COUNTER_NEAR_OVERFLOW};
 

@@ -10,7 +10,7 @@
 import package::lib::bsdf::{bsdf_sample, leaving_normal};
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, traversal_overrun};
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{Photon, flux_word};
@@ -161,7 +161,9 @@ fn flux(
             // Direct light counts as unshadowed, at the first hit and at all hits behind it; shadow photons take off
             // the excess.
             stores &= bounce > 0u;
-            if bounce == 0u { rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed); }
+            if bounce == 0u {
+                rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed);
+            }
         }
         if found.unlit { break; }
         var goes_on = bounce < flux_pass.max_bounces;

@@ -10,7 +10,7 @@ import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, traversal_overrun};
 import package::lib::camera::pixel_size;
-import package::lib::dispatch::{dispatch_groups, group_index};
+import package::kit::{dispatch_groups, group_index};
 import package::lib::irradiance::irradiance_near;
 import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};

@@ -3,7 +3,7 @@
 // both kinds among their nearest k? In: photons (normalised space). Out: sorted photons, the first photon of each cell,
 // two cell classes a cell (lib/cell_class). Paper, "Extending the photon map": the three cases.
 
-import package::lib::dispatch::{dispatch_groups, group_index};
+import package::kit::{dispatch_groups, group_index};
 import package::lib::math::oct_decode7;
 import package::lib::cell_class::{COS_CLUSTER, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, request_complement};
 import package::lib::cell_classification::{Cluster, MAX_VISITS, VISITS_PER_NEAREST, classify_cluster};

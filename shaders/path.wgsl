@@ -5,7 +5,7 @@
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
 // `radiance_indirect`.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::table::light_count;
@@ -13,7 +13,7 @@ import package::lib::math::{is_finite3, invalid_sample};
 import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{points, visible_surface};
-@if(chains) import package::lib::visible_point::visible_chain;
+@if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
 import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
@@ -35,9 +35,9 @@ struct PathParameters {
 
 var<immediate> parameters: PathParameters;
 
-// Each of these holds two counts of a workgroup: on software devices four atomics would cost more than the counts are
-// worth. The lower SECOND_COUNT bits count rays, of which an invocation
-// traces at most MAX_ITERATIONS. The upper ones count invocations whose radiance is not finite, or whose path is heavy.
+// Each of these holds two counts of a workgroup, because four atomics would be slow on software devices. The lower
+// SECOND_COUNT bits count rays, of which an invocation traces at most MAX_ITERATIONS. The upper ones count invocations
+// whose radiance is not finite, or whose path is heavy.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
@@ -91,7 +91,7 @@ fn path(
     }
 }
 
-// What a path from point i brings back, through the specular chain that leads to the point.
+// The radiance of a path from point i, as it reaches the camera through the specular chain.
 fn radiance_along(i: u32) -> PathRadiance {
     var vertex: PathVertex;
     vertex.position = points[i].position;
@@ -100,7 +100,7 @@ fn radiance_along(i: u32) -> PathRadiance {
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     var found = trace_path(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
-    @if(chains) {
+    @if(specular_chains) {
         let throughput = visible_chain(i).throughput;
         found.direct *= throughput;
         found.indirect *= throughput;

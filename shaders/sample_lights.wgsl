@@ -10,7 +10,7 @@
 // the mean is the sum over all lights, whatever the lists say. By power, or uniformly: the comb over the cumulative
 // probabilities of all lights.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::light::sample_light;
 import package::lib::point::Point;
@@ -46,7 +46,7 @@ var<immediate> sample_lights_pass: SampleLightsParameters;
 
 const SAMPLE_LIGHTS_GROUP = 64u;
 @if(zones) const LIST_TEXELS = ZONE_LIGHTS / 4u;
-// Lights that an audit takes one of: more bring less than they cost.
+// Number of lights of which an audit takes one. More reduce the noise by less than they cost.
 @if(zones) const AUDITED_LIGHTS = 8u;
 
 // By listed light and invocation: probabilities times a common factor.

@@ -2,14 +2,14 @@
 // points (normalised space), surfaces, class words, visibilities of the queued candidates. Out: radiance, relative to
 // the scene's unit, added to `radiance_direct`. Paper, "Extending the photon map": cases 1 to 3.
 //
-// The estimator, with U the unshadowed answer, f_j / p_j the contributions of the N light points, V_j their
+// The estimator, with U the unshadowed light, f_j / p_j the contributions of the N light points, V_j their
 // visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
 // Where U has a closed form and most points are decided (`few_sampled`), `shade` adds c U and a U, and queues the
 // points for which `shade_sampled` adds the rest.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::table::{LightSample, light_has_closed_form};
@@ -26,7 +26,7 @@ import package::lib::constants::{
 };
 import package::lib::point::SURFACE_VECTORS;
 import package::lib::visible_point::{points, surfaces, visible_surface};
-@if(chains) import package::lib::visible_point::visible_chain;
+@if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
 @if(audit) import package::lib::class_word::{audit_chance, is_audited};
@@ -59,7 +59,7 @@ var<immediate> parameters: ShadeParameters;
 @if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
 @if(few_sampled) var<workgroup> group_base: u32;
 
-// What the lights of a point have in common.
+// The state of a point that all its lights share.
 struct ShadingPoint {
     position: vec3f,
     surface: Surface,
@@ -100,11 +100,11 @@ fn contribution(shading: ShadingPoint, sampled: LightSample, light: u32) -> Cont
 struct Estimate {
     radiance: vec3f,
     visibility: f32,
-    // Light points have a part in it.
+    // Whether light points contribute.
     sampled: bool,
 }
 
-// What the estimator takes as given for a candidate.
+// The terms of the estimator that are known before any light point is sampled.
 struct Given {
     // The visibility without shadow rays: by class, or the photons' own, rounded.
     visibility: f32,
@@ -119,9 +119,9 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     var visibility = class_visibility(word);
     if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
     let traced = traces_shadow_rays(word);
-    // Most boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing is left
-    // to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise of the
-    // light behind it.
+    // Nearly all boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing
+    // is left to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise
+    // of the light behind it.
     if traced { visibility = round(visibility); }
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
@@ -247,7 +247,7 @@ fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
             shadow_samples[candidate].y = estimate.visibility;
         }
     }
-    @if(chains) { sum *= visible_chain(i).throughput; }
+    @if(specular_chains) { sum *= visible_chain(i).throughput; }
     let so_far = radiance_direct[i];
     let radiance = so_far.xyz + sum;
     // Once, however many chunks of lights and entry points add to it.
@@ -280,8 +280,8 @@ fn shade(
     }
 }
 
-// The light points' part, at the points that `shade` queued. Most points have none, and software devices would sample
-// it all the same.
+// The contribution of light points at the points that `shade` queued. Few points have any, but software devices would
+// execute the sampling for all of them.
 @if(few_sampled)
 @compute @workgroup_size(64)
 fn shade_sampled(

@@ -3,7 +3,7 @@
 // hierarchy. Out: the visibilities of each candidate's light points, a bit each, in `visibility`; photons that repair
 // the visibility map where an audit contradicts a class. Paper, "Extending the photon map": case 3.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::{trace_occluded, traversal_overrun};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};

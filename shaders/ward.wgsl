@@ -10,7 +10,7 @@ import package::lib::class_word::class_word;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_DARK, CLASS_UNKNOWN, INVALID_POINT, MAX_LIGHTS, QUEUE_BOUNDARY, QUEUE_COUNT
 };
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::sampled_light::nth_light_sample;
 import package::lib::math::luminance;
@@ -235,7 +235,7 @@ fn next(
         if queued {
             let key = take(i, state.waiting);
             state.waiting--;
-            // Never negative by rounding: a tolerance of 0 tests all.
+            // Rounding must not make it negative, so that a tolerance of 0 tests all.
             state.rest = max(state.rest - potential_of(key), 0.0);
             let light = key & LIGHT_MASK;
             state.current = light + 1u;
@@ -266,7 +266,7 @@ fn guess(
     if i >= ward_pass.tile.point_count { return; }
     var state = ward_states[i];
     add_test(i, &state);
-    // Where nothing was expected nothing is known.
+    // Without an expectation there is nothing to scale by.
     let here = select(0.5, state.visible / state.expected, state.expected > 0.0);
     for (var k = 0u; k < state.waiting; k++) {
         let light = key_at(i, k) & LIGHT_MASK;

@@ -4,7 +4,7 @@
 // those around it, that nothing had blocked. (A light that is visible from a share v of a zone's points is best sampled
 // in proportion to the root of v.) Where more lights reach a zone, the strongest are listed.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cells_of_a_light, index_in_grid, load_cell_start, load_photon};
 import package::lib::constants::{MAX_LIGHTS, PHOTON_LIGHT_SHIFT, ZONE_LIGHTS};
 import package::lib::photon::photon_is_shadow;
@@ -29,7 +29,7 @@ const GROUP = 64u;
 const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 
-// By light: illumination photons, above bit 16 shadow photons.
+// By light: illumination photons in bits 0-15, shadow photons above.
 var<workgroup> tallies: array<atomic<u32>, MAX_LIGHTS>;
 var<workgroup> buckets: array<atomic<u32>, BUCKETS>;
 // By invocation: lights above the last bucket that is listed, above bit 16 those in it; then those listed before.
@@ -122,7 +122,7 @@ fn list(
     let at = vec3i(cell_in_grid(zones_pass.zones, zone));
     let low = max(at - 1, vec3i(0));
     let high = min(at + 1, vec3i(size) - 1);
-    // Most zones of a large scene are empty: there is nothing to count.
+    // In a large scene nearly all zones are empty: nothing to count.
     let photons = load_cell_start(zone_index(high) + 1u) - load_cell_start(zone_index(low));
     let per_lane = (zones_pass.light_count + GROUP - 1u) / GROUP;
     let lights = select(0u, per_lane, photons > 0u);

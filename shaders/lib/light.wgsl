@@ -23,9 +23,9 @@ import package::lib::ray::{Ray, offset_origin};
 
 struct SampledLight {
     light: u32,
-    // With which it is sampled.
+    // The probability with which it is sampled.
     probability: f32,
-    // What is left of the random number, uniform again.
+    // The rest of the random number, which is uniform again.
     u: f32,
 }
 
@@ -85,8 +85,8 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
 
 // ---- Darkness
 
-// The whole light is behind the surface's plane or emits away from the position: nothing arrives, whatever is in
-// between. Exact for lights of a closed form; others may be dark where this is false.
+// Whether the whole light is behind the surface's plane or emits away from the position, so that nothing can arrive.
+// Exact for lights of a closed form; others may be dark where this is false.
 fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     // No surface faces away from everything around it.
@@ -104,8 +104,8 @@ fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
 
 // ---- Potential
 
-// About the irradiance that the light brings to the surface with nothing in between, in units that all lights share. It
-// is positive wherever `light_dark` is false and the light sends anything: lights are sampled by it.
+// Approximate unoccluded irradiance of the surface from the light, in the same units for all lights. Lights are sampled
+// by it, so it is positive wherever `light_dark` is false and the light emits.
 fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
     let strength = bitcast<f32>(light_texel(light, LIGHT_SAMPLING_TEXEL).z);
     @if(environment) { if is_environment(light) { return strength; } }
@@ -124,7 +124,7 @@ fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
 
 // ---- Sampling
 
-// A point of the light as the position sees it, occluders and horizon aside.
+// A point of the light as seen from the position, without regard to occluders and horizon.
 fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     @if(environment) { if is_environment(light) { return environment_light_sample(u); } }
@@ -165,7 +165,7 @@ fn is_beyond(origin: vec3f, position: vec3f, sampled: LightSample) -> bool {
 
 // ---- Closed form
 
-// The irradiance of the surface from the light, nothing in between, in closed form; for lights that have one.
+// Unoccluded irradiance of the surface from the light in closed form, for lights that have one.
 fn light_unshadowed_irradiance(light: u32, position: vec3f, normal: vec3f) -> vec3f {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     @if(point_lights || spot_lights || directional_lights) {

@@ -2,8 +2,9 @@
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::attributes::Uv;
+import package::kit::TABLE_WIDTH_LOG2;
 import package::lib::constants::{
-    TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1, LAYER_TEXELS_LOG2, TABLE_WIDTH_LOG2,
+    TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1, LAYER_TEXELS_LOG2,
 };
 
 // By texture info: the matrix; offset and flags; first texel of the image, its width and its height.

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// A sphere around the points: about the middle of their box, of radius 0 where there is none.
+/// A sphere around the points, centred in their box; of radius 0 where there is no point.
 pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
     let (low, high) = points
         .clone()
@@ -12,6 +12,6 @@ pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Ve
     }
     let centre = (low + high) / 2.0;
     let radius = points.map(|point| point.as_dvec3().distance(centre.as_dvec3())).fold(0.0, f64::max);
-    // Up, so that rounding leaves no point outside.
+    // Rounded up, so that no point is outside.
     (centre, (radius as f32).next_up())
 }

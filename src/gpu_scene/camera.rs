@@ -5,8 +5,8 @@ use glam::Vec3;
 use crate::scene::{Camera, Projection};
 
 kernel_kit::shared_struct! {
-    /// A camera: pixel (x, y) of a film of unit square looks from `position` (moved by `right` and `up` where
-    /// orthographic) along `-backward` plus (2 x - 1) `right` plus (1 - 2 y) `up`.
+    /// A camera. The ray of position (x, y) on the unit square of the image starts at `position` (offset by `right` and
+    /// `up` where orthographic) and goes along `-backward` + (2 x - 1) `right` + (1 - 2 y) `up`.
     pub struct CameraUniform {
         /// Position, normalised.
         pub position: [f32; 3],
@@ -52,7 +52,7 @@ impl CameraUniform {
         }
     }
 
-    /// Width over height that the camera asks for, 1 where it asks for none.
+    /// The camera's own ratio of width to height, 1 where it has none.
     pub fn aspect(camera: &Camera) -> f32 {
         match camera.projection {
             Projection::Perspective { aspect, .. } => aspect.unwrap_or(1.0),

@@ -1,13 +1,13 @@
-//! The environment as `shaders/lib/environment.wgsl` reads it: a table by which directions are chosen, and the texels.
+//! The environment as `shaders/lib/environment.wgsl` reads it: a table by which directions are sampled, and the texels.
 //!
 //! Radiance is interpolated between the middles of four texels: over a *patch*. The sampling table is made of the same
 //! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches
 //! more than of texels, as the first and the last are half as high, from the pole to the middle of the texels there.
 
-use kernel_kit::{Gpu, Table, TableFormat};
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 
+use kernel_kit::{Gpu, Table, TableFormat};
 use rayon::prelude::*;
 
 use crate::Result;
@@ -38,7 +38,7 @@ pub struct GpuEnvironment {
 }
 
 impl GpuEnvironment {
-    /// Uploads a panorama, turned by `turn` turns.
+    /// Uploads a panorama, rotated by `turn`, in whole rotations.
     ///
     /// # Errors
     /// As [`Gpu::table`].

@@ -9,16 +9,16 @@ mod mesh;
 mod point;
 mod spot;
 
-use crate::Result;
-use crate::scene::{Light, LightKind, Scene};
-use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 
 use super::environment::GpuEnvironment;
 use super::receivers::ReceiverBounds;
 use super::{oct_encode16, sobol};
+use crate::Result;
+use crate::scene::{Light, LightKind, Scene};
 
 use layout::{EMITTER_TEXELS, LightTexels, NO_AXIS, Packed, SAMPLING_TEXEL, bits};
-use mesh::MeshTables;
+use mesh::MeshTexels;
 
 pub use layout::{Emission, LightInfo};
 pub use mesh::{has_many_emitters, is_closed};
@@ -26,7 +26,7 @@ pub use mesh::{has_many_emitters, is_closed};
 /// The scene's lights on the device, bound by the names `light_texels`, `emitter_texels`, `light_vertices`,
 /// `environment_texels` and `sobol_directions`.
 pub struct GpuLights {
-    /// What the host knows of each light, in the scene's order.
+    /// Power, emission and bounds of each light, in the scene's order.
     pub lights: Vec<LightInfo>,
     /// The panorama, where there is one.
     pub environment: Option<GpuEnvironment>,
@@ -37,8 +37,8 @@ pub struct GpuLights {
 }
 
 impl GpuLights {
-    /// Uploads the lights of a scene whose triangles are in the order of the BVH. Photons are sent towards the
-    /// receivers, or wherever the light shines.
+    /// Uploads the lights of a scene whose triangles are in the order of the BVH. With `receivers`, lights emit photons
+    /// only towards these bounds.
     ///
     /// # Errors
     /// As [`Gpu::table`].
@@ -50,7 +50,7 @@ impl GpuLights {
             _ => None,
         };
         let irradiance = environment.as_ref().map_or(0.0, |environment| environment.irradiance);
-        let mut meshes = MeshTables::default();
+        let mut meshes = MeshTexels::default();
         let mut lights = Vec::with_capacity(scene.lights.len());
         let mut texels: Vec<LightTexels> = Vec::with_capacity(scene.lights.len());
         for (index, light) in scene.lights.iter().enumerate() {
@@ -75,22 +75,44 @@ impl GpuLights {
     }
 }
 
-impl Bindings for GpuLights {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        match name {
-            "light_texels" => Some((&self.lights_table).into()),
-            "emitter_texels" => Some((&self.emitters).into()),
-            "light_vertices" => Some((&self.vertices).into()),
-            "environment_texels" => self.environment.as_ref().map(|environment| (&environment.table).into()),
-            "sobol_directions" => Some((&self.sobol).into()),
-            _ => None,
+bindings! {
+    /// The tables of the lights.
+    pub struct LightBindings {
+        /// See `shaders/lib/light/table.wgsl`.
+        pub light_texels: &Table,
+        /// Emitter triangles of mesh lights, and the list in the order of their primitives.
+        pub emitter_texels: &Table,
+        /// Contours and views of mesh lights.
+        pub light_vertices: &Table,
+        /// The panorama; see `shaders/lib/environment.wgsl`.
+        pub environment_texels: Option<&Table>,
+        /// Direction numbers of the Sobol sequence.
+        pub sobol_directions: &Buffer,
+    }
+}
+
+impl GpuLights {
+    /// What kernels read of the lights.
+    fn bindings(&self) -> LightBindings<'_> {
+        LightBindings {
+            light_texels: &self.lights_table,
+            emitter_texels: &self.emitters,
+            light_vertices: &self.vertices,
+            environment_texels: self.environment.as_ref().map(|environment| &environment.table),
+            sobol_directions: &self.sobol,
         }
     }
 }
 
-/// Packs a light of that index, by its kind; `irradiance` is the environment's.
+impl Bindings for GpuLights {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        self.bindings().find(name)
+    }
+}
+
+/// Packs the light with the index `index`, by its kind; `irradiance` is the environment's.
 fn pack(
-    meshes: &mut MeshTables,
+    meshes: &mut MeshTexels,
     scene: &Scene,
     index: u32,
     kind: &LightKind,
@@ -109,18 +131,19 @@ fn pack(
     }
 }
 
-/// Adds the probability with which each light is sampled: half by power, half uniform, so that a weak light near by is
-/// not left to rare samples of great weight; and what the kernels' `light_potential` needs.
+/// Adds the probability with which each light is sampled, and what the kernels' `light_potential` reads. The
+/// probability is half by power and half uniform: by power alone, a weak light near by would get rare samples of great
+/// weight.
 fn add_sampling(texels: &mut [LightTexels], lights: &[LightInfo]) {
     let count = lights.len() as f64;
     let total: f64 = lights.iter().map(|light| light.power).sum();
     let mut cumulative = 0.0;
     let mut below = 0f32;
-    // In units of the strongest: its weight anywhere is about 1 over a squared distance, whatever the scene's units.
+    // In units of the strongest light, so that potentials do not depend on the scene's units.
     let unit = lights.iter().map(|light| light.emission.strength).fold(f64::MIN_POSITIVE, f64::max);
     for (i, light) in lights.iter().enumerate() {
         cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };
-        // As for emitter triangles, the probabilities are those of the rounded numbers.
+        // Kernels compare with the rounded cumulative probabilities, so the probabilities are their differences.
         let end = if i + 1 == lights.len() { 1.0 } else { cumulative as f32 };
         let Emission { strength, axis } = light.emission;
         let strength = if light.punctual { 1.0 / unit } else { strength / unit };

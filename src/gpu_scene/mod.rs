@@ -1,4 +1,4 @@
-//! The scene as the kernels read it: tables on the device, bound by name to every kernel that asks.
+//! The scene as the kernels read it: tables on the device, bound to kernels by the names of their variables.
 
 mod bounds;
 pub mod camera;
@@ -11,6 +11,7 @@ pub mod surfaces;
 pub mod textures;
 
 pub use camera::CameraUniform;
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat, bindings};
 pub use lights::GpuLights;
 pub use receivers::ReceiverBounds;
 pub use surfaces::GpuSurfaces;
@@ -22,11 +23,10 @@ use crate::kernels::scene_texels::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 use crate::specialisation::features::{Feature, Features};
-use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
 
-/// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
+/// The scene on the device. It binds the variables of the modules in `shaders/lib/`.
 pub struct GpuScene {
-    /// The lights, and what the host wants to know of them.
+    /// The lights, on the device and for the host.
     pub lights: GpuLights,
     nodes: Table,
     triangles: Table,
@@ -35,8 +35,8 @@ pub struct GpuScene {
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
-    /// Rays that were lost for a procedural object since they were last taken: their turns were spent; an answer was
-    /// none.
+    /// Rays that passed through a procedural object since the counts were last read: those whose function took too many
+    /// iterations, and those whose function returned an invalid result.
     pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
@@ -68,8 +68,8 @@ impl GpuScene {
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
         let texels =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        // Equation 1 counts photons that stand for equal parts of a light: they are not sent more to one place than to
-        // another.
+        // Equation 1 compares numbers of photons, so that each must represent the same part of its light: emission is
+        // not narrowed to the receivers.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);
@@ -96,22 +96,56 @@ impl GpuScene {
     }
 }
 
+bindings! {
+    /// What kernels read of a scene, except the lights, and the count of lost rays that they write.
+    pub struct SceneBindings {
+        /// The hierarchy; see `shaders/lib/bvh.wgsl`.
+        pub bvh_nodes: &Table,
+        /// Triangles in the order of the hierarchy.
+        pub bvh_triangles: &Table,
+        /// Normals, texture coordinates and materials of the triangles.
+        pub surface_texels: &Table,
+        /// Materials; see `shaders/lib/material.wgsl`.
+        pub material_texels: &Table,
+        /// Texture infos; see `shaders/lib/texture.wgsl`.
+        pub texture_infos: &Table,
+        /// Texels of colours.
+        pub colour_texels: &wgpu::TextureView,
+        /// Texels of other data.
+        pub data_texels: &wgpu::TextureView,
+        /// Procedural objects; see `shaders/lib/procedural.wgsl`.
+        pub procedural_texels: &Table,
+        /// See [`GpuScene::procedural_misses`].
+        pub procedural_misses: &Buffer,
+        /// A [`CameraUniform`].
+        pub camera: &Buffer,
+        /// Albedos of the sheen lobe.
+        pub sheen_albedos: Option<&Buffer>,
+    }
+}
+
+impl GpuScene {
+    /// What kernels read of the scene except the lights.
+    fn bindings(&self) -> SceneBindings<'_> {
+        SceneBindings {
+            bvh_nodes: &self.nodes,
+            bvh_triangles: &self.triangles,
+            surface_texels: &self.surfaces.surfaces,
+            material_texels: &self.surfaces.materials,
+            texture_infos: &self.textures.infos,
+            colour_texels: &self.textures.colour,
+            data_texels: &self.textures.data,
+            procedural_texels: &self.procedurals,
+            procedural_misses: &self.procedural_misses,
+            camera: &self.camera,
+            sheen_albedos: self.sheen_albedos.as_ref(),
+        }
+    }
+}
+
 impl Bindings for GpuScene {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        Some(match name {
-            "bvh_nodes" => (&self.nodes).into(),
-            "bvh_triangles" => (&self.triangles).into(),
-            "surface_texels" => (&self.surfaces.surfaces).into(),
-            "material_texels" => (&self.surfaces.materials).into(),
-            "texture_infos" => (&self.textures.infos).into(),
-            "colour_texels" => (&self.textures.colour).into(),
-            "data_texels" => (&self.textures.data).into(),
-            "procedural_texels" => (&self.procedurals).into(),
-            "procedural_misses" => (&self.procedural_misses).into(),
-            "camera" => (&self.camera).into(),
-            "sheen_albedos" => self.sheen_albedos.as_ref()?.into(),
-            _ => return self.lights.get(name),
-        })
+        self.bindings().find(name).or_else(|| self.lights.get(name))
     }
 }
 

@@ -1,13 +1,13 @@
-//! Emission towards receiver bounds: where photons are sent. A lamp over a lone object would lose nineteen of twenty
-//! past it (Jensen 1996 sends them by projection maps; one sphere around all that there is to light needs no search).
+//! Emission towards receiver bounds. A lamp over a single object would lose nineteen of twenty photons past it, so
+//! lights emit only towards one sphere around everything that receives light. (Jensen 1996 uses projection maps, which
+//! need a search.)
 
 use glam::{DVec3, Vec3};
 
+use super::bounds::bounding_sphere;
 use crate::scene::{Material, Scene};
 
-use super::bounds::bounding_sphere;
-
-/// A sphere around all surfaces at which photons are stored or go on, normalised.
+/// A sphere around all surfaces that store or scatter photons, in normalised space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReceiverBounds {
     /// Its centre.
@@ -16,11 +16,11 @@ pub struct ReceiverBounds {
     pub radius: f32,
 }
 
-/// Rays start off their surfaces by 2^-16 of the scene's radius, and directions are rounded: some times that.
+/// Margin: rays start 2^-16 of the scene's radius off their surfaces, and directions are rounded.
 const SPARE: f32 = 1e-4;
 
 impl ReceiverBounds {
-    /// Those of a scene: all surfaces but lamps that reflect nothing. None where there is nothing else.
+    /// The bounds of all surfaces of a scene except lamps that reflect nothing. None if there are no others.
     pub fn of(scene: &Scene) -> Option<ReceiverBounds> {
         let receives = |material: u32| !is_black_lamp(&scene.materials[material as usize]);
         let triangles = (0..scene.triangles.len()).filter(|i| receives(scene.triangles[*i].material));
@@ -29,7 +29,7 @@ impl ReceiverBounds {
         (radius > 0.0).then_some(ReceiverBounds { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }
 
-    /// The directions from a position to them; None within the bounds.
+    /// The cone of directions from a position to the bounds; None within them.
     pub(super) fn cone_from(&self, position: Vec3) -> Option<ReceiverCone> {
         let offset = (self.centre - position).as_dvec3();
         let squared_sine = f64::from(self.radius).powi(2) / offset.length_squared();
@@ -39,17 +39,17 @@ impl ReceiverBounds {
     }
 }
 
-/// Directions about an axis.
+/// A cone of directions about an axis.
 pub(super) struct ReceiverCone {
     axis: DVec3,
-    /// Of the angle between the axis and the rim.
+    /// Squared sine of the angle between the axis and the rim.
     squared_sine: f64,
     /// 1 less the cosine of that angle.
     pub height: f64,
 }
 
 impl ReceiverCone {
-    /// The share of the directions about the normal, by the cosine law, to which the cone narrows them.
+    /// The share of the emission about the normal, by the cosine law, that is in the cone.
     pub fn share(&self, normal: DVec3) -> f64 {
         let cosine = self.axis.dot(normal);
         if cosine > 0.0 && cosine * cosine > self.squared_sine { self.squared_sine * cosine } else { 1.0 }

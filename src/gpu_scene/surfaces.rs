@@ -1,21 +1,20 @@
-//! What a hit needs beyond the triangle's corners: normals, texture coordinates, colours, tangents, materials.
+//! The attributes of a hit beside the triangle's corners: normals, texture coordinates, colours, tangents, materials.
 
-use crate::specialisation::features::{Feature, Features};
 use glam::{Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
 
+use super::oct_encode16;
+use super::textures::MaterialTextures;
 use crate::Result;
 use crate::kernels::scene_texels::SURFACE_FLAT;
 use crate::scene::{Scene, Triangle};
-
-use super::oct_encode16;
-use super::textures::MaterialTextures;
+use crate::specialisation::features::{Feature, Features};
 
 /// The tables behind `surface_texels` and `material_texels`.
 pub struct GpuSurfaces {
-    /// As many texels a triangle as the scene needs.
+    /// Texels of the triangles: as many each as the scene requires.
     pub surfaces: Table,
-    /// A fixed number of texels a material.
+    /// Texels of the materials: a fixed number each.
     pub materials: Table,
     layout: Layout,
 }
@@ -120,7 +119,7 @@ fn push_triangle(texels: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle,
     }
 }
 
-/// The direction of growing u over the triangle, and the handedness of u and v: what glTF asks for where a file
+/// The direction of growing u over the triangle, and the handedness of u and v: as glTF requires where a file
 /// has no tangents, without MikkTSpace's averaging between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];

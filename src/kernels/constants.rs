@@ -39,7 +39,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("QUEUE_SAMPLED", Queue::Sampled as u32),
     ("QUEUE_COUNT", Queue::COUNT as u32),
     ("QUEUE_ARGUMENT_WORDS", Queue::ARGUMENT_WORDS),
-    ("CHAIN_VECTORS", numbers::CHAIN_VECTORS),
+    ("SPECULAR_CHAIN_VECTORS", numbers::SPECULAR_CHAIN_VECTORS),
     ("TRIANGLE_VECTORS", numbers::TRIANGLE_VECTORS),
     ("SURFACE_FLAT", scene_texels::SURFACE_FLAT),
     ("TEXTURE_INFO_TEXELS", scene_texels::TEXTURE_INFO_TEXELS),
@@ -47,7 +47,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("TEXTURE_SRGB", scene_texels::TEXTURE_SRGB),
     ("TEXTURE_UV1", scene_texels::TEXTURE_UV1),
     ("LAYER_TEXELS_LOG2", 2 * kernel_kit::TABLE_WIDTH.trailing_zeros()),
-    ("TABLE_WIDTH_LOG2", kernel_kit::TABLE_WIDTH.trailing_zeros()),
     // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
     // some of these: they are far apart.
     ("DIMENSION_CAMERA", 0x1000_0000),
@@ -66,7 +65,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_LIGHT_SAMPLING", 0xe000_0000),
     ("MAX_LIGHTS", numbers::MAX_LIGHTS),
     ("ZONE_LIGHTS", numbers::ZONE_LIGHTS),
-    ("MAX_GROUPS", kernel_kit::MAX_GROUPS),
     ("MIN_RADIUS_PIXELS", numbers::MIN_RADIUS_PIXELS),
     ("PATH_GROUP", numbers::PATH_GROUP),
     ("PROCEDURAL", procedural::PROCEDURAL),

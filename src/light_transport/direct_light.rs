@@ -2,20 +2,22 @@
 //! that need shadow rays, the rays, and the light itself. Techniques differ in which steps they take, and in what
 //! decides the classes: without a visibility map every point is unknown, and all shadow rays are traced.
 
-use crate::Result;
-use crate::passes::Tile;
-use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
-use crate::passes::film::{Film, Plane};
-use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
-use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
-use crate::settings::{Aov, Settings};
-use crate::specialisation::features::{Feature, Features};
-use crate::specialisation::kernels::has_exact_counts;
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::VisibilityMap;
+use crate::Result;
+use crate::kernels::Queue;
+use crate::passes::Tile;
+use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers};
+use crate::passes::film::{Film, Plane};
+use crate::passes::sample_lights::SampledLightBindings;
+use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
+use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
+use crate::settings::{Aov, Settings};
+use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::kernels::has_exact_counts;
 
 /// Maximum number of shadow-ray candidates (point and light) in a chunk, where one light's points are not more.
 const CHUNK_CANDIDATES: u32 = 1 << 21;
@@ -181,7 +183,7 @@ impl DirectLight {
         }
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let Buffers { classify, visibility, shadow_samples } = &self.buffers;
-        let sampled = guides.light_sampler.map(LightSampler::resources).unwrap_or_default();
+        let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
         let scene: [&dyn Bindings; 2] = [gpu_scene, &sampled];
         let classes = classify.final_classes(self.dilate);
         let shadow = ShadowBuffers {

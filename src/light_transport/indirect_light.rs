@@ -1,6 +1,12 @@
 //! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that
 //! compute no direct light apart these are all light.
 
+use kernel_kit::{Bindings, Frame};
+
+use super::global_map::GlobalMap;
+use super::irradiance_cache::{Filling, IrradianceCache};
+use super::kernels::IndirectKernels;
+use super::shared::Shared;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::passes::Tile;
@@ -8,12 +14,6 @@ use crate::passes::path::{BoundPath, PathParameters};
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
-use kernel_kit::{Bindings, Frame, Resources};
-
-use super::global_map::GlobalMap;
-use super::irradiance_cache::{Filling, IrradianceCache};
-use super::kernels::IndirectKernels;
-use super::shared::Shared;
 
 /// What indirect light is made from.
 pub(crate) struct IndirectSetup<'a> {
@@ -43,12 +43,13 @@ impl IndirectLight {
         totals.indirect_bytes = 0;
         let paths = path.is_some();
         let map = global_map.as_ref().map(|map| GlobalMap::new(&shared, map, settings, paths, totals)).transpose()?;
-        let nothing = Resources::new();
-        let scene: [&dyn Bindings; 2] = [gpu_scene, map.as_ref().map_or(&nothing, |map| map as &dyn Bindings)];
+        let mut scene: Vec<&dyn Bindings> = vec![gpu_scene];
+        scene.extend(map.as_ref().and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings));
         let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
         let cache = cache.as_ref().map(|kernels| IrradianceCache::new(&filling(kernels), totals)).transpose()?;
-        let mut sets = scene.to_vec();
-        sets.extend(cache.as_ref().map(|cache| cache.buffers() as &dyn Bindings));
+        let queue = cache.as_ref().map(|cache| cache.buffers().path_queue());
+        let mut sets = scene.clone();
+        sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
         let path = path.as_ref().map(|path| path.bind(gpu, tile, &sets)).transpose()?;
         Ok(IndirectLight { map, cache, path })
     }

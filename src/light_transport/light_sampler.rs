@@ -1,5 +1,8 @@
 //! The light sampler: a few of many lights for each point, by light zones where photons tell them.
 
+use kernel_kit::{Buffer, Frame, Gpu};
+
+use super::shared::{Shared, extent, photons_by_light};
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::grid::Grid;
@@ -11,9 +14,6 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::{photons_of_zones, sorting_grid};
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
-use kernel_kit::{Buffer, Frame, Gpu, Resources};
-
-use super::shared::{Shared, extent, photons_by_light};
 
 /// Rays of all lights together that tell zones.
 const ZONE_RAYS: u32 = 1 << 20;
@@ -99,9 +99,9 @@ impl LightSampler {
         self.bound.record(frame, tile);
     }
 
-    /// The sampled lights, as the other passes read them.
-    pub fn resources(&self) -> Resources<'_> {
-        Resources::new().with("sampled_lights", &self.sampled_lights)
+    /// The sampled lights, as the passes after the sampler read them.
+    pub fn sampled_lights(&self) -> &Buffer {
+        &self.sampled_lights
     }
 
     /// Bytes of the buffers of the frame.

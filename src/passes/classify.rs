@@ -1,16 +1,13 @@
 //! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and
 //! audits are traced for.
 
-use super::new_kernel;
-use crate::Result;
-use crate::kernels::compose;
-use crate::specialisation::features::{Feature, Features};
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-pub use crate::kernels::{Class, Classified, Queue};
-
-use super::grid::{ClassifyRequestedCells, GridShape, PhotonGrid};
-use super::{Tile, TileBuffers};
+use super::grid::{ClassifyRequestedCells, PhotonGrid};
+use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::kernels::{GridShape, Queue};
+use crate::specialisation::features::{Feature, Features};
 
 /// Lights that the passes of direct light work on together.
 #[derive(Clone, Copy, Debug)]
@@ -43,9 +40,16 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write beside the visibility map.
     struct ClassifyBindings {
-        pub points: &Buffer, pub classes: &Buffer, pub query_queue: &Buffer, pub queue_lengths: &Buffer, pub queue_arguments: &Buffer, pub dilated_classes: &Buffer, pub boundary_queue: &Buffer, pub audit_queue: &Buffer,
+        pub points: &Buffer,
+        pub classes: &Buffer,
+        pub query_queue: &Buffer,
+        pub queue_lengths: &Buffer,
+        pub queue_arguments: &Buffer,
+        pub dilated_classes: &Buffer,
+        pub boundary_queue: &Buffer,
+        pub audit_queue: &Buffer,
         pub counters: &Buffer,
-}
+    }
 }
 
 /// The buffers of the pass. Candidates are (light of the chunk, point) pairs, light by light.
@@ -88,7 +92,7 @@ impl ClassifyBuffers {
 /// The pass; see `shaders/classify.wgsl`.
 pub struct Classify {
     kernel: Kernel,
-    /// There is a visibility map.
+    /// Whether there is a visibility map.
     map: bool,
 }
 
@@ -120,9 +124,8 @@ impl Classify {
     /// As [`Kernel::new`]; [`crate::Error::Setting`] for a `nearest` out of range.
     pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
         super::grid::check_nearest(nearest)?;
-        let composed = compose("classify", features)?;
         let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];
-        let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &[ClassifyBindings::DECLARED])?;
+        let kernel = kernel(gpu, "classify", features, &constants, &[ClassifyBindings::DECLARED])?;
         Ok(Classify { kernel, map: features.has(Feature::VisibilityMap) })
     }
 
@@ -193,8 +196,8 @@ impl BoundClassify {
         self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued for
-    /// [`BoundClassify::query`].
+    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued
+    /// for [`BoundClassify::query`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);
@@ -223,7 +226,7 @@ impl BoundClassify {
         frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
     }
 
-    /// Widens boundaries, where the chunk asks for that.
+    /// Widens boundaries by [`Chunk::dilate`] pixels.
     pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         if chunk.dilate > 0 {
             let candidates = tile.point_count * chunk.lights;

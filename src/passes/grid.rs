@@ -3,19 +3,17 @@
 //! A counting sort: count (each photon takes its rank in its cell), scan, scatter. Then each cell that holds photons is
 //! classified: where the nearest k of every point on its surface are of one kind, a query there is one look-up.
 
-use crate::specialisation::features::Features;
+use std::rc::Rc;
+
 use kernel_kit::{
     Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
-use std::rc::Rc;
-
-use crate::kernels::{SCAN_SERIAL, photon_word};
-use crate::settings::Settings;
-use crate::{Error, Result};
-
-pub use crate::kernels::{GridShape, MAX_LIGHTS};
 
 use super::kernel;
+use crate::kernels::{GridShape, MAX_LIGHTS, SCAN_SERIAL, photon_word};
+use crate::settings::Settings;
+use crate::specialisation::features::Features;
+use crate::{Error, Result};
 
 shared_struct! {
     /// A photon of the visibility map or the global map.
@@ -36,7 +34,7 @@ impl Photon {
     }
 }
 
-/// Refuses a number of nearest photons that no query can count.
+/// Checks that queries can count so many nearest photons.
 ///
 /// # Errors
 /// [`Error::Setting`] for a `nearest` out of 1 to [`Settings::MAX_NEAREST`].
@@ -62,16 +60,27 @@ shared_struct! {
 bindings! {
     /// The photons, and what sorting writes.
     struct SortBindings {
-        pub photons: &Buffer, pub cell_counts: &Buffer, pub photon_ranks: &Buffer, pub block_sums: &Buffer, pub starts: &Buffer, pub sorted_photons: &Buffer, pub occupied_cells: &Buffer,
-}
+        pub photons: &Buffer,
+        pub cell_counts: &Buffer,
+        pub photon_ranks: &Buffer,
+        pub block_sums: &Buffer,
+        pub starts: &Buffer,
+        pub sorted_photons: &Buffer,
+        pub occupied_cells: &Buffer,
+    }
 }
 
 bindings! {
     /// What classifying cells reads and writes beside the sorted photons.
     struct CellClassBindings {
-        pub occupied_cells: &Buffer, pub classify_arguments: &Buffer, pub cell_class_words: &Buffer, pub requested_normals: &Buffer, pub requested_cells: &Buffer, pub request_counts: &Buffer,
+        pub occupied_cells: &Buffer,
+        pub classify_arguments: &Buffer,
+        pub cell_class_words: &Buffer,
+        pub requested_normals: &Buffer,
+        pub requested_cells: &Buffer,
+        pub request_counts: &Buffer,
         pub request_arguments: &Buffer,
-}
+    }
 }
 
 /// The pass; see `shaders/grid.wgsl`.
@@ -95,13 +104,19 @@ pub struct SortedPhotons {
     cell_starts: Table,
 }
 
+bindings! {
+    /// What kernels read of sorted photons.
+    pub struct SortedPhotonBindings {
+        /// The [`Photon`]s.
+        pub photon_table: &Table,
+        /// Index of the first photon of each cell, four to a texel; the end follows.
+        pub cell_starts: &Table,
+    }
+}
+
 impl Bindings for SortedPhotons {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        match name {
-            "photon_table" => Some((&self.photon_table).into()),
-            "cell_starts" => Some((&self.cell_starts).into()),
-            _ => None,
-        }
+        SortedPhotonBindings { photon_table: &self.photon_table, cell_starts: &self.cell_starts }.find(name)
     }
 }
 
@@ -211,18 +226,39 @@ impl PhotonGrid {
     }
 }
 
+bindings! {
+    /// What kernels read of the visibility map, and the requests for cells that they write.
+    pub struct PhotonGridBindings {
+        /// The [`Photon`]s.
+        pub photon_table: &Table,
+        /// Index of the first photon of each cell, four to a texel; the end follows.
+        pub cell_starts: &Table,
+        /// Classes of the cells; see `shaders/lib/cell_class.wgsl`.
+        pub cell_classes: &Table,
+        /// By cell: the normals of the points that request it.
+        pub requested_normals: &Buffer,
+        /// By cell: its index among the requested cells.
+        pub requested_indices: &Buffer,
+        /// [`RequestedCell`]s.
+        pub requested_cells: &Buffer,
+        /// Numbers of requested and of classified cells, and of those classified before.
+        pub request_counts: &Buffer,
+    }
+}
+
 impl Bindings for PhotonGrid {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        match name {
-            "photon_table" => Some((&self.photon_table).into()),
-            "cell_starts" => Some((&self.cell_starts).into()),
-            "cell_classes" => Some((&self.cell_classes).into()),
-            "requested_normals" => Some((&self.requests.normals).into()),
-            "requested_indices" => Some((&self.requests.indices).into()),
-            "requested_cells" => Some((&self.requests.cells).into()),
-            "request_counts" => Some((&self.requests.counts).into()),
-            _ => None,
-        }
+        let Requests { normals, indices, cells, counts, .. } = &self.requests;
+        let own = PhotonGridBindings {
+            photon_table: &self.photon_table,
+            cell_starts: &self.cell_starts,
+            cell_classes: &self.cell_classes,
+            requested_normals: normals,
+            requested_indices: indices,
+            requested_cells: cells,
+            request_counts: counts,
+        };
+        own.find(name)
     }
 }
 

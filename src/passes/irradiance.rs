@@ -2,15 +2,16 @@
 //! the scene (Christensen 1999), so that a ray of the final gather costs one look-up; shows the map at the points of a
 //! tile; adds the light of the caustic map there.
 
-use crate::Result;
-use crate::specialisation::features::{Feature, Features};
-use crate::statistics::Counter;
 use kernel_kit::{
-    Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
+    Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
 
-use super::grid::{GridShape, SortedPhotons};
+use super::grid::SortedPhotons;
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::kernels::GridShape;
+use crate::specialisation::features::{Feature, Features};
+use crate::statistics::Counter;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/irradiance.wgsl`.
@@ -25,12 +26,21 @@ shared_struct! {
 
 bindings! {
     /// Everything that the entry point `irradiance` reads and writes except the scene and the global map.
-    struct IrradianceBindings { pub irradiance_points: &Buffer, pub irradiances: &Buffer, pub counters: &Buffer}
+    struct IrradianceBindings {
+        pub irradiance_points: &Buffer,
+        pub irradiances: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 bindings! {
     /// Everything that the entry points `show` and `caustics` read and write except the scene and the map.
-    struct ShowBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_indirect: &Buffer, pub counters: &Buffer}
+    struct ShowBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub radiance_indirect: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 /// Photons of an estimate (k). With 64 its noise is an eighth; a gather takes the mean of some hundred estimates.
@@ -65,13 +75,20 @@ pub struct IrradianceMap {
     pub not_finite: u64,
 }
 
+bindings! {
+    /// What paths and gathers read of the irradiance, beside the sorted irradiance points.
+    pub struct IrradianceMapBindings {
+        /// Irradiance at the points, and the radius of the disc that it is the mean of.
+        pub irradiance_table: &Table,
+        /// The [`GridShape`] of the points.
+        pub irradiance_grid: &Buffer,
+    }
+}
+
 impl Bindings for IrradianceMap {
-    fn get(&self, name: &str) -> Option<kernel_kit::Binding<'_>> {
-        match name {
-            "irradiance_table" => Some((&self.irradiances).into()),
-            "irradiance_grid" => Some((&self.shape).into()),
-            _ => self.points.get(name),
-        }
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        let own = IrradianceMapBindings { irradiance_table: &self.irradiances, irradiance_grid: &self.shape };
+        own.find(name).or_else(|| self.points.get(name))
     }
 }
 

@@ -17,11 +17,14 @@ pub mod shadow;
 pub mod ward;
 pub mod zones;
 
+use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
+
 use crate::Result;
-use crate::kernels::compose;
+use crate::gpu_scene::lights::LightBindings;
+use crate::gpu_scene::{CameraUniform, SceneBindings};
+use crate::kernels::{GridShape, compose};
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
-use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
 
 shared_struct! {
     /// A number of whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
@@ -50,12 +53,10 @@ shared_struct! {
     pub struct Point {
         /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it approximates.
         pub position: [f32; 3],
-        /// Octahedral geometric normal on the viewer's side, or [`INVALID_POINT`].
+        /// Octahedral geometric normal on the viewer's side, or [`crate::kernels::INVALID_POINT`].
         pub normal: u32,
     }
 }
-
-pub use crate::kernels::INVALID_POINT;
 
 /// The structs that host and kernels share. A kernel is compared with them member by member when it is compiled.
 pub const SHARED: &[&SharedStruct] = &[
@@ -70,7 +71,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &gather::GatherParameters::SHARED,
     &grid::RequestedCell::SHARED,
     &grid::GridParameters::SHARED,
-    &crate::kernels::GridShape::SHARED,
+    &GridShape::SHARED,
     &grid::Photon::SHARED,
     &irradiance::IrradianceParameters::SHARED,
     &photons::PhotonParameters::SHARED,
@@ -81,7 +82,21 @@ pub const SHARED: &[&SharedStruct] = &[
     &ward::WardParameters::SHARED,
     &zones::ZoneParameters::SHARED,
     &ward::WardState::SHARED,
-    &crate::gpu_scene::CameraUniform::SHARED,
+    &CameraUniform::SHARED,
+];
+
+/// The sets of bindings that several kernels use. A kernel takes what it needs of them; a variable that is in none, nor
+/// in the pass's own, fails when the kernel is compiled.
+const COMMON: &[Declared] = &[
+    SceneBindings::DECLARED,
+    LightBindings::DECLARED,
+    grid::SortedPhotonBindings::DECLARED,
+    grid::PhotonGridBindings::DECLARED,
+    irradiance::IrradianceMapBindings::DECLARED,
+    cache::RecordBindings::DECLARED,
+    cache::PathQueueBindings::DECLARED,
+    zones::ZoneListBindings::DECLARED,
+    sample_lights::SampledLightBindings::DECLARED,
 ];
 
 /// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for. `own` are
@@ -94,10 +109,12 @@ pub(crate) fn kernel(
     own: &[Declared],
 ) -> Result<Kernel> {
     let composed = compose(stem, features)?;
-    new_kernel(gpu, &composed, &composed.overrides(constants), own)
+    let constants = &composed.overrides(constants);
+    Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, own, common: Some(COMMON) })?)
 }
 
-/// Compiles the entry points of a composed kernel. `own` are the pass's own bindings.
+/// Compiles the entry points of a kernel that belongs to no pass, but has the passes' structs. `own` are its own
+/// bindings; others are checked when it is bound.
 ///
 /// # Errors
 /// As [`Kernel::new`].

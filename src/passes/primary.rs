@@ -1,14 +1,25 @@
 //! Pass `primary`: traces camera rays to the points and surfaces that are visible.
 
-use crate::Result;
-use crate::specialisation::features::Features;
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Resources, bindings};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings};
 
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 bindings! {
-    /// Everything that the kernel reads and writes in every specialisation, except the scene.
-    struct PrimaryBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_direct: &Buffer, pub counters: &Buffer}
+    /// Everything that the kernel reads and writes except the scene.
+    struct PrimaryBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub radiance_direct: &Buffer,
+        pub counters: &Buffer,
+        /// See [`TileBuffers::albedo_samples`].
+        pub albedo_samples: Option<&Buffer>,
+        /// See [`TileBuffers::normal_samples`].
+        pub normal_samples: Option<&Buffer>,
+        /// See [`TileBuffers::position_samples`].
+        pub position_samples: Option<&Buffer>,
+    }
 }
 
 /// The pass; see `shaders/primary.wgsl`.
@@ -33,19 +44,11 @@ impl Primary {
             surfaces: &tile.surfaces,
             radiance_direct: &tile.radiance_direct,
             counters: &tile.counters,
+            albedo_samples: tile.albedo_samples.as_ref(),
+            normal_samples: tile.normal_samples.as_ref(),
+            position_samples: tile.position_samples.as_ref(),
         };
-        let mut aovs = Resources::new();
-        let optional = [
-            ("albedo_samples", &tile.albedo_samples),
-            ("normal_samples", &tile.normal_samples),
-            ("position_samples", &tile.position_samples),
-        ];
-        for (name, buffer) in optional {
-            if let Some(buffer) = buffer {
-                aovs = aovs.with(name, buffer);
-            }
-        }
-        Ok(BoundPrimary(self.0.bind(gpu, "primary", &[&own, &aovs, scene])?))
+        Ok(BoundPrimary(self.0.bind(gpu, "primary", &[&own, scene])?))
     }
 }
 

@@ -1,12 +1,12 @@
 //! Pass `sample_lights`: the few of many lights that each point of a tile is lit by.
 
-use crate::Result;
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use super::grid::GridShape;
 use super::zones::ZoneTable;
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::kernels::GridShape;
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/sample_lights.wgsl`.
@@ -18,7 +18,18 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads, and the candidates that it writes.
-    struct SampleLightsBindings { pub points: &Buffer, pub sampled_lights: &Buffer}
+    struct SampleLightsBindings {
+        pub points: &Buffer,
+        pub sampled_lights: &Buffer,
+    }
+}
+
+bindings! {
+    /// The sampled lights, as the passes after this one read them.
+    pub struct SampledLightBindings {
+        /// Of each candidate the light, and 1 over the probability of its sample; none where points use all lights.
+        pub sampled_lights: Option<&Buffer>,
+    }
 }
 
 /// The pass; see `shaders/sample_lights.wgsl`.
@@ -65,8 +76,9 @@ impl SampleLights {
         scene: &dyn Bindings,
     ) -> Result<BoundSampleLights> {
         let own = SampleLightsBindings { points: &tile.points, sampled_lights };
+        let lists = zones.map(ZoneTable::bindings);
         let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
-        sets.extend(zones.map(|zones| zones as &dyn Bindings));
+        sets.extend(lists.as_ref().map(|lists| lists as &dyn Bindings));
         let kernel = self.kernel.bind(gpu, "sample_lights", &sets)?;
         Ok(BoundSampleLights { kernel, zones: zones.map(|zones| zones.shape).unwrap_or_default() })
     }

@@ -1,18 +1,14 @@
 //! Pass `zones`: light zones, which the paper proposes for scenes of many lights. Of each cell of a coarse grid it
 //! lists the lights that reach it, from the photons.
 
-use crate::specialisation::features::Features;
 use glam::Vec3;
-use kernel_kit::{
-    Binding, Bindings, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
-};
+use kernel_kit::{Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 
-use crate::Result;
-
-use super::grid::{GridShape, SortedPhotons};
+use super::grid::SortedPhotons;
 use super::kernel;
-
-pub use crate::kernels::ZONE_LIGHTS;
+use crate::Result;
+use crate::kernels::{GridShape, ZONE_LIGHTS};
+use crate::specialisation::features::Features;
 
 /// Maximum number of zones: 8 MiB of lists.
 const MAX_ZONES: f64 = (1u32 << 15) as f64;
@@ -33,7 +29,10 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads beside the photons, and what it writes.
-    struct ZoneBindings { pub light_powers: &Buffer, pub listed_lights: &Buffer}
+    struct ZoneBindings {
+        pub light_powers: &Buffer,
+        pub listed_lights: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/zones.wgsl`.
@@ -43,7 +42,7 @@ pub struct Zones {
     group: u32,
 }
 
-/// The lights of each zone, bound as `zone_lists`.
+/// The lights of each zone.
 pub struct ZoneTable {
     /// Shape of the grid of zones.
     pub shape: GridShape,
@@ -54,9 +53,18 @@ pub struct ZoneTable {
     table: Table,
 }
 
-impl Bindings for ZoneTable {
-    fn get(&self, name: &str) -> Option<Binding<'_>> {
-        (name == "zone_lists").then(|| (&self.table).into())
+bindings! {
+    /// What kernels read of the zones.
+    pub struct ZoneListBindings {
+        /// [`ZONE_LIGHTS`] words a zone.
+        pub zone_lists: &Table,
+    }
+}
+
+impl ZoneTable {
+    /// What kernels read of the zones.
+    pub fn bindings(&self) -> ZoneListBindings<'_> {
+        ZoneListBindings { zone_lists: &self.table }
     }
 }
 

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec3, UVec3, Vec3};
+use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
 use penumbra::internal::passes::cells::{CellGrid, CellPoint, Cells};
-use penumbra::internal::passes::classify::{Chunk, Class, Classified};
-use penumbra::internal::passes::grid::GridShape;
-use penumbra::internal::passes::{INVALID_POINT, Point, TileBuffers};
+use penumbra::internal::passes::classify::Chunk;
+use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 

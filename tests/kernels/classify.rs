@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 use kernel_kit::{Gpu, Resources};
-use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers, Queue};
-use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
-use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT, Queue};
+use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers};
+use penumbra::internal::passes::grid::{Grid, Photon};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 

@@ -2,12 +2,12 @@
 
 use crate::kit::new_kernel;
 use kernel_kit::{Bindings, Gpu, Resources};
-use penumbra::internal::kernels::{compose, compose_source};
+use penumbra::internal::kernels::{GridShape, compose, compose_source};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::HashMap;
 
 use glam::Vec3;
-use penumbra::internal::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
+use penumbra::internal::passes::grid::{Grid, Photon, PhotonGrid};
 
 use crate::kit::{device_features, gpu};
 use crate::rooms::{Random, Room, photon};

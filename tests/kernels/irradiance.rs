@@ -3,16 +3,16 @@
 
 use crate::kit::new_kernel;
 use kernel_kit::{Bindings, Kernel, POISON, Resources};
-use penumbra::internal::kernels::{compose, compose_source};
+use penumbra::internal::kernels::{GridShape, INVALID_POINT, compose, compose_source};
 use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
-use penumbra::internal::passes::grid::{Grid, GridShape, Photon, SortedPhotons};
+use penumbra::internal::passes::Point;
+use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::{
     IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, irradiance_point_grid,
 };
-use penumbra::internal::passes::{INVALID_POINT, Point};
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;

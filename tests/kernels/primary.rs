@@ -2,8 +2,9 @@
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::POISON;
+use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::primary::Primary;
-use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
     Wrap,

@@ -2,8 +2,9 @@
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
+use penumbra::internal::kernels::INVALID_POINT;
+use penumbra::internal::passes::Point;
 use penumbra::internal::passes::grid::Photon;
-use penumbra::internal::passes::{INVALID_POINT, Point};
 
 /// A generator for tests (PCG, Jarzynski and Olano 2020).
 pub struct Random(pub u32);

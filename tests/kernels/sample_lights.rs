@@ -3,16 +3,16 @@
 
 use crate::kit::new_kernel;
 use kernel_kit::Resources;
-use penumbra::internal::kernels::compose_source;
+use penumbra::internal::kernels::{GridShape, INVALID_POINT, ZONE_LIGHTS, compose_source};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
 use penumbra::internal::kernels::NO_SAMPLED_LIGHT;
-use penumbra::internal::passes::grid::{Grid, GridShape, Photon};
+use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::sample_lights::SampleLights;
-use penumbra::internal::passes::zones::{ZONE_LIGHTS, ZoneTable, Zones};
-use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::passes::zones::{ZoneTable, Zones};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::settings::Technique;

@@ -6,9 +6,9 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::internal::kernels::{Class, Queue};
+use penumbra::internal::kernels::{Class, INVALID_POINT, Queue};
 use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
-use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;

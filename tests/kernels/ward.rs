@@ -1,9 +1,10 @@
 //! Pass `ward` against Ward's procedure in f64, from the same visibilities.
 
 use glam::{DVec3, Vec3};
-use penumbra::internal::passes::classify::{Class, Classified, ClassifyBuffers, Queue};
+use penumbra::internal::kernels::{Class, Classified, INVALID_POINT, Queue};
+use penumbra::internal::passes::classify::ClassifyBuffers;
 use penumbra::internal::passes::ward::{Ward, WardBuffers, WardParameters};
-use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::settings::Technique;

@@ -1,8 +1,9 @@
 //! Pass `zones` against a count on the CPU.
 
 use glam::Vec3;
-use penumbra::internal::passes::grid::{Grid, GridShape, MAX_LIGHTS, Photon};
-use penumbra::internal::passes::zones::{ZONE_LIGHTS, Zones};
+use penumbra::internal::kernels::{GridShape, MAX_LIGHTS, ZONE_LIGHTS};
+use penumbra::internal::passes::grid::{Grid, Photon};
+use penumbra::internal::passes::zones::Zones;
 use penumbra::internal::specialisation::kernels::sorting_grid;
 
 use crate::kit::{device_features, gpu};

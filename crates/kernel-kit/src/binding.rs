@@ -93,9 +93,9 @@ impl Declared {
 }
 
 /// Declares a set of bindings: a struct whose fields are named as the WGSL variables. Fields are references to a
-/// [`Buffer`], a [`Table`] or a texture view; optional ones, `Option<&T>`, are for variables that the kernel has only with
-/// some features. The struct has a lifetime, which is left out of its declaration, and a constant `DECLARED` for
-/// [`Host::own`](crate::Host::own).
+/// [`Buffer`], a [`Table`] or a texture view; optional ones, `Option<&T>`, are for variables that the kernel has only
+/// with some features. The struct has a lifetime, which is left out of its declaration, a constant `DECLARED` for
+/// [`Host::own`](crate::Host::own), and a method `find` by which the owner of the resources can itself be [`Bindings`].
 ///
 /// ```
 /// use kernel_kit::{Buffer, Table};
@@ -128,24 +128,31 @@ macro_rules! bindings {
         $crate::bindings!(@field $head [$($all)* { $(#[$meta])* $vis $field: Option<&'a $ty> }]
             $required [$($optional)* $field] $($($rest)*)?);
     };
-    (@field [$(#[$meta:meta])* $vis:vis $name:ident] [$({ $($field:tt)* })*] [$($required:ident)*] [$($optional:ident)*]) => {
+    (@field [$(#[$meta:meta])* $vis:vis $name:ident] [$({ $($field:tt)* })*]
+        [$($required:ident)*] [$($optional:ident)*]) => {
         $(#[$meta])*
         #[derive(Clone, Copy)]
         $vis struct $name<'a> { $($($field)*),* }
 
-        impl $name<'_> {
+        impl<'a> $name<'a> {
             /// The names of the variables.
             pub const DECLARED: $crate::Declared = $crate::Declared {
                 required: &[$(stringify!($required)),*],
                 optional: &[$(stringify!($optional)),*],
             };
+
+            /// What is bound to the variable `name`, for as long as the resources live.
+            #[allow(dead_code)]
+            pub fn find(&self, name: &str) -> Option<$crate::Binding<'a>> {
+                $(if name == stringify!($required) { return Some(self.$required.into()); })*
+                $(if name == stringify!($optional) { return self.$optional.map(Into::into); })*
+                None
+            }
         }
 
         impl $crate::Bindings for $name<'_> {
             fn get(&self, name: &str) -> Option<$crate::Binding<'_>> {
-                $(if name == stringify!($required) { return Some(self.$required.into()); })*
-                $(if name == stringify!($optional) { return self.$optional.map(Into::into); })*
-                None
+                self.find(name)
             }
         }
     };

@@ -1,12 +1,21 @@
-// Which item an invocation works on, where a dispatch may have more groups than fit one dimension.
+// Which item an invocation works on, where a dispatch may have more workgroups than fit one dimension.
 
-// The groups of `Frame::run` are laid out in two dimensions where they are more than MAX_GROUPS; their linear index. The
-// last groups may be past the last item.
+// The linear index of a workgroup. `Frame::run` lays out more than MAX_GROUPS workgroups in two dimensions; the last
+// ones may be past the last item. Lavapipe splits the workgroups of a dispatch into two contiguous halves, one a
+// thread: with the feature `interleave` workgroups alternate between the halves, which balances uneven work.
 fn group_index(group: vec3u, groups: vec3u) -> u32 {
-    return group.x + group.y * groups.x;
+    let linear = group.x + group.y * groups.x;
+    @if(interleave) {
+        let count = groups.x * groups.y;
+        if count % 2u == 0u {
+            return select((linear * 2u - count) | 1u, linear * 2u, linear * 2u < count);
+        }
+    }
+    return linear;
 }
 
-// The size of a dispatch of `items` in workgroups of `size`, for kernels that write the arguments of an indirect dispatch.
+// The size of a dispatch of `items` in workgroups of `size`, for kernels that write the arguments of an indirect
+// dispatch.
 fn dispatch_groups(items: u32, size: u32) -> vec3u {
     let groups = (items + size - 1u) / size;
     return vec3u(min(groups, MAX_GROUPS), (groups + MAX_GROUPS - 1u) / MAX_GROUPS, 1u);

@@ -6,7 +6,7 @@ import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_disc;
 
 // A ray along a direction through the disc that the scene's bounding sphere is across it, of a distant light;
-// `irradiance` over the density of the direction's choice.
+// `irradiance` over the density with which the direction is sampled.
 fn distant_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> EmittedRay {
     let sphere = light_texel_f32(light, LIGHT_DISC_TEXEL);
     // Some more, so that no rounding leaves out the rim.

@@ -50,20 +50,20 @@ fn load_emitter(emitter: u32) -> EmitterTriangle {
     return EmitterTriangle(a, e1, e2, cross(e1, e2), bitcast<f32>(r2.w), r0.w);
 }
 
-// How likely an emitter triangle is to be chosen by power.
+// The probability with which an emitter triangle is sampled by power.
 @if(many_emitters)
 fn emitter_power(emitter: u32) -> f32 {
     return bitcast<f32>(load_emitter_texel(emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).y);
 }
 
-// A choice of an emitter triangle, and what is left of the random number, uniform again.
+// A sampled emitter triangle, and the rest of the random number, which is uniform again.
 struct SampledEmitter {
     emitter: u32,
     probability: f32,
     u: f32,
 }
 
-// What is left of u within a share of the probability that ends at `cumulative`.
+// The position of u, 0 to 1, within the share of the probability that ends at `cumulative`.
 fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
     return clamp(1.0 - (cumulative - u) / share, 0.0, 1.0 - 1.0 / 16777216.0);
 }
@@ -85,8 +85,8 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// Whether the position is so near to a light that what its triangles show hangs on the place, and not on the direction
-// alone.
+// Whether the position is so near to a light that the projected areas of its triangles depend on the position, and not
+// only on the direction.
 @if(many_emitters)
 fn is_near_light(light: u32, position: vec3f) -> bool {
     let sphere = light_texel_f32(light, LIGHT_SPHERE_TEXEL);
@@ -94,8 +94,8 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
     return dot(offset, offset) < f32(NEAR_LIGHT_SQUARED) * sphere.w * sphere.w;
 }
 
-// Of a convex lamp what its triangles show from afar hangs on the direction alone: for each of some directions there
-// are cumulative probabilities by power times cosine, so that all points bring about the same light.
+// From afar, the projected areas of a convex lamp's triangles depend only on the direction. For each of some directions
+// a view has cumulative probabilities by power times cosine, so that all samples contribute about the same.
 @if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
 // The first texel of the probabilities for a position, or NO_VIEW.
@@ -136,13 +136,14 @@ fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
     return SampledEmitter(header.y + i, share, left_of(u, view_cumulative(view, i), share));
 }
 
-// The emitter triangles that may be chosen for a position: one, with that probability, or all, by what they send to it.
+// The emitter triangles that may be sampled for a position: one, with that probability, or all, by what they send to
+// it.
 struct EmitterRange {
     first: u32,
     end: u32,
     all: bool,
     probability: f32,
-    // What is left of the random number.
+    // The rest of the random number.
     u: f32,
 }
 
@@ -150,8 +151,8 @@ fn all_emitters(header: vec4u, u: f32) -> EmitterRange {
     return EmitterRange(header.y, header.y + header.z, true, 1.0, u);
 }
 
-// Whether all of a light's triangles are asked what they send to a position: those of the usual lamp, a square, always;
-// more of them where they are near and differ.
+// Whether all triangles of a light are evaluated at a position. Lights of few triangles, as a square, always are;
+// lights of more triangles where they are near, as their triangles differ there.
 fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
     @if(many_emitters) {
         return header.z <= FEW_EMITTERS || (header.z <= FEW_NEAR_EMITTERS && is_near_light(light, position));
@@ -159,9 +160,9 @@ fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
     @else { return true; }
 }
 
-// How likely `emitter_range` is to come to an emitter triangle, where it does not ask all. Of closed lights, from near
-// or with few triangles, those that face away are each paired with one that faces about the other way, which is taken
-// in its place. So a triangle that faces the position is chosen for itself, and for its partner where that faces away.
+// The probability with which `emitter_range` samples an emitter triangle, where it does not evaluate all. In closed
+// lights that are near or have few triangles, a triangle that faces away is replaced by its partner, which faces nearly
+// the other way. So a triangle that faces the position is sampled for itself, and for its partner if that faces away.
 @if(many_emitters)
 fn emitter_probability(light: u32, header: vec4u, emitter: u32, position: vec3f) -> f32 {
     @if(emitter_pairs) {
@@ -201,8 +202,8 @@ fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterR
     return EmitterRange(chosen.emitter, chosen.emitter + 1u, false, chosen.probability, chosen.u);
 }
 
-// What an emitter triangle sends to a position, in units that those of its light share: its solid angle, of all of a
-// light times its radiance; 0 where it faces away.
+// What an emitter triangle sends to a position, in the same units for all triangles of the light: its solid angle,
+// times its radiance where all triangles are evaluated; 0 where it faces away.
 fn emitter_sends(
     header: vec4u,
     triangle: EmitterTriangle,

@@ -33,7 +33,7 @@ fn mesh_point(light: u32, header: vec4u, triangle: EmitterTriangle, uv: vec2f) -
     @if(emissive_textures) { radiance = emission_at(triangle.index, uv.x, uv.y); }
     @else { radiance = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz; }
     @if(alpha_test) {
-        // Through what is not there, the light does not shine.
+        // Transparent parts do not emit.
         if (header.x & LIGHT_COVERAGE) != 0u { radiance *= alpha_coverage(triangle.index, uv.x, uv.y); }
     }
     return MeshPoint(triangle.a + uv.x * triangle.e1 + uv.y * triangle.e2, normalize(triangle.across), radiance);
@@ -101,7 +101,7 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
         let next_spherical = spherical_emitter(next, position);
         let sends = emitter_sends(header, next, next_spherical, position, range.all);
         sum += sends;
-        // A reservoir of one (Chao 1982), which keeps what is left of the random number.
+        // A reservoir of one (Chao 1982), which reuses the rest of the random number.
         let chance = sends / sum;
         if left < chance {
             triangle = next;
@@ -124,14 +124,14 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
     return LightSample(offset / distance, distance, point.radiance, pdf, normal, false);
 }
 
-// The light of an emitter triangle, and the density by solid angle with which its points are chosen; 0 for a triangle
+// The light of an emitter triangle, and the density by solid angle with which its points are sampled; 0 for a triangle
 // that is no emitter.
 struct Emitter {
     light: u32,
     pdf: f32,
 }
 
-// The light that a triangle is a part of, and the density by solid angle with which `light_sample` chooses its points
+// The light that a triangle is a part of, and the density by solid angle with which `light_sample` samples its points
 // for a position that it faces; a density of 0 where it is none.
 fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     let header = load_light_texel(0u);
@@ -169,7 +169,7 @@ fn emitter_pdf(light: u32, emitter: u32, position: vec3f) -> f32 {
     return select(0.0, min(probability / sum, 1e30), sum > 0.0);
 }
 
-// A ray by emitted power and the cosine, towards the receivers alone where they are in fewer directions.
+// A ray sampled by emitted power and the cosine; within the cone of the receivers where that is narrower.
 fn mesh_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     let chosen = sample_emitter(header, u.x);

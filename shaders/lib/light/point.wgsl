@@ -13,7 +13,7 @@ struct PunctualLight {
     irradiance: vec3f,
 }
 
-// KHR_lights_punctual: the window that brings the light to nothing at its range; infinite range gives 1.
+// KHR_lights_punctual: the window that takes the light to 0 at its range; infinite range gives 1.
 fn range_window(distance: f32, range: f32) -> f32 {
     let relative = distance / range;
     let relative2 = relative * relative;
@@ -31,7 +31,7 @@ fn point_at(light: u32, position: vec3f) -> PunctualLight {
     return PunctualLight(offset / distance, distance, intensity * (range_window(distance, own.w) / distance2));
 }
 
-// A ray uniform over the sphere, or over the directions to the receivers where they are fewer.
+// A ray uniform over the sphere, or over the cone of the receivers where that is narrower.
 fn point_emit(light: u32, u: vec2f) -> EmittedRay {
     let position = light_texel_f32(light, LIGHT_POSITION_TEXEL).xyz;
     let intensity = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz;

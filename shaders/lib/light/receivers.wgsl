@@ -1,4 +1,5 @@
-// Emission towards receiver bounds: lights send photons into the cone of directions that has all there is to light.
+// Emission towards receiver bounds: lights emit photons into the cone of directions that contains everything they can
+// light.
 
 import package::lib::constants::LIGHT_RECEIVERS_TEXEL;
 import package::lib::light::table::load_light_texel;

@@ -16,7 +16,7 @@ fn spot_falloff(light: u32, direction: vec3f) -> f32 {
     return falloff * falloff;
 }
 
-// A ray uniform over the outer cone, or over the directions to the receivers where they are fewer.
+// A ray uniform over the outer cone, or over the cone of the receivers where that is narrower.
 fn spot_emit(light: u32, u: vec2f) -> EmittedRay {
     let position = light_texel_f32(light, LIGHT_POSITION_TEXEL).xyz;
     let intensity = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz;

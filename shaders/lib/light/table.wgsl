@@ -48,7 +48,7 @@ struct LightSample {
     pdf: f32,
     // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
     normal: vec3f,
-    // There is one direction only: no other way of sampling finds this light.
+    // The light arrives from one direction only: sampling the BSDF cannot find it.
     delta: bool,
 }
 
@@ -57,7 +57,7 @@ fn no_light_sample() -> LightSample {
 }
 
 // Minimum of the cosine at the surface that the potential of a light counts, where any light may arrive: the light is
-// wider than its middle, and normals are rounded. No light that arrives may be left to a chance of nearly nothing.
+// wider than its middle, and normals are rounded. No light that arrives may have a probability near 0.
 const MIN_COSINE = 0.1;
 
 struct EmittedRay {
@@ -68,7 +68,7 @@ struct EmittedRay {
     normal: vec3f,
     // Primitive index of the emitter triangle, or NO_EMITTER.
     triangle: u32,
-    // Power over the density of the ray's choice: the mean over rays is the light's power.
+    // Power over the density with which the ray is sampled: the mean over rays is the light's power.
     flux: vec3f,
 }
 

@@ -43,7 +43,7 @@ pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Conto
     for (normal, _, members) in planes {
         for chain in boundary(members.iter().map(|&i| triangles[i])) {
             let vertices = without_straight_corners(chain, COPLANAR * radius);
-            // A chain that runs to and fro encloses nothing.
+            // A chain that returns along its own edges encloses nothing.
             if vertices.len() >= 3 {
                 contours.push(Contour { normal: normal.as_vec3(), vertices });
             }

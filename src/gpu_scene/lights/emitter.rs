@@ -1,5 +1,5 @@
-//! How emitter triangles of large mesh lights are sampled: in pairs that face opposite ways, and by what they show from
-//! afar.
+//! How emitter triangles of large mesh lights are sampled: in pairs that face opposite ways, and by their projected
+//! power from afar.
 
 use std::collections::HashMap;
 
@@ -21,8 +21,7 @@ pub(super) fn is_closed(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
     !two_sided && sum.length() < 0.01 * area
 }
 
-/// Whether no corner lies above a triangle: from anywhere outside only triangles are seen that face the direction from
-/// the middle.
+/// Whether the mesh is convex: no corner lies above the plane of any triangle.
 pub(super) fn is_convex(triangles: &[[Vec3; 3]], radius: f64) -> bool {
     triangles.iter().all(|[a, b, c]| {
         let normal = (*b - *a).cross(*c - *a).as_dvec3().normalize_or_zero();
@@ -83,7 +82,8 @@ fn oct_unwrap(x: f64, y: f64) -> DVec3 {
     DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
 }
 
-/// For each triangle one that faces about the other way and is its partner in turn, or itself where none is left.
+/// The partner of each triangle: one that faces nearly the other way and has this one as its partner; the triangle
+/// itself where none is left.
 pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
     /// Steps of a normal's coordinates that make a bucket: about 15 degrees.
     const STEPS: f32 = 4.0;

@@ -1,4 +1,4 @@
-//! How lights lie in the table of lights, and what the host knows of each.
+//! The layout of a light in the table of lights, and the facts of a light that the host keeps.
 
 use glam::Vec3;
 
@@ -31,15 +31,15 @@ pub(super) fn mean(v: Vec3) -> f64 {
     v.as_dvec3().element_sum() / 3.0
 }
 
-/// What the host knows of a light.
+/// The facts of a light that the host keeps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightInfo {
     /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
     /// directional light and of the environment: through the disc that covers the scene.
     pub power: f64,
-    /// The share of that which photons carry: those towards the receiver bounds, where these are known.
+    /// The share of the power that photons carry: the emission towards the receiver bounds, where there are any.
     pub received_share: f64,
-    /// What it sends where, about.
+    /// Approximate emission by direction.
     pub emission: Emission,
     /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
     pub closed_form: bool,
@@ -47,7 +47,7 @@ pub struct LightInfo {
     pub contour_edges: usize,
     /// Both sides emit.
     pub two_sided: bool,
-    /// A point, spot or directional light: one shadow ray tells all.
+    /// A point, spot or directional light: one shadow ray finds its visibility.
     pub punctual: bool,
     /// All its emitter triangles lie in one plane and face the same way.
     pub planar: bool,
@@ -75,7 +75,7 @@ impl LightInfo {
     }
 }
 
-/// About what a light sends into a direction, mean of the three channels.
+/// Approximate emission of a light by direction, mean of the three channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emission {
     /// Largest radiant intensity, or the mean over all directions where there is no axis; of directional lights and the

@@ -11,13 +11,13 @@ use crate::gpu_scene::bounds::bounding_sphere;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 
-/// Triangles of a light that is worth views: of fewer, those that face the other way are all that matters; more would
-/// take more than 4 MB.
+/// Numbers of triangles for which a light gets views. With fewer, only the triangles that face away matter; with more,
+/// the views would take more than 4 MB.
 const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
 /// What mesh lights have beside their texels in the table of lights.
 #[derive(Default)]
-pub(super) struct MeshTables {
+pub(super) struct MeshTexels {
     /// Emitter triangles, [`EMITTER_TEXELS`] each.
     pub emitters: Vec<[u32; 4]>,
     /// Of each emitter triangle its primitive index, its light, and its index among the emitter triangles.
@@ -47,7 +47,7 @@ impl MeshLight<'_> {
     }
 
     /// Adds its emitter triangles, and gives the index of the first.
-    fn push_emitters(&self, tables: &mut MeshTables, light: u32) -> u32 {
+    fn push_emitters(&self, tables: &mut MeshTexels, light: u32) -> u32 {
         let first = tables.emitters.len() as u32 / EMITTER_TEXELS;
         // Both sides of a double-sided triangle shine: none faces away.
         let partners = match self.material.double_sided {
@@ -74,8 +74,8 @@ impl MeshLight<'_> {
         first
     }
 
-    /// Adds its views, where it is worth them.
-    fn push_views(&self, tables: &mut MeshTables, radius: f32) -> bool {
+    /// Adds the views of the light, where it gets any.
+    fn push_views(&self, tables: &mut MeshTexels, radius: f32) -> bool {
         let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
             && is_convex(&self.triangles, f64::from(radius));
@@ -86,7 +86,7 @@ impl MeshLight<'_> {
         viewed
     }
 
-    /// The share of its photons that are sent towards the receivers: the mean over its triangles' middles.
+    /// The share of its photons that are emitted towards the receivers: the mean over the middles of its triangles.
     fn received_share(&self, bounds: ReceiverBounds) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for (emitter, [a, b, c]) in self.emitters.iter().zip(&self.triangles) {
@@ -107,7 +107,7 @@ fn area([a, b, c]: &[Vec3; 3]) -> f64 {
     (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
 }
 
-fn push_contours(tables: &mut MeshTables, contours: &[Contour]) {
+fn push_contours(tables: &mut MeshTexels, contours: &[Contour]) {
     for contour in contours {
         tables.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
         // Closed: the kernels need not remember the first vertex.
@@ -118,7 +118,7 @@ fn push_contours(tables: &mut MeshTables, contours: &[Contour]) {
 
 /// Packs the mesh light of index `light` in the scene.
 pub(super) fn pack(
-    tables: &mut MeshTables,
+    tables: &mut MeshTexels,
     scene: &Scene,
     light: u32,
     (material, emitters): (u32, &[EmitterTriangle]),
@@ -170,7 +170,7 @@ pub(super) fn pack(
     }
 }
 
-/// Whether a light has so many triangles that points sample one by power before they know what it sends to them.
+/// Whether a light has so many triangles that points sample one by power, without evaluating each of them.
 pub fn has_many_emitters(light: &Light) -> bool {
     matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > layout::FEW_EMITTERS as usize)
 }

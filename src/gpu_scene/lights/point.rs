@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::layout::{self, LightInfo, Packed, bits, mean, texels};
 use crate::gpu_scene::receivers::ReceiverBounds;
 
-/// An infinite range has no finite twin that matters: at 3e38 the window is 1 everywhere.
+/// The range as a finite number: at 3e38 the window is 1 everywhere, as for an infinite range.
 pub(super) fn finite(range: f32) -> f32 {
     range.min(f32::MAX)
 }

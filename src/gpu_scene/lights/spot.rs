@@ -8,7 +8,7 @@ use super::layout::{self, LightInfo, Packed, bits, mean, texels};
 use super::point::finite;
 use crate::gpu_scene::receivers::ReceiverBounds;
 
-/// Where a spot light is, what it looks along, and the cosines of its cone angles.
+/// Position and axis of a spot light, and the cosines of its cone angles.
 #[derive(Clone, Copy)]
 pub(super) struct Cone {
     pub position: Vec3,

@@ -1,6 +1,6 @@
 // What the BSDF module answers, for a test to compare.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::{
     bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,

@@ -1,6 +1,6 @@
 // The rays that the photon pass sends from a light, for a test to follow.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::light::light_emit;
 import package::lib::sampling::sobol4;
 import package::lib::ray::offset_origin;

@@ -1,6 +1,6 @@
 // What the environment answers, for a test to compare.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::environment::{environment_met, environment_radiance, environment_sample};
 import package::lib::light::light_emit;
 import package::lib::sampling::{sobol2, sobol4};

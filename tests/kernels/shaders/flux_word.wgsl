@@ -1,7 +1,7 @@
 // Encodes and decodes the words of photons that carry flux.
 // In: `fluxes` and `marks`. Out: `words`; see each.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::photon::{flux_of, flux_word};
 
 override count: u32;

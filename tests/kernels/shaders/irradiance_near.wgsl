@@ -1,7 +1,7 @@
 // Looks up precomputed irradiance at given points, or reads its table.
 // In: `queries`. Out: `found`, irradiance and radius of the disc.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::irradiance::{irradiance_near, load_irradiance};
 import package::lib::math::oct_decode16;
 import package::lib::point::Point;

@@ -1,6 +1,6 @@
 // What the light module answers, for a test to compare.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::light::table::{light_count, light_has_closed_form};
 import package::lib::light::{light_dark, light_unshadowed_irradiance, light_sample, light_emit};
 import package::lib::sampling::{sobol2, sobol4};

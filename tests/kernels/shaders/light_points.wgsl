@@ -1,6 +1,6 @@
 // The light points of the candidates of a chunk, for a test to compare.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::light::table::LightSample;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample};

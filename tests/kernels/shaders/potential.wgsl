@@ -1,6 +1,6 @@
 // The potentials of lights at points, which lights are sampled by, beside their irradiance, for a test to compare.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::light::{light_dark, light_potential, light_unshadowed_irradiance};
 
 override count: u32;

@@ -1,7 +1,7 @@
 // Intersection and offset of lib/ray on given numbers, for a test to compare with double precision.
 // In: `items`. Out: `results`, three for each item; see each entry point.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::ray::{Ray, intersect_triangle, offset_origin, shear_ray};
 
 override count: u32;

@@ -1,6 +1,6 @@
 // Points of the sequences, and warped ones, for a test to count.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::sampling::{
     owen_scramble, sobol2, sobol4, sample_cosine, sample_disc, sample_cap, sample_triangle,
     sample_spherical_triangle, spherical_triangle

@@ -1,7 +1,7 @@
 // Traces given rays, one for each invocation, by each traversal of lib/bvh.
 // In: `rays`, two texels each (origin, t_min; direction, t_max). Out: `answers`; see each entry point.
 
-import package::lib::dispatch::group_index;
+import package::kit::group_index;
 import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
 import package::lib::bvh::{begin_traversal, next_triangle, intersect_primitive, stops, traversal_overrun};
 import package::lib::bvh::{trace_closest, trace_occluded};
