@@ -114,17 +114,6 @@ fn conditions_of_shaders_name_features() {
     assert!(unknown.is_empty(), "names that are no features: {unknown:#?}");
 }
 
-/// Every feature is in a condition of some shader: one that is not changes nothing.
-#[test]
-fn every_feature_is_used_by_a_shader() {
-    let files = sources("shaders", &["wgsl"]);
-    let conditions: Vec<String> = files.iter().flat_map(|(_, text)| conditions(text)).collect();
-    let conditions = conditions.join(" ");
-    let words: BTreeSet<&str> = conditions.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
-    let unused: Vec<String> = features().into_iter().filter(|feature| !words.contains(feature.as_str())).collect();
-    assert!(unused.is_empty(), "features that no shader names: {unused:?}");
-}
-
 /// The library names features by the enum alone, never by a text, in which a typing error would go unseen.
 #[test]
 fn the_library_names_features_by_the_enum() {
