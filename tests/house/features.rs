@@ -88,10 +88,10 @@ fn named_by_text(tokens: &[TokenTree], features: &BTreeSet<String>) -> Vec<Strin
     for (i, token) in tokens.iter().enumerate() {
         let TokenTree::Group(group) = token else { continue };
         let called = i.checked_sub(1).map(|before| tokens[before].to_string()).unwrap_or_default();
-        if let Some(text) = first_text(group) {
-            if called == "has" || (["set", "with"].contains(&called.as_str()) && features.contains(&text)) {
-                found.push(format!("{called}({text:?})"));
-            }
+        if let Some(text) = first_text(group)
+            && (called == "has" || (["set", "with"].contains(&called.as_str()) && features.contains(&text)))
+        {
+            found.push(format!("{called}({text:?})"));
         }
         let inner: Vec<TokenTree> = group.stream().into_iter().collect();
         found.extend(named_by_text(&inner, features));

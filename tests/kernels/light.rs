@@ -91,7 +91,7 @@ pub fn run(
     per_item: usize,
     samples: u32,
 ) -> Vec<[f32; 4]> {
-    run_with(gpu, &features(gpu, scene), &gpu_scene(gpu, scene, None), entry, places, count, per_item, samples)
+    run_with(gpu, (&features(gpu, scene), &gpu_scene(gpu, scene, None)), entry, places, count, per_item, samples)
 }
 
 /// A ray that leaves a light.
@@ -105,7 +105,7 @@ pub struct Emitted {
 /// Rays that a light emits: towards the receivers if they are given, else in all directions.
 pub fn emit(gpu: &Gpu, scene: &Scene, receivers: Option<ReceiverBounds>, light: usize, rays: usize) -> Vec<Emitted> {
     let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
-    let got = run_with(gpu, &features(gpu, scene), &gpu_scene(gpu, scene, receivers), "emitted", &place, rays, 3, 0);
+    let got = run_with(gpu, (&features(gpu, scene), &gpu_scene(gpu, scene, receivers)), "emitted", &place, rays, 3, 0);
     let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let rays = got.chunks_exact(3);
     rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
@@ -118,8 +118,7 @@ fn gpu_scene(gpu: &Gpu, scene: &Scene, receivers: Option<ReceiverBounds>) -> Gpu
 /// As [`run`], composed with other features.
 fn run_with(
     gpu: &Gpu,
-    features: &Features,
-    gpu_scene: &GpuLights,
+    (features, gpu_scene): (&Features, &GpuLights),
     entry: &str,
     places: &[Place],
     count: usize,
@@ -481,7 +480,7 @@ fn points_of_a_lamp_bring_the_same_light(gpu: &Gpu) {
         let position = random.direction() * distance;
         for specialisation in [features(gpu, &scene), features(gpu, &scene).with(Feature::EmitterPairs, false)] {
             let place = [Place::new(position, DVec3::Z, 0)];
-            let got = run_with(gpu, &specialisation, &gpu_scene(gpu, &scene, None), "listed", &place, N, 2, 0);
+            let got = run_with(gpu, (&specialisation, &gpu_scene(gpu, &scene, None)), "listed", &place, N, 2, 0);
             let angles = got.chunks_exact(2).map(|s| f64::from(s[0][3])).filter(|pdf| *pdf > 0.0).map(|pdf| 1.0 / pdf);
             let angles: Vec<f64> = angles.collect();
             let mean = angles.iter().sum::<f64>() / angles.len() as f64;
@@ -532,7 +531,7 @@ fn densities_are_those_of_the_sampler(gpu: &Gpu) {
     }
     // Without pairs: the next test compares them with the sampler.
     let unpaired = features(gpu, &scene).with(Feature::EmitterPairs, false);
-    let got = run_with(gpu, &unpaired, &gpu_scene, "densities", &queries, queries.len(), 1, 0);
+    let got = run_with(gpu, (&unpaired, &gpu_scene), "densities", &queries, queries.len(), 1, 0);
     let (mut near, mut far, mut wrong) = (0, 0, 0);
     for (query, got) in queries.iter().zip(&got) {
         let triangle = query.normal.x as usize;

@@ -221,7 +221,7 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
     const BLOCKS: usize = (SIZE / BLOCK) * (SIZE / BLOCK);
     const SPP: u32 = 16;
     let folder = std::path::Path::new(&shared).join("reference");
-    let box_scene = Scene::load(&folder.join("box.glb"), &ImportOptions::default()).unwrap();
+    let box_scene = Scene::load(folder.join("box.glb"), &ImportOptions::default()).unwrap();
     let view = box_scene.cameras[0].clone();
     for (file, max_bounces) in [("box-direct.exr", 0), ("box-gi.exr", 64)] {
         let reference = Image::read_exr(folder.join(file)).unwrap();
