@@ -9,11 +9,11 @@
 //! nanoseconds for each point for the closed form of two lights.
 
 use glam::DVec3;
+use kernel_kit::Gpu;
 
 #[allow(dead_code, unused_imports)]
 #[path = "../tests/kernels/cache.rs"]
 mod cache;
-#[allow(dead_code, unused_imports)]
 #[path = "../tests/common/device.rs"]
 mod device;
 #[allow(dead_code, unused_imports)]
@@ -48,7 +48,7 @@ mod statistics;
 
 /// Median device time of the closed form, in nanoseconds for each point, for a square light of side `size` at a
 /// distance of about 1.
-fn closed_form_time(size: f64) -> f64 {
+fn closed_form_time(gpu: &Gpu, size: f64) -> f64 {
     const POINTS: usize = 1 << 18;
     const RUNS: usize = 9;
     let light = meshes::square(DVec3::Y, DVec3::X * 0.5 * size, DVec3::Z * 0.5 * size);
@@ -56,11 +56,11 @@ fn closed_form_time(size: f64) -> f64 {
     let mut random = statistics::Random(3);
     let points: Vec<_> =
         (0..POINTS).map(|_| light::Place::new(random.point() * 0.5 - 0.2 * DVec3::Y, random.direction(), 0)).collect();
-    let spent = || device::gpu().pass_times().unwrap().values().sum::<f64>();
+    let spent = || gpu.pass_times().unwrap().values().sum::<f64>();
     let mut times: Vec<f64> = (0..=RUNS)
         .map(|_| {
             let before = spent();
-            light::run(&scene, "closed", &points, POINTS, 1, 0);
+            light::run(gpu, &scene, "closed", &points, POINTS, 1, 0);
             spent() - before
         })
         .skip(1)
@@ -70,17 +70,18 @@ fn closed_form_time(size: f64) -> f64 {
 }
 
 fn main() {
-    let fused = if precision::fma_is_fused() { "fused" } else { "a rounded product and a rounded sum" };
+    let gpu = device::gpu();
+    let fused = if precision::fma_is_fused(gpu) { "fused" } else { "a rounded product and a rounded sum" };
     println!("fma on this device: {fused}\n");
     println!("| kernel | input | errors relative to | median | 99.9 % | largest | bound |");
     println!("| --- | --- | --- | --- | --- | --- | --- |");
-    for row in precision::rows() {
+    for row in precision::rows(gpu) {
         let [median, high, largest] = [0.5, 0.999, 1.0].map(|share| row.quantile(share));
         let precision::Row { kernel, family, scale, bound, .. } = row;
         println!("| {kernel} | {family} | {scale} | {median:.2} | {high:.2} | {largest:.2} | {bound} |");
     }
     println!();
     for size in [1.0, 1e-3] {
-        println!("closed form of a square light of size {size}: {:.0} ns a point", closed_form_time(size));
+        println!("closed form of a square light of size {size}: {:.0} ns a point", closed_form_time(gpu, size));
     }
 }

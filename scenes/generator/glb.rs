@@ -82,7 +82,10 @@ impl Glb {
         let camera = self.push("cameras", json!({ "type": "perspective", "perspective": perspective }));
         self.push(
             "nodes",
-            json!({ "name": "camera", "camera": camera, "translation": eye.to_array(), "rotation": rotation_towards(direction) }),
+            json!({
+                "name": "camera", "camera": camera,
+                "translation": eye.to_array(), "rotation": rotation_towards(direction),
+            }),
         );
     }
 
@@ -93,7 +96,10 @@ impl Glb {
         let extension = json!({ "KHR_lights_punctual": { "light": lights.len() - 1 } });
         self.push(
             "nodes",
-            json!({ "name": name, "extensions": extension, "translation": position.to_array(), "rotation": rotation_towards(direction) }),
+            json!({
+                "name": name, "extensions": extension,
+                "translation": position.to_array(), "rotation": rotation_towards(direction),
+            }),
         );
     }
 

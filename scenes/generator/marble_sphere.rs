@@ -16,7 +16,9 @@ pub fn glb() -> Vec<u8> {
         "materials",
         json!({
             "name": "marble",
-            "pbrMetallicRoughness": { "baseColorTexture": { "index": marble }, "metallicFactor": 0, "roughnessFactor": 0.35 },
+            "pbrMetallicRoughness": {
+                "baseColorTexture": { "index": marble }, "metallicFactor": 0, "roughnessFactor": 0.35,
+            },
         }),
     );
     let ball = glb.mesh("sphere", &Mesh::sphere(1.0, 144, 72), marble);

@@ -10,7 +10,9 @@ pub fn glb() -> Vec<u8> {
     let mut glb = Glb::default();
     let marble = json!({
         "name": "marble",
-        "pbrMetallicRoughness": { "baseColorFactor": [0.85, 0.82, 0.76, 1], "metallicFactor": 0, "roughnessFactor": 0.35 },
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.85, 0.82, 0.76, 1], "metallicFactor": 0, "roughnessFactor": 0.35,
+        },
     });
     let marble = glb.push("materials", marble);
     let sphere = json!({
@@ -37,7 +39,8 @@ fn place(glb: &mut Glb, name: &str, object: Value, at: DVec3, scale: f64, degree
     let extensions = json!({ "PENUMBRA_procedural": object });
     let rotation = rotation_about(DVec3::Y, degrees);
     let node = json!({
-        "name": name, "extensions": extensions, "translation": at.to_array(), "rotation": rotation, "scale": [scale, scale, scale],
+        "name": name, "extensions": extensions,
+        "translation": at.to_array(), "rotation": rotation, "scale": [scale, scale, scale],
     });
     glb.push("nodes", node);
 }

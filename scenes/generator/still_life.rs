@@ -140,7 +140,9 @@ fn cloth(glb: &mut Glb) {
         "materials",
         json!({
             "name": "cloth",
-            "pbrMetallicRoughness": { "baseColorTexture": { "index": checks }, "metallicFactor": 0, "roughnessFactor": 0.9 },
+            "pbrMetallicRoughness": {
+                "baseColorTexture": { "index": checks }, "metallicFactor": 0, "roughnessFactor": 0.9,
+            },
             "alphaMode": "MASK",
             "doubleSided": true,
         }),
@@ -233,7 +235,9 @@ fn leaf(glb: &mut Glb) -> usize {
         "materials",
         json!({
             "name": "leaf",
-            "pbrMetallicRoughness": { "baseColorTexture": { "index": blade }, "metallicFactor": 0, "roughnessFactor": 0.5 },
+            "pbrMetallicRoughness": {
+                "baseColorTexture": { "index": blade }, "metallicFactor": 0, "roughnessFactor": 0.5,
+            },
             "alphaMode": "MASK",
             "alphaCutoff": 0.5,
             "doubleSided": true,
@@ -281,7 +285,10 @@ fn pears(glb: &mut Glb) {
     let stalks = [stalk(14.0), stalk(-8.0)];
     glb.push(
         "nodes",
-        json!({ "name": "pear", "mesh": mesh, "children": [stalks[0]], "translation": [-0.075, CLOTH, 0.1], "rotation": rotation_about(DVec3::Y, 30.0) }),
+        json!({
+            "name": "pear", "mesh": mesh, "children": [stalks[0]],
+            "translation": [-0.075, CLOTH, 0.1], "rotation": rotation_about(DVec3::Y, 30.0),
+        }),
     );
     glb.push(
         "nodes",
@@ -297,7 +304,9 @@ fn metal_sphere(glb: &mut Glb) {
         "materials",
         json!({
             "name": "rough copper",
-            "pbrMetallicRoughness": { "baseColorFactor": [0.93, 0.62, 0.52, 1], "metallicFactor": 1, "roughnessFactor": 0.3 },
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.93, 0.62, 0.52, 1], "metallicFactor": 1, "roughnessFactor": 0.3,
+            },
         }),
     );
     let radius = 0.062;
@@ -311,7 +320,9 @@ fn pane(glb: &mut Glb) {
         "materials",
         json!({
             "name": "pane",
-            "pbrMetallicRoughness": { "baseColorFactor": [0.15, 0.35, 0.8, 0.35], "metallicFactor": 0, "roughnessFactor": 0.1 },
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.15, 0.35, 0.8, 0.35], "metallicFactor": 0, "roughnessFactor": 0.1,
+            },
             "alphaMode": "BLEND",
             "doubleSided": true,
         }),
@@ -319,7 +330,10 @@ fn pane(glb: &mut Glb) {
     let mesh = glb.mesh("pane", &Mesh::quad(DVec3::ZERO, 0.06 * DVec3::X, 0.08 * DVec3::Y), tint);
     glb.push(
         "nodes",
-        json!({ "name": "pane", "mesh": mesh, "translation": [0.17, 0.085, 0.1], "rotation": rotation_about(DVec3::Y, -35.0) }),
+        json!({
+            "name": "pane", "mesh": mesh,
+            "translation": [0.17, 0.085, 0.1], "rotation": rotation_about(DVec3::Y, -35.0),
+        }),
     );
 }
 
@@ -346,7 +360,9 @@ fn screen(glb: &mut Glb) {
         "materials",
         json!({
             "name": "plastic",
-            "pbrMetallicRoughness": { "baseColorFactor": [0.03, 0.03, 0.035, 1], "metallicFactor": 0, "roughnessFactor": 0.5 },
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.03, 0.03, 0.035, 1], "metallicFactor": 0, "roughnessFactor": 0.5,
+            },
         }),
     );
     let half = DVec3::new(0.14, 0.105, 0.006);
@@ -374,7 +390,9 @@ fn candle(glb: &mut Glb) {
         "materials",
         json!({
             "name": "wax",
-            "pbrMetallicRoughness": { "baseColorFactor": [0.82, 0.74, 0.6, 1], "metallicFactor": 0, "roughnessFactor": 0.6 },
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.82, 0.74, 0.6, 1], "metallicFactor": 0, "roughnessFactor": 0.6,
+            },
         }),
     );
     let (radius, height, rim) = (0.021, 0.09, 0.004);

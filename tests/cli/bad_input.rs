@@ -52,7 +52,7 @@ fn truncated_scenes() {
 }
 
 #[test]
-fn scenes_with_a_fault_have_its_place_named() {
+fn errors_of_scenes_say_where_the_fault_is() {
     let folder = folder();
     let folder = folder.path();
     let gltf = |name: &str, rest: &str| scene(folder, name, format!(r#"{{"asset": {{"version": "2.0"}}, {rest}}}"#));

@@ -26,7 +26,8 @@ fn the_plan_has_every_part_once_with_a_reason_and_a_cost() {
         names(&plan["kept"]).union(&names(&plan["left_out"])).map(|n| n.to_string()).collect::<BTreeSet<_>>()
     };
     assert_eq!(all(&plain), all(&rich));
-    // The box has one Lambertian light and plain Lambertian surfaces; the still life has the features that the box leaves out.
+    // The box has one Lambertian light and plain Lambertian surfaces; the still life has the features that the box
+    // leaves out.
     for part in ["textures", "alpha_test", "glossy", "point_lights", "light_tags"] {
         assert!(names(&plain["left_out"]).contains(part) && names(&rich["kept"]).contains(part), "{part}");
     }

@@ -57,7 +57,7 @@ fn one_render_goes_to_several_files_by_their_extensions() {
 }
 
 #[test]
-fn channels_are_those_that_were_asked_for() {
+fn the_requested_channels_are_written() {
     let folder = folder();
     let file = folder.path().join("a.exr");
     let layers = |arguments: &str| {
@@ -167,8 +167,9 @@ fn a_resumed_render_has_the_bits_of_one_that_never_stopped() {
     let folder = folder();
     let [whole, parts, state, stats] = ["a.exr", "b.exr", "state", "a.json"].map(|name| folder.path().join(name));
     let all = Technique::all().map(|technique| format!("--aov all --technique {technique}"));
-    // Without the AOV of classes, the map counts photons by another kernel. In the still life so few photons do not pay, and
-    // the pilot leaves the map out. It has enough lights for ward-adaptive to estimate some by their visibility so far.
+    // Without the AOV of classes, the map counts photons by another kernel. In the still life so few photons do not
+    // pay, and the pilot leaves the map out. It has enough lights for ward-adaptive to estimate some by their
+    // visibility so far.
     let others = [
         (BOX, "--aov variance --nearest 511".to_owned()),
         (STILL_LIFE, "--aov variance".to_owned()),
@@ -247,8 +248,8 @@ fn checkpoints_of_something_else_are_refused() {
     }
     fs::remove_file(&state).unwrap();
     resume("--spp 2").assert_refused(3, &["state"]);
-    // Photons that audits added (a class by one photon is often wrong), with positions that are not finite and a light that does
-    // not exist, which would be counted past the last.
+    // Photons that audits added (a class by one photon is often wrong), with positions that are not finite and a light
+    // that does not exist, which would be counted past the last.
     render(&format!("--spp 9 --audit 1 --nearest 1 {checkpoint}"), &[&image]).assert_done();
     let mut invalid = fs::read(&state).unwrap();
     let counts = ["\"added\":", "\"left\":"].map(|word| invalid[at(&invalid, word)]);

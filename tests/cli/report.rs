@@ -200,7 +200,8 @@ addEventListener("error", (event) => faults.push(event.message));
 addEventListener("load", () => setTimeout(() => {
   const find = (id) => document.getElementById(id);
   const choose = (id, value) => { find(id).value = value; find(id).dispatchEvent(new Event("input")); };
-  const press = (key, shiftKey = false) => find("viewer").dispatchEvent(new KeyboardEvent("keydown", { key, shiftKey }));
+  const press = (key, shiftKey = false) =>
+    find("viewer").dispatchEvent(new KeyboardEvent("keydown", { key, shiftKey }));
   const middle = () => {
     const { width, height } = find("viewer");
     // A little off the corner where four pixels meet.

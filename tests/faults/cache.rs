@@ -1,11 +1,10 @@
 //! The cache of references: shared by processes, or damaged.
 
-use kernel_kit::Gpu;
-use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::thread;
+use std::{fs, thread};
 
+use kernel_kit::Gpu;
 use penumbra::internal::report::classes::Truth;
 use penumbra::internal::report::reference::{Goal, Reference, ReferenceProgress};
 use penumbra::internal::report::run::Subject;

@@ -1,16 +1,16 @@
 //! Devices that are lost during a render.
 
-use kernel_kit::{DeviceChoice, Gpu, Resources};
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::passes::new_kernel;
-use penumbra::internal::specialisation::features::Features;
 use std::cell::Cell;
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
+use kernel_kit::{DeviceChoice, Gpu, Resources};
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::new_kernel;
 use penumbra::internal::render::recovery::{self, Failure};
 use penumbra::internal::scene::ImportOptions;
+use penumbra::internal::specialisation::features::Features;
 use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Technique};
 
 fn open() -> Result<Gpu> {

@@ -1,11 +1,10 @@
 //! Signals at any time.
 
-use std::fs;
 use std::io::{BufRead, Read};
 use std::path::Path;
 use std::process::Stdio;
-use std::thread;
 use std::time::Duration;
+use std::{fs, thread};
 
 use penumbra::Image;
 

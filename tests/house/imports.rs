@@ -1,4 +1,5 @@
-//! Which file uses which: every path of the Rust sources that begins at the crate, at `super` or at `self`, and every WGSL import.
+//! Which file uses which: every path of the Rust sources that begins at the crate, at `super` or at `self`, and every
+//! WGSL import.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -25,8 +26,8 @@ struct Written {
     exports: Vec<(String, Names)>,
 }
 
-/// Who uses whom among the Rust files of a crate at `folder`. `names` are the names that the crate has for itself: `crate`, and what
-/// its binary calls it.
+/// Who uses whom among the Rust files of a crate at `folder`. `names` are the names that the crate has for itself:
+/// `crate`, and what its binary calls it.
 pub fn rust(folder: &Path, files: &[(PathBuf, String)], names: &[&str]) -> Uses {
     let mut all = Crate::default();
     let mut written = Vec::new();
@@ -63,7 +64,8 @@ impl Crate {
     }
 }
 
-/// The module that a file is: `scene/mesh.rs` is `scene::mesh`, `scene/mod.rs` is `scene`, `lib.rs` and `main.rs` are the root.
+/// The module that a file is: `scene/mesh.rs` is `scene::mesh`, `scene/mod.rs` is `scene`, `lib.rs` and `main.rs` are
+/// the root.
 fn module_of(path: &Path) -> Names {
     let mut names: Names = path.with_extension("").iter().map(|part| part.to_str().unwrap().to_owned()).collect();
     if names.last().is_some_and(|name| name == "mod") || names == ["lib"] {
@@ -282,7 +284,8 @@ mod tests {
     /// WGSL's imports, with and without a condition, of a module and of its names.
     #[test]
     fn imports_of_shaders_are_found() {
-        let text = "import package::lib::math::PI;\n@if(textures) import package::lib::bsdf::sheen::{a, b};\n// import package::lib::rng::c;";
+        let text = "import package::lib::math::PI;\n@if(textures) import package::lib::bsdf::sheen::{a, b};\n\
+                    // import package::lib::rng::c;";
         let names = ["shaders/x.wgsl", "shaders/lib/math.wgsl", "shaders/lib/bsdf.wgsl", "shaders/lib/bsdf/sheen.wgsl"];
         let files: Vec<_> = names.iter().map(|name| (PathBuf::from(name), text.to_owned())).collect();
         let expected = ["shaders/lib/bsdf/sheen.wgsl", "shaders/lib/math.wgsl"].map(PathBuf::from);

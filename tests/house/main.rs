@@ -1,5 +1,9 @@
-//! The house: floors, circles, names and words, read from the sources themselves.
+//! The house: floors, circles, names, words, features, exports and documents, read from the sources themselves.
 
+mod cases;
+mod documents;
+mod exports;
+mod features;
 mod floors;
 mod imports;
 mod lines;

@@ -22,8 +22,8 @@ fn passes_kernels_and_tests_go_together() {
     assert!(untested.is_empty(), "no file in tests/kernels for {untested:?}");
 }
 
-/// The composer reads the exponent of a hexadecimal float as a hexadecimal number: `0x1p-24` would be 2^-144. No shader may
-/// have one.
+/// The composer reads the exponent of a hexadecimal float as a hexadecimal number: `0x1p-24` would be 2^-144. No shader
+/// may have one.
 #[test]
 fn no_shader_has_hexadecimal_floats() {
     for (path, text) in sources("shaders", &["wgsl"]) {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use crate::sources;
 
-/// Parts of identifiers and words of comments, messages and documents that are retired, whatever they are a part of: `slot` stands
-/// for `slot_count`, `FreeSlot` and "a slot".
+/// Parts of identifiers and words of comments, messages and documents that are retired, whatever they are a part of:
+/// `slot` stands for `slot_count`, `FreeSlot` and "a slot".
 const RETIRED: &[(&str, &str)] = &[
     ("slot", "candidate (a point and a light), primitive (of the hierarchy) or texture info (glTF)"),
     ("slots", "candidates, primitives or texture infos"),

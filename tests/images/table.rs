@@ -118,7 +118,8 @@ fn shares_match_the_simulation() {
             let fill = f64::from(penumbra_boundary) / f64::from(boundary);
             let miss = f64::from(missed) / points;
             println!(
-                "{scene} {} photons, k {}, paper counting {}, dilate {}: reduction {reduction:.4}, fill {fill:.3}, miss {miss:.4}",
+                "{scene} {} photons, k {}, paper counting {}, dilate {}: \
+                 reduction {reduction:.4}, fill {fill:.3}, miss {miss:.4}",
                 row.photons, row.nearest, row.paper_counting, row.dilate
             );
             assert!(f64::from(boundary) / points > 0.01, "hardly any boundary: the test is not sensitive");

@@ -1,17 +1,16 @@
 //! The BSDF against glTF's formulas in f64, reciprocity, energy, and its sampler against its density.
 
-use crate::kit::new_kernel;
-use kernel_kit::{Buffer, Kernel, Resources};
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
-use std::sync::{Arc, LazyLock, Mutex};
+use std::sync::{Arc, LazyLock, Mutex, OnceLock};
 
 use glam::{DQuat, DVec2, DVec3};
+use kernel_kit::{Buffer, Gpu, Kernel, Resources, kernel_test};
 use penumbra::internal::gpu_scene::{sheen, sobol};
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::statistics::{Random, chi_square};
 
 /// A surface of one colour, as the kernel gets it.
@@ -27,10 +26,10 @@ struct Tested {
     lobes: Lobes,
 }
 
-/// What a surface has beyond glTF's core.
+/// The lobes of extensions of glTF.
 #[derive(Clone, Copy, Debug)]
 struct Lobes {
-    /// Part of the base that lets light pass.
+    /// Share of the base that transmits light.
     transmission: f64,
     /// Index of refraction on the viewer's side over that on the other; 1: a thin wall.
     eta: f64,
@@ -61,11 +60,11 @@ struct Fibres {
 }
 
 impl Fibres {
-    /// Least roughness: that of viewers of glTF.
-    const LEAST: f64 = 0.07;
+    /// Minimum roughness, as in viewers of glTF.
+    const MIN: f64 = 0.07;
 
     fn new(roughness: f64) -> Self {
-        Fibres { alpha: roughness.max(Self::LEAST).powi(2) }
+        Fibres { alpha: roughness.max(Self::MIN).powi(2) }
     }
 
     fn lambda(&self, cosine: f64) -> f64 {
@@ -145,7 +144,8 @@ impl Tested {
         DQuat::from_rotation_y(-self.lobes.coat_tilt) * v
     }
 
-    /// Light from behind the coat's horizon, which the base may face, is let through as at it: not at all by a smooth coat.
+    /// The share of light that the coat transmits. The base may face light from behind the coat's horizon; the coat
+    /// transmits it as at the horizon: a smooth coat nothing.
     fn through_coat(&self, light: DVec3) -> f64 {
         let [light_z, view_z] = [light, self.view].map(|v| self.about_coat(v).z);
         let light_z = (light_z * light.z.signum()).max(0.0);
@@ -156,7 +156,7 @@ impl Tested {
         DVec3::new(self.tilt.sin(), 0.0, self.tilt.cos())
     }
 
-    /// Light that passes (Walter et al. 2007, equation 21; for a thin wall, the mirror image of what is reflected).
+    /// Transmitted light (Walter et al. 2007, equation 21; for a thin wall, the mirror image of what is reflected).
     fn passed(&self, light: DVec3) -> f64 {
         let eta = self.lobes.eta;
         let tint = self.base
@@ -185,8 +185,8 @@ impl Tested {
             * Self::microfacets(self.view, h, light, self.alpha())
     }
 
-    /// KHR_materials_sheen: what fibres reflect, held down where from either side that would be more than they get, and what
-    /// they leave to the layers below.
+    /// KHR_materials_sheen: the light that fibres reflect, scaled down where their albedo from either side would be
+    /// above 1; and the share that they leave to the layers below.
     fn fibres(&self, light: DVec3) -> (f64, f64) {
         if self.lobes.sheen == 0.0 {
             return (0.0, 1.0);
@@ -197,9 +197,9 @@ impl Tested {
         (self.lobes.sheen * value / albedo.max(1.0), 1.0 - self.lobes.sheen * albedo.min(1.0))
     }
 
-    /// glTF 2.0, appendix B, with the dielectric's transmission taken at the lower of the angles to the normal, less of
-    /// it grazing where the surface is rough. KHR_materials_clearcoat, its coat's transmission taken likewise. Each lobe times
-    /// the cosine to its normal.
+    /// glTF 2.0, appendix B, and KHR_materials_clearcoat. Dielectric and coat transmit by the more grazing of the two
+    /// directions, and reflect less at grazing angles where they are rough. Each lobe is multiplied by the cosine to
+    /// its normal.
     fn value(&self, light: DVec3) -> f64 {
         if light.dot(self.geometric_normal()) < 0.0 {
             return if light.z < 0.0 { self.passed(light) * -light.z } else { 0.0 };
@@ -225,13 +225,13 @@ impl Tested {
         (sheen + base * through) * self.through_coat(light)
     }
 
-    /// The direction that a smooth surface would send the view on to: through it where light passes, as far as it is bent.
+    /// The direction that a smooth surface would send the view to: refracted if it transmits light, else reflected.
     fn main_direction(&self) -> DVec3 {
         let v = self.view;
         if self.lobes.transmission == 0.0 {
             return DVec3::new(-v.x, -v.y, v.z);
         }
-        // Where all is reflected, near the grazing direction.
+        // In total reflection: near the grazing direction.
         let across = (-v.truncate() * self.lobes.eta).clamp_length_max(0.9);
         across.extend(-(1.0 - across.length_squared()).sqrt())
     }
@@ -243,7 +243,7 @@ impl Tested {
     }
 }
 
-fn features(t: &Tested) -> Features {
+fn features(gpu: &Gpu, t: &Tested) -> Features {
     let specialisation = [
         (Feature::Glossy, t.glossy),
         (Feature::Transmission, t.lobes.transmission > 0.0),
@@ -252,11 +252,11 @@ fn features(t: &Tested) -> Features {
         (Feature::Anisotropy, t.lobes.along.is_some()),
         (Feature::Sheen, t.lobes.sheen > 0.0),
     ];
-    specialisation.into_iter().fold(device_features(gpu()), |features, (feature, on)| features.with(feature, on))
+    specialisation.into_iter().fold(device_features(gpu), |features, (feature, on)| features.with(feature, on))
 }
 
-/// The test kernel, made once for all surfaces that it serves.
-fn kernel(features: Features, count: usize, stratified: bool) -> Arc<Kernel> {
+/// The test kernel, made once for all surfaces that use it.
+fn kernel(gpu: &Gpu, features: Features, count: usize, stratified: bool) -> Arc<Kernel> {
     type Made = Mutex<HashMap<(Features, usize, bool), Arc<Kernel>>>;
     static MADE: LazyLock<Made> = LazyLock::new(Made::default);
     let mut made = MADE.lock().unwrap();
@@ -266,17 +266,16 @@ fn kernel(features: Features, count: usize, stratified: bool) -> Arc<Kernel> {
             ("count", count as f64),
             ("seed", 4242.0),
             ("stratified", f64::from(u8::from(stratified))),
-            ("min_sheen_roughness", Fibres::LEAST),
+            ("min_sheen_roughness", Fibres::MIN),
         ];
-        Arc::new(new_kernel(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap())
+        Arc::new(new_kernel(gpu, &composed, &composed.overrides(&constants), &[]).unwrap())
     });
     made.clone()
 }
 
 /// Runs an entry of the test kernel: two vectors for each of `count` items.
-fn run(entry: &str, tested: &Tested, directions: &[DVec3], count: usize, stratified: bool) -> Vec<[f32; 4]> {
-    let gpu = gpu();
-    let kernel = kernel(features(tested), count, stratified);
+fn run(gpu: &Gpu, entry: &str, tested: &Tested, directions: &[DVec3], count: usize, stratified: bool) -> Vec<[f32; 4]> {
+    let kernel = kernel(gpu, features(gpu, tested), count, stratified);
     let t = tested;
     let (albedo, f0) = (t.albedo() as f32, t.f0() as f32);
     let tint = (t.base * (1.0 - t.metallic) * t.lobes.transmission) as f32;
@@ -296,13 +295,14 @@ fn run(entry: &str, tested: &Tested, directions: &[DVec3], count: usize, stratif
     let directions = gpu.upload("test/directions", &directions).unwrap();
     let results = gpu.poisoned::<[f32; 4]>("test/results", count * 2).unwrap();
     let sobol = sobol::upload(gpu).unwrap();
-    static SHEEN: LazyLock<Buffer> = LazyLock::new(|| sheen::upload(crate::kit::gpu()).unwrap());
+    static SHEEN: OnceLock<Buffer> = OnceLock::new();
+    let sheen = SHEEN.get_or_init(|| sheen::upload(gpu).unwrap());
     let sets = Resources::new()
         .with("surface", &surface)
         .with("directions", &directions)
         .with("results", &results)
         .with("sobol_directions", &sobol)
-        .with("sheen_albedos", &*SHEEN);
+        .with("sheen_albedos", sheen);
     let bound = kernel.bind(gpu, entry, &[&sets]).unwrap();
     let mut frame = gpu.frame("test");
     frame.run(&bound, count as u32, &[0u32; 0]);
@@ -316,7 +316,7 @@ fn view(cosine: f64) -> DVec3 {
     DVec3::new((1.0 - cosine * cosine).sqrt() * 0.8, (1.0 - cosine * cosine).sqrt() * 0.6, cosine)
 }
 
-/// Roughness and metallic over their ranges, seen from above and from low down.
+/// Roughness and metallic over their ranges, viewed from above and from a low angle.
 fn all_tested(base: f64) -> Vec<Tested> {
     let mut all = Vec::new();
     for roughness in [0.05, 0.2, 0.5, 1.0, 0.0] {
@@ -330,10 +330,10 @@ fn all_tested(base: f64) -> Vec<Tested> {
     all
 }
 
-/// Of each kind of lobes.
+/// Roughness, and cosine of the view, of each kind of lobes.
 const ROUGHNESS_AND_VIEW: [(f64, f64); 6] = [(0.3, 0.95), (0.3, 0.4), (0.7, 0.95), (0.7, 0.4), (0.0, 0.95), (0.0, 0.4)];
 
-/// Surfaces of more lobes: glass from outside and from inside, thin walls, coats, brushed metal, velvets, and all at once.
+/// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, and all at once.
 fn all_lobes(base: f64) -> Vec<Tested> {
     let glass = |transmission, eta| Lobes { transmission, eta, ..NO_LOBES };
     let velvet = |sheen, sheen_roughness| Lobes { sheen, sheen_roughness, ..NO_LOBES };
@@ -371,7 +371,7 @@ fn all_lobes(base: f64) -> Vec<Tested> {
     all
 }
 
-/// Surfaces under coats whose normals are not theirs, some of which turn to directions that the base does not face.
+/// Surfaces whose coats have normals of their own, some of which face directions that the base does not.
 fn all_tilted_coats(base: f64) -> Vec<Tested> {
     let coat = |coat, coat_roughness, coat_tilt| Lobes { coat, coat_roughness, coat_tilt, ..NO_LOBES };
     let all = Lobes {
@@ -395,7 +395,7 @@ fn all_tilted_coats(base: f64) -> Vec<Tested> {
     kinds.into_iter().flat_map(|kind| [0.9, 0.5].map(|cosine| tested(kind, cosine))).collect()
 }
 
-/// Directions all over the hemispheres that light comes from, and near the main one.
+/// Directions over the hemispheres that light comes from, and near the main direction.
 fn some_directions(tested: &Tested) -> Vec<DVec3> {
     let mut random = Random(5);
     let main = tested.main_direction();
@@ -405,28 +405,30 @@ fn some_directions(tested: &Tested) -> Vec<DVec3> {
         let z = if both_sides { d.z } else { d.z.abs() };
         if i % 2 == 0 { DVec3::new(d.x, d.y, z) } else { (main + d * 0.02).normalize() }
     });
-    // At grazing angles f32 leaves few digits to a cosine: 1e-7 of 0.02 is 5e-6, which four factors multiply.
+    // At grazing angles a cosine has few digits in f32: 1e-7 of 0.02 is 5e-6, which enters four factors.
     all.filter(|d| d.z.abs() > 0.02).collect()
 }
 
-/// The value, times the cosine, is the formulas', in one piece and in its two parts, and is 0 below the horizon of either normal.
-#[test]
-fn values_are_those_of_gltf() {
+/// BSDF times cosine equals glTF's formulas, as a whole and as the sum of its two parts, and is 0 below the horizon of
+/// either normal.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn values_are_those_of_gltf(gpu: &Gpu) {
     let (mut worst, mut worst_of_fault) = (0f64, 0f64);
     let mut worst_case = String::new();
     for tested in [all_tested(0.7), all_lobes(0.7), all_tilted_coats(0.7)].concat() {
         let mut directions = some_directions(&tested);
         if tested.lobes.sheen > 0.0 {
-            // Each is an integral to the oracle.
+            // The oracle integrates for each direction.
             directions.truncate(150);
         }
-        let got = run("evaluated", &tested, &directions, directions.len(), false);
+        let got = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
         for (direction, got) in directions.iter().zip(got.chunks_exact(2)) {
             // The kernel's directions are f32, 6e-8 off: a lobe as narrow as alpha changes by 4 * 6e-8 / alpha.
-            // The fibres' albedo is 1.5e-3 off: what is left of the base, where little is, by more.
+            // The fibres' albedo is 1.5e-3 off, and what they leave to the base by more, relative to what is left.
             let table = if tested.lobes.sheen > 0.0 { 2e-3 / (1.0 - tested.lobes.sheen).max(0.1) } else { 0.0 };
             let allowed = 1e-4 + 1e-6 / tested.narrowest() + table;
-            // Near total reflection what passes goes with the root of the distance to it: f32's 1e-7 is 3e-4 of the lobe.
+            // Near total reflection transmission goes with the root of the distance to it: 1e-7 in f32 is 3e-4 of the
+            // lobe.
             let floor = if tested.lobes.eta > 1.0 { 3e-6 } else { 1e-9 };
             let exact = tested.value(direction.as_vec3().as_dvec3());
             let off = |v: f32, exact: f64| (f64::from(v) - exact).abs() / (exact * allowed).max(floor);
@@ -445,7 +447,7 @@ fn values_are_those_of_gltf() {
     let mut random = Random(8);
     let directions: Vec<DVec3> = (0..500).map(|_| random.direction()).collect();
     for glossy in [false, true] {
-        let got = run("evaluated", &Tested { glossy, ..tilted }, &directions, directions.len(), false);
+        let got = run(gpu, "evaluated", &Tested { glossy, ..tilted }, &directions, directions.len(), false);
         for (d, got) in directions.iter().zip(got.chunks_exact(2)) {
             let over_both = d.z > 0.0 && d.x * 0.5f64.sin() + d.z * 0.5f64.cos() > 0.0;
             assert_eq!(got[0][0] > 0.0, over_both, "{d}");
@@ -454,50 +456,51 @@ fn values_are_those_of_gltf() {
     }
 }
 
-/// What passes one way passes the other: radiance over the squared index of refraction is the same.
-#[test]
-fn transmission_is_reciprocal() {
+/// Transmission is reciprocal: swapping light and view keeps the value, divided by the squared index of refraction.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn transmission_is_reciprocal(gpu: &Gpu) {
     let mut compared = 0;
     for tested in all_lobes(0.7).into_iter().filter(|t| t.lobes.transmission > 0.0) {
         let below = |d: &DVec3| d.z < -0.1;
         let directions: Vec<DVec3> = some_directions(&tested).into_iter().filter(below).take(4).collect();
-        let there = run("evaluated", &tested, &directions, directions.len(), false);
+        let there = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
         for (direction, there) in directions.iter().zip(there.chunks_exact(2)) {
             // Seen from the other side: the normal turns round.
             let turned = |d: DVec3| d * DVec3::new(1.0, 1.0, -1.0);
             let lobes = Lobes { eta: 1.0 / tested.lobes.eta, coat_tilt: -tested.lobes.coat_tilt, ..tested.lobes };
             let other = Tested { view: turned(*direction), lobes, ..tested };
-            let back = run("evaluated", &other, &[turned(tested.view)], 1, false);
+            let back = run(gpu, "evaluated", &other, &[turned(tested.view)], 1, false);
             let there = f64::from(there[0][0]) / -direction.z / tested.lobes.eta.powi(2);
             let back = f64::from(back[0][0]) / tested.view.z;
             assert!((there - back).abs() <= 1e-3 * there.max(back) + 1e-6, "{tested:?} {direction}: {there} {back}");
             compared += usize::from(there > 1e-3 && tested.lobes.eta != 1.0);
         }
     }
-    assert!(compared > 20, "{compared} directions that light is bent to");
+    assert!(compared > 20, "{compared} refracted directions");
 }
 
-/// Swapping light and view changes nothing.
-#[test]
-fn reflection_is_reciprocal() {
+/// Reflection is reciprocal: swapping light and view keeps the value.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn reflection_is_reciprocal(gpu: &Gpu) {
     for tested in [all_tested(0.7), all_lobes(0.7)].concat() {
         let directions: Vec<DVec3> = some_directions(&tested).into_iter().filter(|d| d.z > 0.1).take(24).collect();
-        let there = run("evaluated", &tested, &directions, directions.len(), false);
+        let there = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
         for (direction, there) in directions.iter().zip(there.chunks_exact(2)) {
-            let back = run("evaluated", &Tested { view: *direction, ..tested }, &[tested.view], 1, false);
+            let back = run(gpu, "evaluated", &Tested { view: *direction, ..tested }, &[tested.view], 1, false);
             let (there, back) = (f64::from(there[0][0]) / direction.z, f64::from(back[0][0]) / tested.view.z);
             assert!((there - back).abs() <= 1e-3 * there.max(back), "{tested:?} {direction}: {there} {back}");
         }
     }
-    // A tilted coat, about its own normal: of a black mirror below it nothing is seen but in the mirror's direction.
+    // A tilted coat is reciprocal about its own normal. The black mirror below it reflects only in the mirror's
+    // direction.
     let mut swapped_of_base = 0f64;
     for coat_tilt in [0.3, -0.5] {
         let lobes = Lobes { coat: 1.0, coat_roughness: 0.6, coat_tilt, ..NO_LOBES };
         let tested =
             Tested { base: 0.0, roughness: 0.0, metallic: 0.0, view: view(0.8), tilt: 0.0, glossy: true, lobes };
         for direction in [DVec3::new(0.5, -0.3, 0.8), DVec3::new(-0.2, 0.6, 0.7)].map(DVec3::normalize) {
-            let there = f64::from(run("evaluated", &tested, &[direction], 1, false)[0][0]);
-            let back = run("evaluated", &Tested { view: direction, ..tested }, &[tested.view], 1, false);
+            let there = f64::from(run(gpu, "evaluated", &tested, &[direction], 1, false)[0][0]);
+            let back = run(gpu, "evaluated", &Tested { view: direction, ..tested }, &[tested.view], 1, false);
             let back = f64::from(back[0][0]);
             let over_cosines = |of: &dyn Fn(DVec3) -> f64| [there / of(direction), back / of(tested.view)];
             let [a, b] = over_cosines(&|d| tested.about_coat(d).z);
@@ -506,8 +509,8 @@ fn reflection_is_reciprocal() {
             swapped_of_base = swapped_of_base.max((a / b - 1.0).abs());
         }
     }
-    assert!(swapped_of_base > 0.1, "the base's cosines in place of the coat's: {swapped_of_base}");
-    // A Fresnel term of one of the angles only, which is no more wrong than many a renderer's, would be found.
+    assert!(swapped_of_base > 0.1, "the base's cosines instead of the coat's: {swapped_of_base}");
+    // A Fresnel term of one angle alone, as many renderers have it, would be found.
     let tested =
         Tested { base: 0.7, roughness: 1.0, metallic: 0.0, view: view(0.95), tilt: 0.0, glossy: true, lobes: NO_LOBES };
     let one_sided = |t: &Tested, l: DVec3| t.value(l) * (1.0 - (1.0 - t.view.z).powi(5));
@@ -516,30 +519,32 @@ fn reflection_is_reciprocal() {
     assert!((there - back).abs() > 1e-3 * there);
 }
 
-/// No surface returns more than it gets, from any side; a smooth mirror returns all, and so does a white Lambertian.
-#[test]
-fn no_surface_makes_light() {
+/// No surface reflects more light than it receives, from any side. A smooth mirror and a white Lambertian surface
+/// reflect all of it.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn no_surface_makes_light(gpu: &Gpu) {
     const N: usize = 1 << 14;
     let albedo = |tested: &Tested| {
-        let got = run("sampled", tested, &[], N, true);
+        let got = run(gpu, "sampled", tested, &[], N, true);
         got.chunks_exact(2).map(|s| f64::from(s[1][3])).sum::<f64>() / N as f64
     };
-    // Of each kind one: roughness and view are chosen here.
+    // One surface of each kind, with the roughness and views of this test.
     let tilted = all_tilted_coats(1.0).into_iter().step_by(2);
     for lobed in all_lobes(1.0).into_iter().step_by(ROUGHNESS_AND_VIEW.len()).chain(tilted) {
         for (cosine, roughness) in [1.0, 0.5, 0.1, 0.02].into_iter().flat_map(|c| [(c, 0.0), (c, 0.3), (c, 1.0)]) {
             let tested = Tested { view: view(cosine), roughness, ..lobed };
             let a = albedo(&tested);
-            // What tilted coats reflect may go into the surface, and be lost.
-            let least = if lobed.lobes.coat_tilt == 0.0 { 0.05 } else { 0.0 };
-            assert!((least..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a}");
+            // A tilted coat may reflect into the surface, where light is lost.
+            let min = if lobed.lobes.coat_tilt == 0.0 { 0.05 } else { 0.0 };
+            assert!((min..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a}");
             // Smooth glass loses nothing.
             if roughness == 0.0 && lobed.lobes.transmission == 1.0 && cosine > 0.3 {
                 assert!((a - 1.0).abs() < 2e-3, "{tested:?} returns {a}");
             }
         }
     }
-    // A white base under white fibres; by the extension's formula alone these would make light where they are smooth.
+    // A white base under white fibres. By the extension's formula alone, smooth fibres would reflect more than they
+    // receive.
     assert!(Fibres::new(0.0).albedo(0.02) > 1.9);
     for sheen_roughness in [0.0, 0.1, 0.2, 0.4, 0.7, 1.0] {
         for cosine in [0.7, 0.1, 0.02] {
@@ -564,12 +569,12 @@ fn no_surface_makes_light() {
                 };
                 let a = albedo(&tested);
                 assert!((0.05..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a}");
-                // Seen from above, a white surface under any layer is still white: a rough layer's masking takes 4 %.
+                // From above, a white surface stays white under any layer: the masking of a rough layer takes 4 %.
                 if metallic == 0.0 && cosine >= 0.7 {
                     assert!(a > 0.93, "{tested:?} returns {a}");
                 }
                 if metallic == 1.0 && roughness <= 0.05 && cosine > 0.2 {
-                    // Masking takes a part in 1e-5 at such a roughness: the rest is the sequence's error.
+                    // Masking takes 1e-5 at such a roughness; the rest is the error of the samples.
                     assert!(a > 0.998, "{tested:?} returns {a}");
                 }
             }
@@ -580,29 +585,29 @@ fn no_surface_makes_light() {
     assert!((albedo(&white) - 1.0).abs() < 1e-6);
 }
 
-/// What a surface is taken to reflect where a path ends is the mean of what it reflects in all directions: that of samples
-/// from views of which each stands for as much of the cosine-weighted hemisphere.
-#[test]
-fn paths_end_with_the_mean_reflectance() {
+/// The reflectance that ends a path is the mean of the surface's albedo over all views, here measured by samples from
+/// views that are evenly distributed over the cosine-weighted hemisphere.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn paths_end_with_the_mean_reflectance(gpu: &Gpu) {
     const VIEWS: usize = 16;
     const N: usize = 1 << 12;
     let velvet = |sheen_roughness| Lobes { sheen: 0.8, sheen_roughness, ..NO_LOBES };
     let layers =
         [NO_LOBES, Lobes { coat: 1.0, coat_roughness: 0.7, ..NO_LOBES }, velvet(0.1), velvet(0.4), velvet(1.0)];
     for (roughness, lobes) in [0.2, 0.5, 0.7, 1.0].into_iter().flat_map(|r| layers.map(|lobes| (r, lobes))) {
-        // The fits' error, 0.004 of f0 and 0.0005, and that of the views, of which none is lower than 10 degrees. Fibres' fits
-        // are 0.003 off, and they leave the least to the base where its layer reflects the most.
+        // The error of the fits, 0.004 of f0 and 0.0005, and of the views, none of which is lower than 10 degrees. The
+        // fits of fibres are 0.003 off, and fibres leave least to the base where its layer reflects most.
         let allowed = if lobes.sheen > 0.0 { 0.008 } else { 0.004 };
         let tested = Tested { base: 0.3, roughness, metallic: 0.0, view: DVec3::Z, tilt: 0.0, glossy: true, lobes };
         let mean = (0..VIEWS).map(|i| {
             let view = view(((i as f64 + 0.5) / VIEWS as f64).sqrt());
-            let got = run("sampled", &Tested { view, ..tested }, &[], N, true);
+            let got = run(gpu, "sampled", &Tested { view, ..tested }, &[], N, true);
             got.chunks_exact(2).map(|s| f64::from(s[1][3])).sum::<f64>() / (N * VIEWS) as f64
         });
         let mean: f64 = mean.sum();
-        let afar = f64::from(run("seen_afar", &tested, &[], 1, true)[0][0]);
+        let afar = f64::from(run(gpu, "seen_afar", &tested, &[], 1, true)[0][0]);
         assert!((afar - mean).abs() < allowed, "{tested:?} reflects {mean}, and {afar} afar");
-        // A layer that reflects as if nothing were masked, which brightened rooms of plastic by 6 %.
+        // The planted fault: a layer without masking, which brightened rooms of plastic by 6 %.
         let range = (1.0 - DIELECTRIC) * (1.0 - 0.9 * roughness * roughness);
         let planted = 0.3 * (1.0 - DIELECTRIC - range * 11.0 / 126.0) + DIELECTRIC + range / 21.0;
         let caught = (planted - mean).abs() > allowed;
@@ -613,23 +618,24 @@ fn paths_end_with_the_mean_reflectance() {
     }
 }
 
-/// Samples are distributed by the density: counted in cells about the mirror's direction that widen with the distance
-/// to it, in which the density is integrated by midpoints. A weight is value times cosine over density.
-#[test]
-fn samples_follow_their_density() {
+/// Samples are distributed by their density, and a sample's weight is value times cosine over density. Samples are
+/// counted in cells about the main direction, which widen with the distance to it; midpoints integrate the density in
+/// each.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn samples_follow_their_density(gpu: &Gpu) {
     const N: usize = 1 << 14;
     const RADII: usize = 16;
     const SECTORS: usize = 8;
     // Midpoints each way in a cell: the horizon that cuts a cell leaves an error of 1 / 24 of it at most, below the
     // spread of its count.
     const POINTS: usize = 24;
-    let least = 1e-4f64;
-    let steps = (PI / least).ln();
+    let min_angle = 1e-4f64;
+    let steps = (PI / min_angle).ln();
     let mut all = all_tested(0.7);
     all.push(Tested { tilt: 0.4, ..all[12] });
     all.push(Tested { tilt: 0.4, ..all[13] });
     all.push(Tested { glossy: false, metallic: 0.0, ..all[20] });
-    // The cells are fine enough for one round needle: smooth glass has two, and that of brushed metal is flat.
+    // The cells resolve one round narrow lobe: smooth glass has two, and that of brushed metal is flat.
     all.extend(all_lobes(0.7).into_iter().filter(|t| t.roughness > 0.0));
     all.extend(all_tilted_coats(0.7));
     let family = all.len() as u32;
@@ -640,7 +646,7 @@ fn samples_follow_their_density() {
         let cell = |d: DVec3| {
             let angle = mirror.cross(d).length().atan2(mirror.dot(d));
             let azimuth = (d.dot(up).atan2(d.dot(side)) / TAU).rem_euclid(1.0);
-            let radius = ((angle / least).max(1.0).ln() / steps * RADII as f64) as usize;
+            let radius = ((angle / min_angle).max(1.0).ln() / steps * RADII as f64) as usize;
             radius.min(RADII - 1) * SECTORS + ((azimuth * SECTORS as f64) as usize).min(SECTORS - 1)
         };
         let mut midpoints = Vec::new();
@@ -649,9 +655,9 @@ fn samples_follow_their_density() {
             // The innermost cells go down to 0: their solid angle is in proportion.
             let edge = |k: f64| {
                 if r == 0 {
-                    least * (steps / RADII as f64).exp() * k
+                    min_angle * (steps / RADII as f64).exp() * k
                 } else {
-                    least * (steps * (r as f64 + k) / RADII as f64).exp()
+                    min_angle * (steps * (r as f64 + k) / RADII as f64).exp()
                 }
             };
             for s in 0..SECTORS {
@@ -669,17 +675,17 @@ fn samples_follow_their_density() {
                 }
             }
         }
-        let densities = run("evaluated", tested, &midpoints, midpoints.len(), false);
+        let densities = run(gpu, "evaluated", tested, &midpoints, midpoints.len(), false);
         let mut expected = vec![0.0; RADII * SECTORS + 1];
         for (i, solid_angle) in solid_angles.iter().enumerate() {
             expected[i / (POINTS * POINTS)] += f64::from(densities[2 * i][3]) * solid_angle * N as f64;
         }
-        // Samples that went into the surface.
+        // Samples that point into the surface.
         let inside: f64 = expected.iter().sum();
         // The integral may exceed 1 by its own error, no more.
         assert!(inside < 1.01 * N as f64, "{tested:?}: the density integrates to {}", inside / N as f64);
         *expected.last_mut().unwrap() = (N as f64 - inside).max(0.0);
-        let samples = run("sampled", tested, &[], N, false);
+        let samples = run(gpu, "sampled", tested, &[], N, false);
         let mut observed = vec![0u64; RADII * SECTORS + 1];
         let mut directions = Vec::new();
         for s in samples.chunks_exact(2) {
@@ -687,7 +693,7 @@ fn samples_follow_their_density() {
             directions.push(d);
             if s[0][3] > 0.0 { observed[cell(d)] += 1 } else { observed[RADII * SECTORS] += 1 }
         }
-        // A few in the last cell where the integral's own error says none.
+        // The integral's own error may leave no expected count in the last cell, where a few samples are.
         if expected[RADII * SECTORS] < 5.0 && observed[RADII * SECTORS] < 20 {
             observed.pop();
             expected.pop();
@@ -697,7 +703,7 @@ fn samples_follow_their_density() {
             expected.iter().enumerate().map(|(i, e)| if i % 2 == 0 { e * 1.15 } else { e * 0.85 }).collect();
         chi_square(&observed, &shifted, family).expect_err("cells that are 15 % off");
 
-        let values = run("evaluated", tested, &directions, directions.len(), false);
+        let values = run(gpu, "evaluated", tested, &directions, directions.len(), false);
         for (s, value) in samples.chunks_exact(2).zip(values.chunks_exact(2)) {
             let expected = f64::from(value[0][0]) / f64::from(s[0][3]);
             // Both are functions of the same f32 direction, computed alike.

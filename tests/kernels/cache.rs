@@ -1,16 +1,16 @@
 //! Pass `cache` against interpolation in f64 over all records that reach the block of the image that a point is in.
 
-use kernel_kit::{POISON, whole_rows};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
+use kernel_kit::{Gpu, POISON, kernel_test, whole_rows};
 use penumbra::internal::kernels::{INVALID_POINT, PATH_GROUP};
 use penumbra::internal::passes::cache::{Cache, CacheBuffers, ViewRecords, wanted};
 use penumbra::internal::passes::gather::RecordHead;
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
+use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::device_features;
 use crate::rooms::{point, point_normal};
 use crate::stage::oct_encode;
 use crate::statistics::Random;
@@ -96,7 +96,7 @@ impl Setup {
         self.features.has(Feature::SmoothNormals) || self.features.has(Feature::NormalMaps)
     }
 
-    fn run(&self) -> Outcome {
+    fn run(&self, gpu: &Gpu) -> Outcome {
         let count = self.points.len();
         let vectors = if self.bent() { 6 } else { 3 };
         let mut values = vec![[f32::NAN; 4]; whole_rows(self.records.len() * vectors)];
@@ -108,13 +108,13 @@ impl Setup {
                 }
             }
         }
-        let values = gpu().upload("test/values", &values).unwrap();
+        let values = gpu.upload("test/values", &values).unwrap();
         let heads: Vec<RecordHead> = self.records.iter().map(|record| record.head).collect();
         let reach = |head: &RecordHead| {
             self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
         };
-        let gpu_scene = ViewRecords::new(gpu(), &heads, &values, self.size, reach).unwrap();
-        let mut tile = TileBuffers::new(gpu(), &self.features, self.tile.point_count, true).unwrap();
+        let gpu_scene = ViewRecords::new(gpu, &heads, &values, self.size, reach).unwrap();
+        let mut tile = TileBuffers::new(gpu, &self.features, self.tile.point_count, true).unwrap();
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {
             surfaces.push(albedo.extend(f32::from_bits(oct_encode(shading_normal(i)))));
@@ -123,30 +123,30 @@ impl Setup {
                 surfaces.extend([Vec3::splat(f0).extend(f90), Vec4::NAN]);
             }
         }
-        tile.points = gpu().upload("test/points", &self.points).unwrap();
-        tile.surfaces = gpu().upload("test/surfaces", &surfaces).unwrap();
-        tile.radiance_indirect = Some(gpu().poisoned::<[f32; 4]>("test/radiance", count + 3).unwrap());
-        let mut buffers = CacheBuffers::new(gpu(), self.tile.point_count).unwrap();
-        buffers.path_points = gpu().poisoned::<u32>("test/path_points", count + 3).unwrap();
-        buffers.path_arguments = gpu().poisoned::<u32>("test/arguments", 4).unwrap();
-        let pass = Cache::new(gpu(), &self.features).unwrap();
-        let bound = pass.bind(gpu(), &tile, &buffers, &gpu_scene).unwrap();
-        let mut frame = gpu().frame("test");
+        tile.points = gpu.upload("test/points", &self.points).unwrap();
+        tile.surfaces = gpu.upload("test/surfaces", &surfaces).unwrap();
+        tile.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/radiance", count + 3).unwrap());
+        let mut buffers = CacheBuffers::new(gpu, self.tile.point_count).unwrap();
+        buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
+        buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
+        let pass = Cache::new(gpu, &self.features).unwrap();
+        let bound = pass.bind(gpu, &tile, &buffers, &gpu_scene).unwrap();
+        let mut frame = gpu.frame("test");
         bound.record_requests(&mut frame, &buffers, &self.tile);
         bound.record_interpolate(&mut frame, &buffers, &self.tile);
         frame.submit().unwrap();
-        let mut radiance: Vec<[f32; 4]> = gpu().read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
+        let mut radiance: Vec<[f32; 4]> = gpu.read(tile.radiance_indirect.as_ref().unwrap(), count + 3).unwrap();
         let beyond = radiance.split_off(count);
         assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind the points");
-        let queued = gpu().read::<u32>(&buffers.path_count, 1).unwrap()[0];
-        let mut path_points: Vec<u32> = gpu().read(&buffers.path_points, count + 3).unwrap();
+        let queued = gpu.read::<u32>(&buffers.path_count, 1).unwrap()[0];
+        let mut path_points: Vec<u32> = gpu.read(&buffers.path_points, count + 3).unwrap();
         let beyond = path_points.split_off(queued as usize);
         assert!(beyond.iter().all(|word| *word == POISON), "queued behind {queued}");
         path_points.sort_unstable();
-        let [x, y, z, beyond]: [u32; 4] = gpu().read::<[u32; 4]>(&buffers.path_arguments, 1).unwrap()[0];
+        let [x, y, z, beyond]: [u32; 4] = gpu.read::<[u32; 4]>(&buffers.path_arguments, 1).unwrap()[0];
         let groups = queued.div_ceil(PATH_GROUP);
         assert!(x * y >= groups && x * y < groups + x.max(1) && (z, beyond) == (1, POISON), "{x} {y} {z} of {groups}");
-        Outcome { wanted: wanted(gpu(), &buffers).unwrap(), path_points, radiance }
+        Outcome { wanted: wanted(gpu, &buffers).unwrap(), path_points, radiance }
     }
 
     /// Irradiance and weight at a point, and how far rounding may take either.
@@ -244,10 +244,10 @@ fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) ->
 
 /// Errors of interpolated light, relative to the light times the largest coordinate in units of the smallest radius of
 /// a record; for points that need no record of their own.
-pub fn rounding() -> Vec<f64> {
-    let features = device_features(gpu()).with(Feature::SmoothNormals, true);
+pub fn rounding(gpu: &Gpu) -> Vec<f64> {
+    let features = device_features(gpu).with(Feature::SmoothNormals, true);
     let setup = setup([128, 64], tile_of([128, 64], 0, 64, 1), 500, features, &mut Random(13));
-    let outcome = setup.run();
+    let outcome = setup.run(gpu);
     let largest = 0.5 / 0.02;
     (0..setup.points.len())
         .filter(|&i| setup.points[i].normal != INVALID_POINT && setup.albedos[i].min_element() > 0.0)
@@ -264,9 +264,9 @@ pub fn rounding() -> Vec<f64> {
 /// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks,
 /// several samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are
 /// those of brute force, with and without rotational gradients and glossy surfaces.
-#[test]
-fn light_is_that_of_all_records_in_reach() {
-    let plain = device_features(gpu());
+#[kernel_test("PENUMBRA_DEVICE")]
+fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
+    let plain = device_features(gpu);
     let bent = plain.clone().with(Feature::SmoothNormals, true).with(Feature::Glossy, true);
     let mut random = Random(6);
     let whole = [70, 45];
@@ -284,7 +284,7 @@ fn light_is_that_of_all_records_in_reach() {
     let (mut checked, mut doubts, mut listed, mut queued) = (0, 0, 0, 0);
     for (size, tile, records, features) in cases {
         let setup = setup(size, tile, records, features, &mut random);
-        let outcome = setup.run();
+        let outcome = setup.run(gpu);
         let (wrong, doubtful) = setup.compare(&outcome);
         assert_eq!(wrong, 0, "{size:?}, {tile:?}");
         checked += setup.points.len();
@@ -298,11 +298,11 @@ fn light_is_that_of_all_records_in_reach() {
 
 /// The comparison finds records that are moved, that are turned, whose gradients are left out or not bounded, that
 /// reach farther or are missing.
-#[test]
-fn the_comparison_sees_planted_faults() {
-    let features = device_features(gpu()).with(Feature::SmoothNormals, true);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_comparison_sees_planted_faults(gpu: &Gpu) {
+    let features = device_features(gpu).with(Feature::SmoothNormals, true);
     let mut setup = setup([64, 64], tile_of([64, 64], 0, 64, 1), 400, features, &mut Random(9));
-    let outcome = setup.run();
+    let outcome = setup.run(gpu);
     assert_eq!(setup.compare(&outcome).0, 0);
     let right = setup.records.clone();
     type Fault = fn(&mut Record);
@@ -327,16 +327,16 @@ fn the_comparison_sees_planted_faults() {
 }
 
 /// More points than 65,535 workgroups have, and no record: each wants one, and each is queued, once.
-#[test]
-fn every_point_is_listed_past_the_dispatch_limit() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn every_point_is_listed_past_the_dispatch_limit(gpu: &Gpu) {
     let size = [2050, 2049];
     let tile = tile_of(size, 0, size[1], 1);
     let count = tile.point_count as usize;
     assert!(count > 65_535 * 64);
     let points = vec![point(Vec3::ZERO, Vec3::Z); count];
     let albedos = vec![Vec3::ONE; count];
-    let features = device_features(gpu()).with(Feature::Indirect, true);
-    let outcome = Setup { size, tile, points, albedos, records: Vec::new(), features }.run();
+    let features = device_features(gpu).with(Feature::Indirect, true);
+    let outcome = Setup { size, tile, points, albedos, records: Vec::new(), features }.run(gpu);
     assert!(outcome.wanted.iter().copied().eq(0..count as u32));
     assert!(outcome.path_points.iter().copied().eq(0..count as u32));
     assert!(outcome.radiance.iter().flatten().all(|v| *v == 0.0));

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec3, UVec3, Vec3};
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
 use penumbra::internal::passes::cells::{CellGrid, CellPoint, Cells};
 use penumbra::internal::passes::classify::Chunk;
@@ -10,7 +11,6 @@ use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{LightPoint, Stage, crossings, oct_encode, whole};
@@ -39,9 +39,9 @@ fn room() -> Scene {
 const SQUARE: usize = 0;
 const LIGHTS: usize = 3;
 
-fn stage(technique: Technique) -> Stage {
+fn stage(gpu: &Gpu, technique: Technique) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    Stage::new(room(), &view, [8, 8], technique, |features| features)
+    Stage::new(gpu, room(), &view, [8, 8], technique, |features| features)
 }
 
 fn cell_of(shape: &GridShape, position: [f32; 3]) -> usize {
@@ -95,24 +95,24 @@ fn expected(scene: &Scene, shape: &GridShape, points: &[CellPoint]) -> Vec<[u32;
 }
 
 /// The words of all cells.
-fn classified(stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (Vec<Classified>, u64) {
-    let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
+fn classified(gpu: &Gpu, stage: &Stage, shape: GridShape, points: &[CellPoint], rays: u32) -> (Vec<Classified>, u64) {
+    let pass = Cells::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays, seed: 5 };
     // Two batches.
     let (first, rest) = points.split_at((points.len() / rays as usize / 2) * rays as usize);
     let batches = [first.to_vec(), rest.to_vec()].into_iter().filter(|batch| !batch.is_empty());
-    let table = pass.trace(gpu(), &stage.gpu_scene, &grid, batches).unwrap();
-    (table.words(gpu(), LIGHTS as u32).unwrap().into_iter().map(Classified::new).collect(), table.rays)
+    let table = pass.trace(gpu, &stage.gpu_scene, &grid, batches).unwrap();
+    (table.words(gpu, LIGHTS as u32).unwrap().into_iter().map(Classified::new).collect(), table.rays)
 }
 
 /// Rays of punctual lights reach what f64 lines reach, one for each point. A cell is shadowed where none reaches the
 /// light, else a boundary whose visibility is the share that does. Light from elsewhere would be noticed.
-#[test]
-fn rays_reach_what_lines_reach() {
-    let stage = stage(Technique::VISIBILITY_CELLS);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn rays_reach_what_lines_reach(gpu: &Gpu) {
+    let stage = stage(gpu, Technique::VISIBILITY_CELLS);
     let shape = GridShape::over_scene(&stage.scene, CELLS);
     let points = points(&stage.scene, &shape);
-    let (words, rays) = classified(&stage, shape, &points, RAYS);
+    let (words, rays) = classified(gpu, &stage, shape, &points, RAYS);
     let counts = expected(&stage.scene, &shape, &points);
     let cells = shape.cells() as usize;
     let (mut visible_count, mut mixed, mut off_by_shift) = (0, 0, 0);
@@ -148,13 +148,14 @@ fn rays_reach_what_lines_reach() {
 }
 
 /// A voxel's tag stands where all around it have it too; the cells' method goes by each cell alone.
-#[test]
-fn tags_stand_where_neighbours_agree() {
-    let [cells_stage, tags_stage] = [Technique::VISIBILITY_CELLS, Technique::VOXEL_TAGS].map(stage);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn tags_stand_where_neighbours_agree(gpu: &Gpu) {
+    let [cells_stage, tags_stage] =
+        [Technique::VISIBILITY_CELLS, Technique::VOXEL_TAGS].map(|technique| stage(gpu, technique));
     let shape = GridShape::over_scene(&cells_stage.scene, CELLS);
     let points = points(&cells_stage.scene, &shape);
-    let (plain, _) = classified(&cells_stage, shape, &points, RAYS);
-    let (tagged, _) = classified(&tags_stage, shape, &points, RAYS);
+    let (plain, _) = classified(gpu, &cells_stage, shape, &points, RAYS);
+    let (tagged, _) = classified(gpu, &tags_stage, shape, &points, RAYS);
     let [width, height, depth] = shape.size;
     let (mut counts, mut alone_differs) = ([0; 5], 0);
     for (index, got) in tagged.iter().enumerate() {
@@ -187,9 +188,9 @@ fn tags_stand_where_neighbours_agree() {
 }
 
 /// The share of a cell's rays that reach a light with a surface is what f64 lines between random points of both give.
-#[test]
-fn shares_are_visibilities() {
-    let stage = stage(Technique::VISIBILITY_CELLS);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shares_are_visibilities(gpu: &Gpu) {
+    let stage = stage(gpu, Technique::VISIBILITY_CELLS);
     let shape = GridShape::over_scene(&stage.scene, CELLS);
     let rays = 480;
     let mut random = Random(9);
@@ -208,7 +209,7 @@ fn shares_are_visibilities() {
             own.push(CellPoint { position, triangle: triangle(p).unwrap() as u32 });
         }
     }
-    let (words, _) = classified(&stage, shape, &own, rays as u32);
+    let (words, _) = classified(gpu, &stage, shape, &own, rays as u32);
     let got = words[SQUARE * shape.cells() as usize + home];
     let (mut visible, total) = (0.0, 20_000);
     for i in 0..total {
@@ -229,30 +230,30 @@ fn shares_are_visibilities() {
 }
 
 /// Points get the word of their cell; those that face away from the light are dark, and so is what lies nowhere.
-#[test]
-fn points_have_the_class_of_their_cell() {
-    let stage = stage(Technique::VOXEL_TAGS);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn points_have_the_class_of_their_cell(gpu: &Gpu) {
+    let stage = stage(gpu, Technique::VOXEL_TAGS);
     let shape = GridShape::over_scene(&stage.scene, CELLS);
     let own = points(&stage.scene, &shape);
-    let pass = Cells::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
+    let pass = Cells::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let grid = CellGrid { shape, lights: LIGHTS as u32, rays: RAYS, seed: 5 };
-    let table = pass.trace(gpu(), &stage.gpu_scene, &grid, [own.clone()].into_iter()).unwrap();
-    let words = table.words(gpu(), LIGHTS as u32).unwrap();
+    let table = pass.trace(gpu, &stage.gpu_scene, &grid, [own.clone()].into_iter()).unwrap();
+    let words = table.words(gpu, LIGHTS as u32).unwrap();
     let mut points: Vec<Point> =
         own.iter().map(|p| Point { position: p.position, normal: oct_encode(DVec3::Y) }).collect();
     points.truncate(600);
     points.iter_mut().step_by(7).for_each(|point| point.normal = oct_encode(DVec3::NEG_Y));
     points.iter_mut().step_by(11).for_each(|point| point.normal = INVALID_POINT);
     let tile = whole([points.len() as u32, 1], 1);
-    let mut buffers = TileBuffers::new(gpu(), &stage.features, tile.point_count, false).unwrap();
-    buffers.points = gpu().upload("test/points", &points).unwrap();
+    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
+    buffers.points = gpu.upload("test/points", &points).unwrap();
     let candidates = 2 * points.len();
-    let classes = gpu().poisoned::<u32>("test/classes", candidates + 3).unwrap();
-    let bound = pass.bind(gpu(), &buffers, &table, &classes, &stage.gpu_scene).unwrap();
-    let mut frame = gpu().frame("test");
+    let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
+    let bound = pass.bind(gpu, &buffers, &table, &classes, &stage.gpu_scene).unwrap();
+    let mut frame = gpu.frame("test");
     bound.record(&mut frame, &tile, &Chunk { first_light: 1, lights: 2, dilate: 0, audit_probability: 0.0 });
     frame.submit().unwrap();
-    let got: Vec<u32> = gpu().read(&classes, candidates + 3).unwrap();
+    let got: Vec<u32> = gpu.read(&classes, candidates + 3).unwrap();
     for (candidate, got) in got[..candidates].iter().enumerate() {
         let (light, point) = (1 + candidate / points.len(), &points[candidate % points.len()]);
         let word = words[light * shape.cells() as usize + cell_of(&shape, point.position)];

@@ -1,7 +1,7 @@
 //! Pass `classify` against brute force on the CPU.
 
 use glam::Vec3;
-use kernel_kit::{Gpu, Resources};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT, Queue};
 use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers};
 use penumbra::internal::passes::grid::{Grid, Photon};
@@ -9,7 +9,7 @@ use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::device_features;
 use crate::rooms::{Random, Room, nearest_kinds, point_normal};
 
 struct Outcome {
@@ -128,9 +128,8 @@ impl<'a> Setup<'a> {
 
 /// The box of the paper, camera points: classes and counts are those of brute force, with and without normals, with
 /// exact counts and without.
-#[test]
-fn a_room_is_classified_as_by_brute_force() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
     let room = Room::new(0.05);
     let photons = room.photons(20_000, 0, &mut Random(5));
     let points = room.points(128, 128);
@@ -156,9 +155,8 @@ fn a_room_is_classified_as_by_brute_force() {
 
 /// Boundaries are dilated by one pixel on the same surface, from a copy of the classes; counters and queues agree with
 /// the words, and the audited share is as set.
-#[test]
-fn queues_hold_what_the_classes_say() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     let room = Room::new(0.05);
     let photons = room.photons(20_000, 0, &mut Random(6));
     let (width, height) = (150, 100);
@@ -223,9 +221,8 @@ fn queues_hold_what_the_classes_say() {
 }
 
 /// Where the photons' own visibility is shown, boundaries trace no shadow rays: only points without any photon do.
-#[test]
-fn the_estimate_traces_only_where_there_are_no_photons() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_estimate_traces_only_where_there_are_no_photons(gpu: &Gpu) {
     let room = Room::new(0.05);
     let mut photons = room.photons(20_000, 0, &mut Random(8));
     // A part of the room that no photon reaches.

@@ -1,48 +1,47 @@
-//! The environment: look-ups against bilinear interpolation in f64, directions against their density, photons against
-//! the irradiance of the panorama.
+//! The environment: look-ups against bilinear interpolation in f64, sampled directions against their density, photons
+//! against the irradiance of the panorama.
 
-use crate::kit::new_kernel;
-use kernel_kit::Resources;
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::gpu_scene::GpuLights;
+use penumbra::internal::kernels::compose_source;
 use penumbra::internal::scene::{Panorama, Scene};
+use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::light::cube;
 use crate::meshes::{panorama, scene, surface};
 use crate::statistics::{Random, chi_square, mean_and_error, z_test};
 
-/// A cube of edge 0.6 in that panorama.
+/// A cube of edge 0.6 in a panorama.
 fn surrounded(panorama: &Panorama, rotation: f64, strength: f32) -> Scene {
     let mut scene = scene(&[(cube(DVec3::new(0.1, 0.0, -0.2), 0.3), surface(0.5, 0.0))], Vec::new());
     scene.set_environment(Arc::new(panorama.clone()), rotation, strength).unwrap();
     scene
 }
 
-fn features() -> Features {
-    device_features(gpu()).with(Feature::Environment, true)
+fn features(gpu: &Gpu) -> Features {
+    device_features(gpu).with(Feature::Environment, true)
 }
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
-fn run(scene: &Scene, entry: &str, directions: &[DVec3], count: usize, per_item: usize) -> Vec<[f32; 4]> {
-    let composed = compose_source("environment", include_str!("shaders/environment.wgsl"), &features()).unwrap();
+fn run(gpu: &Gpu, scene: &Scene, entry: &str, directions: &[DVec3], count: usize, per_item: usize) -> Vec<[f32; 4]> {
+    let composed = compose_source("environment", include_str!("shaders/environment.wgsl"), &features(gpu)).unwrap();
     let constants = [("count", count as f64), ("seed", 99.0)];
-    let kernel = new_kernel(gpu(), &composed, &constants, &["directions", "results"]).unwrap();
-    let gpu_scene = GpuLights::new(gpu(), scene, None).unwrap();
+    let kernel = new_kernel(gpu, &composed, &constants, &["directions", "results"]).unwrap();
+    let gpu_scene = GpuLights::new(gpu, scene, None).unwrap();
     let directions: Vec<_> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
-    let directions = gpu().upload("test/directions", &directions).unwrap();
-    let results = gpu().poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
+    let directions = gpu.upload("test/directions", &directions).unwrap();
+    let results = gpu.poisoned::<[f32; 4]>("test/results", count * per_item).unwrap();
     let own = Resources::new().with("directions", &directions).with("results", &results);
-    let bound = kernel.bind(gpu(), entry, &[&own, &gpu_scene]).unwrap();
-    let mut frame = gpu().frame("test");
+    let bound = kernel.bind(gpu, entry, &[&own, &gpu_scene]).unwrap();
+    let mut frame = gpu.frame("test");
     frame.run(&bound, count as u32, &[0u32; 0]);
     frame.submit().unwrap();
-    let got = gpu().read::<[f32; 4]>(&results, count * per_item).unwrap();
+    let got = gpu.read::<[f32; 4]>(&results, count * per_item).unwrap();
     assert!(got.iter().flatten().all(|v| v.is_finite()), "poison or worse in the results of {entry}");
     got
 }
@@ -51,7 +50,7 @@ fn vector(v: &[f32; 4]) -> DVec3 {
     DVec3::new(v[0].into(), v[1].into(), v[2].into())
 }
 
-/// Columns and rows of texels at which a direction is, the first texel's middle at 0.5.
+/// Column and row of a direction in the panorama; the centre of the first texel is at 0.5.
 fn texel_of(panorama: &Panorama, rotation: f64, direction: DVec3) -> DVec2 {
     let u = (direction.z.atan2(direction.x) + rotation.to_radians()) / TAU + 0.5;
     let v = direction.normalize().y.acos() / PI;
@@ -65,7 +64,7 @@ fn texel(panorama: &Panorama, x: i64, y: i64) -> DVec3 {
     DVec3::new(r.into(), g.into(), b.into())
 }
 
-/// The oracle: bilinear between the middles of texels, around in azimuth and clamped at the poles.
+/// The oracle: bilinear between the centres of texels, periodic in azimuth and clamped at the poles.
 fn radiance(panorama: &Panorama, rotation: f64, direction: DVec3) -> DVec3 {
     let at = texel_of(panorama, rotation, direction) - 0.5;
     let (corner, part) = (at.floor(), at - at.floor());
@@ -74,14 +73,15 @@ fn radiance(panorama: &Panorama, rotation: f64, direction: DVec3) -> DVec3 {
     row(y).lerp(row(y + 1), part.y)
 }
 
-/// How far f32 may be off there: a place is known to 1e-6 of the width, and moves the result by what the texels about it differ.
+/// The error that f32 may leave: a position in the panorama is off by 1e-6 of its width, and the radiance by that times
+/// the differences of the texels around it.
 fn rounding(panorama: &Panorama, rotation: f64, direction: DVec3) -> f64 {
     let corner = (texel_of(panorama, rotation, direction) - 0.5).floor();
     let near = (0..16).map(|i| texel(panorama, corner.x as i64 + i % 4 - 1, corner.y as i64 + i / 4 - 1).max_element());
     (1e-6 + 1e-6 * f64::from(panorama.width.max(8))) * near.fold(0.0, f64::max)
 }
 
-/// A panorama of noise, a part of it black, and a texel that outshines all others.
+/// A panorama of noise, partly black, with one texel far brighter than all others.
 fn noisy(width: u32, height: u32) -> Panorama {
     let mut random = Random(u64::from(width * 77 + height));
     let mut panorama = panorama(width, height, |d| if d.x > 0.3 { DVec3::ZERO } else { DVec3::ONE });
@@ -93,7 +93,7 @@ fn noisy(width: u32, height: u32) -> Panorama {
     panorama
 }
 
-/// Sizes with cells of one texel; of three, the last of them cut off; with one texel in all.
+/// Sizes: cells of one texel, cells of three texels of which the last is cut off, and a panorama of one texel.
 const SIZES: [(u32, u32); 5] = [(32, 16), (5, 3), (1, 1), (2, 1), (2050, 7)];
 
 fn directions(count: usize) -> Vec<DVec3> {
@@ -103,31 +103,31 @@ fn directions(count: usize) -> Vec<DVec3> {
     poles.into_iter().chain((0..count - 4).map(|_| random.direction())).collect()
 }
 
-/// The four horizontal directions are where Blender and the Khronos viewers have them, and a rotation is one about +Y: what was
-/// along +X is at 90 degrees along -Z, where a camera without a rotation of its own looks.
-#[test]
-fn panoramas_are_turned_as_elsewhere() {
-    // A colour for each quarter around the middle of the image, the quarter to its right, its edge, that to its left.
+/// A panorama is oriented as in Blender and the Khronos viewers, and rotates about +Y: 90 degrees move what was along
+/// +X to -Z, the direction of a camera that is not rotated.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn panoramas_are_turned_as_elsewhere(gpu: &Gpu) {
+    // Colours of four quarters: around the centre of the image, to its right, around its edge, to its left.
     let colours = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
     let texels = (0..64).map(|i| colours[((i % 16 + 2) / 4 + 2) % 4]).collect();
     let panorama = Panorama { width: 16, height: 4, texels };
     let around = [DVec3::X, DVec3::Z, -DVec3::X, -DVec3::Z];
     for (rotation, first) in [(0.0, 0), (90.0, 1), (-90.0, 3), (180.0, 2), (450.0, 1)] {
-        let got = run(&surrounded(&panorama, rotation, 1.0), "met", &around, 4, 2);
+        let got = run(gpu, &surrounded(&panorama, rotation, 1.0), "met", &around, 4, 2);
         for (i, [met, _]) in got.as_chunks::<2>().0.iter().enumerate() {
             assert_eq!(met[..3], colours[(i + first) % 4], "rotation {rotation}, direction {}", around[i]);
         }
     }
 }
 
-/// Look-ups are bilinear, whatever the size, the rotation and the strength.
-#[test]
-fn look_ups_interpolate() {
+/// Look-ups interpolate bilinearly, for every size, rotation and strength.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn look_ups_interpolate(gpu: &Gpu) {
     for (width, height) in SIZES {
         let panorama = noisy(width, height);
         for (rotation, strength) in [(0.0, 1.0), (123.4, 2.5)] {
             let directions = directions(2000);
-            let got = run(&surrounded(&panorama, rotation, strength), "met", &directions, directions.len(), 2);
+            let got = run(gpu, &surrounded(&panorama, rotation, strength), "met", &directions, directions.len(), 2);
             let wrong = |moved: f64| {
                 let off = |(direction, [met, alone]): &(&DVec3, &[[f32; 4]; 2])| {
                     assert_eq!(met[..3], alone[..3]);
@@ -138,15 +138,15 @@ fn look_ups_interpolate() {
                 directions.iter().zip(got.as_chunks::<2>().0).filter(off).count()
             };
             assert_eq!(wrong(0.0), 0, "{width} x {height}, rotation {rotation}");
-            // Half a texel aside; of one texel there is no aside.
+            // The planted fault: half a texel aside. A panorama of one column is the same when it is moved.
             let aside = wrong(180.0 / f64::from(width));
-            assert!(width == 1 || aside > 20, "{width} x {height}: {aside} of a panorama that is moved");
+            assert!(width == 1 || aside > 20, "{width} x {height}: {aside} wrong in a panorama that is moved");
         }
     }
 }
 
-/// The cells of the sampling table, by themselves: of each its corner and size in patches, its share of all radiance times solid
-/// angle, and its solid angle.
+/// The cells of the sampling table, computed here: their size in patches, and of each cell its share of radiance times
+/// solid angle and its solid angle.
 struct Cells {
     step: u32,
     columns: u32,
@@ -182,7 +182,7 @@ impl Cells {
         cells
     }
 
-    /// The cell of a direction; none within so many patches of the cell's border, where that hangs on rounding.
+    /// The cell of a direction. None within `margin` patches of the border of a patch, where rounding decides.
     fn of(&self, panorama: &Panorama, rotation: f64, direction: DVec3, margin: f64) -> Option<usize> {
         let at = texel_of(panorama, rotation, direction) + DVec2::new(-0.5, 0.5);
         let patch = DVec2::new(at.x.rem_euclid(f64::from(panorama.width)), at.y);
@@ -192,21 +192,21 @@ impl Cells {
     }
 }
 
-/// Directions are chosen cell by cell with the shares that the texels give, and evenly by solid angle within a cell; the density
-/// is that of the shares, where it is sampled and where it is looked up; and all shares make 1.
-#[test]
-fn samples_follow_their_density() {
+/// Directions are sampled by their density: cells by their share of radiance, and evenly by solid angle within a cell.
+/// The look-up of a direction returns the same density, which integrates to 1.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn samples_follow_their_density(gpu: &Gpu) {
     const N: usize = 1 << 15;
     for (width, height) in SIZES {
         let panorama = noisy(width, height);
         let cells = Cells::new(&panorama);
         let rotation = 77.0;
         let scene = surrounded(&panorama, rotation, 3.0);
-        let got = run(&scene, "sampled", &[], N, 2);
+        let got = run(gpu, &scene, "sampled", &[], N, 2);
         let mut counts = vec![0u64; cells.share.len()];
-        // Of a cell four parts: halves by azimuth and by height.
+        // Quarters of a cell: halves by azimuth and by height.
         let mut quarters = [0u64; 4];
-        // Probabilities are f32, and the least are raised to a millionth of their row.
+        // Probabilities are f32, and the smallest are raised to a millionth of their row.
         let right = |pdf: f32, cell: usize| {
             let expected = cells.share[cell] / cells.solid_angle[cell];
             (f64::from(pdf) - expected).abs() <= 2e-3 * expected + 2e-5
@@ -245,7 +245,7 @@ fn samples_follow_their_density() {
             chi_square(&quarters, &even, 10).unwrap_or_else(|e| panic!("{width} x {height}, within cells: {e}"));
         }
 
-        // Looked up all over the sphere, at the middle of each patch.
+        // Look-ups over the whole sphere, at the centre of each patch.
         let middle = |patch: u32| {
             let (x, y) = (f64::from(patch % width), f64::from(patch / width));
             let angle = |row: f64| ((row - 0.5) / f64::from(height)).clamp(0.0, 1.0) * PI;
@@ -256,7 +256,7 @@ fn samples_follow_their_density() {
         };
         let middles: Vec<_> = (0..width * (height + 1)).map(middle).collect();
         let directions: Vec<DVec3> = middles.iter().map(|(direction, _)| *direction).collect();
-        let met = run(&scene, "met", &directions, directions.len(), 2);
+        let met = run(gpu, &scene, "met", &directions, directions.len(), 2);
         let mut sum = 0.0;
         for ((direction, solid_angle), [met, _]) in middles.iter().zip(met.as_chunks::<2>().0) {
             let cell = cells.of(&panorama, rotation, *direction, 0.0).unwrap();
@@ -268,12 +268,12 @@ fn samples_follow_their_density() {
     }
 }
 
-/// A panorama without light has a density all the same, and an even one has the sphere's.
-#[test]
-fn even_panoramas_are_sampled_evenly() {
+/// An even panorama is sampled evenly over the sphere, and a black one still has a positive density.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn even_panoramas_are_sampled_evenly(gpu: &Gpu) {
     for light in [0.0, 1.0] {
         let even = panorama(64, 32, |_| DVec3::splat(light));
-        let got = run(&surrounded(&even, 0.0, 1.0), "sampled", &[], 1 << 12, 2);
+        let got = run(gpu, &surrounded(&even, 0.0, 1.0), "sampled", &[], 1 << 12, 2);
         for [sample, colour] in got.as_chunks::<2>().0 {
             assert!((f64::from(sample[3]) * 4.0 * PI - 1.0).abs() < 1e-3 || light == 0.0, "density {}", sample[3]);
             assert!(sample[3] > 0.0 && (f64::from(colour[1]) - light).abs() < 1e-6);
@@ -281,21 +281,21 @@ fn even_panoramas_are_sampled_evenly() {
     }
 }
 
-/// The mean flux of emitted rays is the radiance's integral times the disc around the scene, along directions towards the scene
-/// and over that disc evenly.
-#[test]
-fn photons_carry_the_panoramas_power() {
+/// Photons carry the power of the panorama: the mean flux of rays is the integral of radiance times the area of the
+/// disc around the scene. They point towards the scene and start evenly over that disc.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_carry_the_panoramas_power(gpu: &Gpu) {
     const N: usize = 1 << 14;
     let sky = panorama(64, 32, |d| DVec3::new(1.0 + d.y, 1.0 - d.x, 1.0 + 0.5 * d.z));
     let scene = surrounded(&sky, 0.0, 2.0);
-    let got = run(&scene, "emitted", &[], N, 3);
+    let got = run(gpu, &scene, "emitted", &[], N, 3);
     let rays = got.as_chunks::<3>().0;
     let (centre, radius) = (DVec3::new(0.1, 0.0, -0.2), 0.3 * 3f64.sqrt());
-    // The kernel's disc is a thousandth wider.
+    // The radius in the kernel is a thousandth larger.
     let disc = PI * (1.001 * radius).powi(2);
     for channel in 0..3 {
         let (mean, error) = mean_and_error(rays.iter().map(|ray| f64::from(ray[2][channel])));
-        // Of each channel 1 is left over the sphere; interpolation between 32 rows takes about (pi / 32)^2 / 12.
+        // The mean of each channel over the sphere is 1; interpolation between 32 rows takes about (pi / 32)^2 / 12.
         let expected = 2.0 * 4.0 * PI * disc;
         z_test(mean, error + 1e-3 * expected / 3.0, expected, 6).unwrap_or_else(|e| panic!("channel {channel}: {e}"));
         z_test(1.03 * mean, error + 1e-3 * expected / 3.0, expected, 6).expect_err("three percent too much");
@@ -309,7 +309,7 @@ fn photons_carry_the_panoramas_power() {
         by_radius[((off * off * 16.0) as usize).min(15)] += 1;
     }
     chi_square(&by_radius, &[N as f64 / 16.0; 16], 6).unwrap();
-    // Light comes from where the sky is: of the red one, from above.
+    // Light comes from where the sky is bright: red light from above.
     let weights = rays.iter().map(|ray| f64::from(ray[2][0]) * -f64::from(ray[1][1]));
     let (mean, error) = mean_and_error(weights);
     // The mean of y (1 + y) over the sphere is 1/3.

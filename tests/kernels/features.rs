@@ -1,21 +1,20 @@
 //! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
 
-use kernel_kit::{Composed, Feature as _};
-use penumbra::Result;
-use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
+use kernel_kit::{Composed, Feature as _, Gpu, kernel_test};
+use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
     AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Sheen, Specular,
     Texture, TextureImage, TextureInfo, Transmission, Wrap,
 };
 use penumbra::internal::specialisation::Specialisation;
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::settings::LightSampling;
-use penumbra::{Aov, Settings, Technique};
+use penumbra::{Aov, Result, Settings, Technique};
 use rayon::prelude::*;
 
 use crate::light::{Corners, cube, sphere, square};
@@ -39,7 +38,7 @@ impl Selection {
     }
 
     fn scene(self) -> Scene {
-        let slot = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let texture = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
         let plain = surface(0.5, 0.0);
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);
@@ -50,16 +49,16 @@ impl Selection {
             Material { metallic: 1.0, roughness: if self.has(32) { 0.03 } else { 1.0 }, ..plain.clone() },
             Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
             Material { unlit: true, ..plain.clone() },
-            Material { base_colour_texture: slot(0), ..plain.clone() },
-            Material { base_colour_texture: slot(1), ..plain.clone() },
-            Material { normal_texture: slot(0), ..plain.clone() },
+            Material { base_colour_texture: texture(0), ..plain.clone() },
+            Material { base_colour_texture: texture(1), ..plain.clone() },
+            Material { normal_texture: texture(0), ..plain.clone() },
             lamp.clone(),
-            Material { emissive_texture: slot(0), ..lamp.clone() },
+            Material { emissive_texture: texture(0), ..lamp.clone() },
         ];
         for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
-        let normal_texture = slot(0).filter(|_| self.has(48));
+        let normal_texture = texture(0).filter(|_| self.has(48));
         let clearcoat = Clearcoat { normal_texture, ..Clearcoat::with_factor(1.0) };
         let lobed = [
             Material { transmission: Transmission::with_factor(1.0), ..plain.clone() },
@@ -190,8 +189,8 @@ fn reachable_features_compose() {
 
 /// A scene that needs hardly anything, rendered with the code for all that scenes can have, is the same image: colours
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
-#[test]
-fn features_that_are_not_needed_change_nothing() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
     const FORCED: [Feature; 21] = [
         Feature::Needles,
         Feature::Textures,
@@ -223,7 +222,7 @@ fn features_that_are_not_needed_change_nothing() {
     };
     let view = camera(DVec3::new(0.0, 0.1, 0.45), DVec3::new(0.0, -0.3, -1.0), 1.2);
     let image = |forced: &[Feature]| {
-        let rendered = render_with(room(), &view, 24, 16, 4, |features| {
+        let rendered = render_with(gpu, room(), &view, 24, 16, 4, |features| {
             forced.iter().fold(features, |features, feature| {
                 assert!(!features.has(*feature), "{feature:?} is needed: nothing is forced");
                 features.with(*feature, true)

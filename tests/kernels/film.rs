@@ -1,13 +1,13 @@
 //! Pass `film` against sums in f64.
 
 use glam::DVec4;
-use kernel_kit::Gpu;
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::passes::Tile;
 use penumbra::internal::passes::film::{Film, Plane};
 use penumbra::internal::specialisation::features::Features;
 use penumbra::internal::statistics::Counter;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::device_features;
 use crate::statistics::Random;
 
 type Samples = Vec<[f32; 4]>;
@@ -21,8 +21,8 @@ fn tile(pixels: u32, layers: u32) -> Tile {
     Tile { pixel_count: pixels, point_count: pixels * layers, ..Tile::default() }
 }
 
-fn add(plane: &Plane, tile: &Tile, first_point: u32) {
-    let mut frame = gpu().frame("test");
+fn add(gpu: &Gpu, plane: &Plane, tile: &Tile, first_point: u32) {
+    let mut frame = gpu.frame("test");
     plane.record_from(&mut frame, tile, first_point);
     frame.submit().unwrap();
 }
@@ -58,13 +58,12 @@ fn nan_max(a: f64, b: f64) -> f64 {
 
 /// 65,536 samples for each pixel lose no precision. A thousandth of them are a thousand times as bright, and the first
 /// is a firefly in which an uncompensated sum would lose all others.
-#[test]
-fn sums_of_65536_samples_lose_nothing() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn sums_of_65536_samples_lose_nothing(gpu: &Gpu) {
     // Over two workgroups.
     const PIXELS: usize = 65;
     const BATCHES: usize = 16;
     const LAYERS: usize = 4096;
-    let gpu = gpu();
     let mut random = Random(11);
     let mut batches: Vec<Samples> = Vec::new();
     for batch in 0..BATCHES {
@@ -82,7 +81,7 @@ fn sums_of_65536_samples_lose_nothing() {
     let plane = film(gpu).plane(gpu, PIXELS as u32, &samples, &counters).unwrap();
     for batch in &batches {
         gpu.write(&samples, batch);
-        add(&plane, &tile(PIXELS as u32, LAYERS as u32), 0);
+        add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
     }
     let got = plane.means(gpu, (BATCHES * LAYERS) as u32).unwrap();
     let expected = means(batches.iter().flatten(), PIXELS);
@@ -105,9 +104,8 @@ fn sums_of_65536_samples_lose_nothing() {
 
 /// Samples with a NaN or an infinity in any component are left out of all four and counted, each once; the others
 /// are not touched, at the edges of the workgroup and past 65,535 groups.
-#[test]
-fn samples_that_are_not_finite_are_left_out_and_counted() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn samples_that_are_not_finite_are_left_out_and_counted(gpu: &Gpu) {
     let film = film(gpu);
     let mut random = Random(5);
     // A quiet, a signalling and a negative NaN, and both infinities.
@@ -125,7 +123,7 @@ fn samples_that_are_not_finite_are_left_out_and_counted() {
         let buffer = gpu.upload("test/samples", &samples).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film.plane(gpu, pixels as u32, &buffer, &counters).unwrap();
-        add(&plane, &tile(pixels as u32, layers as u32), 0);
+        add(gpu, &plane, &tile(pixels as u32, layers as u32), 0);
         let got = plane.means(gpu, layers as u32).unwrap();
         let found = error(&got, &means(samples.iter(), pixels));
         assert!(found <= 1e-6, "{pixels} pixels: relative error {found}");
@@ -138,11 +136,10 @@ fn samples_that_are_not_finite_are_left_out_and_counted() {
 }
 
 /// Only the layers from `first_point` on are summed; all samples around them are NaNs.
-#[test]
-fn the_layers_of_one_light_are_found_among_many() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_layers_of_one_light_are_found_among_many(gpu: &Gpu) {
     const PIXELS: u32 = 65;
     const LAYERS: u32 = 3;
-    let gpu = gpu();
     let mut random = Random(6);
     let tile = tile(PIXELS, LAYERS);
     for first_point in [0, 1, tile.point_count, 4 * tile.point_count] {
@@ -152,7 +149,7 @@ fn the_layers_of_one_light_are_found_among_many() {
         let buffer = gpu.upload("test/samples", &samples).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film(gpu).plane(gpu, PIXELS, &buffer, &counters).unwrap();
-        add(&plane, &tile, first_point);
+        add(gpu, &plane, &tile, first_point);
         let got = plane.means(gpu, LAYERS).unwrap();
         let expected = |own: std::ops::Range<usize>| means(samples[own].iter(), PIXELS as usize);
         assert!(error(&got, &expected(own.clone())) <= 1e-6, "from {first_point}");
@@ -164,11 +161,10 @@ fn the_layers_of_one_light_are_found_among_many() {
 
 /// Sums squares of the sum of two parts; the second has as many vectors as the first, or one. A square that overflows
 /// is left out and counted as such. A sample that is not finite is only left out: `accumulate` counts it.
-#[test]
-fn squares_are_of_the_whole() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn squares_are_of_the_whole(gpu: &Gpu) {
     const PIXELS: usize = 65;
     const LAYERS: usize = 9;
-    let gpu = gpu();
     let mut random = Random(8);
     let mut part = |count: usize| -> Samples {
         (0..count).map(|_| [(); 4].map(|()| (random.uniform() * 2.0 - 0.5) as f32)).collect()
@@ -180,7 +176,7 @@ fn squares_are_of_the_whole() {
         let [a, b] = [&first, &other].map(|part| gpu.upload("test/part", part).unwrap());
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let plane = film(gpu).plane_of_squares(gpu, PIXELS as u32, [&a, &b], &counters).unwrap();
-        add(&plane, &tile(PIXELS as u32, LAYERS as u32), 0);
+        add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
         let got = plane.means(gpu, LAYERS as u32).unwrap();
         let squares = |other: &[[f32; 4]]| {
             let square = |(i, x): (usize, &[f32; 4])| {
@@ -201,10 +197,9 @@ fn squares_are_of_the_whole() {
 
 /// Counts pixels whose sum is beyond 2^104 in any component, of either sign, once for each batch that leaves them
 /// there.
-#[test]
-fn sums_near_overflow_are_counted() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn sums_near_overflow_are_counted(gpu: &Gpu) {
     const PIXELS: usize = 130;
-    let gpu = gpu();
     let limit = 2f32.powi(104);
     let mut samples = vec![[1.0f32; 4]; PIXELS];
     for (pixel, value) in [(3, 0.4 * limit), (64, -0.6 * limit), (65, 0.6 * limit), (129, 1.1 * limit)] {
@@ -215,7 +210,7 @@ fn sums_near_overflow_are_counted() {
     let plane = film(gpu).plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
     // Above after the first batch: 129. After the second: 64, 65 and 129; 3 has come to 0.8. After the third: all four.
     for expected in [1, 1 + 3, 1 + 3 + 4] {
-        add(&plane, &tile(PIXELS as u32, 1), 0);
+        add(gpu, &plane, &tile(PIXELS as u32, 1), 0);
         let mut counts = [0u32; Counter::COUNT];
         counts[Counter::NearOverflow as usize] = expected;
         assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), counts);

@@ -1,17 +1,16 @@
 //! Pass `flux`: photons bring all of the lights' power to the surfaces, and no more, in words that keep its mean.
 
-use crate::kit::new_kernel;
-use kernel_kit::{POISON, Resources};
-use penumbra::internal::kernels::{compose, compose_source};
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
+use kernel_kit::{Gpu, POISON, Resources, kernel_test};
+use penumbra::internal::kernels::{compose, compose_source};
 use penumbra::internal::passes::flux::{Flux, FluxSettings};
 use penumbra::internal::passes::grid::Photon;
 use penumbra::internal::scene::{LightKind, Material, Scene};
 use penumbra::settings::Technique;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::light::{Corners, cube, form_factor, sphere, square};
 use crate::path::{camera, inside_out, scene, surface};
 use crate::stage::Stage;
@@ -19,8 +18,8 @@ use crate::statistics::{Random, chi_square, z_test};
 
 const SEED: u32 = 7;
 
-fn stage(scene: Scene) -> Stage {
-    Stage::new(scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::SHADOW_PHOTONS, |features| features)
+fn stage(gpu: &Gpu, scene: Scene) -> Stage {
+    Stage::new(gpu, scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A room of edge 1 whose walls reflect the share `albedo`.
@@ -45,12 +44,12 @@ struct Traced {
 }
 
 impl Traced {
-    fn new(stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
-        let pass = Flux::new(gpu(), &stage.features, &stage.gpu_scene.constants()).unwrap();
+    fn new(gpu: &Gpu, stage: &Stage, rays: u32, max_bounces: u32) -> Traced {
+        let pass = Flux::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
         let settings = FluxSettings { rays, max_bounces, seed: SEED };
-        let traced = pass.trace(gpu(), &stage.gpu_scene, &stage.gpu_scene.lights, settings).unwrap();
+        let traced = pass.trace(gpu, &stage.gpu_scene, &stage.gpu_scene.lights, settings).unwrap();
         assert_eq!(traced.cut, 0);
-        let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
+        let photons = gpu.read(&traced.photons, traced.count as usize).unwrap();
         Traced { photons, emitted: traced.emitted, rays: traced.rays, step: traced.step }
     }
 
@@ -69,8 +68,8 @@ impl Traced {
 /// In a closed room of albedo a, the walls absorb (1 - a) of the flux of the photons, which is the power that the light
 /// emits: a box and a sphere, lit by a point light and by the walls themselves. A path has n bounces with probability
 /// a^n (1 - a), so the standard deviation of a ray's share is sqrt(a).
-#[test]
-fn closed_rooms_keep_their_energy() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn closed_rooms_keep_their_energy(gpu: &Gpu) {
     let ball = |albedo, emission| (inside_out(sphere(DVec3::ZERO, 0.5, 8)), surface(albedo, emission));
     let light = || vec![point_light(Vec3::new(0.1, 0.2, -0.1), Vec3::ONE)];
     // With albedo 0.99 a ray takes a hundred bounces: fewer rays.
@@ -81,10 +80,10 @@ fn closed_rooms_keep_their_energy() {
             ("sphere", scene(&[ball(albedo, 0.0)], light())),
             ("glowing box", scene(&[glowing], Vec::new())),
         ] {
-            let stage = stage(scene);
+            let stage = stage(gpu, scene);
             let emitted = stage.gpu_scene.lights.lights[0].power;
             // A path has more than 4000 bounces with probability 1e-18.
-            let traced = Traced::new(&stage, rays, 4000);
+            let traced = Traced::new(gpu, &stage, rays, 4000);
             assert_eq!(traced.emitted, rays);
             assert_eq!(traced.rays, traced.photons.len() as u64, "{name}, {albedo}: rays that left the room");
             let absorbed = (1.0 - f64::from(albedo)) * traced.power(|_| true);
@@ -99,14 +98,14 @@ fn closed_rooms_keep_their_energy() {
 
 /// The walls have another albedo in each channel. Each channel keeps its energy, though the strongest one decides how
 /// far a photon goes. The flux of a channel of albedo 0 is all in the first photons.
-#[test]
-fn colours_keep_their_energy() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn colours_keep_their_energy(gpu: &Gpu) {
     let albedo = Vec3::new(0.0, 0.5, 0.9);
     let (walls, mut material) = room(0.0);
     material.base_colour = albedo.extend(1.0);
-    let stage = stage(scene(&[(walls, material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+    let stage = stage(gpu, scene(&[(walls, material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
     let emitted = stage.gpu_scene.lights.lights[0].power;
-    let traced = Traced::new(&stage, 1 << 15, 4000);
+    let traced = Traced::new(gpu, &stage, 1 << 15, 4000);
     let absorbed = (DVec3::ONE - albedo.as_dvec3()) * traced.power(|_| true);
     let survival = f64::from(albedo.z);
     for channel in 0..3 {
@@ -126,26 +125,26 @@ fn colours_keep_their_energy() {
 }
 
 /// Black walls and unlit walls store no photons, and end the path.
-#[test]
-fn black_and_unlit_walls_store_nothing() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn black_and_unlit_walls_store_nothing(gpu: &Gpu) {
     let (walls, black) = room(0.0);
     let unlit = Material { unlit: true, ..surface(0.8, 0.0) };
     for material in [black, unlit] {
-        let stage = stage(scene(&[(walls.clone(), material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
-        let traced = Traced::new(&stage, 1000, 64);
+        let stage = stage(gpu, scene(&[(walls.clone(), material)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+        let traced = Traced::new(gpu, &stage, 1000, 64);
         assert_eq!((traced.photons.len(), traced.emitted, traced.rays), (0, 1000, 1000));
     }
 }
 
 /// There are at most `max_bounces` bounces before a photon: with 0, one photon for each ray; in total a ray leaves the
 /// sum of a^k.
-#[test]
-fn bounces_are_bounded() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn bounces_are_bounded(gpu: &Gpu) {
     const ALBEDO: f32 = 0.9;
-    let stage = stage(scene(&[room(ALBEDO)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+    let stage = stage(gpu, scene(&[room(ALBEDO)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
     let a = f64::from(ALBEDO);
     for max_bounces in [0, 1, 3] {
-        let traced = Traced::new(&stage, 1 << 14, max_bounces);
+        let traced = Traced::new(gpu, &stage, 1 << 14, max_bounces);
         let n = f64::from(traced.emitted);
         let count = traced.photons.len() as f64;
         assert!(count <= n * f64::from(max_bounces + 1) && traced.rays == traced.photons.len() as u64);
@@ -163,8 +162,8 @@ fn bounces_are_bounded() {
 
 /// Three lights of one colour each, with powers in the ratio of 1 to 40: the first hits bring each light's power by its
 /// closed form, and each side of a mesh half of that.
-#[test]
-fn every_light_sends_its_power() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn every_light_sends_its_power(gpu: &Gpu) {
     // It reflects, so photons of the other lights are stored there.
     let lamp = Material { emissive: Vec3::X * 0.5, double_sided: true, ..surface(0.5, 0.0) };
     let panel = square(DVec3::new(0.0, 0.1, 0.0), DVec3::Z * 0.1, DVec3::X * 0.2);
@@ -179,7 +178,7 @@ fn every_light_sends_its_power() {
     };
     let point = point_light(Vec3::new(-0.2, 0.3, 0.1), Vec3::Y * 0.8);
     let scene = scene(&[(panel, lamp), room(0.5)], vec![point, spot]);
-    let traced = Traced::new(&stage(scene), 1 << 16, 0);
+    let traced = Traced::new(gpu, &stage(gpu, scene), 1 << 16, 0);
     let arrived = traced.power(|_| true);
     // Radiance times pi times area, both sides; intensity over the sphere; and over the spot's cone, between the cones
     // the square of a ramp in the cosine.
@@ -205,11 +204,11 @@ fn every_light_sends_its_power() {
 
 /// A point light in the middle of a room whose corners are out of its range: what arrives is its windowed irradiance,
 /// summed over the walls.
-#[test]
-fn ranges_take_their_part() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn ranges_take_their_part(gpu: &Gpu) {
     let range = 0.7;
     let light = LightKind::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: range as f32 };
-    let traced = Traced::new(&stage(scene(&[room(0.5)], vec![light])), 1 << 15, 0);
+    let traced = Traced::new(gpu, &stage(gpu, scene(&[room(0.5)], vec![light])), 1 << 15, 0);
     const N: usize = 200;
     let at = |k: usize| (k as f64 + 0.5) / N as f64 - 0.5;
     let irradiance = |k: usize| {
@@ -224,12 +223,12 @@ fn ranges_take_their_part() {
 }
 
 /// A slanted sun on a floor: irradiance times area times cosine.
-#[test]
-fn suns_send_their_irradiance() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn suns_send_their_irradiance(gpu: &Gpu) {
     let direction = DVec3::new(0.3, -0.8, 0.1).normalize();
     let light = LightKind::Directional { direction: direction.as_vec3(), irradiance: Vec3::splat(3.0) };
     let floor = square(DVec3::ZERO, DVec3::Z * 0.4, DVec3::X * 0.3);
-    let traced = Traced::new(&stage(scene(&[(floor, surface(0.5, 0.0))], vec![light])), 1 << 15, 4);
+    let traced = Traced::new(gpu, &stage(gpu, scene(&[(floor, surface(0.5, 0.0))], vec![light])), 1 << 15, 4);
     let expected = 3.0 * 0.48 * -direction.y;
     let hits = traced.photons.len() as f64;
     let missed = 1.0 - hits / f64::from(traced.emitted);
@@ -240,11 +239,11 @@ fn suns_send_their_irradiance() {
 
 /// Photons of a square light lie on the floor as the irradiance by Lambert's formula, and none on the ceiling behind
 /// it.
-#[test]
-fn photons_lie_as_light_does() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_lie_as_light_does(gpu: &Gpu) {
     let panel = square(DVec3::new(0.1, 0.3, 0.0), DVec3::X * 0.15, DVec3::Z * 0.1);
-    let stage = stage(scene(&[(panel.clone(), surface(0.0, 1.0)), room(0.5)], Vec::new()));
-    let traced = Traced::new(&stage, 1 << 16, 0);
+    let stage = stage(gpu, scene(&[(panel.clone(), surface(0.0, 1.0)), room(0.5)], Vec::new()));
+    let traced = Traced::new(gpu, &stage, 1 << 16, 0);
     assert_eq!(traced.photons.len() as u32, traced.emitted);
     assert!(traced.photons.iter().all(|p| p.position[1] < 0.3), "photons behind the light");
     const CELLS: usize = 10;
@@ -283,34 +282,34 @@ struct Request {
 
 /// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and
 /// counts.
-fn run(stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
+fn run(gpu: &Gpu, stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
     let composed = compose("flux", &stage.features).unwrap();
     let constants = composed.overrides(&stage.gpu_scene.constants());
-    let kernel = new_kernel(gpu(), &composed, &constants, &[]).unwrap();
-    let photons = gpu().poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
-    let counts = gpu().buffer::<[u32; 5]>("test/counts", 1).unwrap();
-    let ray_table = gpu().upload("test/rays", &[0, rays]).unwrap();
+    let kernel = new_kernel(gpu, &composed, &constants, &[]).unwrap();
+    let photons = gpu.poisoned::<[u32; 4]>("test/photons", request.room).unwrap();
+    let counts = gpu.buffer::<[u32; 5]>("test/counts", 1).unwrap();
+    let ray_table = gpu.upload("test/rays", &[0, rays]).unwrap();
     let own =
         Resources::new().with("flux_photons", &photons).with("flux_counts", &counts).with("flux_rays", &ray_table);
-    let bound = kernel.bind(gpu(), "flux", &[&own, &stage.gpu_scene]).unwrap();
+    let bound = kernel.bind(gpu, "flux", &[&own, &stage.gpu_scene]).unwrap();
     let Request { first, count, max_bounces, inverse_unit, stored, .. } = *request;
-    let mut frame = gpu().frame("test");
+    let mut frame = gpu.frame("test");
     frame.run(&bound, count, &[first, count, 1, SEED, max_bounces, stored, inverse_unit.to_bits(), 0]);
     frame.submit().unwrap();
-    let counts = gpu().read::<[u32; 5]>(&counts, 1).unwrap()[0];
+    let counts = gpu.read::<[u32; 5]>(&counts, 1).unwrap()[0];
     assert_eq!(counts[1], 0, "traversals that gave up");
-    (gpu().read(&photons, request.room).unwrap(), counts)
+    (gpu.read(&photons, request.room).unwrap(), counts)
 }
 
 /// The photons depend only on their rays: batches of no ray, of one and about a workgroup, each behind the photons of
 /// earlier ones, bring the same photons as the pass's own batches, for which it has to grow its buffer. Nothing else is
 /// written.
-#[test]
-fn batches_do_not_show() {
-    let stage = stage(scene(&[room(0.9)], vec![point_light(Vec3::new(0.2, 0.1, 0.3), Vec3::ONE)]));
+#[kernel_test("PENUMBRA_DEVICE")]
+fn batches_do_not_show(gpu: &Gpu) {
+    let stage = stage(gpu, scene(&[room(0.9)], vec![point_light(Vec3::new(0.2, 0.1, 0.3), Vec3::ONE)]));
     // Two batches of the pass, and room at first for four photons a ray where there are ten.
     let rays = (1 << 15) + 77;
-    let traced = Traced::new(&stage, rays, 64);
+    let traced = Traced::new(gpu, &stage, rays, 64);
     assert!(traced.photons.len() > 8 * rays as usize);
     let unit = stage.gpu_scene.lights.lights[0].power / f64::from(rays);
     let room = 14 * rays as usize;
@@ -319,7 +318,7 @@ fn batches_do_not_show() {
     let mut collected = Vec::new();
     for count in [0, 1, 63, 64, 65, 1000, 30_001, rays - 31_194] {
         request.count = count;
-        let (photons, [stored, _, _, cut, not_finite]) = run(&stage, rays, &request);
+        let (photons, [stored, _, _, cut, not_finite]) = run(gpu, &stage, rays, &request);
         assert_eq!((cut, not_finite), (0, 0));
         let (first, end) = (request.stored as usize, (request.stored + stored) as usize);
         assert!(stored >= count && photons[first..end].iter().flatten().all(|word| *word != POISON));
@@ -340,31 +339,31 @@ fn batches_do_not_show() {
 
 /// More rays than 65,535 workgroups have are all traced. Photons without room are counted, and so are those whose flux
 /// is clipped to what a word holds, and those whose flux is not finite.
-#[test]
-fn what_has_no_room_is_counted() {
-    let stage = stage(scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
+#[kernel_test("PENUMBRA_DEVICE")]
+fn what_has_no_room_is_counted(gpu: &Gpu) {
+    let stage = stage(gpu, scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
     let count = 65_535 * 64 + 65;
     let power = stage.gpu_scene.lights.lights[0].power;
     // A thousand units a photon.
     let inverse_unit = (1000.0 * f64::from(count) / power) as f32;
     let request = Request { first: 0, count, max_bounces: 0, inverse_unit, stored: 0, room: 1000 };
-    let (photons, counts) = run(&stage, count, &request);
+    let (photons, counts) = run(gpu, &stage, count, &request);
     assert_eq!(counts, [count, 0, count, count, 0]);
     assert!(photons.iter().all(|photon| steps(photon[3]) == DVec3::splat(31.0 * 512.0)));
     let request = Request { inverse_unit: inverse_unit / 4.0, count: 64, ..request };
-    let (photons, counts) = run(&stage, count, &request);
+    let (photons, counts) = run(gpu, &stage, count, &request);
     assert_eq!(counts, [64, 0, 64, 0, 0]);
     assert!(photons[..64].iter().all(|photon| steps(photon[3]).x < 31.0 * 512.0));
     // Photons whose flux is not finite are stored nowhere.
-    let (photons, counts) = run(&stage, 64, &Request { inverse_unit: f32::INFINITY, ..request });
+    let (photons, counts) = run(gpu, &stage, 64, &Request { inverse_unit: f32::INFINITY, ..request });
     assert_eq!(counts, [0, 0, 64, 0, 64]);
     assert!(photons.iter().flatten().all(|word| *word == POISON));
 }
 
 /// A word's steps are the flux in 31sts of the smallest power of 8 that holds it, rounded up at random so that the mean
 /// over xi is the flux itself; normal and sign are unchanged.
-#[test]
-fn words_keep_the_mean_of_flux() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn words_keep_the_mean_of_flux(gpu: &Gpu) {
     const RANDOM_NUMBERS: usize = 64;
     let mut random = Random(3);
     // The ends of the exponents, and fluxes of all sizes; the other channels are weaker.
@@ -381,17 +380,17 @@ fn words_keep_the_mean_of_flux() {
     let marks: Vec<[u32; 2]> =
         (0..items).map(|i| [(random.uniform() * 16384.0) as u32, (i / RANDOM_NUMBERS % 2) as u32]).collect();
     let source = include_str!("shaders/flux_word.wgsl");
-    let composed = compose_source("flux_word", source, &device_features(gpu())).unwrap();
-    let kernel = new_kernel(gpu(), &composed, &[("count", items as f64)], &[]).unwrap();
-    let inputs = gpu().upload("test/fluxes", &inputs).unwrap();
-    let marked = gpu().upload("test/marks", &marks).unwrap();
-    let words = gpu().poisoned::<[u32; 4]>("test/words", items).unwrap();
+    let composed = compose_source("flux_word", source, &device_features(gpu)).unwrap();
+    let kernel = new_kernel(gpu, &composed, &[("count", items as f64)], &[]).unwrap();
+    let inputs = gpu.upload("test/fluxes", &inputs).unwrap();
+    let marked = gpu.upload("test/marks", &marks).unwrap();
+    let words = gpu.poisoned::<[u32; 4]>("test/words", items).unwrap();
     let own = Resources::new().with("fluxes", &inputs).with("marks", &marked).with("words", &words);
-    let bound = kernel.bind(gpu(), "encode", &[&own]).unwrap();
-    let mut frame = gpu().frame("test");
+    let bound = kernel.bind(gpu, "encode", &[&own]).unwrap();
+    let mut frame = gpu.frame("test");
     frame.run(&bound, items as u32, &[0u32; 0]);
     frame.submit().unwrap();
-    let words: Vec<[u32; 4]> = gpu().read(&words, items).unwrap();
+    let words: Vec<[u32; 4]> = gpu.read(&words, items).unwrap();
     // Half of the step between values of xi, and sums of up to 32 in f32, which err by 2e-6.
     const MAX_ERROR: f64 = 0.5 / RANDOM_NUMBERS as f64 + 4e-6;
     let mut blind = 0;

@@ -1,22 +1,21 @@
 //! Pass `gather`: records whose rays look up irradiance that the test supplies, against closed forms of the light, of
 //! its gradients and of the distances; and rays that paths continue, in furnaces.
 
-use kernel_kit::{Binding, Bindings, Buffer, POISON, Table, TableFormat, whole_rows};
-use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, POISON, Table, TableFormat, kernel_test, whole_rows};
 use penumbra::internal::passes::gather::{Gather, GatherSettings, RecordHead};
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::irradiance_point_grid;
 use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
 use crate::irradiance::carrying;
-use crate::kit::gpu;
 use crate::light::{Corners, cube, form_factor, sphere, square};
 use crate::path::{camera, inside_out, scene, surface};
 use crate::rooms::point;
@@ -38,18 +37,18 @@ struct Known {
 
 impl Known {
     /// Irradiance points at positions with normals, all with this irradiance in every channel and this radius.
-    fn new(stage: &Stage, points: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
+    fn new(gpu: &Gpu, stage: &Stage, points: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
         let photons: Vec<Photon> = points.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
         let shape = irradiance_point_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
-        let buffer = gpu().upload("test/irradiance_points", &photons).unwrap();
-        let grid = Grid::sorting_only(gpu(), &sorting_grid(&stage.features)).unwrap();
+        let buffer = gpu.upload("test/irradiance_points", &photons).unwrap();
+        let grid = Grid::sorting_only(gpu, &sorting_grid(&stage.features)).unwrap();
         // The whole disc is clear.
         let disc = f32::from_bits(radius.to_bits() | 255);
         let values = vec![[irradiance, irradiance, irradiance, disc]; photons.len().max(1)];
         Known {
-            points: grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap(),
-            table: gpu().table("test/irradiances", &values, TableFormat::Float).unwrap(),
-            shape: gpu().upload("test/shape", &[shape]).unwrap(),
+            points: grid.sort(gpu, &buffer, photons.len() as u32, 1, shape).unwrap(),
+            table: gpu.table("test/irradiances", &values, TableFormat::Float).unwrap(),
+            shape: gpu.upload("test/shape", &[shape]).unwrap(),
         }
     }
 }
@@ -85,12 +84,12 @@ fn positions_on(triangles: &[Corners], count: usize, random: &mut Random) -> Vec
 }
 
 /// A scene for gathers; with `bent` records have rotational gradients.
-fn stage(meshes: &[(Vec<Corners>, Material)], bent: bool) -> Stage {
+fn stage(gpu: &Gpu, meshes: &[(Vec<Corners>, Material)], bent: bool) -> Stage {
     // A far light, too weak to count: a scene without lights gathers nothing.
     let dim = LightKind::Point { position: Vec3::splat(50.0), intensity: Vec3::splat(1e-9), range: f32::INFINITY };
     let scene: Scene = scene(meshes, vec![dim]);
     let view = camera(DVec3::new(0.0, 0.3, 1.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [HEIGHT, HEIGHT], Technique::SHADOW_PHOTONS, |f| {
+    Stage::new(gpu, scene, &view, [HEIGHT, HEIGHT], Technique::SHADOW_PHOTONS, |f| {
         let smooth = bent || f.has(Feature::SmoothNormals);
         f.with(Feature::SmoothNormals, smooth)
     })
@@ -136,24 +135,30 @@ impl<'a> Gathering<'a> {
 
     /// Gathers at the points `wanted` of those given, with each seed; the records, and the number of rays that paths
     /// continued.
-    fn run(&self, points: &[(DVec3, DVec3)], wanted: &[u32], seeds: std::ops::Range<u32>) -> (Vec<Vec<Record>>, u32) {
+    fn run(
+        &self,
+        gpu: &Gpu,
+        points: &[(DVec3, DVec3)],
+        wanted: &[u32],
+        seeds: std::ops::Range<u32>,
+    ) -> (Vec<Vec<Record>>, u32) {
         let features = &self.stage.features;
         let vectors = if features.has(Feature::SmoothNormals) { 6 } else { 3 };
-        let mut tile = TileBuffers::new(gpu(), features, points.len() as u32, true).unwrap();
+        let mut tile = TileBuffers::new(gpu, features, points.len() as u32, true).unwrap();
         let of_device: Vec<Point> = points.iter().map(|(p, n)| point(p.as_vec3(), n.as_vec3())).collect();
         let surfaces: Vec<[f32; 4]> =
             points.iter().map(|(_, n)| [0.5, 0.5, 0.5, f32::from_bits(oct_encode(*n))]).collect();
-        tile.points = gpu().upload("test/points", &of_device).unwrap();
-        tile.surfaces = gpu().upload("test/surfaces", &surfaces).unwrap();
+        tile.points = gpu.upload("test/points", &of_device).unwrap();
+        tile.surfaces = gpu.upload("test/surfaces", &surfaces).unwrap();
         let count = (self.before as usize + wanted.len()) * vectors;
-        let values = gpu().poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
-        let pass = Gather::new(gpu(), features, &self.stage.gpu_scene.constants()).unwrap();
+        let values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
+        let pass = Gather::new(gpu, features, &self.stage.gpu_scene.constants()).unwrap();
         let sets: [&dyn Bindings; 2] = [&self.stage.gpu_scene, self.known];
-        let bound = pass.bind(gpu(), &tile, RAYS, &values, &sets).unwrap();
+        let bound = pass.bind(gpu, &tile, RAYS, &values, &sets).unwrap();
         let records = seeds.map(|seed| {
             let settings = GatherSettings { max_bounces: self.max_bounces, seed, height: HEIGHT };
-            let heads = bound.gather(gpu(), wanted, self.before, settings).unwrap();
-            let mut values: Vec<[f32; 4]> = gpu().read(&values, count + 1).unwrap();
+            let heads = bound.gather(gpu, wanted, self.before, settings).unwrap();
+            let mut values: Vec<[f32; 4]> = gpu.read(&values, count + 1).unwrap();
             let first = self.before as usize * vectors;
             let others = values[..first].iter().chain(&values[count..]);
             assert!(others.flatten().all(|v| v.to_bits() == POISON), "values of other records are written");
@@ -168,7 +173,7 @@ impl<'a> Gathering<'a> {
             heads.iter().zip(values.chunks(vectors)).map(record).collect()
         });
         let records = records.collect();
-        let counters: Vec<u32> = gpu().read(&tile.counters, Counter::COUNT).unwrap();
+        let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT).unwrap();
         assert_eq!(counters[Counter::Overrun as usize], 0);
         (records, counters[Counter::GatherRays as usize])
     }
@@ -190,11 +195,11 @@ fn from_ceiling(position: DVec3, normal: DVec3) -> f64 {
 /// translational gradient may be off by a tenth of the largest: strata are a ninth of the way to the horizon, and an
 /// edge of the ceiling moves as if it were between two of them. The rotational gradient has no such edge, and may be
 /// off by a fiftieth.
-#[test]
-fn records_are_closed_forms_of_a_ceiling() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
     let mut random = Random(1);
-    let stage = stage(&[(ceiling(), surface(CEILING, 0.0))], true);
-    let known = Known::new(&stage, &positions_on(&ceiling(), 20_000, &mut random), BRIGHT, NEAR);
+    let stage = stage(gpu, &[(ceiling(), surface(CEILING, 0.0))], true);
+    let known = Known::new(gpu, &stage, &positions_on(&ceiling(), 20_000, &mut random), BRIGHT, NEAR);
     let tilted = DVec3::new(0.3, 0.9, -0.2).normalize();
     let points = [
         (DVec3::new(0.1, 0.0, 0.0), DVec3::Y),
@@ -203,7 +208,7 @@ fn records_are_closed_forms_of_a_ceiling() {
         (DVec3::new(-0.1, 0.05, 0.0), tilted),
     ];
     const SEEDS: u32 = 256;
-    let (by_seed, followed) = Gathering::new(&stage, &known).run(&points, &[0, 1, 2, 3], 0..SEEDS);
+    let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &points, &[0, 1, 2, 3], 0..SEEDS);
     assert_eq!(followed, 0);
     let of = |i: usize, what: &dyn Fn(&Record) -> f64| {
         let measured: Vec<f64> = by_seed.iter().map(|records| what(&records[i])).collect();
@@ -257,8 +262,8 @@ fn records_are_closed_forms_of_a_ceiling() {
 
 /// Harmonic mean distances: in the middle of a sphere its radius; between wide planes 3/2 of their distance, as the
 /// mean of the cosine is 2/3 there. Uniform light has no gradient.
-#[test]
-fn distances_are_harmonic_means() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn distances_are_harmonic_means(gpu: &Gpu) {
     let mut random = Random(2);
     let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
     let planes = square(DVec3::Y * 0.01, DVec3::X * 0.5, DVec3::Z * 0.5);
@@ -266,9 +271,9 @@ fn distances_are_harmonic_means() {
     for (name, mesh, expected, count, radius) in
         [("sphere", ball, 0.4, 40_000, NEAR), ("planes", planes, 0.015, 400_000, 0.3 * NEAR)]
     {
-        let stage = stage(&[(mesh.clone(), surface(0.5, 0.0))], false);
-        let known = Known::new(&stage, &positions_on(&mesh, count, &mut random), 1.0, radius);
-        let (by_seed, followed) = Gathering::new(&stage, &known).run(&[(DVec3::ZERO, DVec3::Y)], &[0], 0..64);
+        let stage = stage(gpu, &[(mesh.clone(), surface(0.5, 0.0))], false);
+        let known = Known::new(gpu, &stage, &positions_on(&mesh, count, &mut random), 1.0, radius);
+        let (by_seed, followed) = Gathering::new(&stage, &known).run(gpu, &[(DVec3::ZERO, DVec3::Y)], &[0], 0..64);
         assert_eq!(followed, 0, "{name}: rays that found no irradiance point");
         if name == "sphere" {
             for records in &by_seed {
@@ -290,12 +295,12 @@ fn distances_are_harmonic_means() {
 /// In a closed room that emits 1 and has albedo a, indirect light brings pi (a + a^2 + ...) to a wall, up to a^m for m
 /// bounces: by look-ups; by paths where there is no irradiance point; and by paths where the discs are wider than the
 /// rays are long.
-#[test]
-fn furnaces_are_white() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn furnaces_are_white(gpu: &Gpu) {
     const ALBEDO: f32 = 0.6;
     let mut random = Random(3);
     let walls = inside_out(cube(DVec3::ZERO, 0.5));
-    let stage = stage(&[(walls.clone(), surface(ALBEDO, 1.0))], false);
+    let stage = stage(gpu, &[(walls.clone(), surface(ALBEDO, 1.0))], false);
     let a = f64::from(ALBEDO);
     let everywhere = positions_on(&walls, 120_000, &mut random);
     let all = PI / (1.0 - a);
@@ -307,10 +312,10 @@ fn furnaces_are_white() {
         ("no irradiance point", &[], NEAR, 2, true),
         ("too wide", &everywhere[..], 1e3, 64, true),
     ] {
-        let known = Known::new(&stage, positions, all as f32, radius);
+        let known = Known::new(gpu, &stage, positions, all as f32, radius);
         let gathering = Gathering { max_bounces, ..Gathering::new(&stage, &known) };
         const SEEDS: u32 = 32;
-        let (by_seed, rays) = gathering.run(&points, &[0, 1], 0..SEEDS);
+        let (by_seed, rays) = gathering.run(gpu, &points, &[0, 1], 0..SEEDS);
         assert_eq!(rays > 0, follows, "{name}: {rays} rays");
         let expected = PI * (1..=max_bounces).map(|k| a.powi(k as i32)).sum::<f64>();
         let measured = by_seed.iter().flatten().map(Record::irradiance);
@@ -324,15 +329,15 @@ fn furnaces_are_white() {
 }
 
 /// A ray ends in a look-up where its length is at least the radius of the disc; otherwise a path continues it.
-#[test]
-fn near_places_are_not_asked() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn near_points_are_not_looked_up(gpu: &Gpu) {
     let mut random = Random(4);
     let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
-    let stage = stage(&[(ball.clone(), surface(0.5, 0.0))], false);
+    let stage = stage(gpu, &[(ball.clone(), surface(0.5, 0.0))], false);
     let positions = positions_on(&ball, 40_000, &mut random);
     for (radius, looked_up) in [(0.395, true), (0.405, false)] {
-        let known = Known::new(&stage, &positions, 3.0, radius);
-        let (by_seed, rays) = Gathering::new(&stage, &known).run(&[(DVec3::ZERO, DVec3::Y)], &[0], 0..1);
+        let known = Known::new(gpu, &stage, &positions, 3.0, radius);
+        let (by_seed, rays) = Gathering::new(&stage, &known).run(gpu, &[(DVec3::ZERO, DVec3::Y)], &[0], 0..1);
         // The path that continues a ray comes to more distant irradiance points, and looks up at its next vertex.
         assert_eq!(rays == 0, looked_up, "radius {radius}: {rays} rays");
         let measured = by_seed[0][0].irradiance();
@@ -344,20 +349,20 @@ fn near_places_are_not_asked() {
 
 /// A record depends only on its point: any selection of the points, about a workgroup, more than a dispatch's rays, and
 /// after earlier records, gives the same bits.
-#[test]
-fn records_depend_on_their_points_alone() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn records_depend_on_their_points_alone(gpu: &Gpu) {
     let mut random = Random(5);
-    let stage = stage(&[(ceiling(), surface(CEILING, 0.0))], true);
-    let known = Known::new(&stage, &positions_on(&ceiling(), 5000, &mut random), BRIGHT, NEAR);
+    let stage = stage(gpu, &[(ceiling(), surface(CEILING, 0.0))], true);
+    let known = Known::new(gpu, &stage, &positions_on(&ceiling(), 5000, &mut random), BRIGHT, NEAR);
     let points: Vec<(DVec3, DVec3)> = (0..1500)
         .map(|_| (random.point() * DVec3::new(0.4, 0.1, 0.4), (DVec3::Y + 0.3 * random.direction()).normalize()))
         .collect();
     let everything: Vec<u32> = (0..1500).collect();
-    let all = Gathering::new(&stage, &known).run(&points, &everything, 0..1).0.remove(0);
+    let all = Gathering::new(&stage, &known).run(gpu, &points, &everything, 0..1).0.remove(0);
     for (first, count, before) in [(0u32, 0u32, 0), (7, 1, 3), (100, 63, 0), (30, 64, 1), (1400, 65, 100)] {
         let wanted: Vec<u32> = (first..first + count).rev().collect();
         let gathering = Gathering { before, ..Gathering::new(&stage, &known) };
-        let records = gathering.run(&points, &wanted, 0..1).0.remove(0);
+        let records = gathering.run(gpu, &points, &wanted, 0..1).0.remove(0);
         assert_eq!(records.len(), count as usize);
         for (i, record) in wanted.iter().zip(&records) {
             assert!(*record == all[*i as usize], "point {i} of {count}");

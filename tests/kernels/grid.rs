@@ -1,15 +1,14 @@
 //! Pass `grid` against a sort on the CPU.
 
-use crate::kit::new_kernel;
-use kernel_kit::{Bindings, Gpu, Resources};
-use penumbra::internal::kernels::{GridShape, compose, compose_source};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::HashMap;
 
 use glam::Vec3;
+use kernel_kit::{Bindings, Gpu, Resources, kernel_test};
+use penumbra::internal::kernels::{GridShape, compose, compose_source};
 use penumbra::internal::passes::grid::{Grid, Photon, PhotonGrid};
+use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::rooms::{Random, Room, photon};
 
 const DUMP: &str = "
@@ -96,9 +95,8 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
 }
 
 /// No photon is lost or moved to a wrong cell: none, one, counts about a workgroup, many lights.
-#[test]
-fn photons_are_sorted_by_light_and_cell() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_are_sorted_by_light_and_cell(gpu: &Gpu) {
     let mut random = Random(1);
     for (count, lights) in [(0, 1), (1, 1), (63, 1), (64, 2), (65, 3), (5000, 7), (100_000, 1)] {
         let photons = scattered(count, lights, &mut random);
@@ -109,9 +107,8 @@ fn photons_are_sorted_by_light_and_cell() {
 }
 
 /// More photons than 65,535 workgroups hold in one dimension.
-#[test]
-fn millions_of_photons_are_sorted() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn millions_of_photons_are_sorted(gpu: &Gpu) {
     let count = 65_535 * 64 + 77;
     let photons = scattered(count, 2, &mut Random(2));
     // Coarse cells, too full to be classified: this is about sorting.
@@ -121,9 +118,8 @@ fn millions_of_photons_are_sorted() {
 }
 
 /// Clusters, photons on the grid's corners, and all photons in one cell.
-#[test]
-fn crowded_cells_keep_every_photon() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn crowded_cells_keep_every_photon(gpu: &Gpu) {
     let mut random = Random(3);
     let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 50_000, 1, 50);
     let mut corners = Vec::new();
@@ -146,9 +142,8 @@ fn crowded_cells_keep_every_photon() {
 }
 
 /// The check above sees a photon of another light, a photon that was dropped, and two cells exchanged.
-#[test]
-fn the_check_sees_planted_faults() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_check_sees_planted_faults(gpu: &Gpu) {
     let photons = scattered(3000, 2, &mut Random(4));
     let shape = GridShape::new((Vec3::splat(-0.5), Vec3::splat(0.5)), 6.0, 1500, 2, 50);
     let (sorted, starts) = dump(gpu, &build(gpu, &photons, 2, shape));
@@ -186,9 +181,8 @@ fn shapes_are_bounded() {
 }
 
 /// Too many lights and a k that a class word cannot hold are refused.
-#[test]
-fn settings_out_of_range_are_refused() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn settings_out_of_range_are_refused(gpu: &Gpu) {
     let features = map_features(gpu);
     for nearest in [0, 512] {
         let problem = Grid::new(gpu, &features, nearest).err().unwrap().to_string();

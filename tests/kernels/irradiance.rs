@@ -1,24 +1,23 @@
 //! Pass `irradiance`: density estimates against brute force over photons that the test supplies, and against the
 //! irradiance that they represent; and the look-up of the nearest irradiance point.
 
-use crate::kit::new_kernel;
-use kernel_kit::{Bindings, Kernel, POISON, Resources};
-use penumbra::internal::kernels::{GridShape, INVALID_POINT, compose, compose_source};
-use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Bindings, Gpu, Kernel, POISON, Resources, kernel_test};
+use penumbra::internal::kernels::{GridShape, INVALID_POINT, compose, compose_source};
 use penumbra::internal::passes::Point;
 use penumbra::internal::passes::grid::{Grid, Photon, SortedPhotons};
 use penumbra::internal::passes::irradiance::{
     IRRADIANCE_NEAREST, Irradiance, MAP_PHOTONS_PER_CELL, irradiance_point_grid,
 };
+use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
 use crate::flux::steps;
-use crate::kit::gpu;
+use crate::kit::new_kernel;
 use crate::path::{camera, scene, surface};
 use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal};
 use crate::stage::{Crossing, Stage, crossings, hash};
@@ -38,7 +37,7 @@ pub fn carrying(position: Vec3, normal: Vec3, flux: [u32; 3]) -> Photon {
 }
 
 /// Rectangles as a scene of one material, for kernels with the feature `shown` too.
-fn stage(rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
+fn stage(gpu: &Gpu, rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
     let triangles = rectangles.iter().flat_map(|Rectangle(p, a, b)| {
         let [p, q, r, s] = [*p, *p + *a, *p + *a + *b, *p + *b].map(|corner| corner.as_dvec3());
         [[p, q, r], [p, r, s]]
@@ -50,7 +49,7 @@ fn stage(rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
     };
     let scene = scene(&[(triangles.collect(), surface(0.5, 0.0))], vec![light]);
     let view = camera(DVec3::ZERO, DVec3::X, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::SHADOW_PHOTONS, |features| match shown {
+    Stage::new(gpu, scene, &view, [1, 1], Technique::SHADOW_PHOTONS, |features| match shown {
         Some(feature) => features.with(feature, true),
         None => features,
     })
@@ -72,49 +71,50 @@ struct Estimates {
 }
 
 impl Bench {
-    fn new(rectangles: &[Rectangle]) -> Bench {
-        Bench::with(rectangles, None)
+    fn new(gpu: &Gpu, rectangles: &[Rectangle]) -> Bench {
+        Bench::with(gpu, rectangles, None)
     }
 
-    fn with(rectangles: &[Rectangle], shown: Option<Feature>) -> Bench {
-        let stage = stage(rectangles, shown);
+    fn with(gpu: &Gpu, rectangles: &[Rectangle], shown: Option<Feature>) -> Bench {
+        let stage = stage(gpu, rectangles, shown);
         let composed = compose("irradiance", &stage.features).unwrap();
         let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
-        let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &[]).unwrap();
-        Bench { grid: Grid::sorting_only(gpu(), &sorting_grid(&stage.features)).unwrap(), kernel, stage }
+        let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &[]).unwrap();
+        Bench { grid: Grid::sorting_only(gpu, &sorting_grid(&stage.features)).unwrap(), kernel, stage }
     }
 
-    fn sort(&self, photons: &[Photon], shape: GridShape) -> SortedPhotons {
-        let buffer = gpu().upload("test/photons", photons).unwrap();
-        self.grid.sort(gpu(), &buffer, photons.len() as u32, 1, shape).unwrap()
+    fn sort(&self, gpu: &Gpu, photons: &[Photon], shape: GridShape) -> SortedPhotons {
+        let buffer = gpu.upload("test/photons", photons).unwrap();
+        self.grid.sort(gpu, &buffer, photons.len() as u32, 1, shape).unwrap()
     }
 
     /// Runs only the kernel, on poisoned output: behind the irradiance points the poison must stay.
-    fn estimate(&self, map: &SortedPhotons, irradiance_points: &SortedPhotons, step: f32) -> Estimates {
+    fn estimate(&self, gpu: &Gpu, map: &SortedPhotons, irradiance_points: &SortedPhotons, step: f32) -> Estimates {
         const BEYOND: usize = 5;
         let count = irradiance_points.count as usize;
-        let irradiances = gpu().poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
-        let counters = gpu().buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let irradiances = gpu.poisoned::<[f32; 4]>("test/irradiances", count + BEYOND).unwrap();
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let own = Resources::new()
             .with("irradiance_points", &irradiance_points.sorted)
             .with("irradiances", &irradiances)
             .with("counters", &counters);
-        let bound = self.kernel.bind(gpu(), "irradiance", &[&own, map, &self.stage.gpu_scene]).unwrap();
-        let mut frame = gpu().frame("test");
+        let bound = self.kernel.bind(gpu, "irradiance", &[&own, map, &self.stage.gpu_scene]).unwrap();
+        let mut frame = gpu.frame("test");
         frame.run(&bound, irradiance_points.count, &parameters(map, irradiance_points.count, [step, 1.0]));
         frame.submit().unwrap();
-        let mut irradiances: Vec<[f32; 4]> = gpu().read(&irradiances, count + BEYOND).unwrap();
+        let mut irradiances: Vec<[f32; 4]> = gpu.read(&irradiances, count + BEYOND).unwrap();
         let beyond = irradiances.split_off(count);
         assert!(beyond.iter().flatten().all(|v| v.to_bits() == POISON), "written behind {count} irradiance points");
         assert!(irradiances.iter().flatten().all(|v| v.is_finite()), "poison or worse of {count} irradiance points");
-        let not_finite = gpu().read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
-        Estimates { points: gpu().read(&irradiance_points.sorted, count).unwrap(), irradiances, not_finite }
+        let not_finite = gpu.read::<u32>(&counters, Counter::COUNT).unwrap()[Counter::NotFiniteIrradiance as usize];
+        Estimates { points: gpu.read(&irradiance_points.sorted, count).unwrap(), irradiances, not_finite }
     }
 
     /// The output of an entry point at points: `show` over poison, `caustics` on top of 1.
     fn show(
         &self,
+        gpu: &Gpu,
         entry: &str,
         map: &SortedPhotons,
         points: &[Point],
@@ -124,20 +124,20 @@ impl Bench {
         let count = points.len();
         let mut before = vec![[if entry == "show" { f32::from_bits(POISON) } else { 1.0 }; 4]; count];
         before.push([f32::from_bits(POISON); 4]);
-        let radiance = gpu().upload("test/radiance_indirect", &before).unwrap();
-        let points = gpu().upload("test/points", points).unwrap();
-        let surfaces = gpu().upload("test/surfaces", surfaces).unwrap();
-        let counters = gpu().buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let radiance = gpu.upload("test/radiance_indirect", &before).unwrap();
+        let points = gpu.upload("test/points", points).unwrap();
+        let surfaces = gpu.upload("test/surfaces", surfaces).unwrap();
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let own = Resources::new()
             .with("points", &points)
             .with("surfaces", &surfaces)
             .with("radiance_indirect", &radiance)
             .with("counters", &counters);
-        let bound = self.kernel.bind(gpu(), entry, &[&own, map, &self.stage.gpu_scene]).unwrap();
-        let mut frame = gpu().frame("test");
+        let bound = self.kernel.bind(gpu, entry, &[&own, map, &self.stage.gpu_scene]).unwrap();
+        let mut frame = gpu.frame("test");
         frame.run(&bound, count as u32, &parameters(map, count as u32, of));
         frame.submit().unwrap();
-        let mut shown: Vec<[f32; 4]> = gpu().read(&radiance, count + 1).unwrap();
+        let mut shown: Vec<[f32; 4]> = gpu.read(&radiance, count + 1).unwrap();
         assert!(shown.pop().unwrap().iter().all(|v| v.to_bits() == POISON), "{entry}: written behind {count} points");
         assert!(shown.iter().flatten().all(|v| v.is_finite()), "{entry}: poison or worse of {count} points");
         shown
@@ -286,9 +286,9 @@ fn somewhere(rectangles: &[Rectangle], random: &mut Random) -> (Vec3, Vec3) {
 }
 
 /// Relative errors of estimates on an open floor.
-pub fn rounding() -> Vec<f64> {
+pub fn rounding(gpu: &Gpu) -> Vec<f64> {
     let floor = [Rectangle(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.0, 0.0, 1.0), Vec3::new(1.0, 0.0, 0.0))];
-    let bench = Bench::new(&floor);
+    let bench = Bench::new(gpu, &floor);
     let mut random = Random(4);
     let mut lying = |flux: bool| {
         let photon = photon(on(&floor[0], &mut random), Vec3::Y, 0, false);
@@ -299,8 +299,9 @@ pub fn rounding() -> Vec<f64> {
     let irradiance_points: Vec<Photon> = (0..1000).map(|_| lying(false)).collect();
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 1.0, 20_000, 1);
     let estimates = bench.estimate(
-        &bench.sort(&photons, shape),
-        &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 1.0), 1000)),
+        gpu,
+        &bench.sort(gpu, &photons, shape),
+        &bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 1.0), 1000)),
         1e-4,
     );
     let error = |(irradiance_point, [r, g, b, _]): (&Photon, &[f32; 4])| {
@@ -316,10 +317,10 @@ pub fn rounding() -> Vec<f64> {
 /// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, numbers of
 /// irradiance points about a workgroup, on surfaces, at edges and corners and in the open, in grids of full and of
 /// sparse cells.
-#[test]
-fn estimates_are_those_of_brute_force() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     let rectangles = corner_and_cube();
-    let bench = Bench::new(&rectangles);
+    let bench = Bench::new(gpu, &rectangles);
     let mut random = Random(2);
     // Some normals differ from those of their surface.
     let tilted = |random: &mut Random| {
@@ -345,8 +346,9 @@ fn estimates_are_those_of_brute_force() {
         let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, photon_count, 1);
         let step = 1e-4f32;
         let estimates = bench.estimate(
-            &bench.sort(&photons, shape),
-            &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_point_count)),
+            gpu,
+            &bench.sort(gpu, &photons, shape),
+            &bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_point_count)),
             step,
         );
         for (irradiance_point, [r, g, b, radius]) in estimates.points.iter().zip(&estimates.irradiances) {
@@ -398,8 +400,8 @@ struct Lit {
 /// The mean estimate of photons of a uniform irradiance is that irradiance: in the open, at an edge, in a corner,
 /// beside a cube, and on a thin wall, also where the disc hangs over the edge. Without the share of the disc that is
 /// surface it would not be.
-#[test]
-fn even_light_is_even() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn even_light_is_even(gpu: &Gpu) {
     let v = Vec3::new;
     let floor = Rectangle(v(-0.5, -0.5, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
     let under = Rectangle(v(-0.5, -0.5 - 1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
@@ -447,7 +449,7 @@ fn even_light_is_even() {
     const STEP: f32 = 1e-3;
     let mut random = Random(5);
     for case in cases {
-        let bench = Bench::new(&case.rectangles);
+        let bench = Bench::new(gpu, &case.rectangles);
         let area: f32 = case.rectangles.iter().map(Rectangle::area).sum();
         let (mut estimates, mut uncorrected) = (Vec::new(), Vec::new());
         for _ in 0..MAPS {
@@ -462,10 +464,11 @@ fn even_light_is_even() {
             let irradiance_points: Vec<Photon> =
                 tries.take(IRRADIANCE_POINTS as usize).map(|p| photon(p, floor.normal(), 0, false)).collect();
             let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, area, photons.len() as u32, 1);
-            let map = bench.sort(&photons, shape);
+            let map = bench.sort(gpu, &photons, shape);
             let of = bench.estimate(
+                gpu,
                 &map,
-                &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, area), IRRADIANCE_POINTS)),
+                &bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, area), IRRADIANCE_POINTS)),
                 STEP,
             );
             let n = f64::from(IRRADIANCE_POINTS);
@@ -489,12 +492,12 @@ fn even_light_is_even() {
 }
 
 /// The other side of a thin wall is dark: no light of the lit side comes through.
-#[test]
-fn thin_walls_let_nothing_through() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn thin_walls_let_nothing_through(gpu: &Gpu) {
     let v = Vec3::new;
     let top = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
     let under = Rectangle(v(-0.5, -1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
-    let bench = Bench::new(&[top, under]);
+    let bench = Bench::new(gpu, &[top, under]);
     let mut random = Random(8);
     let photons: Vec<Photon> = (0..3000).map(|_| carrying(on(&top, &mut random), Vec3::Y, [31; 3])).collect();
     let irradiance_points: Vec<Photon> = (0..200)
@@ -505,8 +508,9 @@ fn thin_walls_let_nothing_through() {
         .collect();
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 2.0, 3000, 1);
     let estimates = bench.estimate(
-        &bench.sort(&photons, shape),
-        &bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 2.0), 200)),
+        gpu,
+        &bench.sort(gpu, &photons, shape),
+        &bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 2.0), 200)),
         1.0,
     );
     for (irradiance_point, estimates) in estimates.points.iter().zip(&estimates.irradiances) {
@@ -520,10 +524,10 @@ fn thin_walls_let_nothing_through() {
 
 /// Irradiance points whose irradiance is beyond f32 have no estimate and are counted. Those that no photon reaches are
 /// not among them, unless the step itself is infinite.
-#[test]
-fn irradiance_that_is_not_finite_gives_no_estimate() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn irradiance_that_is_not_finite_gives_no_estimate(gpu: &Gpu) {
     let rectangles = corner_and_cube();
-    let bench = Bench::new(&rectangles);
+    let bench = Bench::new(gpu, &rectangles);
     let mut random = Random(9);
     let floor = &rectangles[0];
     let photons: Vec<Photon> = (0..2000).map(|_| carrying(on(floor, &mut random), floor.normal(), [31; 3])).collect();
@@ -534,8 +538,8 @@ fn irradiance_that_is_not_finite_gives_no_estimate() {
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 2000, 1);
     let estimate = |step: f32| {
         let sorted =
-            bench.sort(&irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_points.len() as u32));
-        bench.estimate(&bench.sort(&photons, shape), &sorted, step)
+            bench.sort(gpu, &irradiance_points, irradiance_point_grid((BOUNDS, 3.0), irradiance_points.len() as u32));
+        bench.estimate(gpu, &bench.sort(gpu, &photons, shape), &sorted, step)
     };
     let lit = |estimates: &Estimates| estimates.irradiances.iter().filter(|estimates| estimates[0] > 0.0).count();
     let sound = estimate(1e-4);
@@ -547,8 +551,8 @@ fn irradiance_that_is_not_finite_gives_no_estimate() {
 
 /// The entry points `show` and `caustics` give the estimates of brute force at points on all surfaces, some of them
 /// invalid and some black.
-#[test]
-fn shown_points_are_those_of_brute_force() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shown_points_are_those_of_brute_force(gpu: &Gpu) {
     const STEP: f32 = 1e-4;
     let rectangles = corner_and_cube();
     let mut random = Random(11);
@@ -561,8 +565,8 @@ fn shown_points_are_those_of_brute_force() {
         .collect();
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
     for (entry, feature, shrink) in [("show", Feature::PhotonMap, 1.0), ("caustics", Feature::Caustics, 0.6f32)] {
-        let bench = Bench::with(&rectangles, Some(feature));
-        let map = bench.sort(&photons, shape);
+        let bench = Bench::with(gpu, &rectangles, Some(feature));
+        let map = bench.sort(gpu, &photons, shape);
         for count in [0usize, 1, 63, 64, 65, 300] {
             let points: Vec<Point> = (0..count)
                 .map(|i| match somewhere(&rectangles, &mut random) {
@@ -572,7 +576,7 @@ fn shown_points_are_those_of_brute_force() {
                 .collect();
             let surfaces: Vec<[f32; 4]> =
                 (0..count).map(|i| [0, 1, 2, 3].map(|_| if i % 11 == 5 { 0.0 } else { random.unit() })).collect();
-            let shown = bench.show(entry, &map, &points, &surfaces, [STEP, shrink]);
+            let shown = bench.show(gpu, entry, &map, &points, &surfaces, [STEP, shrink]);
             let mut estimates = 0;
             for ((point, [r, g, b, _]), value) in points.iter().zip(&surfaces).zip(&shown) {
                 let albedo = DVec3::new(f64::from(*r), f64::from(*g), f64::from(*b));
@@ -610,8 +614,8 @@ fn shown_points_are_those_of_brute_force() {
 }
 
 /// More points than a dispatch has groups along one axis, nearly all of them invalid: the last few are estimated.
-#[test]
-fn points_beyond_an_axis_of_groups_are_shown() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn points_beyond_an_axis_of_groups_are_shown(gpu: &Gpu) {
     let rectangles = corner_and_cube();
     let mut random = Random(12);
     let floor = &rectangles[0];
@@ -623,8 +627,8 @@ fn points_beyond_an_axis_of_groups_are_shown() {
     points[estimates.clone()].fill_with(|| point(on(floor, &mut random), floor.normal()));
     let surfaces = vec![[1.0; 4]; points.len()];
     for (entry, feature, before) in [("show", Feature::PhotonMap, 0.0), ("caustics", Feature::Caustics, 1.0)] {
-        let bench = Bench::with(&rectangles, Some(feature));
-        let shown = bench.show(entry, &bench.sort(&photons, shape), &points, &surfaces, [1e-4, 1.0]);
+        let bench = Bench::with(gpu, &rectangles, Some(feature));
+        let shown = bench.show(gpu, entry, &bench.sort(gpu, &photons, shape), &points, &surfaces, [1e-4, 1.0]);
         let changed: Vec<usize> = (0..shown.len()).filter(|&i| shown[i][0] != before).collect();
         assert!(changed.iter().all(|i| estimates.contains(i)), "{entry}: written at invalid points");
         assert!(changed.len() > 40, "{entry}: {} of the last points are estimated", changed.len());
@@ -634,10 +638,10 @@ fn points_beyond_an_axis_of_groups_are_shown() {
 /// A look-up gives the table's value for the nearest irradiance point of the same surface, if that is within half a
 /// cell; otherwise the value of one of that surface less than two cells away, or none. The table holds what the kernel
 /// wrote.
-#[test]
-fn look_ups_find_the_nearest_irradiance_point() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
     let rectangles = corner_and_cube();
-    let bench = Bench::new(&rectangles);
+    let bench = Bench::new(gpu, &rectangles);
     let mut random = Random(4);
     let photons: Vec<Photon> = (0..5000)
         .map(|_| {
@@ -646,8 +650,8 @@ fn look_ups_find_the_nearest_irradiance_point() {
         })
         .collect();
     let shape = GridShape::with_photons_per_cell(MAP_PHOTONS_PER_CELL, BOUNDS, 3.0, 5000, 1);
-    let map = bench.sort(&photons, shape);
-    let pass = Irradiance::new(gpu(), &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
+    let map = bench.sort(gpu, &photons, shape);
+    let pass = Irradiance::new(gpu, &bench.stage.features, &bench.stage.gpu_scene.constants()).unwrap();
     for (irradiance_point_count, point_count) in [(0u32, 10), (1, 63), (300, 64), (300, 65), (1000, 5000)] {
         let irradiance_points: Vec<Photon> = (0..irradiance_point_count)
             .map(|_| {
@@ -664,25 +668,25 @@ fn look_ups_find_the_nearest_irradiance_point() {
             })
             .collect();
         let shape = irradiance_point_grid((BOUNDS, 3.0), irradiance_point_count);
-        let estimates = bench.estimate(&map, &bench.sort(&irradiance_points, shape), 1.0);
+        let estimates = bench.estimate(gpu, &map, &bench.sort(gpu, &irradiance_points, shape), 1.0);
         let by_irradiance_point: std::collections::HashMap<[u32; 4], [f32; 4]> =
             estimates.points.iter().map(|p| bytemuck::cast(*p)).zip(estimates.irradiances.iter().copied()).collect();
-        let sorted = bench.sort(&irradiance_points, shape);
+        let sorted = bench.sort(gpu, &irradiance_points, shape);
         let sorted_irradiance_points: Vec<[u32; 4]> =
-            gpu().read(&sorted.sorted, irradiance_point_count as usize).unwrap();
-        let known = pass.precompute(gpu(), &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
+            gpu.read(&sorted.sorted, irradiance_point_count as usize).unwrap();
+        let known = pass.precompute(gpu, &bench.stage.gpu_scene, &map, sorted, 1.0).unwrap();
         let read = |entry: &str, count: usize| -> Vec<[f32; 4]> {
             let source = include_str!("shaders/irradiance_near.wgsl");
             let composed = compose_source("irradiance_near", source, &bench.stage.features).unwrap();
-            let kernel = new_kernel(gpu(), &composed, &[("count", count as f64)], &[]).unwrap();
-            let queries = gpu().upload("test/queries", &points).unwrap();
-            let found = gpu().poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
+            let kernel = new_kernel(gpu, &composed, &[("count", count as f64)], &[]).unwrap();
+            let queries = gpu.upload("test/queries", &points).unwrap();
+            let found = gpu.poisoned::<[f32; 4]>("test/found", count + 1).unwrap();
             let own = Resources::new().with("queries", &queries).with("found", &found);
-            let bound = kernel.bind(gpu(), entry, &[&own, &known as &dyn Bindings]).unwrap();
-            let mut frame = gpu().frame("test");
+            let bound = kernel.bind(gpu, entry, &[&own, &known as &dyn Bindings]).unwrap();
+            let mut frame = gpu.frame("test");
             frame.run(&bound, count as u32, &[0u32; 0]);
             frame.submit().unwrap();
-            let mut found: Vec<[f32; 4]> = gpu().read(&found, count + 1).unwrap();
+            let mut found: Vec<[f32; 4]> = gpu.read(&found, count + 1).unwrap();
             assert!(found.pop().unwrap().iter().all(|v| v.to_bits() == POISON));
             found
         };

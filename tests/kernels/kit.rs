@@ -4,8 +4,6 @@ use kernel_kit::{Composed, Declared, Gpu, Host, Kernel};
 use penumbra::internal::passes::SHARED;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
-pub use crate::device::gpu;
-
 /// What the device adds to a kernel's features; and light tags, which serve one light as well as several.
 pub fn device_features(gpu: &Gpu) -> Features {
     Features::default()

@@ -1,30 +1,30 @@
 //! Lights against an oracle in f64: polygon arrays clipped one plane at a time, Lambert's formula by arc cosines,
 //! solid angles by Van Oosterom and Strackee, and statistics of the samplers.
 
-use crate::kit::new_kernel;
-use kernel_kit::Resources;
-use penumbra::internal::kernels::{compose, compose_source};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::gpu_scene::lights::{has_many_emitters, is_closed};
 use penumbra::internal::gpu_scene::{GpuLights, ReceiverBounds};
+use penumbra::internal::kernels::{compose, compose_source};
 use penumbra::internal::scene::{EmitterTriangle, Light, LightKind, Material, NO_LIGHT, Scene, Triangle, Vertex};
+use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
-pub use crate::meshes::{Corners, cube, sphere, square};
+use crate::kit::{device_features, new_kernel};
 use crate::statistics::{Random, chi_square, z_test};
 
-/// Radiance of the mesh lights: channels that differ, of which the tests look at the red and the ratio to the others.
+pub use crate::meshes::{Corners, cube, sphere, square};
+
+/// Radiance of the mesh lights: the channels differ; the tests compare red, and its ratio to the others.
 const RADIANCE: Vec3 = Vec3::new(1.0, 2.0, 4.0);
 
 pub fn material(double_sided: bool) -> Material {
     Material { name: "light".into(), metallic: 0.0, emissive: RADIANCE, double_sided, ..Material::default() }
 }
 
-/// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that slots and
-/// emitters are not the same numbers.
+/// A scene of mesh lights given as triangles, and punctual ones. A dark triangle comes first, so that indices of
+/// triangles and of emitters differ.
 pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
     let mut scene = Scene { materials: vec![material(false), material(true)], ..Scene::default() };
     let mut push = |corners: &Corners, light: u32, material: u32| {
@@ -53,9 +53,9 @@ pub fn scene(meshes: &[(Vec<Corners>, bool)], punctual: &[LightKind]) -> Scene {
     scene
 }
 
-fn features(scene: &Scene) -> Features {
+fn features(gpu: &Gpu, scene: &Scene) -> Features {
     let any = |has: fn(&LightKind) -> bool| scene.lights.iter().any(|light| has(&light.kind));
-    device_features(gpu())
+    device_features(gpu)
         .with(Feature::MeshLights, any(|kind| matches!(kind, LightKind::Mesh { .. })))
         .with(Feature::PointLights, any(|kind| matches!(kind, LightKind::Point { .. })))
         .with(Feature::SpotLights, any(|kind| matches!(kind, LightKind::Spot { .. })))
@@ -82,42 +82,49 @@ impl Place {
 }
 
 /// Runs an entry of the test kernel: `per_item` vectors for each of `count` items.
-pub fn run(scene: &Scene, entry: &str, places: &[Place], count: usize, per_item: usize, samples: u32) -> Vec<[f32; 4]> {
-    run_with(&features(scene), &gpu_scene(scene, None), entry, places, count, per_item, samples)
-}
-
-/// A ray that leaves a light.
-pub struct Emitted {
-    pub origin: DVec3,
-    pub direction: DVec3,
-    /// In the first channel.
-    pub flux: f64,
-}
-
-/// Rays of a light, which are sent towards the receivers where they are given.
-pub fn emit(scene: &Scene, receivers: Option<ReceiverBounds>, light: usize, rays: usize) -> Vec<Emitted> {
-    let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
-    let got = run_with(&features(scene), &gpu_scene(scene, receivers), "emitted", &place, rays, 3, 0);
-    let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
-    let rays = got.chunks_exact(3);
-    rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
-}
-
-fn gpu_scene(scene: &Scene, receivers: Option<ReceiverBounds>) -> GpuLights {
-    GpuLights::new(gpu(), scene, receivers).unwrap()
-}
-
-/// As [`run`], composed with other features.
-fn run_with(
-    features: &Features,
-    gpu_scene: &GpuLights,
+pub fn run(
+    gpu: &Gpu,
+    scene: &Scene,
     entry: &str,
     places: &[Place],
     count: usize,
     per_item: usize,
     samples: u32,
 ) -> Vec<[f32; 4]> {
-    let gpu = gpu();
+    run_with(gpu, (&features(gpu, scene), &gpu_scene(gpu, scene, None)), entry, places, count, per_item, samples)
+}
+
+/// A ray that leaves a light.
+pub struct Emitted {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    /// Of the first channel.
+    pub flux: f64,
+}
+
+/// Rays that a light emits: towards the receivers if they are given, else in all directions.
+pub fn emit(gpu: &Gpu, scene: &Scene, receivers: Option<ReceiverBounds>, light: usize, rays: usize) -> Vec<Emitted> {
+    let place = [Place::new(DVec3::ZERO, DVec3::Z, light)];
+    let got = run_with(gpu, (&features(gpu, scene), &gpu_scene(gpu, scene, receivers)), "emitted", &place, rays, 3, 0);
+    let vector = |v: [f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let rays = got.chunks_exact(3);
+    rays.map(|ray| Emitted { origin: vector(ray[0]), direction: vector(ray[1]), flux: ray[1][3].into() }).collect()
+}
+
+fn gpu_scene(gpu: &Gpu, scene: &Scene, receivers: Option<ReceiverBounds>) -> GpuLights {
+    GpuLights::new(gpu, scene, receivers).unwrap()
+}
+
+/// As [`run`], composed with other features.
+fn run_with(
+    gpu: &Gpu,
+    (features, gpu_scene): (&Features, &GpuLights),
+    entry: &str,
+    places: &[Place],
+    count: usize,
+    per_item: usize,
+    samples: u32,
+) -> Vec<[f32; 4]> {
     let source = include_str!("shaders/light.wgsl");
     let composed = compose_source("light", source, features).unwrap();
     let constants = [("count", count as f64), ("seed", 1234567.0), ("samples", f64::from(samples))];
@@ -301,9 +308,9 @@ fn places(scene: &Scene) -> Vec<Place> {
 /// coordinates of unit size carry 2^-24 each, so that a position is off by about 1e-7; irradiance over radiance
 /// changes by at most 1 / h for each such step at the height h over the light's plane (its gradient is bounded by
 /// that of the half-plane's), and the sums over edges round at 1e-6 of the angle, at most pi.
-fn worst(scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec3) -> f64) -> (f64, Place) {
+fn worst(gpu: &Gpu, scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec3) -> f64) -> (f64, Place) {
     let places = places(scene);
-    let got = run(scene, "closed", &places, places.len(), 1, 0);
+    let got = run(gpu, scene, "closed", &places, places.len(), 1, 0);
     let mut worst = (0.0, places[0]);
     for (place, got) in places.iter().zip(&got) {
         let (triangles, two_sided) = triangles_of(scene, place.light);
@@ -327,22 +334,22 @@ fn worst(scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec3) -> f64) 
     worst
 }
 
-/// The closed form is the oracle's, at the horizon, below it, touching, grazing and in the light's plane; faults in
-/// the oracle are found.
-#[test]
-fn closed_form_is_lamberts() {
+/// The closed form equals the oracle: at and below the horizon, almost touching the light, grazing, and in the light's
+/// plane. Faults planted in the oracle are found.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn closed_form_is_lamberts(gpu: &Gpu) {
     let scene = mesh_scene();
-    let (off, place) = worst(&scene, |t, two, p, n| form_factor(t, two, p, n, true));
+    let (off, place) = worst(gpu, &scene, |t, two, p, n| form_factor(t, two, p, n, true));
     assert!(off <= 1.0, "{off} of what is allowed at {place:?} ({})", meshes()[place.light].0);
-    let (off, _) = worst(&scene, |t, two, p, n| form_factor(t, two, p, n, false));
+    let (off, _) = worst(gpu, &scene, |t, two, p, n| form_factor(t, two, p, n, false));
     assert!(off > 100.0, "an oracle without horizon");
-    let (off, _) = worst(&scene, |t, _, p, n| form_factor(t, true, p, n, true));
+    let (off, _) = worst(gpu, &scene, |t, _, p, n| form_factor(t, true, p, n, true));
     assert!(off > 100.0, "an oracle without sides");
-    let (off, _) = worst(&scene, |t, two, p, n| form_factor(t, two, p + DVec3::new(0.0, 1e-4, 0.0), n, true));
+    let (off, _) = worst(gpu, &scene, |t, two, p, n| form_factor(t, two, p + DVec3::new(0.0, 1e-4, 0.0), n, true));
     assert!(off > 3.0, "an oracle that is 1e-4 off: {off}");
 }
 
-/// The oracle itself is the integral of the cosines over squared distance.
+/// The oracle equals the integral of both cosines over the squared distance.
 #[test]
 fn the_oracle_is_the_integral() {
     let mut random = Random(3);
@@ -357,17 +364,17 @@ fn the_oracle_is_the_integral() {
     }
 }
 
-/// Coplanar triangles are merged, holes kept, and lights of many planes have no closed form.
-#[test]
-fn contours_are_those_of_the_shape() {
-    let gpu_scene = gpu_scene(&mesh_scene(), None);
+/// Coplanar triangles are merged into contours that keep their holes; a light of many planes has no closed form.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn contours_are_those_of_the_shape(gpu: &Gpu) {
+    let gpu_scene = gpu_scene(gpu, &mesh_scene(), None);
     let edges: Vec<usize> = gpu_scene.lights.iter().map(|l| l.contour_edges).collect();
     assert_eq!(edges, [4, 3, 6, 8, 4, 24, 4, 0]);
     let closed: Vec<bool> = gpu_scene.lights.iter().map(|l| l.closed_form).collect();
     assert_eq!(closed, [true, true, true, true, true, true, true, false]);
     let planar: Vec<bool> = gpu_scene.lights.iter().map(|l| l.planar).collect();
     assert_eq!(planar, [true, true, true, true, true, false, true, false]);
-    // pi times area times radiance, once for each emitting side; 7/3 is the mean of the channels.
+    // Power: pi times area times radiance for each emitting side. 7/3 is the mean of the channels.
     let square = 0.6 * 0.8 * PI * 7.0 / 3.0;
     assert!((gpu_scene.lights[0].power - square).abs() < 1e-6 * square);
     let [a, b, c] = meshes()[1].1[0];
@@ -375,19 +382,19 @@ fn contours_are_those_of_the_shape() {
     assert!((gpu_scene.lights[1].power - triangle).abs() < 1e-6 * triangle);
 }
 
-/// A light is dark exactly where no part of it that faces the position rises over the surface's plane; for lights
-/// without closed form, dark is never said wrongly.
-#[test]
-fn dark_is_exact() {
+/// A light with a closed form is dark exactly where no part of it both faces the position and is above the surface's
+/// plane. For other lights the test is conservative: a dark light is never a visible one.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn dark_is_exact(gpu: &Gpu) {
     let scene = mesh_scene();
     let places = places(&scene);
-    let got = run(&scene, "closed", &places, places.len(), 1, 0);
+    let got = run(gpu, &scene, "closed", &places, places.len(), 1, 0);
     let (mut dark_ones, mut said, mut wrong_without_sides) = (0, 0, 0);
     for (place, got) in places.iter().zip(&got) {
         let (triangles, two_sided) = triangles_of(&scene, place.light);
         let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
         let heights = |t: &Corners| t.map(|v| normal.dot(v - position)).into_iter().fold(f64::NEG_INFINITY, f64::max);
-        // What decides, and is so near 0 that f32 cannot tell: a few roundings of unit-size coordinates.
+        // A sign that f32 cannot decide: a few roundings of coordinates of unit size.
         let unsure = |x: f64| x.abs() < 1e-6;
         if triangles.iter().any(|t| unsure(heights(t)) || unsure(height_over(t, position))) {
             continue;
@@ -409,11 +416,11 @@ fn dark_is_exact() {
     assert!(dark_ones > 500 && said > 50 && wrong_without_sides > 100, "{dark_ones} {said} {wrong_without_sides}");
 }
 
-/// The samples' mean is the closed form's, for each light at a few places, and for the sphere, which has none; the
-/// mean of 1 / pdf is the solid angle.
-#[test]
-fn samples_converge_to_the_closed_form() {
-    // A search among 512 triangles takes some ten turns of the 65,535 that lavapipe grants to all loops.
+/// The mean of light samples is the oracle's irradiance for each light, with or without a closed form, and the mean of
+/// 1 / pdf is the solid angle of the light.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn samples_converge_to_the_closed_form(gpu: &Gpu) {
+    // A search among 512 triangles takes some ten of the 65,535 iterations that lavapipe grants to all loops.
     const SAMPLES: u32 = 2048;
     let scene = mesh_scene();
     let mut random = Random(99);
@@ -424,14 +431,14 @@ fn samples_converge_to_the_closed_form() {
             let (position, normal) = (random.point(), random.direction());
             let exact = form_factor(&triangles, two_sided, position, normal, true);
             let near = triangles.iter().any(|t| t.iter().any(|v| v.distance(position) < 0.3));
-            // Near the light the spread of the samples has long tails, and a test of the mean wants many more.
+            // Near the light the samples' distribution has long tails; a test of their mean would need many more.
             if exact > 1e-5 && !near {
                 places.push(Place::new(position, normal, light));
             }
         }
     }
     let family = 2 * places.len() as u32;
-    let got = run(&scene, "sampled", &places, places.len(), 1, SAMPLES);
+    let got = run(gpu, &scene, "sampled", &places, places.len(), 1, SAMPLES);
     let mut caught = 0;
     for (place, got) in places.iter().zip(&got) {
         let (triangles, two_sided) = triangles_of(&scene, place.light);
@@ -446,7 +453,7 @@ fn samples_converge_to_the_closed_form() {
     assert!(caught > places.len() / 2, "a fifth too much is seen at {caught} of {} places only", places.len());
     for (i, place) in places.iter().enumerate().step_by(4) {
         let (triangles, two_sided) = triangles_of(&scene, place.light);
-        let got = run(&scene, "listed", &places[i..=i], SAMPLES as usize, 2, 0);
+        let got = run(gpu, &scene, "listed", &places[i..=i], SAMPLES as usize, 2, 0);
         let angles = got.chunks_exact(2).map(|s| if s[0][3] > 0.0 { 1.0 / f64::from(s[0][3]) } else { 0.0 });
         let (mean, error) = crate::statistics::mean_and_error(angles);
         let exact = solid_angle(&triangles, two_sided, place.position.as_dvec3());
@@ -460,19 +467,20 @@ fn samples_converge_to_the_closed_form() {
     }
 }
 
-/// From afar all points of a sphere bring about the same light, seen from any side: one over the density by solid angle
-/// spreads by a tenth about the solid angle. Points that power alone chooses bring the cosine at the sphere, 58 % about its mean.
-#[test]
-fn points_of_a_lamp_bring_the_same_light() {
+/// From afar all sampled points of a sphere contribute about the same: 1 / pdf (by solid angle) spreads by a tenth
+/// about the solid angle. Points sampled by power alone contribute the cosine at the sphere, which spreads by 58 %
+/// about its mean.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn points_of_a_lamp_bring_the_same_light(gpu: &Gpu) {
     const N: usize = 1 << 12;
     let scene = scene(&[(sphere(DVec3::ZERO, 0.1, 12), false)], &[]);
     let mut random = Random(17);
     let mut spreads = Vec::new();
     for distance in [0.22, 0.5, 4.0] {
         let position = random.direction() * distance;
-        for specialisation in [features(&scene), features(&scene).with(Feature::EmitterPairs, false)] {
+        for specialisation in [features(gpu, &scene), features(gpu, &scene).with(Feature::EmitterPairs, false)] {
             let place = [Place::new(position, DVec3::Z, 0)];
-            let got = run_with(&specialisation, &gpu_scene(&scene, None), "listed", &place, N, 2, 0);
+            let got = run_with(gpu, (&specialisation, &gpu_scene(gpu, &scene, None)), "listed", &place, N, 2, 0);
             let angles = got.chunks_exact(2).map(|s| f64::from(s[0][3])).filter(|pdf| *pdf > 0.0).map(|pdf| 1.0 / pdf);
             let angles: Vec<f64> = angles.collect();
             let mean = angles.iter().sum::<f64>() / angles.len() as f64;
@@ -480,7 +488,7 @@ fn points_of_a_lamp_bring_the_same_light() {
             spreads.push((angles.len() as f64 / N as f64, square.sqrt() / mean));
         }
     }
-    println!("share that is seen, and spread, with views and without: {spreads:.3?}");
+    println!("share that is visible, and spread, with emitter pairs and without: {spreads:.3?}");
     for both in spreads.chunks_exact(2) {
         let [(seen, spread), (unpaired, unviewed)] = [both[0], both[1]];
         assert!(unpaired < 0.5 && unviewed > 0.5, "{spreads:?}");
@@ -490,8 +498,8 @@ fn points_of_a_lamp_bring_the_same_light() {
     assert!(seen > 0.98 && spread < 0.12, "from afar: {spreads:?}");
 }
 
-/// Places near each light, at its own size and far from it.
-fn places_about(scene: &Scene) -> Vec<Place> {
+/// Points within each light, near it and far from it.
+fn points_around(scene: &Scene) -> Vec<Place> {
     let mut random = Random(31);
     let mut places = Vec::new();
     for light in 0..scene.lights.len() {
@@ -506,38 +514,38 @@ fn places_about(scene: &Scene) -> Vec<Place> {
     places
 }
 
-/// The density for a ray that met a triangle is that of a light point there: by solid angle, the triangle's probability over
-/// what it spans; near a light of few triangles the probability is what each spans itself, so that the density is one over
-/// what the light spans. 0 for a triangle that emits nothing.
-#[test]
-fn densities_are_those_of_the_sampler() {
+/// The density for a ray that hits a triangle, by solid angle, is the triangle's probability over its solid angle, and
+/// 0 for a triangle that emits nothing. Near a light of few triangles their probabilities are in proportion to their
+/// solid angles, so that the density is one over the solid angle of the light.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn densities_are_those_of_the_sampler(gpu: &Gpu) {
     let scene = mesh_scene();
-    let gpu_scene = gpu_scene(&scene, None);
+    let gpu_scene = gpu_scene(gpu, &scene, None);
     let mut queries = Vec::new();
-    for place in places_about(&scene) {
+    for place in points_around(&scene) {
         let LightKind::Mesh { emitters, .. } = &scene.lights[place.light].kind else { unreachable!() };
         for emitter in emitters.iter().take(12) {
             queries.push(Place { normal: Vec3::new(emitter.triangle as f32, 0.0, 0.0), ..place });
         }
         queries.push(Place { normal: Vec3::ZERO, ..place });
     }
-    // Unpaired: what pairing adds is tested below, against the sampler.
-    let unpaired = features(&scene).with(Feature::EmitterPairs, false);
-    let got = run_with(&unpaired, &gpu_scene, "densities", &queries, queries.len(), 1, 0);
+    // Without pairs: the next test compares them with the sampler.
+    let unpaired = features(gpu, &scene).with(Feature::EmitterPairs, false);
+    let got = run_with(gpu, (&unpaired, &gpu_scene), "densities", &queries, queries.len(), 1, 0);
     let (mut near, mut far, mut wrong) = (0, 0, 0);
     for (query, got) in queries.iter().zip(&got) {
-        let slot = query.normal.x as usize;
+        let triangle = query.normal.x as usize;
         let pdf = f64::from(got[0]);
-        if scene.triangles[slot].light == NO_LIGHT {
+        if scene.triangles[triangle].light == NO_LIGHT {
             assert_eq!(pdf, 0.0);
             continue;
         }
         assert_eq!(got[1] as usize, query.light);
         let (triangles, two_sided) = triangles_of(&scene, query.light);
         let position = query.position.as_dvec3();
-        let own = scene.triangle_positions(slot).map(|v| v.as_dvec3());
+        let own = scene.triangle_positions(triangle).map(|v| v.as_dvec3());
         let height = height_over(&own, position);
-        // Heights are rounded: which side that is, and the angle.
+        // So near the plane, rounding decides the side and changes the angle.
         if height.abs() < 1e-3 {
             continue;
         }
@@ -549,13 +557,13 @@ fn densities_are_those_of_the_sampler() {
         let area = |t: &Corners| (t[1] - t[0]).cross(t[2] - t[0]).length() / 2.0;
         let share = area(&own) / triangles.iter().map(area).sum::<f64>();
         let expected = match all {
-            // A triangle that faces away sends nothing, and is not met from its front.
+            // No ray from there hits the front of a triangle that faces away.
             _ if !facing => continue,
             true => 1.0 / solid_angle(&triangles, two_sided, position),
             false => share / solid_angle(&[own], two_sided, position),
         };
-        // Probabilities are differences of f32 below 1, of 512 triangles 2^-24 * 512 of each; angles as the sampling test has
-        // them, and angles of lights in whose plane the place lies, whose heights are rounded too.
+        // Probabilities are differences of f32 below 1: of 512 triangles each is off by 2^-24 * 512. Solid angles have
+        // the error that the test of sampling states, and more where the point lies almost in the light's plane.
         let sure = triangles.iter().all(|t| height_over(t, position).abs() > 1e-3);
         if sure || !all {
             assert!((pdf - expected).abs() <= 2e-4 * expected, "{query:?}: {pdf} {expected}");
@@ -567,20 +575,20 @@ fn densities_are_those_of_the_sampler() {
     assert!(near > 20 && far > 100 && wrong > 20, "{near} {far} {wrong}");
 }
 
-/// A light point and a ray that meets the light there have the same density, views and pairs included.
-#[test]
-fn rays_have_the_density_of_light_points() {
+/// A sampled light point and a ray that hits the light there have the same density, emitter pairs included.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn rays_have_the_density_of_light_points(gpu: &Gpu) {
     const SAMPLES: usize = 64;
     let scene = mesh_scene();
     let mut compared = 0;
-    for place in places_about(&scene) {
+    for place in points_around(&scene) {
         let (triangles, _) = triangles_of(&scene, place.light);
         let LightKind::Mesh { emitters, .. } = &scene.lights[place.light].kind else { unreachable!() };
-        let got = run(&scene, "listed", &[place], SAMPLES, 2, 0);
+        let got = run(gpu, &scene, "listed", &[place], SAMPLES, 2, 0);
         let mut queries = Vec::new();
         for s in got.chunks_exact(2).filter(|s| s[0][3] > 0.0) {
             let direction = DVec3::new(s[0][0].into(), s[0][1].into(), s[0][2].into());
-            // Where the ray meets triangles, well within them, at the sample's distance.
+            // Triangles that the ray hits well inside their edges, at the sample's distance.
             let mut met = (0..triangles.len()).filter(|&i| {
                 let t = triangles[i].map(|v| v - place.position.as_dvec3());
                 let volumes = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| t[i].cross(t[j]).dot(direction));
@@ -589,15 +597,15 @@ fn rays_have_the_density_of_light_points() {
                 volumes.iter().all(|v| v / sum > 1e-3) && (at / f64::from(s[1][3]) - 1.0).abs() < 1e-3
             });
             if let (Some(i), None) = (met.next(), met.next()) {
-                let slot = Vec3::new(emitters[i].triangle as f32, 0.0, 0.0);
-                queries.push((Place { normal: slot, ..place }, s[0][3]));
+                let triangle = Vec3::new(emitters[i].triangle as f32, 0.0, 0.0);
+                queries.push((Place { normal: triangle, ..place }, s[0][3]));
             }
         }
         if queries.is_empty() {
             continue;
         }
         let places: Vec<Place> = queries.iter().map(|q| q.0).collect();
-        let densities = run(&scene, "densities", &places, places.len(), 1, 0);
+        let densities = run(gpu, &scene, "densities", &places, places.len(), 1, 0);
         for ((place, pdf), density) in queries.iter().zip(&densities) {
             // The same sums, compiled twice.
             assert!((pdf - density[0]).abs() <= 1e-5 * pdf, "{place:?}: {pdf} and {}", density[0]);
@@ -607,10 +615,10 @@ fn rays_have_the_density_of_light_points() {
     assert!(compared > 1500, "{compared}");
 }
 
-/// Of a square, and near a cube, all points bring the same light, whichever triangle they are of: one over their density is
-/// what the light spans. Of a cube from afar, where power chooses, they do not quite.
-#[test]
-fn points_of_few_triangles_bring_the_same_light() {
+/// All sampled points of a square, and of a cube from near, contribute the same: 1 / pdf is the solid angle of the
+/// light. A cube from afar is sampled by power, and its points differ.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn points_of_few_triangles_bring_the_same_light(gpu: &Gpu) {
     const N: usize = 1 << 10;
     let lamp = square(DVec3::ZERO, DVec3::X * 0.5, DVec3::Z * 0.5);
     let scene = scene(&[(lamp, true), (cube(DVec3::ZERO, 0.3), false)], &[]);
@@ -625,24 +633,24 @@ fn points_of_few_triangles_bring_the_same_light() {
     ] {
         let (triangles, two_sided) = triangles_of(&scene, light);
         let exact = solid_angle(&triangles, two_sided, position);
-        let got = run(&scene, "listed", &[Place::new(position, DVec3::Z, light)], N, 2, 0);
+        let got = run(gpu, &scene, "listed", &[Place::new(position, DVec3::Z, light)], N, 2, 0);
         let angles: Vec<f64> = got.chunks_exact(2).map(|s| 1.0 / f64::from(s[0][3])).collect();
         let off = angles.iter().map(|angle| (angle / exact - 1.0).abs()).fold(0.0, f64::max);
-        // A thousandth above the lamp the height is known to 1e-4 of itself.
+        // At a height of a thousandth above the lamp, f32 leaves a relative error of 1e-4 in the height.
         assert_eq!(off < 1e-3, same, "{position}: {off}");
     }
 }
 
-/// Photons leave each mesh light uniformly over its surface and with a cosine law, from both sides of a two-sided one.
-#[test]
-fn emission_follows_power_and_cosine() {
+/// Photons leave a mesh light evenly over its area and by the cosine law, and on both sides if it is two-sided.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn emission_follows_power_and_cosine(gpu: &Gpu) {
     const N: usize = 1 << 14;
     let scene = mesh_scene();
     let family = 3 * scene.lights.len() as u32;
     for light in 0..scene.lights.len() {
         let (triangles, two_sided) = triangles_of(&scene, light);
         let LightKind::Mesh { emitters, .. } = &scene.lights[light].kind else { unreachable!() };
-        let got = run(&scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
+        let got = run(gpu, &scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
         let areas: Vec<f64> = triangles.iter().map(|t| (t[1] - t[0]).cross(t[2] - t[0]).length() / 2.0).collect();
         let total: f64 = areas.iter().sum();
         // Each triangle in four parts of the same area.
@@ -661,7 +669,8 @@ fn emission_follows_power_and_cosine() {
             by_side[usize::from(front > 0.0)] += 1;
             let cosine = v(1).dot(v(2));
             assert!(cosine >= 0.0 && (v(1).length() - 1.0).abs() < 1e-5);
-            // Of a cosine law the squared cosine is uniform; the azimuth is told by its sign along an edge.
+            // By the cosine law the squared cosine is uniform. Of the azimuth only the half is counted: the sign along
+            // an edge.
             let quadrant = usize::from(v(1).dot((t[1] - t[0]).normalize()) > 0.0);
             by_cosine[((cosine * cosine * 32.0) as usize).min(31) * 2 + quadrant] += 1;
         }
@@ -683,9 +692,10 @@ fn quarter(t: &Corners, p: DVec3) -> usize {
     usize::from((second + third).powi(2) > 0.5) * 2 + usize::from(second > third)
 }
 
-/// Point, spot and directional lights: inverse squares, KHR_lights_punctual's windows and cones, and emission.
-#[test]
-fn punctual_lights_follow_the_extension() {
+/// Point, spot and directional lights have the irradiance that KHR_lights_punctual states (inverse squares, ranges and
+/// cones), and their photons the same distribution.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn punctual_lights_follow_the_extension(gpu: &Gpu) {
     const N: usize = 1 << 14;
     let (position, direction) = (Vec3::new(0.2, 0.5, -0.1), Vec3::new(0.6, -0.8, 0.0));
     let (cos_inner, cos_outer) = (0.9f32, 0.7f32);
@@ -699,8 +709,8 @@ fn punctual_lights_follow_the_extension() {
     let mut random = Random(21);
     let places: Vec<Place> =
         (0..2000).map(|i| Place::new(random.point(), random.direction(), i % kinds.len())).collect();
-    let closed = run(&scene, "closed", &places, places.len(), 1, 0);
-    let sampled = run(&scene, "sampled", &places, places.len(), 1, 2);
+    let closed = run(gpu, &scene, "closed", &places, places.len(), 1, 0);
+    let sampled = run(gpu, &scene, "sampled", &places, places.len(), 1, 2);
     let (mut lit, mut dark) = ([0; 4], [0; 4]);
     for ((place, closed), sampled) in places.iter().zip(&closed).zip(&sampled) {
         let d = position.as_dvec3() - place.position.as_dvec3();
@@ -717,7 +727,7 @@ fn punctual_lights_follow_the_extension() {
         }
         let expected = arriving * towards.dot(place.normal.as_dvec3()).max(0.0);
         for got in [closed, sampled] {
-            // The window and the cone subtract numbers of size 1: a few roundings over what is left of them.
+            // Range and cone subtract numbers of size 1: a few roundings relative to the difference.
             assert!((f64::from(got[0]) - expected).abs() <= 2e-5 * arriving + 1e-6, "{place:?}: {} {expected}", got[0]);
         }
         let bits = closed[3] as u32;
@@ -733,14 +743,14 @@ fn punctual_lights_follow_the_extension() {
     assert!(lit.iter().chain(&dark).all(|n| *n > 20), "{lit:?} {dark:?}");
 
     for light in 0..4 {
-        let got = run(&scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
+        let got = run(gpu, &scene, "emitted", &[Place::new(DVec3::ZERO, DVec3::Z, light)], N, 3, 0);
         let mut cells = [0u64; 64];
         for ray in got.chunks_exact(3) {
             let v = |i: usize| DVec3::new(ray[i][0].into(), ray[i][1].into(), ray[i][2].into());
             let axis = direction.as_dvec3();
             let side = axis.cross(DVec3::Z).normalize();
             let azimuth = |p: DVec3| (p.dot(axis.cross(side)).atan2(p.dot(side)) / TAU).rem_euclid(1.0);
-            // Coordinates in which the distribution that is wanted is uniform.
+            // Coordinates in which the right distribution is uniform.
             let (a, b) = match light {
                 0 | 1 => ((1.0 - v(1).dot(axis)) / 2.0, azimuth(v(1))),
                 2 => ((1.0 - v(1).dot(axis)) / (1.0 - f64::from(cos_outer)), azimuth(v(1))),
@@ -763,7 +773,7 @@ fn punctual_lights_follow_the_extension() {
     }
 }
 
-/// Each set of kinds of lights composes on its own; what a scene does not have is not in the kernel.
+/// Kernels compose for every set of kinds of lights, and have no code for a kind that is not in the set.
 #[test]
 fn every_set_of_kinds_composes() {
     let kinds = [

@@ -1,12 +1,9 @@
 //! Each kernel alone on a real device against an oracle on the CPU.
 
-mod aim;
 mod bsdf;
 mod cache;
 mod cells;
 mod classify;
-#[path = "../common/device.rs"]
-mod device;
 mod environment;
 mod features;
 mod film;
@@ -26,6 +23,7 @@ mod primary;
 mod procedural;
 #[path = "../common/procedurals.rs"]
 mod procedurals;
+mod receivers;
 mod rooms;
 mod sample_lights;
 mod sampling;

@@ -1,10 +1,10 @@
 //! Pass `path` against results that are known without rendering: furnaces, the closed sphere, a rectangle's irradiance,
 //! and the images of an independent renderer.
 
-use penumbra::internal::specialisation::features::Features;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
 use penumbra::internal::passes::path::{Path, PathParameters};
@@ -12,13 +12,15 @@ use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::render::film::Image;
 use penumbra::internal::scene::{Camera, ImportOptions, LightKind, Scene};
+use penumbra::internal::specialisation::features::Features;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::{Settings, Technique};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::device_features;
 use crate::light::{cube, form_factor, sphere, square};
-pub use crate::meshes::{camera, inside_out, scene, surface};
 use crate::statistics::{mean_and_error, z_test};
+
+pub use crate::meshes::{camera, inside_out, scene, surface};
 
 /// Result of a render: for each sample of each pixel, in layers of pixels, the red of direct and of indirect light, and
 /// the position; and the counters.
@@ -41,12 +43,13 @@ impl Rendered {
 }
 
 /// Renders a square image of `size` pixels a side by running the passes, with `spp` samples for each pixel at once.
-fn render(scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
-    render_with(scene, camera, size, spp, max_bounces, |features| features)
+fn render(gpu: &Gpu, scene: Scene, camera: &Camera, size: u32, spp: u32, max_bounces: u32) -> Rendered {
+    render_with(gpu, scene, camera, size, spp, max_bounces, |features| features)
 }
 
 /// As [`render`], with features that `changed` makes of the scene's own.
 pub fn render_with(
+    gpu: &Gpu,
     mut scene: Scene,
     camera: &Camera,
     size: u32,
@@ -54,7 +57,6 @@ pub fn render_with(
     max_bounces: u32,
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
-    let gpu = gpu();
     let settings = Settings::default().with(|s| {
         s.image.width = size;
         s.image.height = size;
@@ -107,8 +109,8 @@ pub fn render_with(
 
 /// In a closed room that emits 1 and reflects the share a everywhere, the radiance is 1 + a + a^2 + ... = 1 / (1 - a)
 /// in every direction; with at most m bounces of indirect light the sum ends at a^(m + 1).
-#[test]
-fn furnaces_are_white() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn furnaces_are_white(gpu: &Gpu) {
     let room = |albedo| scene(&[(inside_out(cube(DVec3::ZERO, 0.5)), surface(albedo, 1.0))], Vec::new());
     let view = camera(DVec3::new(0.1, -0.2, 0.3), DVec3::new(0.3, 0.5, -1.0), 1.5);
     let cases: [(f32, u32, f64); 7] = [
@@ -122,7 +124,7 @@ fn furnaces_are_white() {
         (1.0, 30, 32.0),
     ];
     for (albedo, max_bounces, expected) in cases {
-        let rendered = render(room(albedo), &view, 16, 64, max_bounces);
+        let rendered = render(gpu, room(albedo), &view, 16, 64, max_bounces);
         let (mean, error) = mean_and_error(rendered.all());
         // 1e-5: albedo and sums are f32.
         let error = error + 1e-5 * expected;
@@ -137,12 +139,13 @@ fn furnaces_are_white() {
 /// In a closed sphere of albedo a around a point light of intensity I, the total light that arrives is 4 pi I / (1 -
 /// a). The radiance is the same everywhere, a / pi of that over the sphere's area: 1 for I = pi, a = 1/2, radius 1 (as
 /// in pbrt's tests of its integrators).
-#[test]
-fn the_closed_sphere_has_its_known_radiance() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_closed_sphere_has_its_known_radiance(gpu: &Gpu) {
     let mesh = inside_out(sphere(DVec3::ZERO, 1.0, 32));
     let area: f64 = mesh.iter().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
     let light = LightKind::Point { position: Vec3::ZERO, intensity: Vec3::splat(PI as f32), range: f32::INFINITY };
     let rendered = render(
+        gpu,
         scene(&[(mesh, surface(0.5, 0.0))], vec![light]),
         &camera(DVec3::new(0.2, 0.1, 0.3), DVec3::new(-0.5, 0.3, -1.0), 2.0),
         16,
@@ -163,8 +166,8 @@ fn the_closed_sphere_has_its_known_radiance() {
 
 /// Light from a rectangle on a white floor is Lambert's closed form, pixel by pixel, up to where light and floor nearly
 /// touch. There is no indirect light.
-#[test]
-fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_floor_under_a_rectangle_has_lamberts_irradiance(gpu: &Gpu) {
     const SIZE: usize = 12;
     const SPP: u32 = 400;
     // Upright, its foot 1e-3 over the floor, facing +z: the floor in front of it is lit down to grazing angles.
@@ -173,7 +176,7 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
     let all = scene(&[(floor, surface(1.0, 0.0)), (light.clone(), surface(0.0, 3.0))], Vec::new());
     // From straight above, so that pixels are squares on the floor.
     let view = camera(DVec3::new(0.0, 0.5, 0.0), DVec3::NEG_Y, 2.0 * (0.5f32 / 0.5).atan());
-    let rendered = render(all, &view, SIZE as u32, SPP, 4);
+    let rendered = render(gpu, all, &view, SIZE as u32, SPP, 4);
     let pixels = SIZE * SIZE;
     let mut tested = 0;
     let mut caught = 0;
@@ -207,8 +210,8 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance() {
 
 /// Compares blocks of pixels with Mitsuba's images of the same box; the means of the whole agree within a thousandth,
 /// plus noise.
-#[test]
-fn an_independent_renderer_agrees() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn an_independent_renderer_agrees(gpu: &Gpu) {
     let Some(shared) = std::env::var_os("PENUMBRA_SHARED") else {
         println!("PENUMBRA_SHARED is not set: the comparison with an independent renderer is left out");
         return;
@@ -223,7 +226,7 @@ fn an_independent_renderer_agrees() {
     for (file, max_bounces) in [("box-direct.exr", 0), ("box-gi.exr", 64)] {
         let reference = Image::read_exr(folder.join(file)).unwrap();
         let [reference, _, _] = reference.rgb().unwrap();
-        let rendered = render(box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
+        let rendered = render(gpu, box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
         // Number of blocks that differ when the reference is moved by that many pixels.
         let outside = |shift: usize| {
             let differs = |block: &usize| {

@@ -1,18 +1,17 @@
-//! Pass `photons` for lights of every kind, at the edges of the workgroup, against f64 lines through all triangles along
-//! the same rays; and the odds of what the cap keeps.
+//! Pass `photons` for every kind of light, with counts of rays around the size of a workgroup, against f64 lines
+//! through all triangles along the same rays; and the probability with which the cap keeps a shadow photon.
 
-use crate::kit::new_kernel;
-use kernel_kit::Resources;
-use penumbra::internal::kernels::compose_source;
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{DVec3, Vec3, Vec4};
+use kernel_kit::{Gpu, Resources, kernel_test};
+use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::grid::Photon;
 use penumbra::internal::passes::photons::{Photons, Traced};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
+use crate::kit::new_kernel;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Crossing, Stage, crossings, oct_decode};
@@ -20,43 +19,43 @@ use crate::statistics::chi_square;
 
 const SEED: u32 = 9;
 
-/// What a photon must be, the position aside: shadow photon, light, normal.
+/// A photon that must be stored.
 #[derive(Clone, Copy, Debug)]
 struct Expected {
     position: DVec3,
     normal: DVec3,
     light: u32,
     shadow: bool,
-    /// How far rounding may move it, for how slantingly the ray came.
+    /// Error of the position by rounding; larger where the ray grazes the surface.
     tolerance: f64,
-    /// It hangs on rounding whether it is there, or of which kind.
+    /// Rounding decides whether it is stored, or its kind.
     doubtful: bool,
 }
 
-/// Defects that the comparison must find.
+/// Planted faults that the comparison must find.
 #[derive(Clone, Copy, PartialEq)]
 enum Fault {
     None,
     /// The backs of single-sided surfaces store photons.
     Backs,
-    /// The twin of a hit stores a photon of its own.
+    /// A coplanar twin of a hit stores a photon, too.
     Twins,
     /// All photons are illumination photons.
     Kinds,
-    /// Normals are those of the fronts, on whichever side the ray came.
+    /// Normals are those of the front, even where the ray hits the back.
     Normals,
 }
 
-fn stage(scene: Scene) -> Stage {
+fn stage(gpu: &Gpu, scene: Scene) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [8, 8], Technique::SHADOW_PHOTONS, |features| features)
+    Stage::new(gpu, scene, &view, [8, 8], Technique::SHADOW_PHOTONS, |features| features)
 }
 
 /// A floor, panels that face up, down and both ways, two panels in one plane, and a light of each kind above.
 fn panels() -> Scene {
     let level = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::Z * half, DVec3::X * half);
     let down = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::X * half, DVec3::Z * half);
-    // Its front below, so that most rays come to its back.
+    // Its front faces down, so that most rays hit its back.
     let tilted = square(DVec3::new(-0.1, -0.2, 0.35), DVec3::new(0.2, -0.02, 0.0), DVec3::new(0.05, 0.1, 0.1));
     let double_sided = |material: penumbra::internal::scene::Material| penumbra::internal::scene::Material {
         double_sided: true,
@@ -67,7 +66,7 @@ fn panels() -> Scene {
         ([level(-0.3, 0.0, -0.2, 0.2), level(-0.3, -0.3, -0.1, 0.15)].concat(), surface(0.5, 0.0)),
         (down(0.2, 0.1, 0.0, 0.2), surface(0.5, 0.0)),
         (tilted, double_sided(surface(0.5, 0.0))),
-        // Coplanar, and one of them larger.
+        // Coplanar, one of them larger.
         (level(0.25, -0.1, 0.3, 0.2), surface(0.5, 0.0)),
         (level(0.25, -0.1, 0.3, 0.15), surface(0.4, 0.0)),
         (down(0.0, 0.5, 0.0, 0.15), surface(0.0, 4.0)),
@@ -93,25 +92,25 @@ fn panels() -> Scene {
     scene(&meshes, punctual)
 }
 
-fn trace(stage: &Stage, lights: u32, rays: u32, cap: u32, seed: u32) -> (Traced, Vec<Photon>) {
-    let pass = Photons::new(gpu(), &stage.features, &stage.gpu_scene.constants(), cap).unwrap();
-    let traced = pass.trace(gpu(), &stage.gpu_scene, lights, rays, seed, 5).unwrap();
-    let photons = gpu().read(&traced.photons, traced.count as usize).unwrap();
+fn trace(gpu: &Gpu, stage: &Stage, lights: u32, rays: u32, cap: u32, seed: u32) -> (Traced, Vec<Photon>) {
+    let pass = Photons::new(gpu, &stage.features, &stage.gpu_scene.constants(), cap).unwrap();
+    let traced = pass.trace(gpu, &stage.gpu_scene, lights, rays, seed, 5).unwrap();
+    let photons = gpu.read(&traced.photons, traced.count as usize).unwrap();
     (traced, photons)
 }
 
 /// The rays of a light: origin and direction.
-fn emitted(stage: &Stage, light: u32, rays: u32) -> Vec<[DVec3; 2]> {
+fn emitted(gpu: &Gpu, stage: &Stage, light: u32, rays: u32) -> Vec<[DVec3; 2]> {
     let source = include_str!("shaders/emitted.wgsl");
     let composed = compose_source("emitted", source, &stage.features).unwrap();
     let constants = [("light", f64::from(light)), ("seed", f64::from(SEED)), ("count", f64::from(rays))];
-    let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &["rays"]).unwrap();
-    let buffer = gpu().poisoned::<[Vec4; 2]>("test/rays", rays as usize).unwrap();
-    let bound = kernel.bind(gpu(), "emit", &[&Resources::new().with("rays", &buffer), &stage.gpu_scene]).unwrap();
-    let mut frame = gpu().frame("test");
+    let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &["rays"]).unwrap();
+    let buffer = gpu.poisoned::<[Vec4; 2]>("test/rays", rays as usize).unwrap();
+    let bound = kernel.bind(gpu, "emit", &[&Resources::new().with("rays", &buffer), &stage.gpu_scene]).unwrap();
+    let mut frame = gpu.frame("test");
     frame.run(&bound, rays, &[0u32; 0]);
     frame.submit().unwrap();
-    let rays: Vec<[Vec4; 2]> = gpu().read(&buffer, rays as usize).unwrap();
+    let rays: Vec<[Vec4; 2]> = gpu.read(&buffer, rays as usize).unwrap();
     rays.into_iter().map(|ray| ray.map(|v| v.truncate().as_dvec3())).collect()
 }
 
@@ -134,7 +133,7 @@ fn follow(scene: &Scene, light: u32, [origin, direction]: [DVec3; 2], fault: Fau
             normal: if front || fault == Fault::Normals { crossing.normal } else { -crossing.normal },
             light,
             shadow: rank > 0 && fault != Fault::Kinds,
-            // A few roundings of coordinates of unit size across the ray, stretched along the surface.
+            // A few roundings of coordinates of unit size across the ray, longer along a surface that it grazes.
             tolerance: 2e-6 / crossing.normal.dot(direction).abs().max(1e-3),
             doubtful,
         });
@@ -142,9 +141,9 @@ fn follow(scene: &Scene, light: u32, [origin, direction]: [DVec3; 2], fault: Fau
     photons
 }
 
-/// How many photons there are but should not be, or should be but are not.
+/// The number of photons that are stored and should not be, or should be and are not.
 fn differences(got: &[Photon], expected: &[Expected]) -> usize {
-    // In an order along a line that no surface is at right angles to.
+    // Sorted along a direction that no surface is perpendicular to.
     let along = |p: DVec3| p.dot(DVec3::new(0.531, 0.713, 0.458));
     let mut sorted: Vec<(f64, DVec3, u32)> = got
         .iter()
@@ -179,16 +178,16 @@ fn differences(got: &[Photon], expected: &[Expected]) -> usize {
     missing + taken.iter().filter(|taken| !**taken).count()
 }
 
-/// Compares all photons of all lights, and their counts by kind; what the rays should leave.
-fn compare(stage: &Stage, rays: u32) -> (Vec<Photon>, Vec<Vec<[DVec3; 2]>>) {
+/// Compares all photons of all lights, and their counts by kind. Returns the photons, and the rays of each light.
+fn compare(gpu: &Gpu, stage: &Stage, rays: u32) -> (Vec<Photon>, Vec<Vec<[DVec3; 2]>>) {
     let lights = stage.scene.lights.len() as u32;
-    // A cap that no ray of these scenes reaches.
-    let (traced, photons) = trace(stage, lights, rays, 32, SEED);
-    let by_light: Vec<_> = (0..lights).map(|light| emitted(stage, light, rays)).collect();
+    // No ray of these scenes reaches this cap.
+    let (traced, photons) = trace(gpu, stage, lights, rays, 32, SEED);
+    let by_light: Vec<_> = (0..lights).map(|light| emitted(gpu, stage, light, rays)).collect();
     let expected = expected(stage, &by_light, Fault::None);
     assert_eq!(differences(&photons, &expected), 0, "{rays} rays");
     let doubtful = expected.iter().filter(|e| e.doubtful).count();
-    assert!(doubtful * 200 <= expected.len() + 200, "{doubtful} of {} hang on rounding", expected.len());
+    assert!(doubtful * 200 <= expected.len() + 200, "rounding decides {doubtful} of {}", expected.len());
     for light in 0..lights {
         let own = photons.iter().filter(|p| p.light() == light);
         let [lit, shadowed] = own.fold([0, 0], |[i, s], p| if p.word >> 31 == 0 { [i + 1, s] } else { [i, s + 1] });
@@ -204,26 +203,26 @@ fn expected(stage: &Stage, by_light: &[Vec<[DVec3; 2]>], fault: Fault) -> Vec<Ex
     by_light.iter().enumerate().flat_map(follow_all).collect()
 }
 
-/// The photons of every kind of light are those of the lines: first hits illumination photons, later ones shadow
-/// photons, none on backs of single-sided surfaces (which stop the light all the same) and none on a coplanar twin.
-#[test]
-fn photons_lie_where_the_rays_pass() {
-    let stage = stage(panels());
+/// Photons of every kind of light lie where its rays cross surfaces: illumination photons at first hits, shadow photons
+/// at later ones, none on the back of a single-sided surface (which still blocks light) and none on a coplanar twin.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_lie_where_the_rays_pass(gpu: &Gpu) {
+    let stage = stage(gpu, panels());
     for rays in [1, 63, 64, 65] {
-        compare(&stage, rays);
+        compare(gpu, &stage, rays);
     }
-    let (photons, by_light) = compare(&stage, 2000);
+    let (photons, by_light) = compare(gpu, &stage, 2000);
     for fault in [Fault::Backs, Fault::Twins, Fault::Kinds, Fault::Normals] {
         let found = differences(&photons, &expected(&stage, &by_light, fault));
-        assert!(found > 50, "{found} differences for defect {}", fault as u32);
+        assert!(found > 50, "{found} differences for fault {}", fault as u32);
     }
-    let (_, others) = trace(&stage, by_light.len() as u32, 2000, 32, SEED + 1);
+    let (_, others) = trace(gpu, &stage, by_light.len() as u32, 2000, 32, SEED + 1);
     assert!(differences(&others, &expected(&stage, &by_light, Fault::None)) > 1000, "rays of another seed");
 }
 
-/// Without rays there are no photons, nor where no ray meets anything; and no error.
-#[test]
-fn nothing_leaves_nothing() {
+/// No photons and no error result from no rays, or from rays that hit nothing.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn rays_that_hit_nothing_leave_no_photons(gpu: &Gpu) {
     let away = LightKind::Spot {
         position: Vec3::ZERO,
         direction: Vec3::Y,
@@ -235,36 +234,36 @@ fn nothing_leaves_nothing() {
     let floor = square(DVec3::NEG_Y * 0.5, DVec3::Z * 0.5, DVec3::X * 0.5);
     let missed = scene(&[(floor, surface(0.5, 0.0))], vec![away]);
     for (scene, lights, rays) in [(panels(), 5, 0), (missed, 1, 65)] {
-        let (traced, photons) = trace(&stage(scene), lights, rays, 10, SEED);
+        let (traced, photons) = trace(gpu, &stage(gpu, scene), lights, rays, 10, SEED);
         assert_eq!((traced.count, photons.len()), (0, 0));
         assert_eq!(traced.stored, vec![[0, 0]; lights as usize]);
     }
 }
 
-/// Of 9,999 shadow photons of a ray exactly the cap is kept, from all depths alike, and their weight makes up for the
-/// others.
-#[test]
-fn a_ray_through_ten_thousand_layers_keeps_its_cap() {
+/// A ray through 10,000 layers keeps exactly as many shadow photons as the cap allows, from all depths with the same
+/// probability, and their weight compensates for the others.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_ray_through_ten_thousand_layers_keeps_its_cap(gpu: &Gpu) {
     const LAYERS: usize = 10_000;
     const RAYS: u32 = 321;
     let layer = |i: usize| square(DVec3::Z * (i as f64 / LAYERS as f64 - 0.5), DVec3::X * 0.5, DVec3::Y * 0.5);
     let sheets = (0..LAYERS).flat_map(layer).collect();
     let light = LightKind::Directional { direction: Vec3::NEG_Z, irradiance: Vec3::ONE };
-    let stage = stage(scene(&[(sheets, surface(0.5, 0.0))], vec![light]));
+    let stage = stage(gpu, scene(&[(sheets, surface(0.5, 0.0))], vec![light]));
     for cap in [1u32, 10] {
-        let (traced, photons) = trace(&stage, 1, RAYS, cap, SEED);
+        let (traced, photons) = trace(gpu, &stage, 1, RAYS, cap, SEED);
         let [lit, shadowed] = traced.stored[0];
         assert!(lit > 80, "{lit} rays are no test");
         assert_eq!([shadowed, photons.len() as u32], [cap * lit, (cap + 1) * lit]);
         let mut rays = std::collections::BTreeMap::<[u32; 2], [u32; 2]>::new();
         let mut depths = [0u64; 10];
-        // To the nearest fourth root of two of the hits that each stands for.
+        // The hits that each one stands for, rounded to a power of the fourth root of two.
         let exponent = (4.0 * (f64::from(LAYERS as u32 - 1) / f64::from(cap)).log2()).round() as u32;
         for photon in &photons {
             let shadow = photon.word >> 31;
-            // Straight down, all photons of a ray lie over the same place, to a few roundings.
-            let place = [0, 1].map(|c| (photon.position[c] * 1e4).round() as i32 as u32);
-            rays.entry(place).or_default()[shadow as usize] += 1;
+            // Rays go straight down: all photons of a ray have the same x and y, to a few roundings.
+            let column = [0, 1].map(|c| (photon.position[c] * 1e4).round() as i32 as u32);
+            rays.entry(column).or_default()[shadow as usize] += 1;
             assert_eq!(photon.word >> 25 & 0x3f, if shadow == 1 { exponent } else { 0 });
             let depth = (0.5 - f64::from(photon.position[2])).clamp(0.0, 0.999_999);
             if shadow == 1 {
@@ -274,7 +273,7 @@ fn a_ray_through_ten_thousand_layers_keeps_its_cap() {
             }
         }
         let whole = rays.values().filter(|counts| **counts == [1, cap]).count();
-        // Places within 1e-7 of the border of a cell of the rounding fall apart.
+        // Rounding divides the columns within 1e-7 of a border.
         assert!(whole * 100 >= lit as usize * 97, "{whole} of {lit} rays have one photon and {cap}");
         let even = [f64::from(shadowed) / 10.0; 10];
         chi_square(&depths, &even, 2).unwrap();

@@ -1,14 +1,14 @@
 //! Pass `photons` against a loop over all triangles along the same rays.
 
-use crate::kit::new_kernel;
 use glam::{DAffine3, DQuat, DVec2, DVec3, Mat2, Vec2, Vec3, Vec4};
-use kernel_kit::{Gpu, Resources};
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::Settings;
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::grid::Photon;
 use penumbra::internal::passes::photons::Photons;
+use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, EmitterTriangle, Filter, Light, LightKind, Material, NO_LIGHT, Projection, Scene,
     Texture, TextureImage, TextureInfo, Triangle, Vertex, Wrap,
@@ -16,9 +16,7 @@ use penumbra::internal::scene::{
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::Features;
 
-use penumbra::internal::procedural::Role;
-
-use crate::kit::gpu;
+use crate::kit::new_kernel;
 use crate::procedurals;
 use crate::rooms::{Rectangle, Room, photon_normal};
 
@@ -120,8 +118,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
     rays[2u * id.x + 1u] = vec4f(emitted.direction, 0.0);
 }";
 
-fn trace(scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
-    let gpu = gpu();
+fn trace(gpu: &Gpu, scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
     let specialisation = Specialisation::new(scene, &Settings::default());
     let features = penumbra::internal::specialisation::device_features(gpu, specialisation.features);
     let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
@@ -272,12 +269,12 @@ fn room_scene(more: Vec<LightKind>) -> (Scene, Bvh) {
 /// A room with a double-sided shelf and coplanar twins, three kinds of lights: every photon is where a loop over all
 /// triangles has one, and no other is; the counts say so. A photon that is lost, moved, or of another light is
 /// detected.
-#[test]
-fn photons_are_those_of_a_loop_over_all_triangles() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_are_those_of_a_loop_over_all_triangles(gpu: &Gpu) {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
     let sun = LightKind::Directional { direction: Vec3::new(0.3, -0.9, -0.2).normalize(), irradiance: Vec3::ONE };
     let (scene, bvh) = room_scene(vec![point, sun]);
-    let mut traced = trace(&scene, bvh, 3001, 10);
+    let mut traced = trace(gpu, &scene, bvh, 3001, 10);
     let (extra, missing, doubtful) = compare(&scene, &traced);
     assert_eq!(missing, 0);
     // Rays in doubt left photons too, none of them more than it meets rectangles.
@@ -289,7 +286,7 @@ fn photons_are_those_of_a_loop_over_all_triangles() {
             traced.photons.iter().filter(matches).count() as u32
         };
         assert_eq!(*stored, [of(0), of(1)]);
-        // Most rays of the sun meet the outside of the ceiling first, which stores nothing.
+        // Sunlight mostly hits the outside of the ceiling first, which stores nothing.
         assert!(stored[0] > 200 && stored[1] > 100, "{stored:?}");
     }
     let dropped = traced.photons.pop().unwrap();
@@ -303,13 +300,13 @@ fn photons_are_those_of_a_loop_over_all_triangles() {
 
 /// Through the holes of a mask photons pass as if nothing were there, and the rest of it stops them: what is behind is
 /// lit here and shadowed there. A mask that stops all, and one that stops nothing, are detected.
-#[test]
-fn holes_of_masks_let_photons_through() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn holes_of_masks_let_photons_through(gpu: &Gpu) {
     let v = Vec3::new;
     let light = LightKind::Point { position: v(0.1, 0.6, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
     let square = |y: f32, half: f32| Rectangle(v(-half, y, -half), v(0.0, 0.0, 2.0 * half), v(2.0 * half, 0.0, 0.0));
     let (scene, bvh) = scene(&[(square(0.0, 0.7), PLAIN), (square(0.3, 0.35), MASKED)], vec![light]);
-    let traced = trace(&scene, bvh, 20_000, 10);
+    let traced = trace(gpu, &scene, bvh, 20_000, 10);
     let (extra, missing, doubtful) = compare(&scene, &traced);
     assert_eq!(missing, 0);
     assert!(doubtful < 200 && extra <= 2 * doubtful, "{doubtful} in doubt, {extra} more");
@@ -321,18 +318,18 @@ fn holes_of_masks_let_photons_through() {
             scene.lights.iter().map(|light| light.kind.clone()).collect(),
         );
         other.materials[MASKED as usize].alpha = alpha;
-        assert!(compare(&scene, &trace(&other, bvh, 20_000, 10)).1 > 500, "{alpha:?} is not detected");
+        assert!(compare(&scene, &trace(gpu, &other, bvh, 20_000, 10)).1 > 500, "{alpha:?} is not detected");
     }
 }
 
 /// One triangle pair and its light: each ray leaves one photon or none, and no shadow photon (case 14).
-#[test]
-fn one_rectangle_takes_no_shadow_photons() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn one_rectangle_takes_no_shadow_photons(gpu: &Gpu) {
     let v = Vec3::new;
     let light = LightKind::Point { position: v(0.0, 0.5, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
     let floor = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
     let (scene, bvh) = scene(&[(floor, PLAIN)], vec![light]);
-    let traced = trace(&scene, bvh, 5000, 10);
+    let traced = trace(gpu, &scene, bvh, 5000, 10);
     assert_eq!(traced.stored[0][1], 0);
     assert_eq!(traced.stored[0][0] as usize, traced.photons.len());
     // A square, from half its edge above the middle is a sixth of all directions.
@@ -341,14 +338,14 @@ fn one_rectangle_takes_no_shadow_photons() {
 
 /// A wall 1e-5 thick has illumination photons on the lit side only and shadow photons on none of its own: its other
 /// side faces away from the light (case 22).
-#[test]
-fn thin_walls_are_lit_on_one_side() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn thin_walls_are_lit_on_one_side(gpu: &Gpu) {
     let v = Vec3::new;
     let light = LightKind::Point { position: v(0.0, 0.5, 0.0), intensity: Vec3::ONE, range: f32::INFINITY };
     let up = Rectangle(v(-0.5, 0.0, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0));
     let down = Rectangle(v(-0.5, -1e-5, -0.5), v(1.0, 0.0, 0.0), v(0.0, 0.0, 1.0));
     let (scene, bvh) = scene(&[(up, PLAIN), (down, PLAIN)], vec![light]);
-    let traced = trace(&scene, bvh, 5000, 10);
+    let traced = trace(gpu, &scene, bvh, 5000, 10);
     assert!(traced.photons.len() > 500);
     for photon in &traced.photons {
         assert!(photon.word >> 31 == 0 && photon.position[1] == 0.0 && photon_normal(photon.word).y == 1.0);
@@ -357,13 +354,13 @@ fn thin_walls_are_lit_on_one_side() {
 
 /// Ten thousand layers: ten shadow photons a ray, each standing for a tenth of the hits, spread over the layers
 /// (case 29).
-#[test]
-fn layers_beyond_the_cap_are_weighted() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn layers_beyond_the_cap_are_weighted(gpu: &Gpu) {
     let v = Vec3::new;
     let light = LightKind::Directional { direction: -Vec3::Y, irradiance: Vec3::ONE };
     let layer = |i: u32| (Rectangle(v(-0.5, -1e-4 * i as f32, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0)), PLAIN);
     let (scene, bvh) = scene(&(0..10_000).map(layer).collect::<Vec<_>>(), vec![light]);
-    let traced = trace(&scene, bvh, 200, 10);
+    let traced = trace(gpu, &scene, bvh, 200, 10);
     let [lit, shadow] = traced.stored[0];
     assert!(lit > 50 && shadow == 10 * lit, "{lit} lit, {shadow} shadow photons");
     let shadows: Vec<_> = traced.photons.iter().filter(|p| p.word >> 31 != 0).collect();
@@ -378,14 +375,14 @@ fn layers_beyond_the_cap_are_weighted() {
 }
 
 /// More rays than a batch, more photons than the first buffer holds: none is lost, and the set is that of another run.
-#[test]
-fn batches_lose_nothing() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn batches_lose_nothing(gpu: &Gpu) {
     let v = Vec3::new;
     let light = LightKind::Directional { direction: -Vec3::Y, irradiance: Vec3::ONE };
     let layer = |i: u32| (Rectangle(v(-0.5, -0.1 * i as f32, -0.5), v(0.0, 0.0, 1.0), v(1.0, 0.0, 0.0)), PLAIN);
     let (scene, bvh) = scene(&(0..8).map(layer).collect::<Vec<_>>(), vec![light]);
     let mut sets = [bvh.clone(), bvh].map(|bvh| {
-        let traced = trace(&scene, bvh, 150_001, 64);
+        let traced = trace(gpu, &scene, bvh, 150_001, 64);
         let [lit, shadow] = traced.stored[0];
         assert!(shadow == 7 * lit && lit > 50_000, "{lit} lit, {shadow} shadow photons");
         assert_eq!((lit + shadow) as usize, traced.photons.len());
@@ -398,8 +395,8 @@ fn batches_lose_nothing() {
 /// Spheres and an ellipsoid that functions describe, single- and double-sided, one within the other: photons go
 /// straight on through them, and leave their like at every crossing, as in closed form. One a hundredth larger is
 /// detected.
-#[test]
-fn photons_meet_every_crossing_of_procedural_objects() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn photons_meet_every_crossing_of_procedural_objects(gpu: &Gpu) {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
     let (mut scene, bvh) = room_scene(vec![point]);
     let at = |size: DVec3, x: f64| {
@@ -413,7 +410,7 @@ fn photons_meet_every_crossing_of_procedural_objects() {
             procedurals::sphere(Role::Intersection, at(DVec3::new(0.1, 0.2, 0.07), -0.3), material(true, Vec3::ZERO)),
         ],
     );
-    let traced = trace(&scene, bvh, 3001, 10);
+    let traced = trace(gpu, &scene, bvh, 3001, 10);
     let (extra, missing, doubtful) = compare(&scene, &traced);
     assert_eq!(missing, 0);
     assert!(doubtful < 300 && extra <= doubtful * 12, "{doubtful} in doubt, {extra} more");

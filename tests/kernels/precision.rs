@@ -1,23 +1,21 @@
 //! Rounding errors of the kernels that matter for an image: their f32 arithmetic against double precision on the same
 //! numbers, for random and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
 
-use crate::kit::new_kernel;
-use kernel_kit::Resources;
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::specialisation::features::Feature;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Gpu, Resources, kernel_test};
+use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::Tile;
 use penumbra::internal::passes::film::Film;
 use penumbra::internal::scene::Scene;
+use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
 
-use crate::cache;
-use crate::irradiance;
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::light::{self, Corners, Place, square};
 use crate::statistics::Random;
+use crate::{cache, irradiance};
 
 /// One unit in the last place (ulp) of numbers from 1 to 2. Errors are in ulp of the scale that a row names.
 const ULP: f64 = 1.0 / (1 << 23) as f64;
@@ -48,8 +46,8 @@ impl Row {
 }
 
 /// All rows.
-pub fn rows() -> Vec<Row> {
-    [intersection(), closed_form(), photons_and_records(), film()].into_iter().flatten().collect()
+pub fn rows(gpu: &Gpu) -> Vec<Row> {
+    [intersection(gpu), closed_form(gpu), photons_and_records(gpu), film(gpu)].into_iter().flatten().collect()
 }
 
 // ---- Intersection and offset
@@ -57,8 +55,7 @@ pub fn rows() -> Vec<Row> {
 /// A ray and a triangle that it meets.
 type Meeting = [Vec3; 5];
 
-fn run(entry: &str, items: &[Meeting], needles: bool) -> Vec<[[f32; 4]; 3]> {
-    let gpu = gpu();
+fn run(gpu: &Gpu, entry: &str, items: &[Meeting], needles: bool) -> Vec<[[f32; 4]; 3]> {
     let source = include_str!("shaders/precision.wgsl");
     let features = device_features(gpu).with(Feature::Needles, needles);
     let composed = compose_source("precision", source, &features).unwrap();
@@ -75,9 +72,9 @@ fn run(entry: &str, items: &[Meeting], needles: bool) -> Vec<[[f32; 4]; 3]> {
 }
 
 /// Whether the device's fma rounds once.
-pub fn fma_is_fused() -> bool {
+pub fn fma_is_fused(gpu: &Gpu) -> bool {
     let x = Vec3::new(1.0 + f32::EPSILON, 1.0 - f32::EPSILON, 0.0);
-    run("fused", &[[x; 5]], false)[0][0][0] != 0.0
+    run(gpu, "fused", &[[x; 5]], false)[0][0][0] != 0.0
 }
 
 /// Rays towards a point inside of triangles with edges about `size` and, across the first, `size / aspect`; that meet
@@ -103,7 +100,7 @@ fn meetings(size: f64, aspect: f64, cosine: f64) -> Vec<Meeting> {
         .collect()
 }
 
-fn intersection() -> Vec<Row> {
+fn intersection(gpu: &Gpu) -> Vec<Row> {
     let families = [
         // Eight half-units across the ray, as in tests/kernels/traverse.rs, and three more for the sum. The edge
         // functions of a sliver are as large as those of a wide triangle, and round accordingly. Where products are not
@@ -121,7 +118,7 @@ fn intersection() -> Vec<Row> {
     let mut rows = Vec::new();
     for (family, size, aspect, cosine, bound, needles) in families {
         let items = meetings(size, aspect, cosine);
-        let results = run("intersect", &items, needles);
+        let results = run(gpu, "intersect", &items, needles);
         let (mut distances, mut weights, mut planes, mut heights) = (vec![], vec![], vec![], vec![]);
         for (item, [hit, point, leaving]) in items.iter().zip(&results) {
             let [o, d, a, b, c] = item.map(|v| v.as_dvec3());
@@ -246,7 +243,7 @@ fn families() -> Vec<Lit> {
     ]
 }
 
-fn closed_form() -> Vec<Row> {
+fn closed_form(gpu: &Gpu) -> Vec<Row> {
     let families = families();
     let scene: Scene = light::scene(&families.iter().map(|f| (f.light.clone(), false)).collect::<Vec<_>>(), &[]);
     let mut random = Random(17);
@@ -257,7 +254,7 @@ fn closed_form() -> Vec<Row> {
             points.push(Place::new(position, normal, i));
         }
     }
-    let got = light::run(&scene, "closed", &points, points.len(), 1, 0);
+    let got = light::run(gpu, &scene, "closed", &points, points.len(), 1, 0);
     families
         .iter()
         .enumerate()
@@ -279,10 +276,10 @@ fn closed_form() -> Vec<Row> {
 
 // ---- Density estimate and interpolation
 
-fn photons_and_records() -> Vec<Row> {
+fn photons_and_records(gpu: &Gpu) -> Vec<Row> {
     vec![
         // Sums of flux are whole numbers: only a square, two products and two quotients are rounded.
-        Row::new("density estimate", "open floor, 20,000 photons", "irradiance", 6.0, irradiance::rounding()),
+        Row::new("density estimate", "open floor, 20,000 photons", "irradiance", 6.0, irradiance::rounding(gpu)),
         // The record's weight contains the length of the normals' difference, whose terms cancel where they agree to
         // 1e-3.
         Row::new(
@@ -290,17 +287,16 @@ fn photons_and_records() -> Vec<Row> {
             "500 records of all radii",
             "light, coordinates over the smallest radius",
             40.0,
-            cache::rounding(),
+            cache::rounding(gpu),
         ),
     ]
 }
 
 // ---- Film
 
-fn film() -> Vec<Row> {
+fn film(gpu: &Gpu) -> Vec<Row> {
     const PIXELS: usize = 64;
     const LAYERS: usize = 65_536;
-    let gpu = gpu();
     let mut random = Random(5);
     let mut sample = || [random.uniform() as f32, 10f64.powf(8.0 * random.uniform() - 4.0) as f32, 0.1, 1.0];
     let samples: Vec<[f32; 4]> = (0..PIXELS * LAYERS).map(|_| sample()).collect();
@@ -332,10 +328,10 @@ fn film() -> Vec<Row> {
 }
 
 /// No rounding error exceeds the bound of its row.
-#[test]
-fn roundings_are_bounded() {
-    println!("fma is fused: {}", fma_is_fused());
-    for row in rows() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn roundings_are_bounded(gpu: &Gpu) {
+    println!("fma is fused: {}", fma_is_fused(gpu));
+    for row in rows(gpu) {
         let (high, worst) = (row.quantile(0.999), row.quantile(1.0));
         let half = row.quantile(0.5);
         let Row { kernel, family, scale, bound, .. } = row;

@@ -1,7 +1,7 @@
 //! Pass `primary` against f64 rays through the pixels' centres, and glTF's rules for the surfaces that they hit.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
-use kernel_kit::POISON;
+use kernel_kit::{Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Tile, TileBuffers};
@@ -13,7 +13,6 @@ use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
 use crate::light::{Corners, sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, whole};
@@ -248,8 +247,8 @@ impl Oracle<'_> {
             if faced(shading).dot(-direction) < 2e-3 {
                 return Err(());
             }
-            // The sum of the projections onto the tangent planes that are above the point (Hanika 2021). Seen from inside,
-            // the ball is hollow, and they are below it.
+            // The sum of the projections onto the tangent planes that are above the point (Hanika 2021). Seen from
+            // inside, the ball is hollow, and they are below it.
             let projections = (0..3).map(|i| {
                 let (corner, normal) = (corners[i].position.as_dvec3(), faced(corners[i].normal.as_dvec3()));
                 let from_corner = position - corner;
@@ -351,14 +350,13 @@ impl Outcome {
     }
 }
 
-fn stage(camera: &Camera, size: [u32; 2]) -> Stage {
-    Stage::new(panels(), camera, size, Technique::TWO_PASS, |features| {
+fn stage(gpu: &Gpu, camera: &Camera, size: [u32; 2]) -> Stage {
+    Stage::new(gpu, panels(), camera, size, Technique::TWO_PASS, |features| {
         features.with(Feature::AovAlbedo, true).with(Feature::AovNormal, true).with(Feature::AovPosition, true)
     })
 }
 
-fn run(stage: &Stage, tile: &Tile) -> Outcome {
-    let gpu = gpu();
+fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
     // One more, which must stay poisoned.
@@ -390,8 +388,8 @@ fn run(stage: &Stage, tile: &Tile) -> Outcome {
     }
 }
 
-/// Error of textures' colours: a device may decode sRGB to within half of one part in 255. The effect of rounded texture
-/// coordinates is far less.
+/// Error of textures' colours: a device may decode sRGB to within half of one part in 255. The effect of rounded
+/// texture coordinates is far less.
 const TEXEL: f64 = 2e-3;
 
 /// Error of other colours: those of vertices have 16 bits, and the weights of corners a few roundings.
@@ -432,13 +430,13 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
         && (vector(position).w - visible.depth).abs() <= tolerance
 }
 
-#[test]
-fn pixels_show_what_rays_in_f64_meet() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     for camera in cameras() {
         for size in [[1, 1], [63, 1], [64, 1], [13, 5], [120, 90]] {
-            let stage = stage(&camera, size);
+            let stage = stage(gpu, &camera, size);
             let tile = Tile { centred: 1, ..whole(size, 1) };
-            let outcome = run(&stage, &tile);
+            let outcome = run(gpu, &stage, &tile);
             let count = tile.pixel_count as usize;
             let (mut doubtful, mut missed) = (0, 0);
             let mut differences = |fault: Fault| {
@@ -479,21 +477,21 @@ fn pixels_show_what_rays_in_f64_meet() {
 }
 
 /// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
-#[test]
-fn tiles_and_layers_are_the_whole() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
     const LAYERS: u32 = 4;
     let size = [41, 13];
     let camera = &cameras()[0];
-    let stage = stage(camera, size);
+    let stage = stage(gpu, camera, size);
     let all = Tile { first_sample: 2, ..whole(size, LAYERS) };
-    let outcome = run(&stage, &all);
+    let outcome = run(gpu, &stage, &all);
     let piece = |first_row: u32, rows: u32, layer: u32, layers: u32| {
         let pixel_count = rows * size[0];
         let point_count = pixel_count * layers;
         Tile { first_row, pixel_count, point_count, first_sample: all.first_sample + layer, ..all }
     };
     let differences = |tile: &Tile, layer_0: u32| -> usize {
-        let got = run(&stage, tile);
+        let got = run(gpu, &stage, tile);
         let index = |i: usize| {
             let (layer, pixel) = (i / tile.pixel_count as usize, i % tile.pixel_count as usize);
             (layer + layer_0 as usize) * all.pixel_count as usize + (tile.first_row * size[0]) as usize + pixel
@@ -538,8 +536,8 @@ fn tiles_and_layers_are_the_whole() {
 
 /// A normal map in its tangent frame, metallic and roughness from a texture, and a base colour from the second set of
 /// texture coordinates: one pixel, against glTF's formulas (3.9.2, 3.9.3, B.3).
-#[test]
-fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let info = |texture, uv_set| Some(TextureInfo { texture, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
     let material = Material {
         base_colour: Vec4::new(0.9, 0.8, 0.7, 1.0),
@@ -569,11 +567,10 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs() {
         vertex.tangent = tangent;
     }
     let view = camera(DVec3::new(0.0, 0.0, 1.0), DVec3::NEG_Z, 0.5);
-    let stage = Stage::new(scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
+    let stage = Stage::new(gpu, scene, &view, [1, 1], Technique::TWO_PASS, |features| features);
     for feature in [Feature::Glossy, Feature::Uv1, Feature::NormalMaps, Feature::Textures] {
         assert!(stage.features.has(feature), "{feature:?}");
     }
-    let gpu = gpu();
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();

@@ -1,14 +1,13 @@
 //! `shaders/lib/procedural.wgsl`: intersections of rays with procedural objects, against closed forms.
 
-use crate::kit::new_kernel;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use kernel_kit::Resources;
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::Scene;
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
+use crate::kit::new_kernel;
 use crate::meshes::{camera, scene, square, surface};
 use crate::procedurals::{Object, place, sphere};
 use crate::rooms::Random;
@@ -25,29 +24,29 @@ struct Ray {
 }
 
 /// Runs an entry point of `shaders/traverse.wgsl` on rays: its answers, and the counts of rays lost.
-fn run(stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
+fn run(gpu: &Gpu, stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
     let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
     let mut constants = stage.gpu_scene.constants();
     constants.extend([("ray_count", rays.len() as f64), ("primitive_count", 0.0)]);
-    let kernel = new_kernel(gpu(), &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
+    let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &["rays", "answers"]).unwrap();
     let texels: Vec<[f32; 4]> = rays
         .iter()
         .flat_map(|ray| [ray.origin.extend(0.0).to_array(), ray.direction.extend(ray.t_max).to_array()])
         .collect();
-    let rays_buffer = gpu().upload("test/rays", &texels).unwrap();
-    let answers = gpu().poisoned::<[u32; 4]>("test/answers", rays.len()).unwrap();
+    let rays_buffer = gpu.upload("test/rays", &texels).unwrap();
+    let answers = gpu.poisoned::<[u32; 4]>("test/answers", rays.len()).unwrap();
     let own = Resources::new().with("rays", &rays_buffer).with("answers", &answers);
-    let bound = kernel.bind(gpu(), entry, &[&own, &stage.gpu_scene]).unwrap();
-    let mut frame = gpu().frame("test");
+    let bound = kernel.bind(gpu, entry, &[&own, &stage.gpu_scene]).unwrap();
+    let mut frame = gpu.frame("test");
     frame.run(&bound, rays.len() as u32, &[0u32; 0]);
     frame.submit().unwrap();
-    let misses: Vec<u32> = gpu().read(&stage.gpu_scene.procedural_misses, 2).unwrap();
-    (gpu().read(&answers, rays.len()).unwrap(), [misses[0], misses[1]])
+    let misses: Vec<u32> = gpu.read(&stage.gpu_scene.procedural_misses, 2).unwrap();
+    (gpu.read(&answers, rays.len()).unwrap(), [misses[0], misses[1]])
 }
 
-fn stage(scene: Scene) -> Stage {
+fn stage(gpu: &Gpu, scene: Scene) -> Stage {
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    Stage::new(scene, &view, [1, 1], Technique::PATH, |features| features)
+    Stage::new(gpu, scene, &view, [1, 1], Technique::PATH, |features| features)
 }
 
 /// An ellipsoid, rotated and off the origin.
@@ -123,17 +122,17 @@ fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32;
 
 /// An ellipsoid given by its closed form and by its distance: first hits, normals and occlusion are those of the
 /// quadratic equation. The comparison finds an ellipsoid that is a thousandth larger.
-#[test]
-fn ellipsoids_are_met_where_they_are() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn ellipsoids_are_met_where_they_are(gpu: &Gpu) {
     let rays = rays(6000);
     for role in [Role::Intersection, Role::Distance] {
         let traced = |parameter| {
             let mut scene = Scene::default();
             place(&mut scene, &[Object { parameter, ..sphere(role, ellipsoid(), surface(0.5, 0.0)) }]);
-            let stage = stage(scene);
-            let (closest, misses) = run(&stage, "closest", &rays);
+            let stage = stage(gpu, scene);
+            let (closest, misses) = run(gpu, &stage, "closest", &rays);
             assert_eq!(misses, [0; 2]);
-            (closest, run(&stage, "occluded", &rays).0)
+            (closest, run(gpu, &stage, "occluded", &rays).0)
         };
         let (closest, occluded) = traced(1.0);
         let (found, checked) = wrong(&ellipsoid(), &rays, &closest, &occluded);
@@ -145,16 +144,16 @@ fn ellipsoids_are_met_where_they_are() {
 }
 
 /// The nearest of a triangle and several objects is hit, whichever it is; each object has its own function.
-#[test]
-fn the_nearest_of_all_is_met() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_nearest_of_all_is_met(gpu: &Gpu) {
     let at = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);
     let wall = square(DVec3::Z * 0.25, 0.5 * DVec3::X, 0.5 * DVec3::Y);
     let mut scene = scene(&[(wall, surface(0.5, 0.0))], Vec::new());
     let objects = [(Role::Distance, 0.5), (Role::Intersection, 0.0)];
     place(&mut scene, &objects.map(|(role, z)| sphere(role, at(z), surface(0.5, 0.0))));
-    let stage = stage(scene);
+    let stage = stage(gpu, scene);
     let down = |z: f32| Ray { origin: Vec3::new(0.001, 0.002, z), direction: Vec3::NEG_Z, t_max: 1e30 };
-    let (answers, misses) = run(&stage, "closest", &[down(1.0), down(0.35), down(0.2), down(0.0), down(-0.2)]);
+    let (answers, misses) = run(gpu, &stage, "closest", &[down(1.0), down(0.35), down(0.2), down(0.0), down(-0.2)]);
     let met: Vec<u32> = answers.iter().map(|answer| answer[3]).collect();
     assert_eq!((met[0], met[2], met[3], met[4]), (OBJECT, OBJECT | 1, OBJECT | 1, NO_HIT));
     assert!(met[1] < 2, "{met:?}: the wall is before the second sphere");
@@ -167,8 +166,8 @@ fn the_nearest_of_all_is_met() {
 
 /// Functions that loop without end, by every kind of loop, or whose results are not finite: rays pass through and are
 /// counted, and other objects are hit as usual.
-#[test]
-fn bad_functions_are_counted_and_passed_through() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn bad_functions_are_counted_and_passed_through(gpu: &Gpu) {
     let intersection = |body: &str| {
         format!("fn f(origin: vec3f, direction: vec3f, nearest: f32, parameters: vec4f) -> vec4f {{ {body} }}")
     };
@@ -209,8 +208,8 @@ fn bad_functions_are_counted_and_passed_through() {
             material: surface(0.5, 0.0),
         };
         place(&mut scene, &[bad, sphere(Role::Intersection, world(0.0), surface(0.5, 0.0))]);
-        let stage = stage(scene);
-        let (answers, misses) = run(&stage, "closest", &rays);
+        let stage = stage(gpu, scene);
+        let (answers, misses) = run(gpu, &stage, "closest", &rays);
         assert!(answers.iter().all(|answer| answer[3] == OBJECT | 1), "{source}: {:x?}", answers[0]);
         assert_eq!((misses[*kind], misses[1 - kind]), (100, 0), "{source}");
     }

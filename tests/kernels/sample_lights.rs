@@ -1,23 +1,21 @@
 //! Pass `sample_lights`: the sampled lights estimate the sum over all lights; and the potentials that lights are
 //! sampled by.
 
-use crate::kit::new_kernel;
-use kernel_kit::Resources;
-use penumbra::internal::kernels::{GridShape, INVALID_POINT, ZONE_LIGHTS, compose_source};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
-use penumbra::internal::kernels::NO_SAMPLED_LIGHT;
+use kernel_kit::{Gpu, Resources, kernel_test};
+use penumbra::internal::kernels::{GridShape, INVALID_POINT, NO_SAMPLED_LIGHT, ZONE_LIGHTS, compose_source};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::sample_lights::SampleLights;
 use penumbra::internal::passes::zones::{ZoneTable, Zones};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::settings::Technique;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::rooms::photon;
@@ -85,10 +83,10 @@ struct Setup {
 }
 
 impl Setup {
-    fn new(features: impl Fn(Features) -> Features) -> Setup {
+    fn new(gpu: &Gpu, features: impl Fn(Features) -> Features) -> Setup {
         let lamps = lamps();
         let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(&lamps), &view, [PIXELS, 1], Technique::SHADOW_PHOTONS, features);
+        let stage = Stage::new(gpu, room(&lamps), &view, [PIXELS, 1], Technique::SHADOW_PHOTONS, features);
         let mut random = Random(8);
         let points = (0..PIXELS).map(|i| {
             let position =
@@ -110,8 +108,8 @@ impl Setup {
         Setup { stage, lamps, points, tile }
     }
 
-    fn table(&self) -> (ZoneTable, Vec<u32>) {
-        let (gpu, features) = (gpu(), sorting_grid(&device_features(gpu())));
+    fn table(&self, gpu: &Gpu) -> (ZoneTable, Vec<u32>) {
+        let (gpu, features) = (gpu, sorting_grid(&device_features(gpu)));
         let (shape, photons) = zones();
         let buffer = gpu.upload("test/photons", &photons).unwrap();
         let sorting = Grid::sorting_only(gpu, &features).unwrap();
@@ -123,8 +121,7 @@ impl Setup {
     }
 
     /// Light and weight of each candidate.
-    fn sample(&self, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
-        let gpu = gpu();
+    fn sample(&self, gpu: &Gpu, zones: Option<&ZoneTable>, audited: bool) -> Vec<(u32, f32)> {
         let Stage { features, gpu_scene, .. } = &self.stage;
         let pass = SampleLights::new(gpu, features, &gpu_scene.constants(), LIGHTS_PER_POINT, audited).unwrap();
         let mut buffers = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
@@ -180,11 +177,11 @@ impl Setup {
 /// By zones: the mean over a point's samples is the sum over all lights, whatever each of them is hidden from; without
 /// audits, over those that the zone lists. No light is sampled twice, each has a probability of at most one, and all
 /// lights of a short list are sampled. A weight that is off by an eighth is detected.
-#[test]
-fn lights_sampled_by_zone_estimate_all() {
-    let setup = Setup::new(|features| features);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn lights_sampled_by_zone_estimate_all(gpu: &Gpu) {
+    let setup = Setup::new(gpu, |features| features);
     assert!(setup.stage.features.has(Feature::Zones));
-    let (table, lists) = setup.table();
+    let (table, lists) = setup.table(gpu);
     let (shape, _) = zones();
     let list = |pixel: u32| -> BTreeSet<usize> {
         let position = Vec3::from(setup.points[pixel as usize].position);
@@ -198,7 +195,7 @@ fn lights_sampled_by_zone_estimate_all() {
     let every = |_: usize| true;
     let odd = |light: usize| light % 3 == 1;
     for audited in [true, false] {
-        let sampled = setup.sample(Some(&table), audited);
+        let sampled = setup.sample(gpu, Some(&table), audited);
         let wrong: Vec<(u32, f32)> = sampled.iter().map(|(light, w)| (*light, w * 0.875)).collect();
         let (mut caught, mut zones) = (0, 0);
         for pixel in 0..PIXELS {
@@ -243,12 +240,13 @@ fn lights_sampled_by_zone_estimate_all() {
 }
 
 /// By power and alike: the same of all lights, and no light twice.
-#[test]
-fn lights_sampled_by_power_estimate_all() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn lights_sampled_by_power_estimate_all(gpu: &Gpu) {
     for uniform in [false, true] {
-        let setup =
-            Setup::new(|features| features.with(Feature::Zones, false).with(Feature::UniformLightSampling, uniform));
-        let sampled = setup.sample(None, false);
+        let setup = Setup::new(gpu, |features| {
+            features.with(Feature::Zones, false).with(Feature::UniformLightSampling, uniform)
+        });
+        let sampled = setup.sample(gpu, None, false);
         let wrong: Vec<(u32, f32)> = sampled.iter().map(|(light, w)| (*light, w * 0.75)).collect();
         let mut caught = 0;
         for pixel in (0..PIXELS).filter(|pixel| *pixel != 33) {
@@ -267,8 +265,8 @@ fn lights_sampled_by_power_estimate_all() {
 
 /// The potential of a light is positive wherever it is not dark, and of lights that are small and not at the horizon
 /// their irradiance in one unit for all of them.
-#[test]
-fn potentials_are_irradiances() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn potentials_are_irradiances(gpu: &Gpu) {
     let panel = |at: DVec3, half: f64| square(at, DVec3::X * half, DVec3::Z * half);
     let double_sided = |material: Material| Material { double_sided: true, ..material };
     let meshes = [
@@ -292,8 +290,7 @@ fn potentials_are_irradiances() {
         LightKind::Directional { direction: Vec3::new(0.6, -0.8, 0.0), irradiance: Vec3::ONE },
     ];
     let view = camera(DVec3::Z, DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(scene(&meshes, punctual), &view, [8, 8], Technique::TWO_PASS, |features| features);
-    let gpu = gpu();
+    let stage = Stage::new(gpu, scene(&meshes, punctual), &view, [8, 8], Technique::TWO_PASS, |features| features);
     let mut random = Random(2);
     let lights = stage.scene.lights.len();
     const QUERIES: usize = 4000;

@@ -1,17 +1,22 @@
-//! Sequences against what defines a net; warps against their densities.
+//! Sequences against the definition of a net; warps against their densities.
 
-use crate::kit::new_kernel;
 use glam::DVec3;
-use kernel_kit::Resources;
+use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::gpu_scene::sobol;
 use penumbra::internal::kernels::compose_source;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 use crate::statistics::chi_square;
 
-/// Runs one entry of the test kernel over `count` items with `per_item` results each.
-fn run(entry: &str, count: u32, constants: &[(&str, f64)], directions: &[[f32; 4]], per_item: usize) -> Vec<[f32; 4]> {
-    let gpu = gpu();
+/// Runs an entry of the test kernel: `per_item` results for each of `count` items.
+fn run(
+    gpu: &Gpu,
+    entry: &str,
+    count: u32,
+    constants: &[(&str, f64)],
+    directions: &[[f32; 4]],
+    per_item: usize,
+) -> Vec<[f32; 4]> {
     let source = include_str!("shaders/sampling.wgsl");
     let composed = compose_source("sampling", source, &device_features(gpu)).unwrap();
     let mut all = vec![("count", f64::from(count)), ("seed", 0.0), ("warp", 0.0), ("cos_max", 0.0)];
@@ -31,8 +36,7 @@ fn run(entry: &str, count: u32, constants: &[(&str, f64)], directions: &[[f32; 4
     gpu.read(&points, count as usize * per_item).unwrap()
 }
 
-/// How many elementary intervals of the first 2^m points, of all shapes 2^-a by 2^-(m-a), do not hold exactly one
-/// point.
+/// The number of elementary intervals, of all shapes 2^-a by 2^-(m-a), that do not hold exactly one of the 2^m points.
 fn misplaced(points: &[[f32; 4]], x: usize, y: usize) -> usize {
     let m = points.len().ilog2();
     let cell = |v: f32, bits: u32| (f64::from(v) * f64::from(1 << bits)) as usize;
@@ -47,13 +51,13 @@ fn misplaced(points: &[[f32; 4]], x: usize, y: usize) -> usize {
         .sum()
 }
 
-/// The first two dimensions of both sequences are (0, 2)-sequences whatever the seed: each elementary interval of
-/// each power of two holds one point. Independent random points would fill 63 % of the cells.
-#[test]
-fn elementary_intervals_hold_one_point_each() {
+/// The first two dimensions of both sequences are (0, 2)-sequences for every seed: each elementary interval of each
+/// power of two holds one point. Independent random points would fill 63 % of the intervals.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn elementary_intervals_hold_one_point_each(gpu: &Gpu) {
     for seed in [0u32, 1, 0x9e37_79b9, u32::MAX] {
         for entry in ["two", "four"] {
-            let points = run(entry, 1 << 10, &[("seed", f64::from(seed))], &[], 1);
+            let points = run(gpu, entry, 1 << 10, &[("seed", f64::from(seed))], &[], 1);
             assert_eq!(misplaced(&points, 0, 1), 0, "{entry}, seed {seed}");
             for point in &points {
                 assert!(point.iter().all(|v| (0.0..1.0).contains(v)), "{point:?}");
@@ -62,11 +66,11 @@ fn elementary_intervals_hold_one_point_each() {
     }
 }
 
-/// Each dimension alone is stratified; so is every pair in cells as coarse as Joe and Kuo's numbers allow.
-#[test]
-fn four_dimensions_are_stratified_each_and_in_pairs() {
+/// Each dimension is stratified, and so is each pair of dimensions in cells as fine as Joe and Kuo's numbers allow.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn four_dimensions_are_stratified_each_and_in_pairs(gpu: &Gpu) {
     for seed in [3u32, 77] {
-        let points = run("four", 1 << 10, &[("seed", f64::from(seed))], &[], 1);
+        let points = run(gpu, "four", 1 << 10, &[("seed", f64::from(seed))], &[], 1);
         for d in 0..4 {
             let mut seen = vec![0; points.len()];
             points.iter().for_each(|p| seen[(p[d] * 1024.0) as usize] += 1);
@@ -86,16 +90,15 @@ fn four_dimensions_are_stratified_each_and_in_pairs() {
     }
 }
 
-/// The two sequences' own dimensions are the ones that the direction numbers give: unscrambled they would be equal,
-/// and scrambled differently they are nets of different points.
-#[test]
-fn seeds_give_different_points() {
-    let a = run("two", 256, &[("seed", 5.0)], &[], 1);
-    let b = run("two", 256, &[("seed", 6.0)], &[], 1);
+/// Different seeds scramble a sequence to different, unrelated points.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn seeds_give_different_points(gpu: &Gpu) {
+    let a = run(gpu, "two", 256, &[("seed", 5.0)], &[], 1);
+    let b = run(gpu, "two", 256, &[("seed", 6.0)], &[], 1);
     assert!(a.iter().zip(&b).filter(|(a, b)| a == b).count() < 3);
-    // Paired points of two seeds fill their square like random ones: 16 x 16 cells.
-    let a = run("two", 1 << 14, &[("seed", 5.0)], &[], 1);
-    let b = run("two", 1 << 14, &[("seed", 6.0)], &[], 1);
+    // Points paired from two seeds fill the square like random ones: 16 x 16 cells.
+    let a = run(gpu, "two", 1 << 14, &[("seed", 5.0)], &[], 1);
+    let b = run(gpu, "two", 1 << 14, &[("seed", 6.0)], &[], 1);
     let mut counts = [0u64; 256];
     for (a, b) in a.iter().zip(&b) {
         counts[(a[0] * 16.0) as usize * 16 + (b[0] * 16.0) as usize] += 1;
@@ -103,32 +106,32 @@ fn seeds_give_different_points() {
     chi_square(&counts, &[64.0; 256], 1).unwrap();
 }
 
-/// A net with two points exchanged between intervals is no net.
-#[test]
-fn a_misplaced_point_is_found() {
-    let mut points = run("two", 1 << 10, &[], &[], 1);
+/// The count of misplaced points finds one that was moved to another interval.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_misplaced_point_is_found(gpu: &Gpu) {
+    let mut points = run(gpu, "two", 1 << 10, &[], &[], 1);
     points[17][0] = 1.0 - points[17][0];
     assert!(misplaced(&points, 0, 1) > 0);
 }
 
-/// Warped points, counted in cells whose expected counts come from the closed-form distribution.
-#[test]
-fn warps_follow_their_densities() {
+/// Warped points are distributed by their density: cells of equal probability hold equal counts.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn warps_follow_their_densities(gpu: &Gpu) {
     const N: u32 = 1 << 16;
-    // Of each warp: a cell coordinate in [0, 1)^2 in which the distribution is uniform, from the definition of its
-    // density, not from the warp's own formula.
+    // Each warp with coordinates in [0, 1)^2 in which its distribution is uniform. They follow from the density, not
+    // from the formula of the warp.
     type Uniform = fn([f64; 3]) -> [f64; 2];
     let warps: [(f64, f64, Uniform); 5] = [
         (0.0, 0.0, |p| [1.0 - p[2] * p[2], (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
         (1.0, 0.0, |p| [p[0].hypot(p[1]).powi(2), (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
         (2.0, 0.0, |p| [0.5 - 0.5 * p[2], (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
         (3.0, 0.75, |p| [(1.0 - p[2]) / 0.25, (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
-        // Of a triangle the strip of a given first coordinate is as long as what is left: 1 - (1 - x)^2.
+        // A triangle: the strip at a first coordinate x is 1 - x long, and 1 - (1 - x)^2 is uniform.
         (4.0, 0.0, |p| [1.0 - (1.0 - p[0]).powi(2), p[1] / (1.0 - p[0])]),
     ];
     for (warp, cos_max, uniform) in warps {
-        // Seed and index make independent points: one point of each of N sequences.
-        let points = run("warped", N, &[("warp", warp), ("cos_max", cos_max), ("seed", 11.0)], &[], 1);
+        // Seed and index together give independent points: one of each of N sequences.
+        let points = run(gpu, "warped", N, &[("warp", warp), ("cos_max", cos_max), ("seed", 11.0)], &[], 1);
         let cells = |fault: f64| {
             let mut counts = [0u64; 256];
             for p in &points {
@@ -159,8 +162,8 @@ fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     2.0 * a.dot(across).abs().atan2(rest)
 }
 
-/// Parts of a triangle whose corners are seen so, about alike in solid angle: the largest one is cut where its longest edge
-/// is halved to the eye.
+/// Divides a triangle, given by its corners relative to the viewer, into cells of about the same solid angle: it halves
+/// the longest edge, by angle, of the largest cell.
 fn cells(corners: [DVec3; 3], count: usize) -> Vec<(Cell, f64)> {
     let point = |at: DVec3| corners[0] * at.x + corners[1] * at.y + corners[2] * at.z;
     let angle = |cell: Cell| solid_angle(cell.map(point));
@@ -190,16 +193,16 @@ fn holds(cell: &Cell, at: DVec3) -> bool {
     sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
 }
 
-/// Points of a triangle as it is seen are even over the solid angle, which is right, for triangles of any size and shape, from
-/// any place; points even over its area are not.
-#[test]
-fn triangles_are_seen_evenly() {
+/// Points sampled by solid angle are even over the solid angle of a triangle of any size and shape, from any position,
+/// and that solid angle is right. Points even over the area fail the same test.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn triangles_are_seen_evenly(gpu: &Gpu) {
     const N: u32 = 1 << 14;
     const CELLS: usize = 64;
     let flat = |size: f64| [[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.3 * size, 0.0, size]];
     let moved = |triangle: [[f64; 3]; 3], by: [f64; 3]| triangle.map(|c| [c[0] + by[0], c[1] + by[1], c[2] + by[2]]);
-    // Name, corners, position, and the relative error of the solid angle that f32 leaves: coordinates of unit size are off
-    // by 2^-24, heights over the plane by as much, and the angle, while it grows with the height, by that over the height.
+    // Name, corners, position, and the relative error that f32 leaves in the solid angle: coordinates of unit size and
+    // heights over the plane are off by 2^-24, and the angle, where it grows with the height, by that over the height.
     let cases = [
         ("an octant", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 0.0], 1e-6),
         ("at its own size", flat(1.0), [0.4, 1.0, 0.3], 1e-6),
@@ -222,23 +225,23 @@ fn triangles_are_seen_evenly() {
         let input = [corners[0], corners[1], corners[2], position].map(as_f32);
         let vec = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
         let seen = [0, 1, 2].map(|i| vec(&input[i]) - vec(&input[3]));
-        let points = run("seen", N, &[("seed", 5.0)], &input, 2);
+        let points = run(gpu, "seen", N, &[("seed", 5.0)], &input, 2);
         let exact = solid_angle(seen);
         let got = f64::from(points[0][2]);
         assert!((got - exact).abs() <= tolerance * exact, "{name}: solid angle {got}, expected {exact}");
         let cells = cells(seen, CELLS);
         let total: f64 = cells.iter().map(|(_, angle)| angle).sum();
-        assert!((total - exact).abs() < 1e-9 * exact + 1e-15, "{name}: the parts are not the whole");
+        assert!((total - exact).abs() < 1e-9 * exact + 1e-15, "{name}: the cells do not add up");
         let expected: Vec<f64> = cells.iter().map(|(_, angle)| angle / total * f64::from(N)).collect();
         let counts = |which: usize| {
             let mut counts = vec![0u64; CELLS];
             for p in points.iter().skip(which).step_by(2) {
                 let (b, c) = (f64::from(p[0]), f64::from(p[1]));
                 let at = DVec3::new(1.0 - b - c, b, c);
-                // Roundings of the two that are given.
+                // The two coordinates that the kernel returns are rounded.
                 assert!(at.min_element() > -2e-7, "{name}: {at} is outside");
                 let at = at.max(DVec3::ZERO);
-                let cell = cells.iter().position(|(cell, _)| holds(cell, at)).expect("parts leave no gap");
+                let cell = cells.iter().position(|(cell, _)| holds(cell, at)).expect("cells leave no gap");
                 counts[cell] += 1;
             }
             counts
@@ -247,22 +250,22 @@ fn triangles_are_seen_evenly() {
         chi_square(&counts(0), &expected, family).unwrap_or_else(|e| panic!("{name}: {e}"));
         uneven += usize::from(chi_square(&counts(1), &expected, family).is_err());
     }
-    // All but those from afar.
+    // The area differs from the solid angle in all cases but those from afar.
     assert!(uneven >= 8, "points even over the area are found in {uneven} cases only");
-    // In its plane and at its corners there is nothing to be seen, but numbers all the same.
+    // In the plane and at corners the triangle is invisible, but the results are still finite.
     for position in [[0.4, 0.0, 0.3], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [-1.0, 0.0, 0.0]] {
         let [a, b, c] = flat(1.0);
         let input = [a, b, c, position].map(|v| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0]);
-        for p in run("seen", 256, &[], &input, 2) {
+        for p in run(gpu, "seen", 256, &[], &input, 2) {
             assert!(p.iter().all(|v| (-1e-6..7.0).contains(v)), "{position:?}: {p:?}");
         }
     }
 }
 
-/// Octahedral coordinates give directions back within the error that their comments state, axes and diagonals and
-/// signed zeros included, and bases are orthonormal and right-handed.
-#[test]
-fn directions_survive_coding() {
+/// Directions survive octahedral coding within the stated error, axes, diagonals and signed zeros included, and bases
+/// are orthonormal and right-handed.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn directions_survive_coding(gpu: &Gpu) {
     let mut directions: Vec<[f32; 4]> = Vec::new();
     for x in -12..=12i32 {
         for y in -12..=12i32 {
@@ -277,7 +280,7 @@ fn directions_survive_coding() {
     }
     directions.push([-0.0, -0.0, -1.0, 0.0]);
     directions.push([1e-20, -1e-20, -1.0, 0.0]);
-    let results = run("coded", directions.len() as u32, &[], &directions, 4);
+    let results = run(gpu, "coded", directions.len() as u32, &[], &directions, 4);
     let vec = |v: &[f32; 4]| glam::DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let angle = |a: glam::DVec3, b: glam::DVec3| a.cross(b).length().atan2(a.dot(b));
     for (n, r) in directions.iter().zip(results.chunks_exact(4)) {

@@ -1,19 +1,18 @@
 //! Pass `shade` against the estimator in f64, from the same class words, visibilities and light points; and the mean
 //! of many estimates against the true direct light.
 
-use kernel_kit::{Frame, POISON};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::{DVec3, Vec3, Vec4};
+use kernel_kit::{Frame, Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::{Class, INVALID_POINT, Queue};
 use penumbra::internal::passes::shade::{Shade, ShadeBuffers, ShadeParameters};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Material, Scene};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
 use crate::light::{Corners, form_factor, sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::stage::{Candidates, LightPoint, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
@@ -57,15 +56,14 @@ struct Outcome {
     not_finite: u32,
 }
 
-fn stage(scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
+fn stage(gpu: &Gpu, scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
     let features = |f: Features| f.with(Feature::AovShadow, true).with(Feature::FewSampled, few_sampled);
-    Stage::new(scene, &view, size, Technique::SHADOW_PHOTONS, features)
+    Stage::new(gpu, scene, &view, size, Technique::SHADOW_PHOTONS, features)
 }
 
 impl Setup {
-    fn run(&self, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
-        let gpu = gpu();
+    fn run(&self, gpu: &Gpu, classes: &[u32], visibility: &[u32], before: &[[f32; 4]]) -> Outcome {
         let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shade::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
@@ -275,8 +273,8 @@ fn any_word(random: &mut Random) -> u32 {
     class_word(class, illumination, shadow, visibility)
 }
 
-#[test]
-fn shading_follows_the_estimator() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shading_follows_the_estimator(gpu: &Gpu) {
     let mut random = Random(31);
     let mut found = Vec::new();
     let cases = [
@@ -304,7 +302,13 @@ fn shading_follows_the_estimator() {
             points.push(Point { position: p.as_vec3().to_array(), normal });
         }
         let setup = Setup {
-            candidates: Candidates { stage: stage(lights(), [width, 7], few_sampled), tile, points, chunk, samples },
+            candidates: Candidates {
+                stage: stage(gpu, lights(), [width, 7], few_sampled),
+                tile,
+                points,
+                chunk,
+                samples,
+            },
             surfaces,
             audit_probability,
         };
@@ -316,7 +320,7 @@ fn shading_follows_the_estimator() {
             .map(|_| (random.uniform() * 4_294_967_296.0) as u32)
             .collect();
         let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
-        let outcome = setup.run(&classes, &visibility, &before);
+        let outcome = setup.run(gpu, &classes, &visibility, &before);
         if let Some(sampled) = &outcome.sampled {
             let is_sampled = |i: &u32| {
                 let mut candidates = (*i as usize..classes.len()).step_by(count);
@@ -326,7 +330,7 @@ fn shading_follows_the_estimator() {
             assert_eq!(*sampled, expected);
             assert!(count < 64 || sampled.len() < count, "a queue of all points is none");
         }
-        let light_points = setup.candidates.light_points();
+        let light_points = setup.candidates.light_points(gpu);
         // Points, and candidates of the AOV, that differ.
         let differences = |fault: Fault| -> [usize; 2] {
             let mut sums: Vec<(DVec3, f64)> = vec![(DVec3::ZERO, 0.0); count];
@@ -371,8 +375,8 @@ fn shading_follows_the_estimator() {
 
 /// A point whose light is not finite by the closed form, by light points, by both, by their sum, or was not before, is
 /// counted once or, in the last case, by the pass before.
-#[test]
-fn what_is_not_finite_is_counted_once() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
     const POINTS: usize = 64;
     let normal = oct_encode(DVec3::Y);
     let x_of = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
@@ -381,7 +385,7 @@ fn what_is_not_finite_is_counted_once() {
         let albedo = |i: usize| if i % 4 == 2 { f32::INFINITY } else { 0.5 };
         let setup = Setup {
             candidates: Candidates {
-                stage: stage(lights(), [POINTS as u32, 1], few_sampled),
+                stage: stage(gpu, lights(), [POINTS as u32, 1], few_sampled),
                 tile: whole([POINTS as u32, 1], 1),
                 points: (0..POINTS).map(point).collect(),
                 chunk: [0, 3],
@@ -397,7 +401,7 @@ fn what_is_not_finite_is_counted_once() {
             _ => [0.0; 4],
         };
         let before: Vec<_> = (0..POINTS).map(before).collect();
-        let outcome = setup.run(&classes, &vec![0; setup.candidates.count()], &before);
+        let outcome = setup.run(gpu, &classes, &vec![0; setup.candidates.count()], &before);
         let is_finite = |v: &[f32; 4]| v[..3].iter().all(|x| x.is_finite());
         let expected = outcome.radiance.iter().zip(&before).filter(|(now, then)| is_finite(then) && !is_finite(now));
         let expected = expected.count() as u32;
@@ -408,8 +412,8 @@ fn what_is_not_finite_is_counted_once() {
 }
 
 /// Whatever the photons say, right or wrong, the mean is the true direct light (two-sided z-tests, Sidak's correction).
-#[test]
-fn shading_is_unbiased() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn shading_is_unbiased(gpu: &Gpu) {
     const SIDE: u32 = 128;
     const EDGE: f64 = 0.06;
     let position = DVec3::new(0.05, -0.5, 0.1);
@@ -430,7 +434,7 @@ fn shading_is_unbiased() {
     let normal = oct_encode(DVec3::Y);
     let setup = Setup {
         candidates: Candidates {
-            stage: stage(scene(&meshes, Vec::new()), [SIDE, SIDE], true),
+            stage: stage(gpu, scene(&meshes, Vec::new()), [SIDE, SIDE], true),
             tile,
             points: vec![Point { position: position.as_vec3().to_array(), normal }; count],
             chunk: [0, 1],
@@ -439,7 +443,7 @@ fn shading_is_unbiased() {
         surfaces: vec![[0.8, 0.8, 0.8, f32::from_bits(normal)]; count],
         audit_probability: 1.0 / 32.0,
     };
-    let light_points = setup.candidates.light_points();
+    let light_points = setup.candidates.light_points(gpu);
     let visible: Vec<Vec<bool>> = light_points
         .iter()
         .map(|sampled| sampled.iter().map(|p| p.visible(&setup.candidates.stage.scene).unwrap_or(true)).collect())
@@ -465,7 +469,7 @@ fn shading_is_unbiased() {
             _ => (0..setup.candidates.samples).map(|j| u32::from(visible[j as usize]) << j).sum(),
         };
         let visibility: Vec<u32> = classes.iter().zip(&visible).map(bits).collect();
-        let outcome = setup.run(&classes, &visibility, &vec![[0.0; 4]; count]);
+        let outcome = setup.run(gpu, &classes, &visibility, &vec![[0.0; 4]; count]);
         let (mean, error) = mean_and_error(outcome.radiance.iter().map(|v| f64::from(v[0])));
         z_test(mean, error, truth, 7).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(error < 0.15 * truth, "{name}: an error of {error} is no test of {truth}");

@@ -1,7 +1,7 @@
 //! Pass `shadow` against f64 lines to the same light points.
 
 use glam::{DVec3, Vec3};
-use kernel_kit::POISON;
+use kernel_kit::{Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::Class;
 use penumbra::internal::passes::grid::Photon;
 use penumbra::internal::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
@@ -10,7 +10,6 @@ use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
@@ -78,9 +77,9 @@ struct Outcome {
 const REPAIR_ROOM: usize = 2000;
 
 impl Setup {
-    fn new(chunk: [u32; 2], samples: u32) -> Setup {
+    fn new(gpu: &Gpu, chunk: [u32; 2], samples: u32) -> Setup {
         let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
+        let stage = Stage::new(gpu, room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
         // Two layers, and not the first samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);
@@ -93,8 +92,7 @@ impl Setup {
         sampled.pdf > 0.0 && sampled.direction.dot(normal) > 0.0
     }
 
-    fn run(&self, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
-        let gpu = gpu();
+    fn run(&self, gpu: &Gpu, classes: &[u32], boundary: &[u32], audits: &[u32]) -> Outcome {
         let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shadow::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
@@ -147,11 +145,11 @@ fn counts(added: &[(Counter, u32)]) -> Vec<u32> {
 
 /// Each candidate of the queue has the bits of its light points, no other candidate is touched, and the rays are
 /// counted one by one.
-#[test]
-fn visibility_bits_are_those_of_the_light_points() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
     for (chunk, samples) in [([0, 4], 33), ([1, 2], 1), ([0, 1], 32), ([0, 2], 70)] {
-        let setup = Setup::new(chunk, samples);
-        let light_points = setup.candidates.light_points();
+        let setup = Setup::new(gpu, chunk, samples);
+        let light_points = setup.candidates.light_points(gpu);
         let visible: Vec<Vec<Option<bool>>> = light_points
             .iter()
             .enumerate()
@@ -168,18 +166,18 @@ fn visibility_bits_are_those_of_the_light_points() {
         order.sort_by_key(|candidate| candidate.wrapping_mul(0x9e37_79b9) >> 8);
         for length in [0, 1, 63, 64, 65, candidates - 5] {
             let queue = &order[..length];
-            let outcome = setup.run(&vec![3; candidates], queue, &[]);
+            let outcome = setup.run(gpu, &vec![3; candidates], queue, &[]);
             let words = setup.candidates.words();
             let bit =
                 |candidate: u32, j: usize| outcome.visibility[candidate as usize * words + j / 32] >> (j % 32) & 1 == 1;
             // Bits that differ from those of the candidate that `of` names.
             let different = |of: &dyn Fn(u32) -> u32| -> usize {
-                let in_slot = |candidate: &u32| {
+                let differing = |candidate: &u32| {
                     let differs =
                         |j: &usize| visible[of(*candidate) as usize][*j].is_some_and(|v| v != bit(*candidate, *j));
                     (0..samples as usize).filter(differs).count()
                 };
-                queue.iter().map(in_slot).sum()
+                queue.iter().map(differing).sum()
             };
             assert_eq!(different(&|candidate| candidate), 0, "{length} candidates of {samples} light points");
             if length > 65 {
@@ -217,11 +215,11 @@ fn visibility_bits_are_those_of_the_light_points() {
 
 /// An audit traces one light point; where it contradicts the class it is counted and leaves a photon of the other
 /// kind at the point, as long as there is room.
-#[test]
-fn audits_find_wrong_classes_and_repair_the_map() {
-    let mut setup = Setup::new([0, 4], 33);
+#[kernel_test("PENUMBRA_DEVICE")]
+fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
+    let mut setup = Setup::new(gpu, [0, 4], 33);
     let candidates = setup.candidates.count();
-    let light_points = setup.candidates.light_points();
+    let light_points = setup.candidates.light_points(gpu);
     let mut random = Random(4);
     let classes: Vec<u32> = (0..candidates)
         .map(|_| match (random.uniform() * 4.0) as u32 {
@@ -238,7 +236,7 @@ fn audits_find_wrong_classes_and_repair_the_map() {
         setup.repair_capacity = capacity;
         // From behind, so that the first candidates are not queued.
         let queue: Vec<u32> = (0..candidates as u32).rev().take(length).collect();
-        let outcome = setup.run(&classes, &[], &queue);
+        let outcome = setup.run(gpu, &classes, &[], &queue);
         let mut expected_words = vec![POISON; candidates * setup.candidates.words()];
         let (mut rays, mut wrong, mut wrong_near) = (0, 0, 0);
         let mut repaired: Vec<([u32; 3], u32)> = Vec::new();

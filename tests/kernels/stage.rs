@@ -1,8 +1,7 @@
 //! A small scene on the device as a render would have it, and f64 lines against all of its triangles.
 
-use crate::kit::new_kernel;
 use glam::DVec3;
-use kernel_kit::Resources;
+use kernel_kit::{Gpu, Resources};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
 use penumbra::internal::kernels::compose_source;
@@ -12,7 +11,7 @@ use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::Features;
 use penumbra::settings::{Settings, Technique};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 
 /// A scene, its triangles in the order of the hierarchy, and its tables.
 pub struct Stage {
@@ -24,6 +23,7 @@ pub struct Stage {
 impl Stage {
     /// Uploads a scene for the passes of a technique; `changed` has the last word on the features.
     pub fn new(
+        gpu: &Gpu,
         mut scene: Scene,
         camera: &Camera,
         size: [u32; 2],
@@ -39,8 +39,8 @@ impl Stage {
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);
         let needed = changed(Specialisation::new(&scene, &settings).features);
-        let features = device_features(gpu()).iter().fold(needed, |features, feature| features.with(feature, true));
-        let gpu_scene = GpuScene::new(gpu(), &scene, bvh, camera, size, &features).unwrap();
+        let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
+        let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &features).unwrap();
         Stage { scene, features, gpu_scene }
     }
 }
@@ -162,8 +162,8 @@ impl Candidates {
     }
 
     /// The light points of each candidate, and last the one that an audit traces.
-    pub fn light_points(&self) -> Vec<Vec<LightPoint>> {
-        let points = gpu().upload("test/points", &self.points).unwrap();
+    pub fn light_points(&self, gpu: &Gpu) -> Vec<Vec<LightPoint>> {
+        let points = gpu.upload("test/points", &self.points).unwrap();
         let composed =
             compose_source("light_points", include_str!("shaders/light_points.wgsl"), &self.stage.features).unwrap();
         let candidates = self.count() as u32;
@@ -172,15 +172,15 @@ impl Candidates {
             ("candidates", f64::from(candidates)),
             ("samples", f64::from(self.samples)),
         ];
-        let kernel = new_kernel(gpu(), &composed, &constants, &["points", "sampled"]).unwrap();
+        let kernel = new_kernel(gpu, &composed, &constants, &["points", "sampled"]).unwrap();
         let count = (candidates * (self.samples + 1)) as usize;
-        let sampled = gpu().poisoned::<[[f32; 4]; 3]>("test/sampled", count).unwrap();
+        let sampled = gpu.poisoned::<[[f32; 4]; 3]>("test/sampled", count).unwrap();
         let own = Resources::new().with("points", &points).with("sampled", &sampled);
-        let bound = kernel.bind(gpu(), "sample_light_points", &[&own, &self.stage.gpu_scene]).unwrap();
-        let mut frame = gpu().frame("test");
+        let bound = kernel.bind(gpu, "sample_light_points", &[&own, &self.stage.gpu_scene]).unwrap();
+        let mut frame = gpu.frame("test");
         frame.run(&bound, candidates, &self.tile);
         frame.submit().unwrap();
-        let sampled: Vec<[[f32; 4]; 3]> = gpu().read(&sampled, count).unwrap();
+        let sampled: Vec<[[f32; 4]; 3]> = gpu.read(&sampled, count).unwrap();
         let light_point = |[a, b, c]: &[[f32; 4]; 3]| {
             let vector = |v: &[f32; 4]| glam::Vec4::from_array(*v).truncate().as_dvec3();
             LightPoint {

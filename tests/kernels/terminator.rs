@@ -4,10 +4,10 @@
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::{Aov, Image, Renderer, Settings, Technique};
 
-use crate::kit::gpu;
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::stage::crossings;
@@ -35,7 +35,7 @@ fn ball(area_light: bool) -> Scene {
     scene
 }
 
-fn render(area_light: bool, technique: Technique, spp: u32) -> Image {
+fn render(gpu: &Gpu, area_light: bool, technique: Technique, spp: u32) -> Image {
     let settings = Settings::default().with(|s| {
         s.technique = technique;
         s.image.width = 160;
@@ -46,7 +46,7 @@ fn render(area_light: bool, technique: Technique, spp: u32) -> Image {
         s.image.aovs = vec![Aov::Normal, Aov::Position];
     });
     let view = camera(EYE, DVec3::NEG_Z, 0.55);
-    let mut renderer = Renderer::new(gpu(), ball(area_light), &view, &settings).unwrap();
+    let mut renderer = Renderer::new(gpu, ball(area_light), &view, &settings).unwrap();
     while renderer.samples() < spp {
         renderer.render_batch().unwrap();
     }
@@ -109,11 +109,11 @@ fn differences(image: &Image, area_light: bool) -> [usize; 3] {
 
 /// By each technique that traces shadow rays, under a point light and under a square; and the comparison sees triangles
 /// that are cut off at their own horizons.
-#[test]
-fn a_coarse_sphere_darkens_as_the_smooth_one() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_coarse_sphere_darkens_as_the_smooth_one(gpu: &Gpu) {
     for area_light in [false, true] {
         for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
-            let [wrong, uncut, pixels] = differences(&render(area_light, technique, 1), area_light);
+            let [wrong, uncut, pixels] = differences(&render(gpu, area_light, technique, 1), area_light);
             println!("{technique}, area {area_light}: {wrong} differ, {uncut} from cut triangles, of {pixels}");
             assert!(pixels > 10_000, "{pixels} pixels");
             assert_eq!(wrong, 0, "{technique}, area {area_light}: pixels that differ, of {pixels}");
@@ -123,11 +123,11 @@ fn a_coarse_sphere_darkens_as_the_smooth_one() {
 }
 
 /// The reference's image has the same mean, within its noise: 64 samples of each of 12,000 pixels.
-#[test]
-fn the_path_tracer_agrees_in_the_mean() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn the_path_tracer_agrees_in_the_mean(gpu: &Gpu) {
     for area_light in [false, true] {
         let mean = |technique, spp| {
-            let image = render(area_light, technique, spp);
+            let image = render(gpu, area_light, technique, spp);
             let samples = image.channel("G").unwrap();
             samples.iter().map(|x| f64::from(*x)).sum::<f64>() / samples.len() as f64
         };

@@ -1,13 +1,12 @@
-//! Traversal: the rays of `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
+//! Traversal in `shaders/lib/bvh.wgsl` against a loop over all triangles in double precision.
 
-use crate::kit::new_kernel;
 use glam::{DVec2, DVec3, Vec3, vec3};
-use kernel_kit::{POISON, Resources, TableFormat};
+use kernel_kit::{Gpu, POISON, Resources, TableFormat, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::{device_features, gpu};
+use crate::kit::{device_features, new_kernel};
 
 const NO_HIT: u32 = u32::MAX;
 
@@ -42,14 +41,13 @@ struct Traced {
 }
 
 impl Traced {
-    fn new(triangles: &[Triangle]) -> Self {
+    fn new(gpu: &Gpu, triangles: &[Triangle]) -> Self {
         let bvh = Bvh::build(triangles).unwrap();
-        let features = device_features(gpu()).with(Feature::ShallowBvh, bvh.is_shallow());
+        let features = device_features(gpu).with(Feature::ShallowBvh, bvh.is_shallow());
         Traced { bvh, features }
     }
 
-    fn run(&self, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
-        let gpu = gpu();
+    fn run(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
         let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &self.features).unwrap();
         let constants = [("ray_count", rays.len() as f64), ("primitive_count", self.bvh.order.len() as f64)];
         let kernel = new_kernel(gpu, &composed, &constants, &["rays", "answers"]).unwrap();
@@ -81,8 +79,8 @@ impl Traced {
         words
     }
 
-    fn closest(&self, rays: &[Ray]) -> Vec<Answer> {
-        self.run("closest", rays).into_iter().map(answer).collect()
+    fn closest(&self, gpu: &Gpu, rays: &[Ray]) -> Vec<Answer> {
+        self.run(gpu, "closest", rays).into_iter().map(answer).collect()
     }
 
     fn corners(&self, primitive: u32) -> [DVec3; 3] {
@@ -98,9 +96,9 @@ fn answer([t, u, v, primitive]: [u32; 4]) -> Answer {
 /// Intersection of a ray with a triangle in double precision.
 struct Meeting {
     t: f64,
-    /// How far inside the triangle's edges the ray passes, across the ray; negative outside.
+    /// Distance of the ray from the nearest edge, measured across the ray; negative outside the triangle.
     inside: f64,
-    /// How far t may be off, given how far points may be.
+    /// Maximum error of t, given that of points.
     t_slack: f64,
     /// Maximum error of the kernel across the ray: each coordinate relative to the origin is rounded once and sheared
     /// with two roundings, and an edge's distance has as many again; eight half-units in the last place cover them.
@@ -205,51 +203,51 @@ fn closed_box(half: f32) -> Vec<Triangle> {
         .collect()
 }
 
-/// Random soups of 1 to 5,000 triangles: the nearest hit, or none, as a loop over all triangles finds it. Textures and
-/// storage buffers, a stack of registers where that is large enough and one in memory, and the kernel's own loop over
-/// all triangles give the same bits.
-#[test]
-fn closest_hits_are_those_of_all_triangles() {
+/// The closest hit is that of a loop over all triangles in f64, in random soups of 1 to 5,000 triangles. Textures and
+/// storage buffers, a stack in registers and one in memory, and the kernel's own loop over all triangles give the same
+/// bits.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
     let rays = random_rays(2000);
     let mut depths = Vec::new();
     for (count, size) in [(1, 1.0), (2, 1.0), (3, 1.0), (5, 0.8), (64, 0.5), (200, 0.3), (5000, 0.1)] {
-        let mut traced = Traced::new(&soup(count, size));
+        let mut traced = Traced::new(gpu, &soup(count, size));
         depths.push(traced.bvh.depth);
-        let answers = traced.closest(&rays);
+        let answers = traced.closest(gpu, &rays);
         let (wrong, unsure) = compare(&traced, &rays, &answers);
         assert!(wrong.is_empty(), "{count} triangles: {}", wrong.join("\n"));
         assert!(unsure < 20, "{count} triangles: {unsure} of 2000 answers are undecided");
         let hits = answers.iter().filter(|answer| answer.primitive != NO_HIT).count();
         assert!((20..1980).contains(&hits), "{count} triangles: {hits} hits prove nothing");
-        let exhaustive: Vec<_> = traced.run("exhaustive", &rays).into_iter().map(answer).collect();
+        let exhaustive: Vec<_> = traced.run(gpu, "exhaustive", &rays).into_iter().map(answer).collect();
         assert_eq!(answers, exhaustive, "{count} triangles");
         traced.features =
             traced.features.clone().with(Feature::TextureLoads, !traced.features.has(Feature::TextureLoads));
-        assert_eq!(answers, traced.closest(&rays), "{count} triangles, the other kind of table");
+        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, the other kind of table");
         traced.features = traced.features.clone().with(Feature::ShallowBvh, false);
-        assert_eq!(answers, traced.closest(&rays), "{count} triangles, a stack in memory");
+        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, a stack in memory");
     }
     let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();
     assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");
 }
 
-/// Four registers are too few for the stack of a deeper hierarchy: the comparison finds it.
-#[test]
-fn a_stack_that_overflows_is_found() {
+/// The comparison finds a stack that overflows: four registers are too few for a deep hierarchy.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_stack_that_overflows_is_found(gpu: &Gpu) {
     let rays = random_rays(2000);
-    let mut traced = Traced::new(&soup(5000, 0.1));
+    let mut traced = Traced::new(gpu, &soup(5000, 0.1));
     assert!(!traced.bvh.is_shallow());
     traced.features = traced.features.clone().with(Feature::ShallowBvh, true);
-    let answers = traced.closest(&rays);
+    let answers = traced.closest(gpu, &rays);
     assert!(!compare(&traced, &rays, &answers).0.is_empty());
 }
 
-/// A wrong triangle, a hit missed and a distance off by one in a thousand are found.
-#[test]
-fn planted_faults_are_found() {
+/// The comparison finds a wrong triangle, a missed hit, and a distance that is off by a thousandth.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn planted_faults_are_found(gpu: &Gpu) {
     let rays = random_rays(2000);
-    let traced = Traced::new(&soup(64, 0.5));
-    let answers = traced.closest(&rays);
+    let traced = Traced::new(gpu, &soup(64, 0.5));
+    let answers = traced.closest(gpu, &rays);
     let hit = answers.iter().position(|answer| answer.primitive != NO_HIT).unwrap();
     let faults: [fn(&mut Answer); 3] = [
         |a| a.primitive = (a.primitive + 1) % 64,
@@ -263,33 +261,33 @@ fn planted_faults_are_found() {
     }
 }
 
-/// A hierarchy one of whose boxes is a step too small somewhere loses hits: the comparison finds it.
-#[test]
-fn a_shrunk_box_is_found() {
+/// The comparison finds the hits that are lost when one box of the hierarchy is too small.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_shrunk_box_is_found(gpu: &Gpu) {
     let rays = random_rays(2000);
-    let mut traced = Traced::new(&soup(5000, 0.1));
+    let mut traced = Traced::new(gpu, &soup(5000, 0.1));
     // Word 6 holds the upper x planes of the root's children.
     traced.bvh.nodes[1][2] =
         traced.bvh.nodes[1][2].to_le_bytes().map(|q| q - q / 8).iter().rev().fold(0, |w, &q| w << 8 | u32::from(q));
-    let answers = traced.closest(&rays);
+    let answers = traced.closest(gpu, &rays);
     assert!(!compare(&traced, &rays, &answers).0.is_empty());
 }
 
-/// In a scene without triangles nothing is hit, and no traversal gives up.
-#[test]
-fn an_empty_scene_stops_no_ray() {
+/// In a scene without triangles no ray hits anything, and no traversal reports an overrun.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn an_empty_scene_blocks_no_ray(gpu: &Gpu) {
     let rays = random_rays(65);
-    let traced = Traced::new(&[]);
-    assert!(traced.closest(&rays).iter().all(|answer| answer.primitive == NO_HIT && answer.t == FAR));
-    assert!(traced.run("occluded", &rays).iter().all(|answer| *answer == [0; 4]));
-    assert!(traced.run("line", &rays).iter().all(|answer| *answer == [0; 4]));
+    let traced = Traced::new(gpu, &[]);
+    assert!(traced.closest(gpu, &rays).iter().all(|answer| answer.primitive == NO_HIT && answer.t == FAR));
+    assert!(traced.run(gpu, "occluded", &rays).iter().all(|answer| *answer == [0; 4]));
+    assert!(traced.run(gpu, "line", &rays).iter().all(|answer| *answer == [0; 4]));
 }
 
-/// A ray is occluded where it meets a triangle before its end, whatever its length, and only there; a line meets as
-/// many triangles as there are along it.
-#[test]
-fn occlusion_and_lines_are_those_of_all_triangles() {
-    let traced = Traced::new(&soup(1000, 0.3));
+/// A ray is occluded exactly if it hits a triangle before its end, for directions of any length, and a line counts all
+/// triangles along it.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn occlusion_and_lines_are_those_of_all_triangles(gpu: &Gpu) {
+    let traced = Traced::new(gpu, &soup(1000, 0.3));
     let mut rays = random_rays(4000);
     for (i, ray) in rays.iter_mut().enumerate() {
         // Unit directions with an end, and directions that reach to a point, with the end at 1.
@@ -299,8 +297,8 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
             *ray = Ray { direction: 0.3 * ray.direction, t_max: 1.0, ..*ray };
         }
     }
-    let occluded = traced.run("occluded", &rays);
-    let lines = traced.run("line", &rays);
+    let occluded = traced.run(gpu, "occluded", &rays);
+    let lines = traced.run(gpu, "line", &rays);
     let (mut checked, mut stopped) = (0, 0);
     for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
         let meetings: Vec<_> = (0..1000).map(|primitive| meeting(ray, traced.corners(primitive))).collect();
@@ -321,13 +319,13 @@ fn occlusion_and_lines_are_those_of_all_triangles() {
     assert!(checked > 3600 && (400..checked - 400).contains(&stopped), "{checked} rays checked, {stopped} stopped");
 }
 
-/// No ray leaves closed boxes nested in each other from inside the innermost one, aimed at corners, at points of
-/// edges and of faces' diagonals as exactly as floats allow (FIELD.md, case 21).
-#[test]
-fn closed_boxes_are_watertight() {
+/// No ray leaves nested closed boxes from inside the innermost one, even towards corners, points of edges and points of
+/// the faces' diagonals, as exactly as floats allow (FIELD.md, case 21).
+#[kernel_test("PENUMBRA_DEVICE")]
+fn closed_boxes_are_watertight(gpu: &Gpu) {
     let inner = closed_box(0.5);
     let triangles: Vec<_> = [0.5, 0.50001, 0.7, 1.0].into_iter().flat_map(closed_box).collect();
-    let traced = Traced::new(&triangles);
+    let traced = Traced::new(gpu, &triangles);
     let mut random = Random(5);
     let mut rays = Vec::new();
     for i in 0..20_000 {
@@ -338,21 +336,21 @@ fn closed_boxes_are_watertight() {
         rays.push(ray(origin, (target - origin).normalize()));
         rays.push(Ray { origin, direction: 4.0 * (target - origin), t_max: 1.0 });
     }
-    let answers = traced.closest(&rays);
+    let answers = traced.closest(gpu, &rays);
     let escaped =
         answers.iter().filter(|answer| answer.primitive == NO_HIT || traced.bvh.order[answer.primitive as usize] >= 12);
     assert_eq!(escaped.count(), 0);
-    assert!(traced.run("occluded", &rays).iter().all(|answer| answer[0] == 1));
+    assert!(traced.run(gpu, "occluded", &rays).iter().all(|answer| answer[0] == 1));
     let endless: Vec<_> = rays.iter().copied().step_by(2).collect();
-    let lines = traced.run("line", &endless);
-    // From inside, each of the four boxes is met once, or more where triangles touch.
+    let lines = traced.run(gpu, "line", &endless);
+    // From inside, a line crosses each of the four boxes once, or more often where triangles touch.
     assert!(lines.iter().all(|line| line[0] >= 4 && line[2] == 0));
 }
 
-/// Rays along the axes, their other components 0 and -0, meet a grid of triangles at its corners and edges, its rim
-/// included, and never where they run within its plane (FIELD.md, case 28).
-#[test]
-fn rays_along_axes_meet_grids_at_their_corners() {
+/// Rays along the axes (other components 0 and -0) hit a grid of triangles at its corners and edges, rim included, and
+/// never if they run within its plane (FIELD.md, case 28).
+#[kernel_test("PENUMBRA_DEVICE")]
+fn rays_along_axes_meet_grids_at_their_corners(gpu: &Gpu) {
     let cells = 16i32;
     let at = |i: i32| i as f32 / cells as f32 * 2.0 - 1.0;
     for axis in 0..3 {
@@ -369,32 +367,32 @@ fn rays_along_axes_meet_grids_at_their_corners() {
             triangles.push([corner(0, 0), corner(1, 0), corner(1, 1)]);
             triangles.push([corner(0, 0), corner(1, 1), corner(0, 1)]);
         }
-        let traced = Traced::new(&triangles);
+        let traced = Traced::new(gpu, &triangles);
         let (mut through, mut within) = (Vec::new(), Vec::new());
         for (i, j) in (0..=2 * cells).flat_map(|i| (0..=2 * cells).map(move |j| (i, j))) {
-            // Every other ray aims at the middle of an edge.
+            // Every other ray goes to the middle of an edge.
             let (u, v) = (i as f32 / cells as f32 - 1.0, j as f32 / cells as f32 - 1.0);
             for (zero, side) in [(0.0, 1.0), (-0.0, 1.0), (0.0, -1.0), (-0.0, -1.0)] {
                 through.push(ray(point(u, v, -side), point(zero, zero, side)));
                 within.push(ray(point(-2.0 * side, v, 0.25), point(side, zero, zero)));
             }
         }
-        for (ray, answer) in through.iter().zip(traced.closest(&through)) {
+        for (ray, answer) in through.iter().zip(traced.closest(gpu, &through)) {
             let expected = if ray.direction[axis] > 0.0 { 1.25 } else { 0.75 };
             assert!(answer.primitive != NO_HIT && answer.t == expected, "{ray:?}: {answer:?}");
         }
-        assert!(traced.closest(&within).iter().all(|answer| answer.primitive == NO_HIT));
+        assert!(traced.closest(gpu, &within).iter().all(|answer| answer.primitive == NO_HIT));
     }
 }
 
-/// Of triangles that coincide the one of the lowest primitive index is hit, whichever the traversal comes to first
+/// Of coincident triangles the one with the lowest primitive index is hit, whichever the traversal reaches first
 /// (FIELD.md, case 5).
-#[test]
-fn coplanar_duplicates_go_to_the_lowest_primitive_index() {
+#[kernel_test("PENUMBRA_DEVICE")]
+fn coplanar_duplicates_go_to_the_lowest_primitive_index(gpu: &Gpu) {
     let triangles: Vec<Triangle> = soup(40, 0.5).into_iter().flat_map(|triangle| [triangle; 9]).collect();
-    let traced = Traced::new(&triangles);
+    let traced = Traced::new(gpu, &triangles);
     let rays = random_rays(2000);
-    let answers = traced.closest(&rays);
+    let answers = traced.closest(gpu, &rays);
     let mut hits = 0;
     for answer in answers.iter().filter(|answer| answer.primitive != NO_HIT) {
         let twins = |primitive: u32| traced.corners(primitive) == traced.corners(answer.primitive);
@@ -404,10 +402,10 @@ fn coplanar_duplicates_go_to_the_lowest_primitive_index() {
     assert!(hits > 200, "{hits} hits prove nothing");
 }
 
-/// Slivers up to a million times as long as wide, side by side: a ray aimed between their ends meets one of them, with
-/// coordinates that are numbers (FIELD.md, case 3).
-#[test]
-fn slivers_leave_no_gaps() {
+/// Slivers up to a million times as long as wide, side by side, leave no gaps: a ray between their ends hits one of
+/// them, with finite coordinates (FIELD.md, case 3).
+#[kernel_test("PENUMBRA_DEVICE")]
+fn slivers_leave_no_gaps(gpu: &Gpu) {
     for width in [2f32.powi(-20), 2f32.powi(-10)] {
         let count = 512;
         let triangles: Vec<Triangle> = (0..count)
@@ -417,7 +415,7 @@ fn slivers_leave_no_gaps() {
                 [[a, b, c], [a, c, d]]
             })
             .collect();
-        let mut traced = Traced::new(&triangles);
+        let mut traced = Traced::new(gpu, &triangles);
         let mut random = Random(3);
         let rays: Vec<_> = (0..5000)
             .map(|_| {
@@ -428,9 +426,9 @@ fn slivers_leave_no_gaps() {
                 ray(origin, (target - origin).normalize())
             })
             .collect();
-        let found = traced.closest(&rays);
+        let found = traced.closest(gpu, &rays);
         traced.features = traced.features.clone().with(Feature::Needles, true);
-        let on_planes = traced.closest(&rays);
+        let on_planes = traced.closest(gpu, &rays);
         for ((ray, answer), on_plane) in rays.iter().zip(found).zip(on_planes) {
             let t = f64::from(ray.origin.z) / -f64::from(ray.direction.z);
             assert!(answer.primitive != NO_HIT, "{ray:?} passes between slivers of width {width}");
@@ -448,9 +446,9 @@ fn slivers_leave_no_gaps() {
     }
 }
 
-/// 100,000 triangles with one centroid build a hierarchy that rays pass through like any other (FIELD.md, case 25).
-#[test]
-fn identical_centroids_are_traced() {
+/// Traversal gives right hits in a hierarchy of 100,000 triangles that share one centroid (FIELD.md, case 25).
+#[kernel_test("PENUMBRA_DEVICE")]
+fn identical_centroids_are_traced(gpu: &Gpu) {
     let mut random = Random(11);
     let triangles: Vec<Triangle> = (0..100_000)
         .map(|_| {
@@ -458,33 +456,33 @@ fn identical_centroids_are_traced() {
             [a, b, -a - b].map(|corner| 0.3 * corner)
         })
         .collect();
-    let traced = Traced::new(&triangles);
+    let traced = Traced::new(gpu, &triangles);
     let rays = random_rays(60);
-    let answers = traced.closest(&rays);
+    let answers = traced.closest(gpu, &rays);
     let (wrong, _) = compare(&traced, &rays, &answers);
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(answers.iter().any(|answer| answer.primitive != NO_HIT));
 }
 
-/// A ray through more triangles than the device's loops have iterations gets a right answer, or reports an overrun.
-#[test]
-fn a_traversal_that_gives_up_says_so() {
+/// A traversal that needs more iterations than the device allows reports an overrun, unless its answer is right.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_traversal_that_gives_up_says_so(gpu: &Gpu) {
     let count = 100_000u32;
     let sheet = [vec3(-1.0, -1.0, 0.0), vec3(1.0, -1.0, 0.0), vec3(0.0, 1.0, 0.0)];
-    let traced = Traced::new(&vec![sheet; count as usize]);
+    let traced = Traced::new(gpu, &vec![sheet; count as usize]);
     let rays = [ray(vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0)), ray(vec3(5.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0))];
-    let lines = traced.run("line", &rays);
+    let lines = traced.run(gpu, "line", &rays);
     assert!(lines[0][0] == count || lines[0][2] == 1, "{lines:?}");
     assert_eq!(lines[1], [0; 4]);
 }
 
-/// An offset origin lies on the normal's side, at least as far as the error of a hit point, and close.
-#[test]
-fn offset_origins_clear_their_surface() {
+/// An offset origin clears its surface: on the normal's side, by at least the error of a hit point, and by little more.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn offset_origins_clear_their_surface(gpu: &Gpu) {
     let mut random = Random(23);
     let rays: Vec<_> =
         (0..4000).map(|i| ray(random.point() * [1.0, 1e-3, 1e-8, 0.0][i % 4], random.direction())).collect();
-    for (ray, words) in rays.iter().zip(traced_offsets(&rays)) {
+    for (ray, words) in rays.iter().zip(traced_offsets(gpu, &rays)) {
         let moved = words.as_dvec3() - ray.origin.as_dvec3();
         let along = moved.dot(ray.direction.as_dvec3());
         // A hit point computed from barycentric coordinates at unit scale is off by up to about 2^-22.
@@ -494,7 +492,7 @@ fn offset_origins_clear_their_surface() {
     }
 }
 
-fn traced_offsets(rays: &[Ray]) -> Vec<Vec3> {
-    let words = Traced::new(&[]).run("offset", rays);
+fn traced_offsets(gpu: &Gpu, rays: &[Ray]) -> Vec<Vec3> {
+    let words = Traced::new(gpu, &[]).run(gpu, "offset", rays);
     words.into_iter().map(|w| Vec3::new(f32::from_bits(w[0]), f32::from_bits(w[1]), f32::from_bits(w[2]))).collect()
 }

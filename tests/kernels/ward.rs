@@ -1,6 +1,7 @@
 //! Pass `ward` against Ward's procedure in f64, from the same visibilities.
 
 use glam::{DVec3, Vec3};
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::kernels::{Class, Classified, INVALID_POINT, Queue};
 use penumbra::internal::passes::classify::ClassifyBuffers;
 use penumbra::internal::passes::ward::{Ward, WardBuffers, WardParameters};
@@ -9,7 +10,6 @@ use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::settings::Technique;
 
-use crate::kit::gpu;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Stage, hash1, oct_encode, whole};
@@ -102,12 +102,11 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
 
 /// Two tiles, one after the other: at every point the lights that Ward's procedure tests are, no others, and the rest
 /// is guessed as it guesses; the second tile goes by what the first has learnt. Another tolerance is told apart.
-#[test]
-fn lights_are_tested_as_ward_does() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn lights_are_tested_as_ward_does(gpu: &Gpu) {
     let lamps = lamps();
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    let stage = Stage::new(room(&lamps), &view, [65, 3], Technique::WARD_ADAPTIVE, |features| features);
+    let stage = Stage::new(gpu, room(&lamps), &view, [65, 3], Technique::WARD_ADAPTIVE, |features| features);
     assert!(stage.features.has(Feature::Ward));
     let tile: Tile = whole([65, 3], 1);
     let count = tile.point_count;

@@ -1,12 +1,13 @@
 //! Pass `zones` against a count on the CPU.
 
 use glam::Vec3;
+use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::kernels::{GridShape, MAX_LIGHTS, ZONE_LIGHTS};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::zones::Zones;
 use penumbra::internal::specialisation::kernels::sorting_grid;
 
-use crate::kit::{device_features, gpu};
+use crate::kit::device_features;
 use crate::rooms::{Random, photon};
 
 /// Defects that the comparison must find.
@@ -84,9 +85,8 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
 /// Each zone lists the lights whose photons are there and around, the strongest where there are too many, with the
 /// share that arrived: no photon and one, lights around the length of a list and as many as there can be, and more
 /// zones than 65,535.
-#[test]
-fn zones_list_the_lights_that_reach_them() {
-    let gpu = gpu();
+#[kernel_test("PENUMBRA_DEVICE")]
+fn zones_list_the_lights_that_reach_them(gpu: &Gpu) {
     let mut random = Random(5);
     let features = sorting_grid(&device_features(gpu));
     let (sorting, zones) = (Grid::sorting_only(gpu, &features).unwrap(), Zones::new(gpu, &features).unwrap());

@@ -75,7 +75,11 @@ fn strides_interleave() {
     let interleaved = bytes_of(&[[0., 0., 0., 0.25, 0.5], [4., 0., 0., 1., 0.], [0., 2., 0., 0., 1.]]);
     let view = file.view(&interleaved);
     file.json["bufferViews"][view]["byteStride"] = json!(20);
-    let accessor = |kind: &str, offset: u32| json!({ "bufferView": view, "byteOffset": offset, "componentType": F32, "type": kind, "count": 3 });
+    let accessor = |kind: &str, offset: u32| {
+        json!({
+            "bufferView": view, "byteOffset": offset, "componentType": F32, "type": kind, "count": 3,
+        })
+    };
     let position = file.add("accessors", accessor("VEC3", 0));
     let uv = file.add("accessors", accessor("VEC2", 12));
     file.json["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": position, "TEXCOORD_0": uv });

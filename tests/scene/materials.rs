@@ -49,7 +49,9 @@ fn defaults_of_the_specification() {
 fn factors_and_extensions() {
     let m = material(json!({
         "name": "gold", "doubleSided": true, "alphaMode": "MASK", "alphaCutoff": 0.25, "emissiveFactor": [1, 0.5, 0],
-        "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.25, 0.125, 0.75], "metallicFactor": 0.5, "roughnessFactor": 0.25 },
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.5, 0.25, 0.125, 0.75], "metallicFactor": 0.5, "roughnessFactor": 0.25,
+        },
         "extensions": {
             "KHR_materials_emissive_strength": { "emissiveStrength": 8 },
             "KHR_materials_ior": { "ior": 1.25 },
@@ -135,8 +137,12 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     let scene = with_material(
         json!({
             "pbrMetallicRoughness": { "baseColorTexture": info(0, 0), "metallicRoughnessTexture": info(1, 1) },
-            "normalTexture": { "index": 2, "scale": 0.5 }, "occlusionTexture": info(1, 1), "emissiveTexture": info(3, 0),
-            "extensions": { "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) } },
+            "normalTexture": { "index": 2, "scale": 0.5 },
+            "occlusionTexture": info(1, 1),
+            "emissiveTexture": info(3, 0),
+            "extensions": {
+                "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) },
+            },
         }),
         5,
     )

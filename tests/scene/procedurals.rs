@@ -226,7 +226,8 @@ fn files_beside_the_scene_are_read() {
     let source = path.with_extension("wgsl");
     std::fs::write(&source, SPHERE).unwrap();
     let name = source.file_name().unwrap().to_str().unwrap();
-    let node = |x: i32| json!({ "translation": [x, 0, 0], "extensions": { "PENUMBRA_procedural": sphere(json!({ "source": name })) } });
+    let object = || json!({ "PENUMBRA_procedural": sphere(json!({ "source": name })) });
+    let node = |x: i32| json!({ "translation": [x, 0, 0], "extensions": object() });
     let file = json!({ "asset": { "version": "2.0" }, "nodes": [node(0), node(3)] });
     std::fs::write(&path, file.to_string()).unwrap();
     let scene = Scene::load(&path, &ImportOptions::default()).unwrap();

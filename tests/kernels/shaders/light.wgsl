@@ -88,8 +88,8 @@ fn emitted(
     results[3u * i + 2u] = vec4f(ray.normal, 0.0);
 }
 
-// The density by solid angle with which a point of a triangle is chosen for a place, whose normal has the slot as x;
-// and the triangle's light.
+// The density by solid angle with which a light point on a triangle is sampled from a position, and the triangle's
+// light. The x of the place's normal is the triangle's index.
 @if(mesh_lights)
 @compute @workgroup_size(64)
 fn densities(
