@@ -7,13 +7,13 @@
 //! It prints milliseconds, medians of [`RUNS`] runs: for each step the wall time of the whole, and below it the device
 //! time of each kernel, where the device has timestamps. For each grid it also prints the shares of points by class.
 
-use kernel_kit::{Gpu, Resources};
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::time::Instant;
 
+use kernel_kit::{Gpu, Resources};
 use penumbra::internal::passes::classify::{Chunk, Class, Classified, Classify, ClassifyBuffers};
 use penumbra::internal::passes::grid::{Grid, GridShape};
 use penumbra::internal::passes::{INVALID_POINT, Tile, TileBuffers};
+use penumbra::internal::specialisation::features::{Feature, Features};
 
 #[allow(dead_code)]
 #[path = "../tests/kernels/rooms.rs"]

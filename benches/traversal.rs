@@ -6,16 +6,16 @@
 //! It prints for each scene the time to build the hierarchy and its levels, and for each kernel the median (and the
 //! best) of nine runs in millions of rays a second, camera / shadow / diffuse. Times are those of the device.
 
-use kernel_kit::{BoundKernel, Declared, Gpu, Resources, TableFormat};
-use penumbra::internal::kernels::compose_source;
-use penumbra::internal::passes::new_kernel;
-use penumbra::internal::specialisation::features::{Feature, Features};
 use std::f32::consts::{PI, TAU};
 use std::time::Instant;
 
 use glam::{Mat3, Vec3, vec3};
+use kernel_kit::{BoundKernel, Declared, Gpu, Resources, TableFormat};
 use penumbra::Result;
 use penumbra::internal::bvh::Bvh;
+use penumbra::internal::kernels::compose_source;
+use penumbra::internal::passes::new_kernel;
+use penumbra::internal::specialisation::features::{Feature, Features};
 
 /// Runs for each time.
 const RUNS: usize = 9;

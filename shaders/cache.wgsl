@@ -9,7 +9,7 @@ import package::lib::dispatch::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 import package::lib::point::SURFACE_VECTORS;
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
-@if(chains) import package::lib::point::CHAIN_VECTOR;
+@if(specular_chains) import package::lib::point::SPECULAR_CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
 import package::lib::visible_point::{points, packed_surface_at, surfaces};
 import package::lib::tile::{Tile, tile_pixel};
@@ -52,7 +52,9 @@ fn interpolate_at(i: u32) -> Interpolated {
 // Whether the camera sees the point by a specular chain. The blocks list only the records of points that it sees
 // directly.
 fn is_behind_chain(i: u32) -> bool {
-    @if(chains) { return bitcast<u32>(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].w) != INVALID_POINT; }
+    @if(specular_chains) {
+        return bitcast<u32>(surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].w) != INVALID_POINT;
+    }
     @else { return false; }
 }
 

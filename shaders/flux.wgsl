@@ -161,7 +161,9 @@ fn flux(
             // Direct light counts as unshadowed, at the first hit and at all hits behind it; shadow photons take off
             // the excess.
             stores &= bounce > 0u;
-            if bounce == 0u { rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed); }
+            if bounce == 0u {
+                rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed);
+            }
         }
         if found.unlit { break; }
         var goes_on = bounce < flux_pass.max_bounces;

@@ -15,7 +15,7 @@ import package::lib::grid::{
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, invalid_sample};
 @if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
-@if(chains && (photon_map || caustics)) import package::lib::point::CHAIN_VECTOR;
+@if(specular_chains && (photon_map || caustics)) import package::lib::point::SPECULAR_CHAIN_VECTOR;
 @if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
@@ -87,7 +87,7 @@ fn show(
     if points[i].normal != INVALID_POINT {
         let query = photon_query(i);
         radiance = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(query.position, query.normal).xyz / PI;
-        @if(chains) { radiance *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
+        @if(specular_chains) { radiance *= surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].xyz; }
         radiance = checked(radiance, i);
     }
     radiance_indirect[i] = vec4f(radiance, 1.0);
@@ -105,7 +105,7 @@ fn caustics(
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
     var albedo = surfaces[i * SURFACE_VECTORS].xyz;
-    @if(chains) { albedo *= surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR].xyz; }
+    @if(specular_chains) { albedo *= surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].xyz; }
     if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
     let query = photon_query(i);
     let disc = flux_about(query.position, query.normal);
@@ -120,7 +120,8 @@ struct PhotonQuery {
     normal: vec3f,
 }
 
-// Where photons that reached point i are stored: on the triangle, not on the smooth surface that the triangle approximates.
+// Where photons that reached point i are stored: on the triangle, not on the smooth surface that the triangle
+// approximates.
 @if(photon_map || caustics)
 fn photon_query(i: u32) -> PhotonQuery {
     @if(smooth_normals) {

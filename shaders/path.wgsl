@@ -13,7 +13,7 @@ import package::lib::math::{is_finite3, invalid_sample};
 import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{points, visible_surface};
-@if(chains) import package::lib::visible_point::visible_chain;
+@if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
 import package::lib::constants::{COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_PATH, COUNTER_OVERRUN};
@@ -100,7 +100,7 @@ fn radiance_along(i: u32) -> PathRadiance {
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     var found = trace_path(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
-    @if(chains) {
+    @if(specular_chains) {
         let throughput = visible_chain(i).throughput;
         found.direct *= throughput;
         found.indirect *= throughput;

@@ -9,8 +9,8 @@ import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
 import package::lib::ray::{NO_HIT, Ray, offset_origin};
 import package::lib::bvh::{
-    MAX_ITERATIONS, Traversal, begin_traversal, intersect_primitive, next_triangle, stops, traversal_overrun, traversal_iterations,
-    triangle_corners, triangle_word
+    MAX_ITERATIONS, Traversal, begin_traversal, intersect_primitive, next_triangle, stops, traversal_iterations,
+    traversal_overrun, triangle_corners, triangle_word
 };
 import package::lib::photon::{Photon, photon_word};
 @if(procedurals) import package::lib::procedural::{
@@ -197,7 +197,7 @@ fn photons(
     var kept: Kept;
     var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
     var direction = vec3f(0.0, 0.0, 1.0);
-    var walk: Traversal;
+    var traversal: Traversal;
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
@@ -210,11 +210,11 @@ fn photons(
         direction = emitted.direction;
         kept.seed = hash2(seed, index);
         let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, FAR);
-        walk = begin_traversal(ray);
-        while !walk.done {
-            let primitive = next_triangle(&walk, FAR);
+        traversal = begin_traversal(ray);
+        while !traversal.done {
+            let primitive = next_triangle(&traversal, FAR);
             if primitive == NO_HIT { continue; }
-            let hit = intersect_primitive(&walk, primitive);
+            let hit = intersect_primitive(&traversal, primitive);
             if !stops(hit, 0.0, FAR, kept.seed) { continue; }
             meet(&kept, &nearest, hit.t, primitive, arrival(primitive, direction));
         }
@@ -235,8 +235,8 @@ fn photons(
     }
     workgroupBarrier();
     if stored == 0u { return; }
-    let next = store_nearest(group_base + rank, &walk, nearest, direction, light);
-    if kept.count > 0u { store_kept(next, &walk, &kept, direction, light); }
+    let next = store_nearest(group_base + rank, &traversal, nearest, direction, light);
+    if kept.count > 0u { store_kept(next, &traversal, &kept, direction, light); }
 }
 
 // Index of a light's illumination photons in the counts; its shadow photons follow.
@@ -245,7 +245,7 @@ fn count_index(light: u32) -> u32 {
 }
 
 // Stores the illumination photon at index `at`, if there is one; the next index.
-fn store_nearest(at: u32, walk: ptr<function, Traversal>, nearest: Nearest, direction: vec3f, light: u32) -> u32 {
+fn store_nearest(at: u32, traversal: ptr<function, Traversal>, nearest: Nearest, direction: vec3f, light: u32) -> u32 {
     if !nearest.arrival.stores { return at; }
     var photon: Stored;
     photon.primitive = nearest.primitive;
@@ -256,13 +256,13 @@ fn store_nearest(at: u32, walk: ptr<function, Traversal>, nearest: Nearest, dire
         photon.t = nearest.t;
         photon.object_normal = oct_encode7(nearest.arrival.normal);
     }
-    store(at, walk, photon, direction);
+    store(at, traversal, photon, direction);
     atomicAdd(&traced_counts[count_index(light)], 1u);
     return at + 1u;
 }
 
 // Stores the shadow photons from index `at` on.
-fn store_kept(at: u32, walk: ptr<function, Traversal>, kept: ptr<function, Kept>, direction: vec3f, light: u32) {
+fn store_kept(at: u32, traversal: ptr<function, Traversal>, kept: ptr<function, Kept>, direction: vec3f, light: u32) {
     var photon: Stored;
     photon.light = light;
     photon.weight = f32((*kept).hits) / f32((*kept).count);
@@ -273,22 +273,22 @@ fn store_kept(at: u32, walk: ptr<function, Traversal>, kept: ptr<function, Kept>
             photon.t = (*kept).distances[k];
             photon.object_normal = (*kept).normals[k];
         }
-        store(at + k, walk, photon, direction);
+        store(at + k, traversal, photon, direction);
     }
     atomicAdd(&traced_counts[count_index(light) + 1u], (*kept).count);
 }
 
-fn store(at: u32, walk: ptr<function, Traversal>, photon: Stored, direction: vec3f) {
+fn store(at: u32, traversal: ptr<function, Traversal>, photon: Stored, direction: vec3f) {
     @if(procedurals) {
         if (photon.primitive & PROCEDURAL) != 0u {
-            let position = (*walk).sheared.origin + photon.t * direction;
+            let position = (*traversal).sheared.origin + photon.t * direction;
             let word = photon_word(photon.object_normal, photon.light, photon.weight, photon.shadow);
             traced_photons[at] = Photon(position, word);
             return;
         }
     }
     // The point of the triangle itself: the far end of a long ray would be off its plane.
-    let hit = intersect_primitive(walk, photon.primitive);
+    let hit = intersect_primitive(traversal, photon.primitive);
     let corners = triangle_corners(photon.primitive);
     let position = corners[0] + hit.u * (corners[1] - corners[0]) + hit.v * (corners[2] - corners[0]);
     let normal = oct_encode7(arrival(photon.primitive, direction).normal);

@@ -17,13 +17,13 @@ import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::bsdf::surface::{PACKED_VECTORS, pack_surface};
 import package::lib::point::{Point, SURFACE_VECTORS};
-@if(chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
-@if(chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
-@if(chains) import package::lib::light::BEYOND_SCENE;
-@if(chains) import package::lib::point::CHAIN_VECTOR;
+@if(specular_chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
+@if(specular_chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
+@if(specular_chains) import package::lib::light::BEYOND_SCENE;
+@if(specular_chains) import package::lib::point::SPECULAR_CHAIN_VECTOR;
 @if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
-@if(chains) import package::lib::ray::{Ray, offset_origin};
-@if(chains) import package::lib::rng::{hash3, uniform_from_bits};
+@if(specular_chains) import package::lib::ray::{Ray, offset_origin};
+@if(specular_chains) import package::lib::rng::{hash3, uniform_from_bits};
 import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
@@ -59,18 +59,18 @@ fn primary(
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
     if hit.triangle != NO_HIT {
-        @if(!chains) let found = surface_at(hit, camera.ray);
-        @if(chains) var found = surface_at(hit, camera.ray);
+        @if(!specular_chains) let found = surface_at(hit, camera.ray);
+        @if(specular_chains) var found = surface_at(hit, camera.ray);
         direct = vec4f(found.emission, 1.0);
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
         @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
-        @if(chains) let chain = chain_from(&found, &direct, seed, sample_index);
-        @if(chains) let ends = found.unlit || is_clear(found.surface);
-        @if(!chains) let ends = found.unlit;
+        @if(specular_chains) let chain = chain_from(&found, &direct, seed, sample_index);
+        @if(specular_chains) let ends = found.unlit || is_clear(found.surface);
+        @if(!specular_chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
         store_surface(i, found);
-        @if(chains) { surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR] = chain; }
+        @if(specular_chains) { surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR] = chain; }
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
     // The hit of a traversal that gave up is wrong.
@@ -99,12 +99,12 @@ fn store_surface(i: u32, found: SurfaceHit) {
 
 // Maximum number of links of a specular chain: of the light that enters glass, a few thousandths have not left it by
 // then.
-@if(chains) const MAX_LINKS = 32u;
+@if(specular_chains) const MAX_LINKS = 32u;
 
 // Follows the camera's ray through clear glass and over mirrors to a surface that is neither, and leaves that in
 // `found`; where there is no such surface, the chain's last one. Adds the emission along the chain to `direct`. Gives
 // the chain's throughput and the direction back along it, as PackedSurface has them.
-@if(chains)
+@if(specular_chains)
 fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, seed: u32, sample_index: u32) -> vec4f {
     var throughput = vec3f(1.0);
     var way_back = INVALID_POINT;

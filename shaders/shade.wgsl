@@ -26,7 +26,7 @@ import package::lib::constants::{
 };
 import package::lib::point::SURFACE_VECTORS;
 import package::lib::visible_point::{points, surfaces, visible_surface};
-@if(chains) import package::lib::visible_point::visible_chain;
+@if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
 @if(audit) import package::lib::class_word::{audit_chance, is_audited};
@@ -119,9 +119,9 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     var visibility = class_visibility(word);
     if is_decided(class_) { visibility = f32(class_ == CLASS_LIT); }
     let traced = traces_shadow_rays(word);
-    // Most boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing is left
-    // to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise of the
-    // light behind it.
+    // Nearly all boundary points are wholly lit or wholly dark: where the rounded visibility is the true one, nothing
+    // is left to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise
+    // of the light behind it.
     if traced { visibility = round(visibility); }
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
     let closed = light_has_closed_form(light)
@@ -247,7 +247,7 @@ fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
             shadow_samples[candidate].y = estimate.visibility;
         }
     }
-    @if(chains) { sum *= visible_chain(i).throughput; }
+    @if(specular_chains) { sum *= visible_chain(i).throughput; }
     let so_far = radiance_direct[i];
     let radiance = so_far.xyz + sum;
     // Once, however many chunks of lights and entry points add to it.

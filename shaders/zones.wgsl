@@ -122,7 +122,7 @@ fn list(
     let at = vec3i(cell_in_grid(zones_pass.zones, zone));
     let low = max(at - 1, vec3i(0));
     let high = min(at + 1, vec3i(size) - 1);
-    // Most zones of a large scene are empty: there is nothing to count.
+    // In a large scene nearly all zones are empty: nothing to count.
     let photons = load_cell_start(zone_index(high) + 1u) - load_cell_start(zone_index(low));
     let per_lane = (zones_pass.light_count + GROUP - 1u) / GROUP;
     let lights = select(0u, per_lane, photons > 0u);

@@ -1,7 +1,7 @@
 //! The one error type of the library. Every variant names what is at fault and what to do.
 //!
-//! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program with other
-//! names for them can replace them by those; the command line does.
+//! Messages put the names of settings between backticks, as paths of fields: `` `visibility_map.nearest` ``. A program
+//! with other names for them can replace them by those; the command line does.
 
 use std::path::{Path, PathBuf};
 
@@ -118,7 +118,8 @@ impl Error {
         Error::Kernel { kernel: kernel.into(), problem: problem.to_string() }
     }
 
-    /// The exit code of a process that ends with this error: 1 render failed, 2 usage, 3 bad input or output, 4 no device.
+    /// The exit code of a process that ends with this error: 1 render failed, 2 usage, 3 bad input or output, 4 no
+    /// device.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Input { .. } | Error::Output { .. } => 3,

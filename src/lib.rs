@@ -1,7 +1,7 @@
 //! Penumbra renders glTF scenes with shadow photons (Jensen and Christensen 1995) in Vulkan compute kernels.
 //!
-//! A render takes four steps: read a [`Scene`], open a [`Device`], make a [`Renderer`] by [`Settings`], and let it render until its
-//! [`Image`] is good enough.
+//! A render takes four steps: read a [`Scene`], open a [`Device`], make a [`Renderer`] by [`Settings`], and let it
+//! render until its [`Image`] is good enough.
 //!
 //! ```
 //! use penumbra::{Device, DeviceChoice, ImportOptions, Renderer, Scene, Settings};
@@ -19,15 +19,16 @@
 //! # Ok::<(), penumbra::Error>(())
 //! ```
 //!
-//! The library prints nothing, reads no environment variables and never exits. Its messages name settings by their fields; see
-//! [`Error`]. `ARCHITECTURE.md` maps the steps of the paper to files.
+//! The library prints nothing, reads no environment variables and never exits. Its messages name settings by their
+//! fields; see [`Error`]. `ARCHITECTURE.md` maps the steps of the paper to files.
 //!
 //! # Features
 //!
 //! Both are on by default and can be left out with `default-features = false`.
 //!
 //! - `cli`: the program `penumbra`. It includes `report`.
-//! - `report`: comparisons of techniques, error metrics, plots, and families of extreme scenes. It needs a C++ compiler.
+//! - `report`: comparisons of techniques, error metrics, plots, and families of extreme scenes. It needs a C++
+//!   compiler.
 #![warn(missing_docs)]
 
 mod bvh;

@@ -7,16 +7,18 @@ pub mod technique;
 use std::fmt;
 use std::str::FromStr;
 
+use crate::{Error, Result};
+
 pub use builder::SettingsBuilder;
 pub use groups::{
     CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightSamplingSettings, ShadowRaySettings,
     VisibilityMapSettings, WardSettings,
 };
 
-use crate::{Error, Result};
 pub use technique::Technique;
 
-/// The lights used at a point where direct light is a pass of its own, and the probabilities by which a path samples a light.
+/// The lights used at a point where direct light is a pass of its own, and the probabilities by which a path samples a
+/// light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightSampling {
@@ -26,8 +28,8 @@ pub enum LightSampling {
     Uniform,
     /// A few lights: with probability 1/2 by power, else with equal probability.
     Power,
-    /// A few of the lights that reach the point's zone, by the light that they send there: the paper's proposal for many
-    /// lights.
+    /// A few of the lights that reach the point's zone, by the light that they send there: the paper's proposal for
+    /// many lights.
     Zones,
 }
 
@@ -66,8 +68,8 @@ pub enum Aov {
     /// `variance.R` ...: variance of the pixel's mean.
     Variance,
     /// `shadow.<light>.class` (0 dark, 1 lit, 2 shadowed, 3 boundary, 4 unknown; of the first sample), `.visibility`
-    /// (of the part of the light above the surface's horizon), `.ni` and `.ns` (illumination and shadow photons among the
-    /// nearest), for each light.
+    /// (of the part of the light above the surface's horizon), `.ni` and `.ns` (illumination and shadow photons among
+    /// the nearest), for each light.
     Shadow,
 }
 

@@ -176,7 +176,7 @@ fn reflects_more(s: Surface) -> bool {
 }
 
 // Whether the camera's ray goes on from there: a mirror or clear glass, to the eye.
-@if(chains)
+@if(specular_chains)
 fn is_clear(s: Surface) -> bool {
     var clear = s.specular.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
     @if(clearcoat) { clear = clear && !is_coated(s.clearcoat); }

@@ -2,10 +2,10 @@
 // In: `bvh_nodes` and `bvh_triangles`; lengths in scene units after normalisation.
 // Out: the first hit of a ray, or whether the ray is occluded.
 //
-// A node is BVH_NODE_TEXELS texels (src/bvh/node.rs has the table of its bits). A triangle is BVH_TRIANGLE_TEXELS texels:
-// its corners, and in the first texel's w the primitive's word. The lanes of a software device run in lockstep and execute
-// each other's branches. So there is one loop, and one iteration does both kinds of work, a node and a triangle, for the
-// lanes that have it.
+// A node is BVH_NODE_TEXELS texels (src/bvh/node.rs has the table of its bits). A triangle is BVH_TRIANGLE_TEXELS
+// texels: its corners, and in the first texel's w the primitive's word. The lanes of a software device run in lockstep
+// and execute each other's branches. So there is one loop, and one iteration does both kinds of work, a node and a
+// triangle, for the lanes that have it.
 //
 // A kernel that needs something else than trace_closest and trace_occluded runs the traversal itself:
 //

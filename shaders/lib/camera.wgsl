@@ -1,8 +1,9 @@
 // Camera rays (glTF 3.10): the camera looks along -z of its axes.
-// In: `camera`; positions and lengths in scene units after normalisation. Out: rays, viewing directions, sizes of pixels.
+// In: `camera`; positions and lengths in scene units after normalisation. Out: rays, viewing directions, sizes of
+// pixels.
 //
-// There is no `if` on a member of the camera: lavapipe turns such uniforms into constants of the kernel, and then compiles
-// it again for every dispatch (15 to 70 ms in `shade` and `path`).
+// There is no `if` on a member of the camera: lavapipe turns such uniforms into constants of the kernel, and then
+// compiles it again for every dispatch (15 to 70 ms in `shade` and `path`).
 
 import package::lib::ray::Ray;
 

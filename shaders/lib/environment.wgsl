@@ -53,14 +53,14 @@ fn environment_density(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
     return of_row * of_cell * abs(own.w) / environment_cell_width(shape, column);
 }
 
-// The patch that a direction meets, and where.
-struct EnvironmentPlace {
+// The patch that a direction meets, and the position within it, 0 to 1.
+struct EnvironmentPatch {
     column: u32,
     row: u32,
     within: vec2f,
 }
 
-fn environment_place(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPlace {
+fn environment_patch(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPatch {
     // At the poles any azimuth will do, but not that of 0, 0: there is none.
     let x_axis = select(direction.x, 1.0, all(direction.xz == vec2f(0.0)));
     let u = fract(atan2(direction.z, x_axis) * (0.5 / PI) + 0.5 + shape.turn);
@@ -71,7 +71,7 @@ fn environment_place(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPl
     let y = v * f32(shape.size.y) + 0.5;
     let column = i32(floor(x));
     let row = min(u32(y), shape.size.y);
-    return EnvironmentPlace(select(u32(column), shape.size.x - 1u, column < 0), row, vec2f(x - floor(x), y - f32(row)));
+    return EnvironmentPatch(select(u32(column), shape.size.x - 1u, column < 0), row, vec2f(x - floor(x), y - f32(row)));
 }
 
 fn environment_texel(shape: EnvironmentShape, column: u32, row: u32) -> vec3f {
@@ -80,29 +80,29 @@ fn environment_texel(shape: EnvironmentShape, column: u32, row: u32) -> vec3f {
     return load_environment_texel(base + row * shape.size.x + column).xyz;
 }
 
-fn environment_radiance_at(shape: EnvironmentShape, place: EnvironmentPlace) -> vec3f {
-    let right = select(place.column + 1u, 0u, place.column + 1u == shape.size.x);
-    let upper = max(place.row, 1u) - 1u;
-    let lower = min(place.row, shape.size.y - 1u);
-    let upper_left = environment_texel(shape, place.column, upper);
-    let above = mix(upper_left, environment_texel(shape, right, upper), place.within.x);
-    let lower_left = environment_texel(shape, place.column, lower);
-    let below = mix(lower_left, environment_texel(shape, right, lower), place.within.x);
-    return shape.strength * mix(above, below, place.within.y);
+fn environment_radiance_at(shape: EnvironmentShape, patch_: EnvironmentPatch) -> vec3f {
+    let right = select(patch_.column + 1u, 0u, patch_.column + 1u == shape.size.x);
+    let upper = max(patch_.row, 1u) - 1u;
+    let lower = min(patch_.row, shape.size.y - 1u);
+    let upper_left = environment_texel(shape, patch_.column, upper);
+    let above = mix(upper_left, environment_texel(shape, right, upper), patch_.within.x);
+    let lower_left = environment_texel(shape, patch_.column, lower);
+    let below = mix(lower_left, environment_texel(shape, right, lower), patch_.within.x);
+    return shape.strength * mix(above, below, patch_.within.y);
 }
 
 // What comes from a direction.
 fn environment_radiance(direction: vec3f) -> vec3f {
     let shape = environment_shape();
-    return environment_radiance_at(shape, environment_place(shape, direction));
+    return environment_radiance_at(shape, environment_patch(shape, direction));
 }
 
 // What comes from a direction, and the density by solid angle with which `environment_sample` chooses it.
 fn environment_met(direction: vec3f) -> vec4f {
     let shape = environment_shape();
-    let place = environment_place(shape, direction);
-    let pdf = environment_density(shape, place.row / shape.step, place.column / shape.step);
-    return vec4f(environment_radiance_at(shape, place), pdf);
+    let patch_ = environment_patch(shape, direction);
+    let pdf = environment_density(shape, patch_.row / shape.step, patch_.column / shape.step);
+    return vec4f(environment_radiance_at(shape, patch_), pdf);
 }
 
 struct EnvironmentSample {
@@ -143,5 +143,5 @@ fn environment_sample(u: vec2f) -> EnvironmentSample {
     let across = safe_sqrt(below * (2.0 - below));
     let direction = vec3f(across * cos(azimuth), select(1.0 - below, below - 1.0, own.w < 0.0), across * sin(azimuth));
     let pdf = share.x * share.y * abs(own.w) / width;
-    return EnvironmentSample(direction, pdf, environment_radiance_at(shape, environment_place(shape, direction)));
+    return EnvironmentSample(direction, pdf, environment_radiance_at(shape, environment_patch(shape, direction)));
 }

@@ -1,8 +1,8 @@
 // Look-up of precomputed irradiance (Christensen 1999). Pass `irradiance` estimates the irradiance of all light at
 // positions of photons, the irradiance points; a surface point takes the value of the nearest one.
 // In: the irradiance points, sorted by cell in `photon_table`, and `irradiance_table`.
-// Out: irradiance in units of radiance times steradian, and the radius of the disc that it is the mean of, in scene units
-// after normalisation.
+// Out: irradiance in units of radiance times steradian, and the radius of the disc that it is the mean of, in scene
+// units after normalisation.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_cell_start, load_photon};

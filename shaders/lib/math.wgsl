@@ -1,5 +1,5 @@
-// Mathematics that many kernels share: finiteness by bits, angles, luminance, orthonormal bases and the octahedral map of
-// unit vectors (Cigolle et al. 2014). Angles are in radians. Nothing is bound here.
+// Mathematics that many kernels share: finiteness by bits, angles, luminance, orthonormal bases and the octahedral map
+// of unit vectors (Cigolle et al. 2014). Angles are in radians. Nothing is bound here.
 
 const PI = 3.14159265358979;
 

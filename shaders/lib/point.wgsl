@@ -1,9 +1,9 @@
 // The points to be shaded: one for each sample of a tile's pixels, and the surfaces they lie on.
 
 import package::lib::bsdf::surface::PACKED_VECTORS;
-@if(chains) import package::lib::math::oct_decode16;
-@if(chains) import package::lib::camera::view_direction;
-@if(chains) import package::lib::constants::{CHAIN_VECTORS, INVALID_POINT};
+@if(specular_chains) import package::lib::math::oct_decode16;
+@if(specular_chains) import package::lib::camera::view_direction;
+@if(specular_chains) import package::lib::constants::{SPECULAR_CHAIN_VECTORS, INVALID_POINT};
 @if(smooth_normals && (photon_map || caustics)) import package::lib::constants::TRIANGLE_VECTORS;
 
 struct Point {
@@ -17,16 +17,16 @@ struct Point {
 
 // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where the
 // camera sees the point itself.
-const CHAIN_VECTOR = PACKED_VECTORS;
+const SPECULAR_CHAIN_VECTOR = PACKED_VECTORS;
 // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the
 // smooth surface that it stands for, which may be farther from the triangle than a disc of photons is high.
-@if(chains) const TRIANGLE_VECTOR = CHAIN_VECTOR + CHAIN_VECTORS;
-@if(!chains) const TRIANGLE_VECTOR = CHAIN_VECTOR;
+@if(specular_chains) const TRIANGLE_VECTOR = SPECULAR_CHAIN_VECTOR + SPECULAR_CHAIN_VECTORS;
+@if(!specular_chains) const TRIANGLE_VECTOR = SPECULAR_CHAIN_VECTOR;
 @if(smooth_normals && (photon_map || caustics)) const SURFACE_VECTORS = TRIANGLE_VECTOR + TRIANGLE_VECTORS;
 @if(!(smooth_normals && (photon_map || caustics))) const SURFACE_VECTORS = TRIANGLE_VECTOR;
 
 // The chain that led to a point: what passes along it, and where it comes from.
-@if(chains)
+@if(specular_chains)
 struct Chain {
     throughput: vec3f,
     view: vec3f,
@@ -34,7 +34,7 @@ struct Chain {
     none: bool,
 }
 
-@if(chains)
+@if(specular_chains)
 fn unpack_chain(chain: vec4f, position: vec3f) -> Chain {
     let code = bitcast<u32>(chain.w);
     let none = code == INVALID_POINT;

@@ -1,10 +1,10 @@
-// Procedural objects: intersection with rays, and surface attributes. docs/procedurals.md specifies their functions; the
-// host composes those of the scene into `package::lib::procedural_functions` (src/procedural).
-// In: `procedural_texels`, PROCEDURAL_TEXELS of each object in the order of PROCEDURAL_TO_OBJECT and following.
-// Out: hits, in scene units after normalisation. Rays that were given up are counted in `procedural_misses`.
+// Procedural objects: intersection with rays, and surface attributes. docs/procedurals.md specifies their functions;
+// the host composes those of the scene into `package::lib::procedural_functions` (src/procedural). In:
+// `procedural_texels`, PROCEDURAL_TEXELS of each object in the order of PROCEDURAL_TO_OBJECT and following. Out: hits,
+// in scene units after normalisation. Rays that were given up are counted in `procedural_misses`.
 //
-// A hit of an object has in `triangle` the bit PROCEDURAL and the object's number, and in `u` and `v` the octahedral code
-// of its outer normal.
+// A hit of an object has in `triangle` the bit PROCEDURAL and the object's number, and in `u` and `v` the octahedral
+// code of its outer normal.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::math::{is_finite3, oct_unwrap, oct_wrap};

@@ -1,4 +1,4 @@
-// Which light a slot is about, the points of a light that a surface point asks for, and what they would contribute.
+// The light of a candidate, the points of that light that a surface point samples, and what they contribute.
 
 import package::lib::light::table::LightSample;
 import package::lib::light::light_sample;
@@ -6,21 +6,21 @@ import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 import package::lib::constants::{DIMENSION_LIGHT, DIMENSION_AUDIT};
 
-// Of each slot of all chunks, where few of many lights are chosen: the light, and by how much what it sends counts
-// more.
+// For each candidate of all chunks, where points sample a few of many lights: the light, and 1 over the probability of
+// its sample.
 @if(light_sampling) @group(0) @binding(15) var<storage, read> sampled_lights: array<vec2u>;
 
-// The light of a slot. A slot of a chunk is light * points + point, or turn * points + point where lights are chosen;
-// `first` is the chunk's first light or turn.
-fn candidate_light(slot: u32, first: u32, points: u32) -> u32 {
-    @if(light_sampling) { return sampled_lights[first * points + slot].x; }
-    @else { return first + slot / points; }
+// The light of a candidate. Candidate i of a chunk is light * points + point, or sample * points + point where points
+// sample lights; `first` is the first light, or the first sample, of the chunk.
+fn candidate_light(candidate: u32, first: u32, points: u32) -> u32 {
+    @if(light_sampling) { return sampled_lights[first * points + candidate].x; }
+    @else { return first + candidate / points; }
 }
 
-// What the light of a slot stands for: 1 over the probability that it was chosen.
+// 1 over the probability that the light of a candidate was sampled.
 @if(light_sampling)
-fn candidate_weight(slot: u32, first: u32, points: u32) -> f32 {
-    return bitcast<f32>(sampled_lights[first * points + slot].y);
+fn candidate_weight(candidate: u32, first: u32, points: u32) -> f32 {
+    return bitcast<f32>(sampled_lights[first * points + candidate].y);
 }
 
 // The j-th of `count` stratified points of the light for a sample of a pixel. The samples of a pixel continue one
@@ -30,7 +30,7 @@ fn nth_light_sample(light: u32, position: vec3f, seed: u32, sample_index: u32, j
     return light_sample(light, position, u);
 }
 
-// The point of the light that an audit asks about.
+// The point of the light to which an audit traces its ray.
 fn audit_light_sample(light: u32, position: vec3f, seed: u32, sample_index: u32) -> LightSample {
     return light_sample(light, position, sobol2(sample_index, hash2(hash2(seed, DIMENSION_AUDIT), light)));
 }

@@ -2,17 +2,17 @@
 // (lib/point). Out: surfaces and specular chains.
 
 import package::lib::bsdf::surface::{PACKED_VECTORS, PackedSurface, Surface, unpack_surface};
-@if(glossy && !chains) import package::lib::camera::view_direction;
+@if(glossy && !specular_chains) import package::lib::camera::view_direction;
 import package::lib::math::oct_decode16;
 import package::lib::point::{Point, SURFACE_VECTORS};
-@if(chains) import package::lib::point::{CHAIN_VECTOR, Chain, unpack_chain};
+@if(specular_chains) import package::lib::point::{SPECULAR_CHAIN_VECTOR, Chain, unpack_chain};
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
 
-@if(chains)
+@if(specular_chains)
 fn visible_chain(i: u32) -> Chain {
-    return unpack_chain(surfaces[i * SURFACE_VECTORS + CHAIN_VECTOR], points[i].position);
+    return unpack_chain(surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR], points[i].position);
 }
 
 // The packed surface at point i.
@@ -25,7 +25,7 @@ fn packed_surface_at(i: u32) -> PackedSurface {
 // The surface at point i, with the direction towards the viewer; Lambertian surfaces need none.
 fn visible_surface(i: u32) -> Surface {
     var view = vec3f(0.0);
-    @if(glossy && !chains) { view = view_direction(points[i].position); }
-    @if(glossy && chains) { view = visible_chain(i).view; }
+    @if(glossy && !specular_chains) { view = view_direction(points[i].position); }
+    @if(glossy && specular_chains) { view = visible_chain(i).view; }
     return unpack_surface(packed_surface_at(i), oct_decode16(points[i].normal), view);
 }

@@ -1,7 +1,8 @@
 //! A binary BVH built with the binned surface-area heuristic. Its depth is bounded by construction.
 
-use super::aabb::Aabb;
 use glam::Vec3;
+
+use super::aabb::Aabb;
 
 /// Number of bins per axis. More bins lower the SAH cost of the scenes that were tried by less than 1 %.
 const BINS: usize = 32;

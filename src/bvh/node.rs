@@ -11,10 +11,11 @@
 //! | 11 | 0 to 27 | primitive index of the first triangle of the first leaf; those of the other leaves follow it |
 //! | 9, 10, 11 | 28 to 31 | triangles of each child, 3 bits per child, child 0 lowest; 0 if it is a node or unused |
 
-use super::aabb::Aabb;
 #[cfg(test)]
 use glam::DVec3;
 use glam::Vec3;
+
+use super::aabb::Aabb;
 
 /// Maximum number of children of a node.
 pub(super) const WIDTH: usize = 4;

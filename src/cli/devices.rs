@@ -1,8 +1,8 @@
 //! `penumbra devices`.
 
-use kernel_kit::{DeviceChoice, Gpu};
 use std::fmt::Write;
 
+use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::Result;
 
 use super::{Ending, print, print_json};

@@ -1,5 +1,6 @@
-//! Ctrl-C and SIGTERM. Before there is an image to save they end the process at once; after [`Interrupt::defer`] they set a flag
-//! that the render loop reads. A second signal always ends the process at once. No half-written file is left.
+//! Ctrl-C and SIGTERM. Before there is an image to save they end the process at once; after [`Interrupt::defer`] they
+//! set a flag that the render loop reads. A second signal always ends the process at once. No half-written file is
+//! left.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -20,9 +20,8 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Parser, Subcommand};
-use penumbra::{Error, Result};
-
 use flags::with_flags;
+use penumbra::{Error, Result};
 
 /// Render glTF scenes with shadow photons, on a Vulkan device
 #[derive(Parser)]
@@ -58,7 +57,8 @@ Exit codes:
   3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost
   5    compare: the error is above the limit
-  130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or by a second signal
+  130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
+       by a second signal
   143  stopped by SIGTERM at once";
 
 /// How a command ended without an error.

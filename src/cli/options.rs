@@ -1,12 +1,12 @@
 //! Options that several commands share. The defaults are those of [`Settings`].
 
-use kernel_kit::{DeviceChoice, Gpu};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::internal::report::reference::Reference;
 use penumbra::internal::scene::{ImportOptions, Panorama};
@@ -30,8 +30,8 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
-    /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X, the
-    /// column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
+    /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X,
+    /// the column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     environment: Option<PathBuf>,
 
@@ -176,7 +176,10 @@ pub struct SettingsOptions {
     #[arg(
         long,
         value_name = "PIXELS",
-        help = format!("Height in pixels [default: {}, or the width over the aspect ratio]", Settings::default().image.height)
+        help = format!(
+            "Height in pixels [default: {}, or the width over the aspect ratio]",
+            Settings::default().image.height
+        )
     )]
     height: Option<u32>,
 
@@ -303,8 +306,8 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 
-    /// Probability that a lit or shadowed point traces a shadow ray all the same, which keeps the image unbiased; 0 is the
-    /// paper's method, which is biased
+    /// Probability that a lit or shadowed point traces a shadow ray all the same, which keeps the image unbiased; 0 is
+    /// the paper's method, which is biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
     audit: f32,
 
@@ -330,7 +333,8 @@ impl VisibilityMapOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Many lights")]
 struct LightSamplingOptions {
-    /// How lights are sampled at a point [default: zones for shadow-photons in scenes of many lights, power for path, else all]
+    /// How lights are sampled at a point [default: zones for shadow-photons in scenes of many lights, power for path,
+    /// else all]
     #[arg(long, value_name = "STRATEGY", value_parser = light_samplings())]
     light_sampling: Option<LightSampling>,
 
@@ -358,8 +362,8 @@ struct EarlierOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().cells.rays_per_light)]
     cell_rays: u32,
 
-    /// Share of a point's light below which the remaining lights are estimated without shadow rays, for ward-adaptive; 0 tests
-    /// all lights
+    /// Share of a point's light below which the remaining lights are estimated without shadow rays, for ward-adaptive;
+    /// 0 tests all lights
     #[arg(long, value_name = "X", default_value_t = Settings::default().ward.tolerance)]
     shadow_tolerance: f32,
 }

@@ -1,12 +1,12 @@
 //! `penumbra render`.
 
-use kernel_kit::Gpu;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs, process, thread};
 
+use kernel_kit::Gpu;
 use penumbra::internal::render::Checkpoint;
 use penumbra::internal::render::film::{self, View};
 use penumbra::internal::render::recovery::{self, Failure, Salvage};
@@ -65,9 +65,9 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Render until the estimated relMSE is T or less. The estimate comes from the variance of the samples and from audits; it
-    /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an upper
-    /// limit, without a default
+    /// Render until the estimated relMSE is T or less. The estimate comes from the variance of the samples and from
+    /// audits; it does not include the error of the photon map of indirect light, which all samples share. --spp is
+    /// then only an upper limit, without a default
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     noise: Option<f64>,
 
@@ -305,8 +305,8 @@ impl Arguments {
         image
     }
 
-    /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full disk does not
-    /// lose the render.
+    /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full
+    /// disk does not lose the render.
     fn write(&self, image: &Image) -> Result<()> {
         let mut result = Ok(());
         for path in &self.output {

@@ -1,11 +1,11 @@
 //! `penumbra report`.
 
-use kernel_kit::Gpu;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use kernel_kit::Gpu;
 use penumbra::internal::render::film;
 use penumbra::internal::render::recovery;
 use penumbra::internal::report::classes::{Classes, Truth};
@@ -37,17 +37,31 @@ pub struct Arguments {
     quiet: bool,
 
     /// Techniques to compare, separated by commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = Technique::all(), value_parser = techniques(), help_heading = "Report")]
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        default_values_t = Technique::all(),
+        value_parser = techniques(),
+        help_heading = "Report"
+    )]
     techniques: Vec<Technique>,
 
-    /// Seconds of run time at which images are compared, separated by commas; set-up counts, opening the device and reading the
-    /// file do not
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [0.5, 1.0, 2.0, 5.0, 10.0, 30.0], value_parser = positive, help_heading = "Report")]
+    /// Seconds of run time at which images are compared, separated by commas; set-up counts, opening the device and
+    /// reading the file do not
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        default_values_t = [0.5, 1.0, 2.0, 5.0, 10.0, 30.0],
+        value_parser = positive,
+        help_heading = "Report"
+    )]
     budgets: Vec<f64>,
 
-    /// Runs of each technique, with consecutive seeds from --seed on: at least 3, as confidence intervals come from their
-    /// differences. Each run lasts as long as the longest budget [default: 5, or as few as 3 where the report would take more
-    /// than 3 minutes]
+    /// Runs of each technique, with consecutive seeds from --seed on: at least 3, as confidence intervals come from
+    /// their differences. Each run lasts as long as the longest budget [default: 5, or as few as 3 where the report
+    /// would take more than 3 minutes]
     #[arg(long, value_name = "N", help_heading = "Report")]
     repeats: Option<usize>,
 
@@ -78,7 +92,8 @@ pub struct Arguments {
     device: DeviceOptions,
 }
 
-/// Default number of runs of each technique, where time allows: Student's factor on intervals falls by little from here on.
+/// Default number of runs of each technique, where time allows: Student's factor on intervals falls by little from here
+/// on.
 const REPEATS: usize = 5;
 
 /// Seconds that a report takes at most by default.
@@ -169,14 +184,15 @@ impl Schedule {
         let Schedule { longest, repeats, .. } = *self;
         let length = |repeats| duration((self.techniques.len() * repeats) as f64 * longest);
         arguments.tell(format!(
-            "{} runs of {longest} s: {}, and before that the reference where there is none, and a first run of each technique",
+            "{} runs of {longest} s: {}, and before that the reference where there is none, and a first run of \
+             each technique",
             self.techniques.len() * repeats,
             length(repeats)
         ));
         if arguments.repeats.is_none() && repeats < REPEATS {
             arguments.tell(format!(
-                "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: --repeats {REPEATS} \
-                 takes {}",
+                "{repeats} runs of each technique instead of {REPEATS}, whose intervals would be narrower: \
+                 --repeats {REPEATS} takes {}",
                 length(REPEATS)
             ));
         }
@@ -247,8 +263,8 @@ impl Bench<'_> {
         };
         if let Some(reference) = reference.as_ref().filter(|reference| reference.is_short()) {
             arguments.tell(format!(
-                "note: the reference has a standard error of {:.1} % after {}, above the goal of {:.1} %, and smaller errors \
-                 cannot be measured against it: --reference-time gives it more time",
+                "note: the reference has a standard error of {:.1} % after {}, above the goal of {:.1} %, and smaller \
+                 errors cannot be measured against it: --reference-time gives it more time",
                 100.0 * reference.standard_error().unwrap_or(0.0),
                 duration(goal.seconds),
                 100.0 * goal.standard_error

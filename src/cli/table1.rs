@@ -1,9 +1,9 @@
 //! `penumbra table1`.
 
-use kernel_kit::{DeviceChoice, Gpu};
 use std::io::Write;
 use std::path::PathBuf;
 
+use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::render::film;
 use penumbra::internal::report::table1::{Comparison, Options, SCENES, TECHNIQUES, notes, page};
 use penumbra::{Result, Technique};

@@ -4,10 +4,10 @@
 //! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches
 //! more than of texels, as the first and the last are half as high, from the pole to the middle of the texels there.
 
-use kernel_kit::{Gpu, Table, TableFormat};
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 
+use kernel_kit::{Gpu, Table, TableFormat};
 use rayon::prelude::*;
 
 use crate::Result;

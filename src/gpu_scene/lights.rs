@@ -9,16 +9,16 @@ mod mesh;
 mod point;
 mod spot;
 
-use crate::Result;
-use crate::scene::{Light, LightKind, Scene};
 use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
 
 use super::environment::GpuEnvironment;
 use super::receivers::ReceiverBounds;
 use super::{oct_encode16, sobol};
+use crate::Result;
+use crate::scene::{Light, LightKind, Scene};
 
 use layout::{EMITTER_TEXELS, LightTexels, NO_AXIS, Packed, SAMPLING_TEXEL, bits};
-use mesh::MeshTables;
+use mesh::MeshTexels;
 
 pub use layout::{Emission, LightInfo};
 pub use mesh::{has_many_emitters, is_closed};
@@ -50,7 +50,7 @@ impl GpuLights {
             _ => None,
         };
         let irradiance = environment.as_ref().map_or(0.0, |environment| environment.irradiance);
-        let mut meshes = MeshTables::default();
+        let mut meshes = MeshTexels::default();
         let mut lights = Vec::with_capacity(scene.lights.len());
         let mut texels: Vec<LightTexels> = Vec::with_capacity(scene.lights.len());
         for (index, light) in scene.lights.iter().enumerate() {
@@ -90,7 +90,7 @@ impl Bindings for GpuLights {
 
 /// Packs a light of that index, by its kind; `irradiance` is the environment's.
 fn pack(
-    meshes: &mut MeshTables,
+    meshes: &mut MeshTexels,
     scene: &Scene,
     index: u32,
     kind: &LightKind,

@@ -11,6 +11,7 @@ pub mod surfaces;
 pub mod textures;
 
 pub use camera::CameraUniform;
+use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
 pub use lights::GpuLights;
 pub use receivers::ReceiverBounds;
 pub use surfaces::GpuSurfaces;
@@ -22,7 +23,6 @@ use crate::kernels::scene_texels::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
 use crate::specialisation::features::{Feature, Features};
-use kernel_kit::{Binding, Bindings, Buffer, Gpu, Table, TableFormat};
 
 /// Everything that kernels know of a scene, by the names of the variables in `shaders/lib/`.
 pub struct GpuScene {

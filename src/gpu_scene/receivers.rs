@@ -3,9 +3,8 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::scene::{Material, Scene};
-
 use super::bounds::bounding_sphere;
+use crate::scene::{Material, Scene};
 
 /// A sphere around all surfaces at which photons are stored or go on, normalised.
 #[derive(Clone, Copy, Debug, PartialEq)]

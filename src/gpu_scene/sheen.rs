@@ -1,8 +1,9 @@
 //! The albedos of fibres on the device.
 
+use kernel_kit::{Buffer, Gpu};
+
 use crate::Result;
 use crate::scene::sheen;
-use kernel_kit::{Buffer, Gpu};
 
 /// Uploads the uniform buffer `sheen_albedos`, which `shaders/lib/bsdf/sheen.wgsl` interpolates.
 ///

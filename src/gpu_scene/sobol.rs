@@ -1,7 +1,8 @@
 //! Direction numbers of the Sobol sequence.
 
-use crate::Result;
 use kernel_kit::{Buffer, Gpu};
+
+use crate::Result;
 
 /// Primitive polynomials of dimensions 2 to 4 and their first direction numbers: degree, inner coefficients as bits,
 /// odd numbers m (Joe and Kuo 2008, new-joe-kuo-6).

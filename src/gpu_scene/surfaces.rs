@@ -1,15 +1,14 @@
 //! What a hit needs beyond the triangle's corners: normals, texture coordinates, colours, tangents, materials.
 
-use crate::specialisation::features::{Feature, Features};
 use glam::{Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
 
+use super::oct_encode16;
+use super::textures::MaterialTextures;
 use crate::Result;
 use crate::kernels::scene_texels::SURFACE_FLAT;
 use crate::scene::{Scene, Triangle};
-
-use super::oct_encode16;
-use super::textures::MaterialTextures;
+use crate::specialisation::features::{Feature, Features};
 
 /// The tables behind `surface_texels` and `material_texels`.
 pub struct GpuSurfaces {

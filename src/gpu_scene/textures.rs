@@ -1,9 +1,10 @@
 //! Texels of all images in two texture arrays (one sRGB, one linear), and the texture infos of materials.
 
+use kernel_kit::{Gpu, TABLE_WIDTH, Table, TableFormat};
+
 use crate::Result;
 use crate::kernels::scene_texels::{TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1};
 use crate::scene::{ColourSpace, Filter, Material, Scene, TEXTURE_USES, TextureInfo, Wrap};
-use kernel_kit::{Gpu, TABLE_WIDTH, Table, TableFormat};
 
 /// The tables behind `texture_infos`, `colour_texels` and `data_texels`.
 pub struct GpuTextures {

@@ -1,11 +1,10 @@
 //! Regular grids of cubic cells: of photons, of zones, and of the methods that classify cells.
 
 use glam::{DVec3, UVec3, Vec3};
-
-use crate::scene::Scene;
 use kernel_kit::shared_struct;
 
 use super::numbers::REACH_CELLS;
+use crate::scene::Scene;
 
 /// Photons in a cell of an evenly covered surface, as a share of k. Measured on the box: half of it doubles the cells
 /// to be classified and the rows of a search, and decides no more points; twice decides 1 % fewer.
@@ -44,7 +43,7 @@ impl GridShape {
         photons: u32,
         lights: u32,
     ) -> GridShape {
-        // Most cells beyond twice the photons would be empty.
+        // Of more cells than twice the photons, nearly all would be empty.
         let max_cells = (MAX_CELLS / f64::from(lights.max(1))).min(2.0 * f64::from(photons));
         Self::with_max_cells(per_cell, bounds, area, photons, max_cells)
     }

@@ -175,7 +175,7 @@ pub const GATHER_GROUP: u32 = 64;
 pub const PATH_GROUP: u32 = 64;
 
 /// Vectors of a packed surface for the specular chain that led to it; see `shaders/lib/point.wgsl`.
-pub const CHAIN_VECTORS: u32 = 1;
+pub const SPECULAR_CHAIN_VECTORS: u32 = 1;
 
 /// Vectors of a packed surface for the position on the triangle, where that differs from the smooth surface's.
 pub const TRIANGLE_VECTORS: u32 = 1;

@@ -7,15 +7,15 @@
 //!
 //! What was seen so far is that of the tiles before, so that results do not depend on the order of a tile's points.
 
+use kernel_kit::{Frame, Gpu};
+
+use super::direct_light::DirectLight;
+use super::shared::Shared;
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::classify::{Chunk, ClassifyBuffers};
 use crate::passes::ward::{BoundWard, Ward, WardBuffers, WardParameters};
 use crate::settings::Settings;
-use kernel_kit::{Frame, Gpu};
-
-use super::direct_light::DirectLight;
-use super::shared::Shared;
 
 pub(crate) struct AdaptiveTesting {
     buffers: WardBuffers,

@@ -2,21 +2,20 @@
 //! few samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus
 //! and Zwicker 2011, with their alpha of 2/3).
 
-use crate::specialisation::features::Features;
 use glam::Vec3;
 use kernel_kit::{Frame, Gpu};
 
+use super::global_map::GlobalMapKernels;
+use super::shared::{Shared, TILE_SAMPLES};
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxSettings};
 use crate::passes::grid::{GridShape, Photon};
 use crate::passes::irradiance::{BoundShow, ShownMap};
 use crate::settings::Settings;
+use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
-
-use super::global_map::GlobalMapKernels;
-use super::shared::{Shared, TILE_SAMPLES};
 
 /// Rays of a caustic map for one of the global map: few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;

@@ -8,6 +8,8 @@ use glam::DVec3;
 use kernel_kit::Frame;
 use rayon::prelude::*;
 
+use super::direct_light::DirectLight;
+use super::shared::Shared;
 use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::Tile;
@@ -16,9 +18,6 @@ use crate::passes::classify::Chunk;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
-
-use super::direct_light::DirectLight;
-use super::shared::Shared;
 
 /// The class words of all cells, bound to give points those of their cells.
 pub(crate) struct CellVisibility {
@@ -179,9 +178,8 @@ impl Random {
 mod tests {
     use glam::Vec3;
 
-    use crate::scene::{NO_LIGHT, Triangle, Vertex};
-
     use super::*;
+    use crate::scene::{NO_LIGHT, Triangle, Vertex};
 
     /// Triangles across a grid are cut into pieces that lie in their cells, and lose no area; points lie on the
     /// triangle, in their cell, the given number in each, and spread over it by area.

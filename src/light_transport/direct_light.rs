@@ -2,6 +2,11 @@
 //! that need shadow rays, the rays, and the light itself. Techniques differ in which steps they take, and in what
 //! decides the classes: without a visibility map every point is unknown, and all shadow rays are traced.
 
+use kernel_kit::{Bindings, Buffer, Frame, Gpu};
+
+use super::light_sampler::LightSampler;
+use super::shared::Shared;
+use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers, Queue};
@@ -11,11 +16,6 @@ use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::has_exact_counts;
-use kernel_kit::{Bindings, Buffer, Frame, Gpu};
-
-use super::light_sampler::LightSampler;
-use super::shared::Shared;
-use super::visibility_map::VisibilityMap;
 
 /// Maximum number of shadow-ray candidates (point and light) in a chunk, where one light's points are not more.
 const CHUNK_CANDIDATES: u32 = 1 << 21;

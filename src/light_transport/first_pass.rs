@@ -1,12 +1,6 @@
 //! The steps of a technique's first pass: what happens once, before the first sample. A step does nothing where the
 //! specialisation has left its kernels out.
 
-use crate::Result;
-use crate::gpu_scene::CameraUniform;
-use crate::passes::primary::BoundPrimary;
-use crate::settings::Settings;
-use crate::statistics::totals::Totals;
-
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
 use super::indirect_light::{IndirectLight, IndirectSetup};
@@ -15,6 +9,11 @@ use super::light_sampler::LightSampler;
 use super::lighting::Lighting;
 use super::shared::Shared;
 use super::visibility_map::VisibilityMap;
+use crate::Result;
+use crate::gpu_scene::CameraUniform;
+use crate::passes::primary::BoundPrimary;
+use crate::settings::Settings;
+use crate::statistics::totals::Totals;
 
 /// A first pass under way.
 pub(crate) struct FirstPass<'a> {

@@ -1,5 +1,8 @@
 //! The global map: photons that carry flux, and the irradiance that they bring, precomputed.
 
+use kernel_kit::{Binding, Bindings, Frame, Gpu};
+
+use super::shared::{Shared, extent};
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::flux::{Flux, FluxPhotons, FluxSettings};
@@ -13,9 +16,6 @@ use crate::specialisation::features::Features;
 use crate::specialisation::kernels::sorting_grid;
 use crate::statistics::totals::Totals;
 use crate::statistics::{Counter, Indirect};
-use kernel_kit::{Binding, Bindings, Frame, Gpu};
-
-use super::shared::{Shared, extent};
 
 pub(crate) struct GlobalMapKernels {
     flux: Flux,
@@ -85,11 +85,11 @@ impl GlobalMap {
         let map = kernels.grid.sort(gpu, &photons.photons, photons.count, 1, shape)?;
         let mut irradiance = None;
         if paths {
-            let places = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
-            let shape = irradiance_point_grid(extent, places.count);
-            let places = kernels.grid.sort(gpu, &places.photons, places.count, 1, shape)?;
-            let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, places, photons.step)?;
-            counts.places = u64::from(precomputed.points.count);
+            let points = trace(flux_photons.div_ceil(RAYS_PER_IRRADIANCE_POINT_RAY), !seed)?;
+            let shape = irradiance_point_grid(extent, points.count);
+            let points = kernels.grid.sort(gpu, &points.photons, points.count, 1, shape)?;
+            let precomputed = kernels.irradiance.precompute(gpu, gpu_scene, &map, points, photons.step)?;
+            counts.points = u64::from(precomputed.points.count);
             totals.indirect_bytes += precomputed.bytes;
             totals.count(Counter::NotFiniteIrradiance, precomputed.not_finite);
             irradiance = Some(precomputed);

@@ -1,6 +1,12 @@
 //! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that
 //! compute no direct light apart these are all light.
 
+use kernel_kit::{Bindings, Frame, Resources};
+
+use super::global_map::GlobalMap;
+use super::irradiance_cache::{Filling, IrradianceCache};
+use super::kernels::IndirectKernels;
+use super::shared::Shared;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::passes::Tile;
@@ -8,12 +14,6 @@ use crate::passes::path::{BoundPath, PathParameters};
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
-use kernel_kit::{Bindings, Frame, Resources};
-
-use super::global_map::GlobalMap;
-use super::irradiance_cache::{Filling, IrradianceCache};
-use super::kernels::IndirectKernels;
-use super::shared::Shared;
 
 /// What indirect light is made from.
 pub(crate) struct IndirectSetup<'a> {

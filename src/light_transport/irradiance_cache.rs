@@ -1,17 +1,17 @@
 //! The irradiance cache: irradiance records, placed where the view needs them, from coarse to fine, before the first
 //! sample. All samples share them.
 
-use crate::specialisation::features::Features;
 use glam::Vec3;
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
-use crate::passes::cache::{BoundCache, Cache, CacheBuffers, RecordTables, record_values, wanted};
+use crate::passes::cache::{BoundCache, Cache, CacheBuffers, ViewRecords, record_values, wanted};
 use crate::passes::gather::{BoundGather, Gather, GatherSettings, MIN_RADIUS_PIXELS, RecordHead};
 use crate::passes::primary::BoundPrimary;
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::Settings;
+use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
@@ -73,7 +73,7 @@ impl IrradianceCache {
             }
         }
         totals.indirect.records = records.heads.len() as u64;
-        totals.least_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
+        totals.min_radius_records = records.smallest(with.settings.indirect.irradiance_cache.accuracy);
         totals.indirect_bytes += records.values.bytes;
         Ok(IrradianceCache { buffers, bound })
     }
@@ -185,7 +185,7 @@ impl Records {
         for (head, distance) in heads.iter_mut().zip(distances) {
             head.size = radius(distance, head.size, accuracy);
         }
-        let gpu_scene = RecordTables::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
+        let gpu_scene = ViewRecords::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
         with.kernels.cache.bind(gpu, with.tile, buffers, &gpu_scene)
     }
 }

@@ -1,12 +1,5 @@
 //! The kernels of light transport, composed and compiled side by side. What a render does not need is none.
 
-use crate::Result;
-use crate::passes::cells::Cells;
-use crate::passes::path::Path;
-use crate::passes::ward::Ward;
-use crate::settings::Settings;
-use crate::specialisation::Specialisation;
-use crate::specialisation::features::{Feature, Features};
 use kernel_kit::Gpu;
 
 use super::caustic_map::CausticKernels;
@@ -15,6 +8,13 @@ use super::global_map::GlobalMapKernels;
 use super::irradiance_cache::CacheKernels;
 use super::light_sampler::LightSamplerKernels;
 use super::visibility_map::MapKernels;
+use crate::Result;
+use crate::passes::cells::Cells;
+use crate::passes::path::Path;
+use crate::passes::ward::Ward;
+use crate::settings::Settings;
+use crate::specialisation::Specialisation;
+use crate::specialisation::features::{Feature, Features};
 
 /// The kernels of direct light as a pass of its own. The first pass takes them.
 #[derive(Default)]

@@ -1,5 +1,8 @@
 //! The light sampler: a few of many lights for each point, by light zones where photons tell them.
 
+use kernel_kit::{Buffer, Frame, Gpu, Resources};
+
+use super::shared::{Shared, extent, photons_by_light};
 use crate::Result;
 use crate::passes::Tile;
 use crate::passes::grid::Grid;
@@ -11,9 +14,6 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::{photons_of_zones, sorting_grid};
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
-use kernel_kit::{Buffer, Frame, Gpu, Resources};
-
-use super::shared::{Shared, extent, photons_by_light};
 
 /// Rays of all lights together that tell zones.
 const ZONE_RAYS: u32 = 1 << 20;

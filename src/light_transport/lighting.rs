@@ -1,8 +1,5 @@
 //! What the first pass of a technique leaves for its second pass.
 
-use crate::Result;
-use crate::settings::Settings;
-use crate::statistics::totals::Totals;
 use kernel_kit::Gpu;
 
 use super::adaptive_testing::AdaptiveTesting;
@@ -13,6 +10,9 @@ use super::indirect_light::IndirectLight;
 use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::{MapState, VisibilityMap};
+use crate::Result;
+use crate::settings::Settings;
+use crate::statistics::totals::Totals;
 
 /// The parts that light a tile's points. What a technique or a scene does not need is none.
 #[derive(Default)]

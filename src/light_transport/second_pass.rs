@@ -1,17 +1,17 @@
 //! The steps of a technique's second pass: one frame, which adds one sample or some to every pixel of a tile. A step
 //! records its dispatches; it does nothing where the first pass did not make its part.
 
+use kernel_kit::Frame;
+
+use super::adaptive_testing::AdaptiveTesting;
+use super::direct_light::DirectLight;
+use super::lighting::Lighting;
 use crate::passes::Tile;
 use crate::passes::classify::Chunk;
 use crate::passes::film::Plane;
 use crate::passes::path::PathParameters;
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
-use kernel_kit::Frame;
-
-use super::adaptive_testing::AdaptiveTesting;
-use super::direct_light::DirectLight;
-use super::lighting::Lighting;
 
 /// A second pass under way.
 pub(crate) struct SecondPass<'a, 'g> {

@@ -30,7 +30,7 @@ pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhoto
         emitted: u64::from(*emitted),
         illumination: u64::from(*illumination),
         shadow: u64::from(*shadow),
-        healed: 0,
+        repaired: 0,
     };
     scene.placed_lights().iter().zip(counts).map(of_light).collect()
 }

@@ -1,5 +1,8 @@
 //! The visibility map: illumination and shadow photons of every light, sorted into a grid, and repaired by audits.
 
+use kernel_kit::{Buffer, Gpu};
+
+use super::shared::{Shared, extent, photons_by_light};
 use crate::Result;
 use crate::passes::grid::{Grid, GridShape, Photon, PhotonGrid};
 use crate::passes::photons::Photons;
@@ -7,9 +10,6 @@ use crate::settings::Settings;
 use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
-use kernel_kit::{Buffer, Gpu};
-
-use super::shared::{Shared, extent, photons_by_light};
 
 /// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
 /// thousand of one in 64 points. Where there are more, chance decides which of them fit, so none is taken;
@@ -130,7 +130,7 @@ impl VisibilityMap {
         if added > 0 {
             let photons: Vec<Photon> = gpu.read(&self.repair_photons, added as usize)?;
             for photon in photons {
-                totals.photons[photon.light() as usize].healed += 1;
+                totals.photons[photon.light() as usize].repaired += 1;
             }
             let size = size_of::<Photon>() as u64;
             frame.copy(&self.repair_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);

@@ -1,15 +1,15 @@
 //! Pass `cache`: the irradiance cache. Lists the points that need an irradiance record of their own, and interpolates
 //! the indirect light of all others from the records there are.
 
-use crate::Result;
-use crate::kernels::{RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
-use crate::specialisation::features::{Feature, Features};
 use kernel_kit::{
     Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
 
 use super::gather::RecordHead;
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::kernels::{RECORD_VALUE_TEXELS_CURVED, RECORD_VALUE_TEXELS_FLAT};
+use crate::specialisation::features::{Feature, Features};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/cache.wgsl`.
@@ -24,12 +24,19 @@ shared_struct! {
 bindings! {
     /// Everything that the kernel reads and writes except the records.
     struct CacheBindings {
-        pub points: &Buffer, pub surfaces: &Buffer, pub wanted_count: &Buffer, pub wanted_points: &Buffer, pub radiance_indirect: &Buffer, pub path_count: &Buffer, pub path_points: &Buffer, pub path_arguments: &Buffer,
-}
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub wanted_count: &Buffer,
+        pub wanted_points: &Buffer,
+        pub radiance_indirect: &Buffer,
+        pub path_count: &Buffer,
+        pub path_points: &Buffer,
+        pub path_arguments: &Buffer,
+    }
 }
 
 /// The irradiance records of a view, by block of the image; see `shaders/lib/record.wgsl`.
-pub struct RecordTables {
+pub struct ViewRecords {
     blocks: [f32; 2],
     columns: u32,
     rows: u32,
@@ -45,7 +52,7 @@ const BLOCK: u32 = 8;
 /// A part of an image: low and high corner, 0 to 1 from the left and from the top.
 pub type ImageArea = [[f32; 2]; 2];
 
-impl RecordTables {
+impl ViewRecords {
     /// Tables of records for an image of `size` pixels. `heads` have radii, `values` is what pass `gather` wrote, and
     /// `reach` gives the part of the image that a record reaches.
     ///
@@ -57,7 +64,7 @@ impl RecordTables {
         values: &Buffer,
         size: [u32; 2],
         reach: impl Fn(&RecordHead) -> Option<ImageArea>,
-    ) -> Result<RecordTables> {
+    ) -> Result<ViewRecords> {
         let counts = size.map(|side| side.div_ceil(BLOCK));
         let [columns, rows] = counts;
         let blocks = size.map(|side| side as f32 / BLOCK as f32);
@@ -66,7 +73,7 @@ impl RecordTables {
         let mut frame = gpu.frame("cache");
         let values = gpu.kernel_table(&mut frame, values.clone(), TableFormat::Float)?;
         frame.submit()?;
-        Ok(RecordTables {
+        Ok(ViewRecords {
             blocks,
             columns,
             rows,
@@ -118,7 +125,7 @@ fn vectors(mut words: Vec<u32>) -> Vec<[u32; 4]> {
     words.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect()
 }
 
-impl Bindings for RecordTables {
+impl Bindings for ViewRecords {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
         Some(match name {
             "head_table" => (&self.heads).into(),
@@ -207,7 +214,7 @@ impl Cache {
         gpu: &Gpu,
         tile: &TileBuffers,
         buffers: &CacheBuffers,
-        records: &RecordTables,
+        records: &ViewRecords,
     ) -> Result<BoundCache> {
         let own = CacheBindings {
             points: &tile.points,

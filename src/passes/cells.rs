@@ -1,14 +1,14 @@
 //! Pass `cells`: shadow rays from the surfaces in each cell of a grid to each light, and the classes of points by their
 //! cells.
 
-use crate::specialisation::features::Features;
-use crate::statistics::Counter;
-use crate::{Error, Result};
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::classify::Chunk;
 use super::grid::GridShape;
 use super::{Tile, TileBuffers, kernel};
+use crate::specialisation::features::Features;
+use crate::statistics::Counter;
+use crate::{Error, Result};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/cells.wgsl`.
@@ -37,17 +37,28 @@ shared_struct! {
 
 bindings! {
     /// What rays read and write beside the scene.
-    struct TraceBindings { pub cell_points: &Buffer, pub cell_counts: &Buffer, pub counters: &Buffer}
+    struct TraceBindings {
+        pub cell_points: &Buffer,
+        pub cell_counts: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 bindings! {
     /// What the classification of cells reads and writes.
-    struct CellClassBindings { pub cell_counts: &Buffer, pub cell_words: &Buffer}
+    struct CellClassBindings {
+        pub cell_counts: &Buffer,
+        pub cell_words: &Buffer,
+    }
 }
 
 bindings! {
     /// What the look-up of points' classes reads and writes.
-    struct PointClassBindings { pub points: &Buffer, pub cell_words: &Buffer, pub classes: &Buffer}
+    struct PointClassBindings {
+        pub points: &Buffer,
+        pub cell_words: &Buffer,
+        pub classes: &Buffer,
+    }
 }
 
 /// Maximum number of rays of a dispatch: some tenths of a second on a software device, and safe from a desktop's

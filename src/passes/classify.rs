@@ -1,16 +1,16 @@
 //! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and
 //! audits are traced for.
 
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
+
+use super::grid::{ClassifyRequestedCells, GridShape, PhotonGrid};
 use super::new_kernel;
+use super::{Tile, TileBuffers};
 use crate::Result;
 use crate::kernels::compose;
 use crate::specialisation::features::{Feature, Features};
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 pub use crate::kernels::{Class, Classified, Queue};
-
-use super::grid::{ClassifyRequestedCells, GridShape, PhotonGrid};
-use super::{Tile, TileBuffers};
 
 /// Lights that the passes of direct light work on together.
 #[derive(Clone, Copy, Debug)]
@@ -43,9 +43,16 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write beside the visibility map.
     struct ClassifyBindings {
-        pub points: &Buffer, pub classes: &Buffer, pub query_queue: &Buffer, pub queue_lengths: &Buffer, pub queue_arguments: &Buffer, pub dilated_classes: &Buffer, pub boundary_queue: &Buffer, pub audit_queue: &Buffer,
+        pub points: &Buffer,
+        pub classes: &Buffer,
+        pub query_queue: &Buffer,
+        pub queue_lengths: &Buffer,
+        pub queue_arguments: &Buffer,
+        pub dilated_classes: &Buffer,
+        pub boundary_queue: &Buffer,
+        pub audit_queue: &Buffer,
         pub counters: &Buffer,
-}
+    }
 }
 
 /// The buffers of the pass. Candidates are (light of the chunk, point) pairs, light by light.
@@ -193,8 +200,8 @@ impl BoundClassify {
         self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued for
-    /// [`BoundClassify::query`].
+    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued
+    /// for [`BoundClassify::query`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);

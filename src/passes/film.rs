@@ -1,12 +1,11 @@
 //! Pass `film`: compensated sums of the samples of each pixel.
 
-use crate::specialisation::features::Features;
 use glam::{DVec4, Vec4};
 use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
-use crate::Result;
-
 use super::{Tile, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/film.wgsl`.
@@ -22,7 +21,13 @@ shared_struct! {
 
 bindings! {
     /// Everything that the kernel reads and writes.
-    struct FilmBindings { pub samples: &Buffer, pub other_samples: &Buffer, pub sums: &Buffer, pub compensations: &Buffer, pub counters: &Buffer}
+    struct FilmBindings {
+        pub samples: &Buffer,
+        pub other_samples: &Buffer,
+        pub sums: &Buffer,
+        pub compensations: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/film.wgsl`.

@@ -2,14 +2,14 @@
 //! proportion to their power, photons are stored at every diffuse surface, and Russian roulette on the BSDF ends the
 //! rays.
 
-use crate::Result;
-use crate::gpu_scene::GpuLights;
-use crate::kernels::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STEPS, FLUX_STORED, FLUX_TRACED};
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::Photon;
 use super::kernel;
+use crate::Result;
+use crate::gpu_scene::GpuLights;
+use crate::kernels::{FLUX_CLIPPED, FLUX_COUNTS, FLUX_NOT_FINITE, FLUX_OVERRUNS, FLUX_STEPS, FLUX_STORED, FLUX_TRACED};
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/flux.wgsl`.
@@ -27,7 +27,11 @@ shared_struct! {
 
 bindings! {
     /// Everything that the kernel reads and writes except the scene.
-    struct FluxBindings { pub flux_photons: &Buffer, pub flux_counts: &Buffer, pub flux_rays: &Buffer}
+    struct FluxBindings {
+        pub flux_photons: &Buffer,
+        pub flux_counts: &Buffer,
+        pub flux_rays: &Buffer,
+    }
 }
 
 /// Rays of a dispatch: some tens of milliseconds on a software device, and short enough for a desktop's watchdog.

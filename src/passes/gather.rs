@@ -1,12 +1,12 @@
 //! Pass `gather`: the final gather of irradiance records, with their gradients (Ward and Heckbert 1992).
 
+use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
+
+use super::{TileBuffers, kernel};
 use crate::Result;
 pub use crate::kernels::MIN_RADIUS_PIXELS;
 use crate::kernels::RECORD_HEAD_TEXELS;
 use crate::specialisation::features::Features;
-use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
-
-use super::{TileBuffers, kernel};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/gather.wgsl`.
@@ -25,9 +25,18 @@ shared_struct! {
 bindings! {
     /// Everything that the kernel reads and writes except the scene and the global map.
     struct GatherBindings {
-        pub points: &Buffer, pub surfaces: &Buffer, pub counters: &Buffer, pub wanted: &Buffer, pub gathered: &Buffer, pub follow_count: &Buffer, pub follow_arguments: &Buffer, pub follow_rays: &Buffer, pub follow_hits: &Buffer,
-        pub record_heads: &Buffer, pub record_values: &Buffer,
-}
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub counters: &Buffer,
+        pub wanted: &Buffer,
+        pub gathered: &Buffer,
+        pub follow_count: &Buffer,
+        pub follow_arguments: &Buffer,
+        pub follow_rays: &Buffer,
+        pub follow_hits: &Buffer,
+        pub record_heads: &Buffer,
+        pub record_values: &Buffer,
+    }
 }
 
 shared_struct! {

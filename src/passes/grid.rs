@@ -3,19 +3,19 @@
 //! A counting sort: count (each photon takes its rank in its cell), scan, scatter. Then each cell that holds photons is
 //! classified: where the nearest k of every point on its surface are of one kind, a query there is one look-up.
 
-use crate::specialisation::features::Features;
+use std::rc::Rc;
+
 use kernel_kit::{
     Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
-use std::rc::Rc;
 
+use super::kernel;
 use crate::kernels::{SCAN_SERIAL, photon_word};
 use crate::settings::Settings;
+use crate::specialisation::features::Features;
 use crate::{Error, Result};
 
 pub use crate::kernels::{GridShape, MAX_LIGHTS};
-
-use super::kernel;
 
 shared_struct! {
     /// A photon of the visibility map or the global map.
@@ -62,16 +62,27 @@ shared_struct! {
 bindings! {
     /// The photons, and what sorting writes.
     struct SortBindings {
-        pub photons: &Buffer, pub cell_counts: &Buffer, pub photon_ranks: &Buffer, pub block_sums: &Buffer, pub starts: &Buffer, pub sorted_photons: &Buffer, pub occupied_cells: &Buffer,
-}
+        pub photons: &Buffer,
+        pub cell_counts: &Buffer,
+        pub photon_ranks: &Buffer,
+        pub block_sums: &Buffer,
+        pub starts: &Buffer,
+        pub sorted_photons: &Buffer,
+        pub occupied_cells: &Buffer,
+    }
 }
 
 bindings! {
     /// What classifying cells reads and writes beside the sorted photons.
     struct CellClassBindings {
-        pub occupied_cells: &Buffer, pub classify_arguments: &Buffer, pub cell_class_words: &Buffer, pub requested_normals: &Buffer, pub requested_cells: &Buffer, pub request_counts: &Buffer,
+        pub occupied_cells: &Buffer,
+        pub classify_arguments: &Buffer,
+        pub cell_class_words: &Buffer,
+        pub requested_normals: &Buffer,
+        pub requested_cells: &Buffer,
+        pub request_counts: &Buffer,
         pub request_arguments: &Buffer,
-}
+    }
 }
 
 /// The pass; see `shaders/grid.wgsl`.

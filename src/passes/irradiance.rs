@@ -2,15 +2,15 @@
 //! the scene (Christensen 1999), so that a ray of the final gather costs one look-up; shows the map at the points of a
 //! tile; adds the light of the caustic map there.
 
-use crate::Result;
-use crate::specialisation::features::{Feature, Features};
-use crate::statistics::Counter;
 use kernel_kit::{
     Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
 
 use super::grid::{GridShape, SortedPhotons};
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::{Feature, Features};
+use crate::statistics::Counter;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/irradiance.wgsl`.
@@ -25,12 +25,21 @@ shared_struct! {
 
 bindings! {
     /// Everything that the entry point `irradiance` reads and writes except the scene and the global map.
-    struct IrradianceBindings { pub irradiance_points: &Buffer, pub irradiances: &Buffer, pub counters: &Buffer}
+    struct IrradianceBindings {
+        pub irradiance_points: &Buffer,
+        pub irradiances: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 bindings! {
     /// Everything that the entry points `show` and `caustics` read and write except the scene and the map.
-    struct ShowBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_indirect: &Buffer, pub counters: &Buffer}
+    struct ShowBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub radiance_indirect: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 /// Photons of an estimate (k). With 64 its noise is an eighth; a gather takes the mean of some hundred estimates.

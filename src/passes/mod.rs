@@ -17,11 +17,12 @@ pub mod shadow;
 pub mod ward;
 pub mod zones;
 
+use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
+
 use crate::Result;
 use crate::kernels::compose;
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
-use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
 
 shared_struct! {
     /// A number of whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.

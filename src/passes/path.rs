@@ -1,11 +1,11 @@
 //! Pass `path`: a path tracer with next-event estimation, multiple importance sampling and Russian roulette. It is the
 //! reference, and the indirect light of the other techniques.
 
-use crate::Result;
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/path.wgsl`.
@@ -22,7 +22,13 @@ shared_struct! {
 bindings! {
     /// Everything that the kernel reads and writes except the scene, the global map and the queue of the irradiance
     /// cache.
-    struct PathBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_direct: &Buffer, pub radiance_indirect: &Buffer, pub counters: &Buffer}
+    struct PathBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub radiance_direct: &Buffer,
+        pub radiance_indirect: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/path.wgsl`.

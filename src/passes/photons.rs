@@ -1,14 +1,14 @@
 //! Pass `photons`: rays from the lights, straight on through everything they hit, leave the photons of the visibility
 //! map.
 
-use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
-use crate::settings::Settings;
-use crate::specialisation::features::Features;
-use crate::{Error, Result};
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::{MAX_LIGHTS, Photon};
 use super::kernel;
+use crate::kernels::{PHOTON_COUNT_HEADER, PHOTON_COUNTS_PER_LIGHT};
+use crate::settings::Settings;
+use crate::specialisation::features::Features;
+use crate::{Error, Result};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/photons.wgsl`.
@@ -22,7 +22,10 @@ shared_struct! {
 
 bindings! {
     /// What the kernel writes.
-    struct PhotonBindings { pub traced_photons: &Buffer, pub traced_counts: &Buffer}
+    struct PhotonBindings {
+        pub traced_photons: &Buffer,
+        pub traced_counts: &Buffer,
+    }
 }
 
 /// Maximum number of rays of a dispatch: some tens of milliseconds on a software device, and safe from a desktop's
@@ -76,7 +79,8 @@ impl Photons {
     /// or take one. The buffer has room for `spare` photons more.
     ///
     /// # Errors
-    /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and [`Kernel::bind`].
+    /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and
+    /// [`Kernel::bind`].
     pub fn trace(
         &self,
         gpu: &Gpu,

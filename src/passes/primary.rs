@@ -1,14 +1,19 @@
 //! Pass `primary`: traces camera rays to the points and surfaces that are visible.
 
-use crate::Result;
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Resources, bindings};
 
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 bindings! {
     /// Everything that the kernel reads and writes in every specialisation, except the scene.
-    struct PrimaryBindings { pub points: &Buffer, pub surfaces: &Buffer, pub radiance_direct: &Buffer, pub counters: &Buffer}
+    struct PrimaryBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub radiance_direct: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/primary.wgsl`.

@@ -1,12 +1,12 @@
 //! Pass `sample_lights`: the few of many lights that each point of a tile is lit by.
 
-use crate::Result;
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::grid::GridShape;
 use super::zones::ZoneTable;
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/sample_lights.wgsl`.
@@ -18,7 +18,10 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads, and the candidates that it writes.
-    struct SampleLightsBindings { pub points: &Buffer, pub sampled_lights: &Buffer}
+    struct SampleLightsBindings {
+        pub points: &Buffer,
+        pub sampled_lights: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/sample_lights.wgsl`.

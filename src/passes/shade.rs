@@ -1,10 +1,10 @@
 //! Pass `shade`: direct light by the class of each candidate (a point and a light).
 
-use crate::Result;
-use crate::specialisation::features::{Feature, Features};
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::{Feature, Features};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/shade.wgsl`.
@@ -28,17 +28,29 @@ shared_struct! {
 
 bindings! {
     /// What the kernels read and write in any case.
-    struct ShadeBindings { pub points: &Buffer, pub surfaces: &Buffer, pub classes: &Buffer, pub visibility: &Buffer, pub radiance_direct: &Buffer, pub counters: &Buffer}
+    struct ShadeBindings {
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub classes: &Buffer,
+        pub visibility: &Buffer,
+        pub radiance_direct: &Buffer,
+        pub counters: &Buffer,
+    }
 }
 
 bindings! {
     /// The queue of the points whose lights are sampled, where few are.
-    struct SampledBindings { pub sampled_points: &Buffer, pub queue_lengths: &Buffer}
+    struct SampledBindings {
+        pub sampled_points: &Buffer,
+        pub queue_lengths: &Buffer,
+    }
 }
 
 bindings! {
     /// What the kernels write for the AOV.
-    struct ShadowSampleBindings { pub shadow_samples: &Buffer}
+    struct ShadowSampleBindings {
+        pub shadow_samples: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/shade.wgsl`.

@@ -1,10 +1,10 @@
 //! Pass `shadow`: shadow rays for the candidates that the photons do not decide, and audits of those that they do.
 
-use crate::Result;
-use crate::specialisation::features::{Feature, Features};
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::{Feature, Features};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/shadow.wgsl`.
@@ -24,12 +24,24 @@ shared_struct! {
 
 bindings! {
     /// What shadow rays read and write.
-    struct ShadowBindings { pub points: &Buffer, pub boundary_queue: &Buffer, pub queue_lengths: &Buffer, pub visibility: &Buffer, pub counters: &Buffer, pub radiance_direct: &Buffer}
+    struct ShadowBindings {
+        pub points: &Buffer,
+        pub boundary_queue: &Buffer,
+        pub queue_lengths: &Buffer,
+        pub visibility: &Buffer,
+        pub counters: &Buffer,
+        pub radiance_direct: &Buffer,
+    }
 }
 
 bindings! {
     /// What audits read and write beside that.
-    struct AuditBindings { pub classes: &Buffer, pub audit_queue: &Buffer, pub repair_photons: &Buffer, pub repair_count: &Buffer}
+    struct AuditBindings {
+        pub classes: &Buffer,
+        pub audit_queue: &Buffer,
+        pub repair_photons: &Buffer,
+        pub repair_count: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/shadow.wgsl`.

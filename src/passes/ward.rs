@@ -1,12 +1,12 @@
 //! Pass `ward`: tests the lights of each point in the order of what they could contribute, and estimates those not
 //! tested.
 
-use crate::Result;
-use crate::specialisation::features::Features;
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
 use super::classify::ClassifyBuffers;
 use super::{Tile, TileBuffers, kernel};
+use crate::Result;
+use crate::specialisation::features::Features;
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/ward.wgsl`.
@@ -45,9 +45,17 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write.
     struct WardBindings {
-        pub points: &Buffer, pub surfaces: &Buffer, pub classes: &Buffer, pub visibility: &Buffer, pub queue_lengths: &Buffer, pub boundary_queue: &Buffer, pub light_keys: &Buffer, pub ward_states: &Buffer, pub light_rates: &Buffer,
+        pub points: &Buffer,
+        pub surfaces: &Buffer,
+        pub classes: &Buffer,
+        pub visibility: &Buffer,
+        pub queue_lengths: &Buffer,
+        pub boundary_queue: &Buffer,
+        pub light_keys: &Buffer,
+        pub ward_states: &Buffer,
+        pub light_rates: &Buffer,
         pub light_tests: &Buffer,
-}
+    }
 }
 
 /// Lights whose potentials one invocation computes: with the light points of each, and the search for an emitter

@@ -1,18 +1,16 @@
 //! Pass `zones`: light zones, which the paper proposes for scenes of many lights. Of each cell of a coarse grid it
 //! lists the lights that reach it, from the photons.
 
-use crate::specialisation::features::Features;
 use glam::Vec3;
 use kernel_kit::{
     Binding, Bindings, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
 };
 
-use crate::Result;
-
 use super::grid::{GridShape, SortedPhotons};
 use super::kernel;
-
+use crate::Result;
 pub use crate::kernels::ZONE_LIGHTS;
+use crate::specialisation::features::Features;
 
 /// Maximum number of zones: 8 MiB of lists.
 const MAX_ZONES: f64 = (1u32 << 15) as f64;
@@ -33,7 +31,10 @@ shared_struct! {
 
 bindings! {
     /// What the kernel reads beside the photons, and what it writes.
-    struct ZoneBindings { pub light_powers: &Buffer, pub listed_lights: &Buffer}
+    struct ZoneBindings {
+        pub light_powers: &Buffer,
+        pub listed_lights: &Buffer,
+    }
 }
 
 /// The pass; see `shaders/zones.wgsl`.

@@ -1,15 +1,14 @@
 //! Adding samples, batch by batch.
 
-use crate::specialisation::features::Feature;
 use std::time::Instant;
 
+use super::renderer::Renderer;
 use crate::Result;
 use crate::light_transport::second_pass::SecondPass;
 use crate::light_transport::shared::Shared;
+use crate::specialisation::features::Feature;
 use crate::statistics::Counter;
 use crate::techniques::implementation;
-
-use super::renderer::Renderer;
 
 /// How far a render is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +29,7 @@ impl Renderer<'_> {
     /// [`crate::Error::Computation`] where more than a thousandth of the rays met the loop budget, and those of
     /// [`kernel_kit::Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
-        self.render_at_most(u32::MAX)
+        self.render_up_to(u32::MAX)
     }
 
     /// As [`Renderer::render_batch`], with no more than `limit` samples a pixel, at least one: for callers with little
@@ -38,7 +37,7 @@ impl Renderer<'_> {
     ///
     /// # Errors
     /// As [`Renderer::render_batch`].
-    pub fn render_at_most(&mut self, limit: u32) -> Result<Progress> {
+    pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
         self.refine()?;
         let start = Instant::now();
         let layers = self.layers_of_batch(limit);

@@ -38,11 +38,11 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
         },
         near_overflow: count(Counter::NearOverflow),
         unknown: totals.mapped_unknown,
-        least_records: totals.least_records,
+        min_radius_records: totals.min_radius_records,
         heavy_paths: count(Counter::HeavyPaths),
         overruns: count(Counter::Overrun),
         procedural_overruns: count(Counter::ProceduralOverruns),
-        procedural_nonsense: count(Counter::ProceduralInvalid),
+        procedural_invalid: count(Counter::ProceduralInvalid),
         mean_bounces: totals.mean_bounces().round() as u64,
         devices_lost: totals.devices_lost,
     }
@@ -50,7 +50,8 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
 
 /// A warning for each count that says that something is wrong.
 pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
-    // No warning of records of the smallest radius: what they blur is three pixels wide, and corners need them in any scene.
+    // No warning of records of the smallest radius: what they blur is three pixels wide, and corners need them in any
+    // scene.
     let mut warnings = number_warnings(totals);
     warnings.extend(unknown_warning(totals));
     warnings.extend(path_warnings(totals, settings));
@@ -60,8 +61,8 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
         name: "devices_lost",
         count: lost,
         text: format!(
-            "the device was lost {lost} times, and the render resumed from the state in memory: if it happens again, look \
-             for a driver that resets or is short of memory"
+            "the device was lost {lost} times, and the render resumed from the state in memory: if it happens again, \
+             look for a driver that resets or is short of memory"
         ),
     });
     warnings.retain(|warning| warning.count > 0);
@@ -119,24 +120,25 @@ fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
             name: "heavy_paths",
             count: heavy_paths,
             text: format!(
-                "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that fade \
-                 slowly: take more samples, or look for materials that reflect more light than they receive"
+                "{heavy_paths} paths have more than eight times their usual weight, and show as bright specks that \
+                 fade slowly: take more samples, or look for materials that reflect more light than they receive"
             ),
         },
         Warning {
             name: "overruns",
             count: overruns,
             text: format!(
-                "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and their \
-                 samples are left out of the image: remove overlapping layers, or choose a hardware device with --device"
+                "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and \
+                 their samples are left out of the image: remove overlapping layers, or choose a hardware device with \
+                 --device"
             ),
         },
     ];
-    let most = settings.indirect.max_bounces;
-    if most >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(most) {
+    let max_bounces = settings.indirect.max_bounces;
+    if max_bounces >= MANY_BOUNCES && totals.mean_bounces() > LONG_SHARE * f64::from(max_bounces) {
         let text = format!(
-            "light bounces {mean_bounces} times on average, and `indirect.max_bounces` {most} leaves out longer paths: the image is \
-             too dark unless the maximum is raised"
+            "light bounces {mean_bounces} times on average, and `indirect.max_bounces` {max_bounces} leaves out longer \
+             paths: the image is too dark unless the maximum is raised"
         );
         warnings.push(Warning { name: "mean_bounces", count: mean_bounces, text });
     }
@@ -145,22 +147,22 @@ fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
 
 /// Functions of procedural objects that do not end, or return invalid results.
 fn procedural_warnings(totals: &Totals) -> Vec<Warning> {
-    let Conditioning { procedural_overruns: overruns, procedural_nonsense: invalid, .. } = conditioning(totals);
+    let Conditioning { procedural_overruns: overruns, procedural_invalid: invalid, .. } = conditioning(totals);
     vec![
         Warning {
             name: "procedural_overruns",
             count: overruns,
             text: format!(
-                "{overruns} rays took more than {ITERATIONS} iterations in a procedural object and passed through it: look for \
-                 loops that do not end, or distance functions that return far less than the distance"
+                "{overruns} rays took more than {ITERATIONS} iterations in a procedural object and passed through it: \
+                 look for loops that do not end, or distance functions that return far less than the distance"
             ),
         },
         Warning {
-            name: "procedural_nonsense",
+            name: "procedural_invalid",
             count: invalid,
             text: format!(
-                "{invalid} answers of procedural objects are not finite or have no normal, and their rays passed through: \
-                 look for divisions by zero and roots of negative numbers in their functions"
+                "{invalid} answers of procedural objects are not finite or have no normal, and their rays passed \
+                 through: look for divisions by zero and roots of negative numbers in their functions"
             ),
         },
     ]

@@ -1,20 +1,19 @@
 //! The image and the statistics of a render.
 
-use kernel_kit::Gpu;
 use std::collections::{BTreeMap, HashMap};
 
 use glam::{DVec3, DVec4};
-
-use crate::passes::film::Plane;
-use crate::render::film::{Channel, Metadata};
-use crate::settings::Aov;
-use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
-use crate::{Image, Result};
+use kernel_kit::Gpu;
 
 use super::checkpoint::Checkpoint;
 use super::conditioning;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
+use crate::passes::film::Plane;
+use crate::render::film::{Channel, Metadata};
+use crate::settings::Aov;
+use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
+use crate::{Image, Result};
 
 /// Depth where the ray left the scene: Blender's number, as some EXR readers fail on infinities.
 const NO_DEPTH: f64 = 1e10;
@@ -214,7 +213,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
     let (totals, scene, gpu): (_, _, &Gpu) = (&renderer.totals, &renderer.scene, renderer.gpu);
     let names = |items: &[crate::specialisation::Item]| items.iter().map(|item| item.name().to_owned()).collect();
     Statistics {
-        schema: 1,
+        schema: 2,
         version: env!("CARGO_PKG_VERSION"),
         device: gpu.info.clone(),
         settings: renderer.settings.clone(),

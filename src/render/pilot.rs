@@ -2,11 +2,10 @@
 
 use std::time::Instant;
 
+use super::renderer::Renderer;
 use crate::Result;
 use crate::light_transport::kernels::DirectKernels;
 use crate::light_transport::shared::Shared;
-
-use super::renderer::Renderer;
 
 impl Renderer<'_> {
     /// Leaves the visibility map out if the first samples say that it does not pay.

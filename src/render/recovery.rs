@@ -1,14 +1,14 @@
 //! Renders that go on after their device is lost, and what is left of those that fail.
 
-use kernel_kit::Gpu;
 use std::time::Instant;
 
-use crate::{Error, Image, Result, Statistics};
+use kernel_kit::Gpu;
 
 use super::checkpoint::Checkpoint;
 use super::keeping::Keeping;
 use super::output;
 use super::renderer::Renderer;
+use crate::{Error, Image, Result, Statistics};
 
 /// How often a device may be lost before more samples are kept: where it is lost again and again at the same sample,
 /// its work is the cause.

@@ -3,6 +3,7 @@
 
 use std::time::Instant;
 
+use super::renderer::Renderer;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::light_transport::caustic_map::CausticMap;
@@ -10,8 +11,6 @@ use crate::light_transport::indirect_light::{IndirectLight, IndirectSetup};
 use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::settings::Settings;
-
-use super::renderer::Renderer;
 
 /// Samples a pixel from which on there are more photons and gather rays than at first: four times, and four times again
 /// for each four times the samples. All points share these, so no number of samples would take their error away.

@@ -1,8 +1,12 @@
 //! [`Renderer`]: a render under way, and its preparation.
 
-use kernel_kit::Gpu;
 use std::time::Instant;
 
+use kernel_kit::Gpu;
+
+use super::keeping::Keeping;
+use super::notes::notes;
+use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu_scene::{CameraUniform, GpuScene};
@@ -18,10 +22,6 @@ use crate::settings::Settings;
 use crate::specialisation::Specialisation;
 use crate::statistics::totals::Totals;
 use crate::techniques::implementation;
-
-use super::keeping::Keeping;
-use super::notes::notes;
-use super::tiles::{TileFilm, TileSize};
 
 /// A render under way.
 pub struct Renderer<'g> {

@@ -1,15 +1,14 @@
 //! Renders that go on from a checkpoint, in another process or on another device, bit for bit as if they had never
 //! stopped.
 
-use crate::specialisation::features::Feature;
 use std::path::Path;
-
-use crate::light_transport::shared::Shared;
-use crate::light_transport::visibility_map::MapState;
-use crate::{Error, Result};
 
 use super::checkpoint::{Checkpoint, Header};
 use super::renderer::Renderer;
+use crate::light_transport::shared::Shared;
+use crate::light_transport::visibility_map::MapState;
+use crate::specialisation::features::Feature;
+use crate::{Error, Result};
 
 impl Renderer<'_> {
     /// What samples have left so far.

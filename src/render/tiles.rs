@@ -1,5 +1,7 @@
 //! Tiles: whole rows of the image, several samples of each pixel at once, with a film each.
 
+use kernel_kit::{Buffer, Gpu};
+
 use crate::Result;
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::TILE_SAMPLES;
@@ -7,7 +9,6 @@ use crate::passes::film::{Film, Plane};
 use crate::passes::{Tile, TileBuffers};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::Features;
-use kernel_kit::{Buffer, Gpu};
 
 /// Maximum number of points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
 const TILE_POINTS: u32 = 1 << 19;

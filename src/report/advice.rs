@@ -3,9 +3,6 @@
 use std::cmp::Ordering;
 use std::fmt::Write;
 
-use crate::Error;
-use crate::settings::Technique;
-
 use super::curve::ratio;
 use super::document::{BASELINE, ComparisonReport};
 use super::finding::FindingKind;
@@ -14,6 +11,8 @@ use super::interval::Interval;
 use super::measure::MeasuredTechnique;
 use super::reference::Reference;
 use super::run::Run;
+use crate::Error;
+use crate::settings::Technique;
 
 /// An error of this multiple of the smallest one is clearly worse, where times do not separate the techniques.
 const CLEARLY: f64 = 2.0;

@@ -3,9 +3,6 @@
 use kernel_kit::DeviceInfo;
 use rayon::prelude::*;
 
-use crate::Result;
-use crate::settings::Technique;
-
 use super::advice::{LateTechnique, advice, budgets_too_short};
 use super::classes::Classes;
 use super::curve::Comparison;
@@ -13,8 +10,10 @@ use super::document::{BASELINE, ComparisonReport, Overhead, ReferenceReport, Rep
 use super::measure::{MeasuredTechnique, Yardstick, budgets};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
+use crate::Result;
+use crate::settings::Technique;
 
-/// Version of the keys of `report.json`. 2: `verdict` became `finding`, and `seen` (of classes) became `visible`.
+/// Version of the keys of `report.json`; 2 has `finding` for conclusions and `visible` in `classes`.
 const SCHEMA: u32 = 2;
 
 impl Report {

@@ -1,16 +1,15 @@
 //! Confusion matrices: the classes that photons or cells give to points, against true visibility.
 
-use crate::specialisation::features::Feature;
 use std::fs;
 use std::path::Path;
 
 use serde::Serialize;
 
-use crate::settings::{Aov, Settings, Technique};
-use crate::{Error, Image, Result};
-
 use super::interval::Interval;
 use super::run::Subject;
+use crate::settings::{Aov, Settings, Technique};
+use crate::specialisation::features::Feature;
+use crate::{Error, Image, Result};
 
 /// Points on each light whose shadow rays give the true visibility of a point.
 const LIGHT_POINTS: u32 = 256;

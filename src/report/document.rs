@@ -1,18 +1,17 @@
 //! The contents of a report, in the form of `report.json`; `docs/report.md` describes every key.
 
-use kernel_kit::DeviceInfo;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use kernel_kit::DeviceInfo;
 use serde::Serialize;
-
-use crate::settings::{Settings, Technique};
-use crate::statistics::Rays;
 
 use super::classes::Classes;
 use super::finding::Finding;
 use super::interval::Interval;
 use super::sweep::Sweep;
+use crate::settings::{Settings, Technique};
+use crate::statistics::Rays;
 
 /// Minimum number of runs of each technique: the jackknife leaves one out, and a variance needs two.
 pub const MIN_REPEATS: usize = 3;
@@ -189,8 +188,8 @@ impl Report {
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{technique},{seed},{budget},{time},{samples},{rmse},{relmse},{mae},{p99},{flip},{boundary},{elsewhere},\
-                 {camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
+                "{technique},{seed},{budget},{time},{samples},{rmse},{relmse},{mae},{p99},{flip},{boundary},\
+                 {elsewhere},{camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
             );
         }
         text

@@ -1,10 +1,9 @@
 //! The expected error of an image, estimated without a reference.
 
-use crate::render::film::Image;
-use crate::statistics::Statistics;
-
 use super::metrics::RELMSE_FLOOR;
 use super::reference::variance;
+use crate::render::film::Image;
+use crate::statistics::Statistics;
 
 /// The expected relMSE of an image: the variance of its pixels (channels `variance.R` and so on), plus an upper bound
 /// on the error of wrong classes that the audits have not met yet.

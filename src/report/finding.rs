@@ -2,12 +2,11 @@
 
 use serde::Serialize;
 
-use crate::Image;
-
 use super::format::percent;
 use super::interval::Interval;
 use super::metrics::channels;
 use super::reference::{Reference, variance};
+use crate::Image;
 
 /// Relative brightness error from which a technique counts as biased. A smaller one does not change an 8-bit code of
 /// mid grey.

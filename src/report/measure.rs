@@ -2,10 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::settings::Technique;
-use crate::statistics::Rays;
-use crate::{Image, Result};
-
 use super::curve::Curve;
 use super::document::{Row, SnapshotReport, TechniqueReport, TimeReport};
 use super::finding::{ErrorParts, brightness, finding};
@@ -13,6 +9,9 @@ use super::interval::Interval;
 use super::metrics::{self, RELMSE_FLOOR, channels};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
+use crate::settings::Technique;
+use crate::statistics::Rays;
+use crate::{Image, Result};
 
 /// What all images are measured against.
 #[derive(Clone, Copy)]

@@ -5,12 +5,11 @@ use base64::engine::general_purpose::STANDARD;
 use half::f16;
 use serde::Serialize;
 
-use crate::{Error, Image, Result};
-
 use super::document::Report;
 use super::plot;
 use super::reference::Reference;
 use super::run::Run;
+use crate::{Error, Image, Result};
 
 /// Maximum bytes of the images in the page: what a browser still opens at once. The last images have precedence.
 const MAX_BYTES: usize = 48 << 20;

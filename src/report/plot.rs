@@ -7,14 +7,13 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, KeyPointWeight};
 use plotters::prelude::*;
 
-use crate::settings::Technique;
-use crate::stress::{self, Family, Reading};
-use crate::{Error, Result};
-
 use super::document::{Report, SnapshotReport, TechniqueReport};
 use super::format::number;
 use super::interval::Interval;
 use super::sweep::{Sweep, SweepPoint};
+use crate::settings::Technique;
+use crate::stress::{self, Family, Reading};
+use crate::{Error, Result};
 
 /// Width and height of a plot in pixels.
 const SIZE: (u32, u32) = (760, 460);

@@ -6,12 +6,11 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::metrics::{self, RELMSE_FLOOR};
+use super::run::{Subject, colour};
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
 use crate::{Error, Image, Renderer, Result};
-
-use super::metrics::{self, RELMSE_FLOOR};
-use super::run::{Subject, colour};
 
 /// Interval between saves of the halves. The first saves come sooner, because a small image reaches its goal quickly.
 const SAVE_INTERVAL: Duration = Duration::from_secs(10);
@@ -34,7 +33,7 @@ const SECONDS: &str = "penumbra:seconds";
 pub struct Reference {
     /// Channels `R`, `G` and `B`, and if known `variance.R` and so on: the variance of the pixel's mean.
     pub image: Image,
-    /// The standard error aimed for, if the reference was made here. The actual one is larger if time ran out.
+    /// The goal for the standard error, if the reference was made here. The actual one is larger if time ran out.
     pub goal: Option<f64>,
 }
 

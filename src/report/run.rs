@@ -1,8 +1,9 @@
 //! Timed renders with snapshots at time budgets.
 
-use kernel_kit::Gpu;
 use std::collections::BTreeMap;
 use std::time::Instant;
+
+use kernel_kit::Gpu;
 
 use crate::settings::{Settings, Technique};
 use crate::specialisation::features::Feature;
@@ -83,11 +84,11 @@ pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Res
     let start = Instant::now();
     let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.image.seed))?;
     let sample = Instant::now();
-    renderer.render_at_most(1)?;
+    renderer.render_up_to(1)?;
     subject.gpu.wait("warm-up")?;
     if sample.elapsed().as_secs_f64() <= longest {
         // The pilot may leave out the visibility map, which changes the kernels of later samples.
-        renderer.render_at_most(1)?;
+        renderer.render_up_to(1)?;
         subject.gpu.wait("warm-up")?;
     }
     Ok(start.elapsed().as_secs_f64())
@@ -182,7 +183,7 @@ impl<'a> TimedRender<'a> {
                 return Ok(false);
             }
             let (before, start) = (self.renderer.samples(), Instant::now());
-            self.renderer.render_at_most(limit)?;
+            self.renderer.render_up_to(limit)?;
             let took = start.elapsed().as_secs_f64();
             self.time += took;
             self.sampled = self.time;

@@ -4,14 +4,13 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use crate::settings::{Settings, Technique};
-use crate::{Error, Result};
-
 use super::classes::{Classes, Truth};
 use super::interval::Interval;
 use super::metrics;
 use super::reference::Reference;
 use super::run::{Subject, colour};
+use crate::settings::{Settings, Technique};
+use crate::{Error, Result};
 
 /// Number of values of a sweep, at equal ratios: at least two per decade in a sweep over three decades.
 const VALUES: u32 = 7;

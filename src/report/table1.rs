@@ -1,19 +1,18 @@
 //! Table 1 of the paper, repeated: its two scenes, four techniques and settings, next to its own figures.
 
-use kernel_kit::Gpu;
 use std::fmt::Write;
 use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-
-use crate::render::film::View;
-use crate::scene::ImportOptions;
-use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
+use kernel_kit::Gpu;
 
 use super::format::{grouped, percent};
 use super::metrics::{self, RELMSE_FLOOR};
 use super::reference::variance;
+use crate::render::film::View;
+use crate::scene::ImportOptions;
+use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};
 
 /// The paper's techniques, in the order of its table.
 pub const TECHNIQUES: [Technique; 4] =
@@ -314,7 +313,8 @@ pub fn notes(options: &Options) -> Vec<&'static str> {
         if options.paper_counting {
             "Photons are counted regardless of their normals, as in the paper."
         } else {
-            "Only photons with a similar normal are counted; `visibility_map.paper_counting` counts all, as the paper does."
+            "Only photons with a similar normal are counted; `visibility_map.paper_counting` counts all, as the paper \
+             does."
         },
         "Audits and dilation are off, as the paper has neither.",
     ]

@@ -94,7 +94,7 @@ impl Scene {
         scene.normalisation = geometry.normalisation();
         procedural::place(procedurals, &mut scene)?;
         let mesh_lights = geometry.finish(&mut scene, &mut notes);
-        document.place_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
+        document.add_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
         note_omissions(&root, &scene, &skipped, &mut notes)?;
         scene.notes = notes.into_lines();
         Ok(scene)
@@ -132,7 +132,7 @@ impl Document<'_> {
     }
 
     /// Adds lights and cameras to the scene in the order of their nodes.
-    fn place_lights_and_cameras(
+    fn add_lights_and_cameras(
         &self,
         scene: &mut Scene,
         mesh_lights: Vec<PlacedMeshLight>,

@@ -105,7 +105,8 @@ fn scene_roots(
     let moved = |i: usize| parent[i].filter(|&above| local[above] != DAffine3::IDENTITY);
     if let Some((i, above)) = roots.iter().find_map(|&i| Some((i, moved(i)?))) {
         notes.push(format!(
-            "scene {selected} lists node {i}, which is not a root: the transform of its parent, node {above}, is not applied"
+            "scene {selected} lists node {i}, which is not a root: the transform of its parent, node {above}, is not \
+             applied"
         ));
     }
     Ok(roots)

@@ -8,7 +8,8 @@ use crate::Result;
 /// ```
 /// use penumbra::{Aov, Settings, Technique};
 ///
-/// let settings = Settings::builder().technique(Technique::TWO_PASS).size(320, 200).spp(64).aovs([Aov::Albedo]).build()?;
+/// let builder = Settings::builder().technique(Technique::TWO_PASS).size(320, 200).spp(64);
+/// let settings = builder.aovs([Aov::Albedo]).build()?;
 /// assert_eq!(settings.image.width, 320);
 ///
 /// let error = Settings::builder().nearest(600).build().unwrap_err();
@@ -39,7 +40,8 @@ setters! {
     seed: u32 => "ImageSettings::seed", image.seed;
     photons_per_light: u32 => "VisibilityMapSettings::photons_per_light", visibility_map.photons_per_light;
     nearest: u32 => "VisibilityMapSettings::nearest", visibility_map.nearest;
-    shadow_photons_per_ray: u32 => "VisibilityMapSettings::shadow_photons_per_ray", visibility_map.shadow_photons_per_ray;
+    shadow_photons_per_ray: u32 => "VisibilityMapSettings::shadow_photons_per_ray",
+        visibility_map.shadow_photons_per_ray;
     dilate: u32 => "VisibilityMapSettings::dilate", visibility_map.dilate;
     audit: f32 => "VisibilityMapSettings::audit", visibility_map.audit;
     paper_counting: bool => "VisibilityMapSettings::paper_counting", visibility_map.paper_counting;

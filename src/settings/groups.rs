@@ -48,7 +48,8 @@ impl Default for VisibilityMapSettings {
     fn default() -> Self {
         VisibilityMapSettings {
             photons_per_light: 131_072,
-            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the same.
+            // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the
+            // same.
             nearest: 36,
             shadow_photons_per_ray: 10,
             dilate: None,
@@ -96,7 +97,8 @@ impl Default for LightSamplingSettings {
 #[non_exhaustive]
 pub struct IndirectSettings {
     /// Maximum number of bounces of indirect light; 0 for direct light alone. A gather ray that hits a surface too near
-    /// continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a third.
+    /// continues for one bounce: with irradiance records and two bounces, a room has about 0.2 % of the light of a
+    /// third.
     pub max_bounces: u32,
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
     #[serde(rename = "flux_photons")]
@@ -124,8 +126,8 @@ pub struct IrradianceCacheSettings {
     /// Interpolate irradiance between records. `false`: every point traces one gather ray.
     #[serde(rename = "cache")]
     pub enabled: bool,
-    /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992): smaller is
-    /// more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
+    /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992):
+    /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
     pub accuracy: f32,
     /// Approximate number of gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`].
     pub gather_rays: u32,
@@ -160,7 +162,8 @@ impl Default for CellSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct WardSettings {
-    /// Lights are tested until those left could contribute less than this share of the point's light, 0 to 1. 0 tests all.
+    /// Lights are tested until those left could contribute less than this share of the point's light, 0 to 1. 0 tests
+    /// all.
     #[serde(rename = "shadow_tolerance")]
     pub tolerance: f32,
 }
@@ -175,8 +178,8 @@ impl Default for WardSettings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
-    /// Samples per pixel of a render that its time ends: never reached. A power of two keeps the samples of a pixel well
-    /// stratified.
+    /// Samples per pixel of a render that its time ends: never reached. A power of two keeps the samples of a pixel
+    /// well stratified.
     pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: a class word has room for no more.
     pub const MAX_NEAREST: u32 = 511;
@@ -184,8 +187,8 @@ impl Settings {
     pub const MAX_SHADOW_SAMPLES: u32 = 1024;
     /// Maximum number of shadow photons stored along one ray: an invocation has registers for no more.
     pub const MAX_SHADOW_PHOTONS: u32 = 64;
-    /// Maximum number of lights that all points use by default. With 16 small lamps, sampling eight takes half to a sixth of the
-    /// time at the same error (docs/decisions.md, many lights).
+    /// Maximum number of lights that all points use by default. With 16 small lamps, sampling eight takes half to a
+    /// sixth of the time at the same error (docs/decisions.md, many lights).
     pub const MANY_LIGHTS: u32 = 16;
     /// Maximum number of lights sampled at a point: as many as a zone lists.
     pub const MAX_SAMPLED_LIGHTS: u32 = 64;

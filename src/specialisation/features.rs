@@ -89,7 +89,7 @@ kernel_kit::features! {
         /// Method: shadow photons carry negative flux.
         NegativePhotons,
         /// Scene and method: camera rays follow specular chains through clear glass and mirrors.
-        Chains,
+        SpecularChains,
         /// Method: a photon map of its own holds caustics.
         Caustics,
         /// Method: irradiance records hold the diffuse part of indirect light.

@@ -1,12 +1,11 @@
 //! What indirect light needs: paths, the global map, caustics, the irradiance cache.
 
+use super::decisions::{Specialisation, bytes_text, count, is_lit};
+use super::surfaces::Facts;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::technique::Transport;
 use crate::specialisation::features::Feature;
-
-use super::decisions::{Specialisation, bytes_text, count, is_lit};
-use super::surfaces::Facts;
 
 impl Specialisation {
     pub(super) fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
@@ -83,7 +82,7 @@ impl Specialisation {
         };
         let continued = !paths && settings.indirect.max_bounces > 0 && lit && m.clear > 0;
         let cost = "rays on from such surfaces, to where photons are; 16 B a point";
-        self.decide(Feature::Chains, continued, why, unneeded, cost);
+        self.decide(Feature::SpecularChains, continued, why, unneeded, cost);
         let why = format!("{} that light is focused by", count(m.focusing, "material"));
         let unneeded = if bounces { "no material focuses light" } else { "no light of more bounces is asked for" };
         let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";

@@ -1,15 +1,14 @@
 //! What the lights of a scene need, and which of them a shading point samples.
 
-use crate::specialisation::features::Feature;
 use glam::Vec3;
 
+use super::decisions::{Specialisation, count};
+use super::surfaces::Facts;
 use crate::kernels::MAX_LIGHTS;
 use crate::scene::{Light, LightKind, Scene};
 use crate::settings::technique::ConsideredLights;
 use crate::settings::{Aov, LightSampling, Settings};
-
-use super::decisions::{Specialisation, count};
-use super::surfaces::Facts;
+use crate::specialisation::features::Feature;
 
 /// Maximum number of triangles of a light whose contributions are all worked out, at any distance. A square has two.
 pub(crate) const FEW_EMITTERS: u32 = 4;
@@ -77,7 +76,8 @@ impl Specialisation {
             "much noise where lights differ",
         );
         let zones = sampling == LightSampling::Zones;
-        let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 potentials a point";
+        let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 \
+                    potentials a point";
         self.decide(Feature::Zones, zones, why.clone(), &why, cost);
     }
 }

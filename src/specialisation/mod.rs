@@ -10,11 +10,12 @@ pub(crate) mod lights;
 mod surfaces;
 pub(crate) mod visibility;
 
+use kernel_kit::Gpu;
+
 use crate::bvh::Bvh;
 use crate::scene::Scene;
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
-use kernel_kit::Gpu;
 
 pub use decisions::{Item, Specialisation, bytes_text};
 use surfaces::Facts;

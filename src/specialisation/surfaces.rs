@@ -3,7 +3,7 @@
 use crate::specialisation::features::{Feature, Features};
 use glam::Vec3;
 
-use crate::kernels::{CHAIN_VECTORS, TRIANGLE_VECTORS};
+use crate::kernels::{SPECULAR_CHAIN_VECTORS, TRIANGLE_VECTORS};
 use crate::scene::{
     AlphaMode, Anisotropy, Clearcoat, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
 };
@@ -154,7 +154,7 @@ const LOBE_COST: &str = "a lobe more at every glossy surface; 16 B a point";
 /// Vectors that a point's surface takes with those features: `SURFACE_VECTORS` of `shaders/lib/point.wgsl`.
 pub fn surface_vectors(features: &Features) -> u32 {
     let lobes: u32 = LOBES.iter().filter(|lobe| features.has(lobe.feature)).map(|lobe| lobe.vectors).sum();
-    let chain = if features.has(Feature::Chains) { CHAIN_VECTORS } else { 0 };
+    let chain = if features.has(Feature::SpecularChains) { SPECULAR_CHAIN_VECTORS } else { 0 };
     let photons_shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
     let triangle = if features.has(Feature::SmoothNormals) && photons_shown { TRIANGLE_VECTORS } else { 0 };
     1 + lobes + chain + triangle

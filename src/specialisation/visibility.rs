@@ -1,12 +1,11 @@
 //! What tells a shading point whether it sees a light: photons, cells, shadow rays, audits.
 
+use super::decisions::{Item, Specialisation, bytes_text, is_lit};
 use crate::kernels::{GridShape, MAX_LIGHTS};
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::technique::Visibility;
 use crate::specialisation::features::Feature;
-
-use super::decisions::{Item, Specialisation, bytes_text, is_lit};
 
 /// Why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";

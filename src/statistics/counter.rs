@@ -57,7 +57,7 @@ pub enum Counter {
     NotFinitePath,
     /// [`super::Conditioning::procedural_overruns`]: kernels count it in a buffer of its own.
     ProceduralOverruns,
-    /// [`super::Conditioning::procedural_nonsense`]: likewise.
+    /// [`super::Conditioning::procedural_invalid`]: likewise.
     ProceduralInvalid,
 }
 

@@ -4,16 +4,15 @@ mod audits;
 mod counter;
 pub(crate) mod totals;
 
-use kernel_kit::DeviceInfo;
 use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
-
-use crate::settings::Settings;
 
 pub(crate) use audits::wilson;
 pub use audits::{Audits, Stratum};
 pub use counter::Counter;
+use kernel_kit::DeviceInfo;
+use serde::{Deserialize, Serialize};
+
+use crate::settings::Settings;
 
 /// Everything about a render but the image.
 #[derive(Clone, Debug, Serialize)]
@@ -119,7 +118,7 @@ pub struct LightPhotons {
     /// Shadow photons stored.
     pub shadow: u64,
     /// Photons that audits added.
-    pub healed: u64,
+    pub repaired: u64,
 }
 
 /// The maps and the irradiance cache that indirect light comes from.
@@ -134,7 +133,7 @@ pub struct Indirect {
     /// Photons of the caustic maps of all samples.
     pub caustics: u64,
     /// Points where irradiance is precomputed.
-    pub places: u64,
+    pub points: u64,
     /// Irradiance records.
     pub records: u64,
 }
@@ -150,7 +149,7 @@ pub struct Conditioning {
     /// Points for which the visibility map had too few photons; see [`Points::unknown`].
     pub unknown: u64,
     /// Irradiance records of the smallest radius, three pixels.
-    pub least_records: u64,
+    pub min_radius_records: u64,
     /// Paths whose weight rose above 8 after Russian roulette.
     pub heavy_paths: u64,
     /// Kernel invocations that exceeded the loop budget. Their samples are left out of the image, and their photons out
@@ -159,7 +158,7 @@ pub struct Conditioning {
     /// Rays that passed through a procedural object because its function took too many iterations.
     pub procedural_overruns: u64,
     /// Rays that passed through a procedural object because its function returned an invalid result.
-    pub procedural_nonsense: u64,
+    pub procedural_invalid: u64,
     /// Mean number of bounces of a photon of the global map, or of a path where there is no such map.
     pub mean_bounces: u64,
     /// Devices that were lost and replaced during the render.

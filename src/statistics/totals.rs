@@ -22,7 +22,7 @@ pub(crate) struct Totals {
     /// Caustic maps that are counted.
     pub caustic_maps: u32,
     /// Irradiance records of the smallest radius.
-    pub least_records: u64,
+    pub min_radius_records: u64,
     /// Points that queried the visibility map, and those among them that found too few photons.
     pub mapped_points: u64,
     pub mapped_unknown: u64,
@@ -84,9 +84,9 @@ impl Totals {
         Err(Error::Computation {
             kernel: "bvh".to_owned(),
             problem: format!(
-                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations allows; the \
-                 image would be wrong. Remove overlapping layers, set fewer `indirect.max_bounces`, or choose a hardware device \
-                 with --device"
+                "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations \
+                 allows; the image would be wrong. Remove overlapping layers, set fewer `indirect.max_bounces`, or \
+                 choose a hardware device with --device"
             ),
         })
     }

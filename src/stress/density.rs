@@ -3,13 +3,12 @@
 use glam::DVec3;
 use kernel_kit::Gpu;
 
-use crate::{Result, Technique};
-
 use super::family::{Family, Measure, Series, image, settings};
 use super::lights::worst_mean;
 use super::oracle::{green, polygon_irradiance, reflected, relative};
 use super::placement::CLOSED;
 use super::stage::{Eye, Paint, Stage, View, outline, square};
+use crate::{Result, Technique};
 
 /// All photons concentrated on one spot.
 pub static PHOTONS: Family = Family {

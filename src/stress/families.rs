@@ -1,9 +1,8 @@
 //! The list of all stress families.
 
-use crate::{Error, Result};
-
 use super::family::Family;
 use super::{density, lights, materials, placement};
+use crate::{Error, Result};
 
 /// All families.
 pub const FAMILIES: [&Family; 13] = [

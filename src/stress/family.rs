@@ -1,9 +1,9 @@
 //! Stress families: a parameter pushed to its extremes, and the deviation of the image at each value.
 
-use crate::{Error, Image, Renderer, Result, Settings, Statistics, Technique};
 use kernel_kit::Gpu;
 
 use super::stage::Stage;
+use crate::{Error, Image, Renderer, Result, Settings, Statistics, Technique};
 
 /// A parameter that is varied to its extremes.
 pub struct Family {

@@ -1,16 +1,15 @@
 //! Stress families: size, distance, radiance and number of lights.
 
-use kernel_kit::Gpu;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3};
-
-use crate::{Result, Settings, Technique};
+use kernel_kit::Gpu;
 
 use super::family::{Family, Measure, Series, image, settings};
 use super::oracle::{difference, green, mean, polygon_irradiance, reflected, relative};
 use super::placement::{CLOSED, room};
 use super::stage::{Corners, Eye, Paint, Part, Stage, View, cube, inside_out, outline, polygon, square};
+use crate::{Result, Settings, Technique};
 
 /// Albedo of all floors here.
 const ALBEDO: f64 = 0.5;

@@ -1,15 +1,14 @@
 //! Stress families: albedo, roughness and layers of translucent panes.
 
-use kernel_kit::Gpu;
 use std::f64::consts::FRAC_PI_4;
 
 use glam::DVec3;
-
-use crate::{Result, Technique};
+use kernel_kit::Gpu;
 
 use super::family::{Family, Measure, Series, image, settings};
 use super::oracle::{ggx_albedo, green, mean, polygon_irradiance, reflected, relative};
 use super::stage::{Eye, Paint, Stage, View, cube, inside_out, outline, square};
+use crate::{Result, Technique};
 
 /// A white furnace of increasing albedo.
 pub static ALBEDO: Family = Family {

@@ -3,11 +3,10 @@
 use glam::{DAffine3, DQuat, DVec3};
 use kernel_kit::Gpu;
 
-use crate::{Aov, Result, Technique};
-
 use super::family::{Family, Measure, Series, image, settings};
 use super::oracle::{difference, green, mean, polygon_irradiance, reflected, relative};
 use super::stage::{Corners, Eye, Paint, PointLight, Stage, View, cube, inside_out, outline, square};
+use crate::{Aov, Result, Technique};
 
 /// The whole scene, scaled in its file.
 pub static SCALE: Family = Family {

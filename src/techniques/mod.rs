@@ -14,9 +14,9 @@ mod ward_adaptive;
 
 use std::str::FromStr;
 
-use crate::settings::{Settings, Technique};
-
 use passes::Implementation;
+
+use crate::settings::{Settings, Technique};
 
 /// All techniques, in the order of help and reports.
 static TECHNIQUES: &[Implementation] = &[

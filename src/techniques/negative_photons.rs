@@ -1,13 +1,12 @@
 //! As `photon-map`, but direct light is that of a scene where everything is lit, less the energy of shadow photons
 //! (Jensen and Christensen 1995: "adding the negative energy").
 
+use super::passes::Implementation;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::Implementation;
 
 impl Technique {
     /// As [`Technique::PHOTON_MAP`], but direct light counts as unoccluded, and shadow photons subtract their energy.

@@ -1,13 +1,12 @@
 //! Path tracing, the reference: unidirectional, with next-event estimation and multiple importance sampling (Kajiya
 //! 1986). It shares nothing with the photon code but the scene, the hierarchy and the BSDFs.
 
+use super::passes::Implementation;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::Implementation;
 
 impl Technique {
     /// Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.

@@ -1,13 +1,12 @@
 //! The global map shown directly, by density estimation (Jensen and Christensen 1995: "visualizing the results from the
 //! photon map directly"). Photons carry all light that Lambertian surfaces reflect; paths bring what glossy ones do.
 
+use super::passes::Implementation;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::Implementation;
 
 impl Technique {
     /// The global map shown directly, by density estimation.

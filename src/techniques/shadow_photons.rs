@@ -5,13 +5,12 @@
 //! shadow rays at some of the other points as well, so that the image is unbiased, and repair the map where it was
 //! wrong.
 
+use super::passes::{Implementation, indirect_light};
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
 
 impl Technique {
     /// The two-pass method with shadow rays only where photons do not decide. The default.

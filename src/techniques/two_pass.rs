@@ -1,13 +1,12 @@
 //! The two-pass method with all shadow rays (Jensen and Christensen 1995, figures 2 and 3, upper right): the renderer
 //! that shadow photons are measured against.
 
+use super::passes::{Implementation, indirect_light};
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
 
 impl Technique {
     /// The two-pass method with all shadow rays.

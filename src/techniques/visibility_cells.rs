@@ -6,14 +6,13 @@
 //! In the original the share of rays that were seen weighs the lights' chances to be sampled. Here each light is
 //! sampled, and the share is the control variate of pass `shade`.
 
+use super::passes::{Implementation, indirect_light};
+use super::two_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
-use super::two_pass;
 
 impl Technique {
     /// The two-pass method without shadow rays from cells of space from which no ray reached the light (Zimmerman and
@@ -21,7 +20,8 @@ impl Technique {
     pub const VISIBILITY_CELLS: Technique = Technique::new(&Description {
         name: "visibility-cells",
         help: "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)",
-        source: "Zimmerman and Shirley 1995, A Two-Pass Solution to the Rendering Equation with a Source Visibility Preprocess",
+        source: "Zimmerman and Shirley 1995, A Two-Pass Solution to the Rendering Equation with a Source Visibility \
+                 Preprocess",
         requirements: Requirements {
             transport: Transport::TwoPass,
             visibility: Visibility::Cells,

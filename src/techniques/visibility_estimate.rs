@@ -2,13 +2,12 @@
 //! equation 1, and figures 2 and 3, lower right). Only lights that have no photons, such as an environment, have shadow
 //! rays.
 
+use super::passes::{Implementation, indirect_light};
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
 
 impl Technique {
     /// No shadow rays: visibility n_i / (n_s + n_i), equation 1 of the paper.

@@ -5,14 +5,13 @@
 //! several polygons cast together. Rays find them all, but what falls between the rays. So a tag stands only where the
 //! 26 voxels around have it too.
 
+use super::passes::{Implementation, indirect_light};
+use super::two_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
-use super::two_pass;
 
 impl Technique {
     /// The two-pass method with shadow rays only in voxels that are neither lit nor shadowed as a whole (Woo and

@@ -2,14 +2,13 @@
 //! order of what they could contribute, until the rest is below a tolerance; the rest is guessed. One light alone is
 //! always tested, so in scenes with one light it is `two-pass`, as the paper says of it.
 
+use super::passes::{Implementation, indirect_light};
+use super::two_pass;
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::second_pass::SecondPass;
 use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
-
-use super::passes::{Implementation, indirect_light};
-use super::two_pass;
 
 impl Technique {
     /// The two-pass method with shadow rays to the lights that may contribute most; the other lights are guessed (Ward

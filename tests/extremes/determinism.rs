@@ -54,10 +54,10 @@ fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u
         renderer.render_batch().unwrap();
     }
     let statistics = renderer.statistics().unwrap();
-    let healed = statistics.photons.iter().map(|light| light.healed).sum();
+    let repaired = statistics.photons.iter().map(|light| light.repaired).sum();
     let mut image = renderer.image().unwrap();
     image.metadata.clear();
-    (image, healed)
+    (image, repaired)
 }
 
 /// Repeated runs give the same bits: twenty of the default technique and three of each other one. Every other run is
@@ -74,9 +74,9 @@ fn runs_give_the_same_bits() {
             s.visibility_map.audit = 0.5;
             s.image.aovs = vec![Aov::Direct, Aov::Variance, Aov::Normal];
         });
-        let (first, healed) = render(&scene, &settings, None);
+        let (first, repaired) = render(&scene, &settings, None);
         if technique == Technique::SHADOW_PHOTONS {
-            assert!(healed > 0, "the map was not repaired: the test does not cover the order of repairs");
+            assert!(repaired > 0, "the map was not repaired: the test does not cover the order of repairs");
         }
         for run in 1..runs {
             let stop = (run % 2 == 1).then_some(1 + run / 2 % 2);
@@ -100,7 +100,7 @@ fn runs_with_every_feature_give_the_same_bits() {
         Feature::Zones,
         Feature::LightSampling,
         Feature::Caustics,
-        Feature::Chains,
+        Feature::SpecularChains,
     ];
     assert!(all.iter().all(|feature| specialisation.features.has(*feature)), "something is missing");
     let (first, _) = render(&scene, &settings, None);

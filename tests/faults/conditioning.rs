@@ -74,12 +74,12 @@ fn an_ordinary_scene_has_no_faults() {
     for technique in Technique::all() {
         let settings = settings(technique).with(|s| s.image.aovs = Aov::ALL.to_vec());
         let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings);
-        let Conditioning { unknown, least_records, mean_bounces, .. } = found;
-        let figures = Conditioning { unknown, least_records, mean_bounces, ..Default::default() };
+        let Conditioning { unknown, min_radius_records, mean_bounces, .. } = found;
+        let figures = Conditioning { unknown, min_radius_records, mean_bounces, ..Default::default() };
         assert_eq!(found, figures, "{technique}");
         assert_eq!((statistics.not_finite, said), (0, None), "{technique}");
         assert!(found.unknown as f64 <= 0.1 * statistics.points.total as f64, "{technique}: {found:?}");
-        assert!(found.least_records <= statistics.indirect.records, "{technique}: {found:?}");
+        assert!(found.min_radius_records <= statistics.indirect.records, "{technique}: {found:?}");
         let words = ["finite", "largest number", "too few photons", "weight", "loop budget", "lost"];
         let note = statistics.notes.iter().find(|note| words.iter().any(|word| note.contains(word)));
         assert_eq!(note, None, "{technique}");
@@ -156,7 +156,7 @@ fn missing_photons_are_reported_above_a_tenth_of_the_points() {
 #[test]
 fn records_of_the_minimum_radius_are_counted() {
     let (found, statistics, said) = render(room(0.7, 5.0, &[]), &settings(Technique::TWO_PASS));
-    assert!(found.least_records > 0 && found.least_records < statistics.indirect.records, "{found:?}");
+    assert!(found.min_radius_records > 0 && found.min_radius_records < statistics.indirect.records, "{found:?}");
     assert_eq!(said, None);
 }
 
@@ -243,19 +243,19 @@ fn failing_procedural_objects_are_counted() {
         });
         let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);
         let count = found.procedural_overruns;
-        assert!(count > 0 && found.procedural_nonsense == 0 && statistics.not_finite == 0, "{technique}: {found:?}");
+        assert!(count > 0 && found.procedural_invalid == 0 && statistics.not_finite == 0, "{technique}: {found:?}");
         assert_reported(&statistics, &said, "procedural_overruns", count, "iterations in a procedural object");
     }
     let (found, statistics, said) =
         render(with("return sqrt(-1.0 - parameters.x);"), &settings(Technique::SHADOW_PHOTONS));
-    assert!(found.procedural_nonsense > 0 && found.procedural_overruns == 0, "{found:?}");
+    assert!(found.procedural_invalid > 0 && found.procedural_overruns == 0, "{found:?}");
     assert_reported(
         &statistics,
         &said,
-        "procedural_nonsense",
-        found.procedural_nonsense,
+        "procedural_invalid",
+        found.procedural_invalid,
         "answers of procedural objects",
     );
     let (found, ..) = render(with("return length(position) - parameters.x;"), &settings(Technique::SHADOW_PHOTONS));
-    assert_eq!((found.procedural_overruns, found.procedural_nonsense), (0, 0));
+    assert_eq!((found.procedural_overruns, found.procedural_invalid), (0, 0));
 }

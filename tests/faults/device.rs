@@ -191,7 +191,7 @@ fn timed_work_restarts_after_a_lost_device() {
             started.set(started.get() + 1);
             let mut renderer = Renderer::new(gpu, scene.clone(), &camera, &settings)?;
             while renderer.samples() < 4 {
-                renderer.render_at_most(1)?;
+                renderer.render_up_to(1)?;
                 if started.get() <= losses && renderer.samples() == 2 {
                     gpu.lose();
                 }

@@ -46,7 +46,7 @@ fn spheres_have_lamberts_shading() {
         place(&mut scene, &[sphere(role, at(DVec3::ZERO, 0.5), surface(albedo, 0.0))]);
         let (image, statistics) = render_scene(scene, &view, &settings(Technique::PATH, size, 1));
         let lost = statistics.conditioning;
-        assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
+        assert_eq!((lost.procedural_overruns, lost.procedural_invalid, statistics.not_finite), (0, 0, 0));
         let (mut lit, mut wrong, mut blind) = (0, 0, 0);
         for (i, shown) in image.channel("G").unwrap().iter().enumerate() {
             let half = (0.3f64).tan();
@@ -93,7 +93,7 @@ fn white_furnaces_are_white() {
         let settings = settings(technique, 32, spp).with(|s| s.indirect.max_bounces = 64);
         let (image, statistics) = render_scene(furnace(albedo), &view, &settings);
         let lost = statistics.conditioning;
-        assert_eq!((lost.procedural_overruns, lost.procedural_nonsense), (0, 0), "rays were lost");
+        assert_eq!((lost.procedural_overruns, lost.procedural_invalid), (0, 0), "rays were lost");
         mean_and_error(&image, "G")
     };
     let (white, error) = mean(Technique::PATH, 1.0, 32);
@@ -132,7 +132,7 @@ fn glass_matches_the_mesh() {
         let settings = settings(Technique::PATH, 32, 16).with(|s| s.indirect.max_bounces = 16);
         let (image, statistics) = render_scene(scene, &view, &settings);
         let lost = statistics.conditioning;
-        assert_eq!((lost.procedural_overruns, lost.procedural_nonsense, statistics.not_finite), (0, 0, 0));
+        assert_eq!((lost.procedural_overruns, lost.procedural_invalid, statistics.not_finite), (0, 0, 0));
         image
     };
     let of_mesh = |glass: Material| {

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3, Vec4};
 use penumbra::internal::kernels::PATH_GROUP;
-use penumbra::internal::passes::cache::{Cache, CacheBuffers, RecordTables, wanted};
+use penumbra::internal::passes::cache::{Cache, CacheBuffers, ViewRecords, wanted};
 use penumbra::internal::passes::gather::RecordHead;
 use penumbra::internal::passes::{INVALID_POINT, Point, Tile, TileBuffers};
 
@@ -113,7 +113,7 @@ impl Setup {
         let reach = |head: &RecordHead| {
             self.records.iter().find(|record| record.head.position == head.position).and_then(|record| record.reach)
         };
-        let gpu_scene = RecordTables::new(gpu(), &heads, &values, self.size, reach).unwrap();
+        let gpu_scene = ViewRecords::new(gpu(), &heads, &values, self.size, reach).unwrap();
         let mut tile = TileBuffers::new(gpu(), &self.features, self.tile.point_count, true).unwrap();
         let mut surfaces = Vec::new();
         for (i, albedo) in self.albedos.iter().enumerate() {

@@ -15,7 +15,7 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
     let mut renderer = Renderer::new(subject.gpu, subject.scene.clone(), subject.camera, &settings).unwrap();
     let snapshots = [(1.0, 16), (4.0, 64)].map(|(budget, samples)| {
         while renderer.samples() < samples {
-            renderer.render_at_most(samples - renderer.samples()).unwrap();
+            renderer.render_up_to(samples - renderer.samples()).unwrap();
         }
         let mut image = renderer.image().unwrap();
         plant(settings.image.seed, &mut image);

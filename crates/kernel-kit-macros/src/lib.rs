@@ -33,10 +33,13 @@ pub fn kernel_test(variable: TokenStream, function: TokenStream) -> TokenStream 
 fn split(tokens: &[TokenTree]) -> Option<(&[TokenTree], &[TokenTree])> {
     let is_fn = |token: &TokenTree| matches!(token, TokenTree::Ident(word) if word.to_string() == "fn");
     let name = tokens.iter().position(is_fn)? + 1;
-    let is_group = |token: Option<&TokenTree>, delimiter| matches!(token, Some(TokenTree::Group(group)) if group.delimiter() == delimiter);
     let (head, tail) = tokens.split_at_checked(name + 1)?;
     let whole = is_group(tail.first(), Delimiter::Parenthesis) && is_group(tail.last(), Delimiter::Brace);
     whole.then_some((head, tail))
+}
+
+fn is_group(token: Option<&TokenTree>, delimiter: Delimiter) -> bool {
+    matches!(token, Some(TokenTree::Group(group)) if group.delimiter() == delimiter)
 }
 
 fn error(problem: &str) -> TokenStream {

@@ -1,8 +1,9 @@
 //! Compiling ahead of the first dispatch.
 //!
-//! A software device translates a kernel to machine code when it is first dispatched, all of them one after the other on the
-//! queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no workgroups before
-//! anything is timed; and where the cache has none of them, devices opened for nothing else fill it from all cores.
+//! A software device translates a kernel to machine code when it is first dispatched, all of them one after the other
+//! on the queue's thread: seconds, unless the driver's cache on disk has them. So kernels are dispatched over no
+//! workgroups before anything is timed; and where the cache has none of them, devices opened for nothing else fill it
+//! from all cores.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,17 +17,17 @@ use crate::device::Gpu;
 use crate::error::Result;
 use crate::pipeline::{Entry, Undispatched, Variable};
 
-/// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else 20 ms
-/// for the smallest kernels (lavapipe of Mesa 22.3).
+/// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else
+/// 20 ms for the smallest kernels (lavapipe of Mesa 22.3).
 const TRANSLATED: Duration = Duration::from_millis(15);
 
 /// Kernels that were not in the cache before all others are taken not to be: one may be late on a busy machine.
 const SURE: usize = 2;
 
 impl Gpu {
-    /// Has the driver translate the kernels made since the last call, so that no pass has to. Does nothing but on software
-    /// devices: others translate pipelines as they are made. `known` has the sampled textures, for whose format and size kernels
-    /// are translated.
+    /// Has the driver translate the kernels made since the last call, so that no pass has to. Does nothing but on
+    /// software devices: others translate pipelines as they are made. `known` has the sampled textures, for whose
+    /// format and size kernels are translated.
     ///
     /// # Errors
     /// As [`Gpu::check`].
@@ -47,8 +48,8 @@ impl Gpu {
         Ok(())
     }
 
-    /// Has further devices translate the kernels, so that the driver's cache has them. What fails there fails on this device
-    /// as well, which will say so.
+    /// Has further devices translate the kernels, so that the driver's cache has them. What fails there fails on this
+    /// device as well, which will say so.
     fn fill_cache(&self, kernels: &[Undispatched], known: &(dyn Bindings + Sync)) {
         let next = AtomicUsize::new(0);
         let workers = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
@@ -124,8 +125,8 @@ impl Stage<'_> {
                 }));
             }
         };
-        // What copies cannot reach wgpu clears by drawing, and once anything has been drawn llvmpipe takes the time of passes at the
-        // next drawing: all would seem to take none.
+        // What copies cannot reach wgpu clears by drawing, and once anything has been drawn llvmpipe takes the time of
+        // passes at the next drawing: all would seem to take none.
         let usage = kind | wgpu::TextureUsages::COPY_DST;
         let same = |(texture, _): &&(wgpu::Texture, _)| {
             (texture.format(), texture.size(), texture.usage()) == (format, size, usage)
@@ -165,7 +166,8 @@ impl Resource {
     }
 }
 
-/// The size of a small texture for which kernels are translated alike: whether sides are powers of two is what counts (llvmpipe).
+/// The size of a small texture for which kernels are translated alike: whether sides are powers of two is what counts
+/// (llvmpipe).
 fn alike(texture: &wgpu::Texture) -> wgpu::Extent3d {
     let side = |length: u32| if length.is_power_of_two() { 1 } else { 3 };
     wgpu::Extent3d { width: side(texture.width()), height: side(texture.height()), depth_or_array_layers: 1 }

@@ -93,8 +93,8 @@ impl Declared {
 }
 
 /// Declares a set of bindings: a struct whose fields are named as the WGSL variables. Fields are references to a
-/// [`Buffer`], a [`Table`] or a texture view; optional ones, `Option<&T>`, are for variables that the kernel has only with
-/// some features. The struct has a lifetime, which is left out of its declaration, and a constant `DECLARED` for
+/// [`Buffer`], a [`Table`] or a texture view; optional ones, `Option<&T>`, are for variables that the kernel has only
+/// with some features. The struct has a lifetime, which is left out of its declaration, and a constant `DECLARED` for
 /// [`Host::own`](crate::Host::own).
 ///
 /// ```
@@ -128,7 +128,8 @@ macro_rules! bindings {
         $crate::bindings!(@field $head [$($all)* { $(#[$meta])* $vis $field: Option<&'a $ty> }]
             $required [$($optional)* $field] $($($rest)*)?);
     };
-    (@field [$(#[$meta:meta])* $vis:vis $name:ident] [$({ $($field:tt)* })*] [$($required:ident)*] [$($optional:ident)*]) => {
+    (@field [$(#[$meta:meta])* $vis:vis $name:ident] [$({ $($field:tt)* })*]
+        [$($required:ident)*] [$($optional:ident)*]) => {
         $(#[$meta])*
         #[derive(Clone, Copy)]
         $vis struct $name<'a> { $($($field)*),* }

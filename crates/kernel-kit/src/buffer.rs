@@ -44,8 +44,8 @@ pub fn whole_rows(records: usize) -> usize {
     records.next_multiple_of(TABLE_WIDTH as usize).max(TABLE_WIDTH as usize)
 }
 
-/// Rows of the texture of a table that has some to fill. Never a power of two: drivers on the CPU (llvmpipe) translate a kernel
-/// once more for textures that are as high as that.
+/// Rows of the texture of a table that has some to fill. Never a power of two: drivers on the CPU (llvmpipe) translate
+/// a kernel once more for textures that are as high as that.
 pub(crate) fn table_rows(rows: u32) -> u32 {
     match rows {
         0..3 => 3,

@@ -1,8 +1,8 @@
 //! Comparing what a kernel wrote with what an oracle on the CPU says.
 //!
-//! Each function compares lane by lane and, where lanes differ, tells how many do, which is the worst, what it holds, and
-//! what went into it: `inputs` is called with that lane's index alone. The result is an error to `unwrap` in a test;
-//! [`must_catch`] turns it round for a fault that was planted to be found.
+//! Each function compares lane by lane and, where lanes differ, tells how many do, which is the worst, what it holds,
+//! and what went into it: `inputs` is called with that lane's index alone. The result is an error to `unwrap` in a
+//! test; [`must_catch`] turns it round for a fault that was planted to be found.
 
 use std::fmt::Debug;
 
@@ -19,7 +19,8 @@ pub enum Mismatch {
     },
     /// Some lanes differ by more than they may.
     #[error(
-        "{differing} of {lanes} lanes differ; the worst is lane {lane}: got {got}, expected {expected} ({difference}); inputs: {inputs}"
+        "{differing} of {lanes} lanes differ; the worst is lane {lane}: got {got}, \
+         expected {expected} ({difference}); inputs: {inputs}"
     )]
     Values {
         /// How many lanes differ.
@@ -55,8 +56,8 @@ pub fn exact<T: Copy + Debug + Into<i128>>(
     lanes(got, expected, excess, inputs)
 }
 
-/// Floats are the same within `max_ulps` steps from one float to the next. The two zeros are the same; NaN is that of NaN
-/// and an infinity that of itself alone.
+/// Floats are the same within `max_ulps` steps from one float to the next. The two zeros are the same; NaN is that of
+/// NaN and an infinity that of itself alone.
 ///
 /// # Errors
 /// [`Mismatch`], the worst lane being the one that is most steps off.
@@ -73,8 +74,8 @@ pub fn within_ulps(
     lanes(got, expected, excess, inputs)
 }
 
-/// Floats are the same within `relative` of the oracle's absolute value, or within `floor`, whichever is more. A sum is held
-/// better by [`within`], with the sum of its terms' absolute values.
+/// Floats are the same within `relative` of the oracle's absolute value, or within `floor`, whichever is more. A sum is
+/// held better by [`within`], with the sum of its terms' absolute values.
 ///
 /// # Errors
 /// As [`within`].

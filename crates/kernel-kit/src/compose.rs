@@ -49,8 +49,8 @@ impl Composer {
         self
     }
 
-    /// With every `.wgsl` and `.wesl` file of a folder, by its path there without the extension. [`embed!`](crate::embed)
-    /// gives the folder.
+    /// With every `.wgsl` and `.wesl` file of a folder, by its path there without the extension.
+    /// [`embed!`](crate::embed) gives the folder.
     #[must_use]
     pub fn with_folder(mut self, folder: &'static include_dir::Dir<'static>) -> Self {
         let mut folders = vec![folder];
@@ -75,8 +75,8 @@ impl Composer {
     /// Composes the kernel `path`, which is one of the modules.
     ///
     /// # Errors
-    /// [`Error::Kernel`] if there is none, with the composer's or the validator's words, or for an `@if` on what is none
-    /// of the features `F`.
+    /// [`Error::Kernel`] if there is none, with the composer's or the validator's words, or for an `@if` on what is
+    /// none of the features `F`.
     pub fn compose<F: Feature>(&self, path: &str, features: &Features<F>) -> Result<Composed> {
         let source = self.modules.get(path);
         let source = source.ok_or_else(|| Error::kernel(path, "the composer has no module of this path"))?;
@@ -102,8 +102,8 @@ impl Composer {
         // Names are kept as they are, so that bindings and structs are found by the names in the files.
         wesl.set_options(options).set_mangler(wesl::ManglerKind::None);
         let mut unit = wesl.compile(&root).map_err(|e| broken(&e))?.syntax;
-        // Modules come in the order of a hash that differs from run to run where a kernel has several entry points. Sorted,
-        // the same kernel is the same program, and the driver's cache on disk has it.
+        // Modules come in the order of a hash that differs from run to run where a kernel has several entry points.
+        // Sorted, the same kernel is the same program, and the driver's cache on disk has it.
         unit.global_declarations.sort_by_cached_key(|declaration| declaration.to_string());
         let wgsl = unit.to_string();
         let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
@@ -134,7 +134,8 @@ impl wesl::Resolver for Sources<'_> {
     }
 }
 
-/// The text of a module, if the composer reads it as it is meant: wesl 0.4.0 makes 2^-36 of the hexadecimal float `0x1p-9`.
+/// The text of a module, if the composer reads it as it is meant: wesl 0.4.0 makes 2^-36 of the hexadecimal float
+/// `0x1p-9`.
 fn read(text: &str) -> std::result::Result<Cow<'_, str>, wesl::ResolveError> {
     let code = text.lines().map(|line| line.split("//").next().unwrap_or_default());
     let mut words = code.flat_map(|line| line.split(|c: char| !c.is_ascii_alphanumeric() && c != '.'));
@@ -189,8 +190,8 @@ impl Composed {
 /// Embeds a folder of modules into the program, for [`Composer::with_folder`]. The path may begin with an environment
 /// variable of the build: `kernel_kit::embed!("$CARGO_MANIFEST_DIR/shaders")`.
 ///
-/// A changed file makes Cargo build the crate anew. A new one is found at the next build of the crate, which comes with the
-/// first change of a file that imports it.
+/// A changed file makes Cargo build the crate anew. A new one is found at the next build of the crate, which comes with
+/// the first change of a file that imports it.
 #[macro_export]
 macro_rules! embed {
     ($path:tt) => {{

@@ -31,7 +31,8 @@ pub enum Error {
     },
     /// A buffer that the device cannot hold.
     #[error(
-        "buffer {buffer}: {needed} bytes are needed, the device allows {limit}; use a smaller one or choose another device"
+        "buffer {buffer}: {needed} bytes are needed, the device allows {limit}; use a smaller one \
+         or choose another device"
     )]
     Buffer {
         /// The buffer's label.

@@ -102,8 +102,8 @@ impl<F: Feature> Extend<F> for Features<F> {
     }
 }
 
-/// Declares the features of some kernels: an enum whose variants kernels know by their names in snake case, and whose doc
-/// comments are what [`Feature::why`] says. `Variant = "name"` gives another name.
+/// Declares the features of some kernels: an enum whose variants kernels know by their names in snake case, and whose
+/// doc comments are what [`Feature::why`] says. `Variant = "name"` gives another name.
 ///
 /// ```
 /// use kernel_kit::Feature;

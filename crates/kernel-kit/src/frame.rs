@@ -62,8 +62,8 @@ impl Gpu {
         self.timer().seconds().clone()
     }
 
-    /// A table of what kernels wrote into `buffer`, which is whole rows of [`TABLE_WIDTH`] records: copied into a texture
-    /// where tables are textures.
+    /// A table of what kernels wrote into `buffer`, which is whole rows of [`TABLE_WIDTH`] records: copied into a
+    /// texture where tables are textures.
     ///
     /// # Errors
     /// As [`Gpu::table_texture`].

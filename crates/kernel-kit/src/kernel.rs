@@ -24,8 +24,8 @@ pub struct Host<'a> {
     pub shared: &'a [&'a SharedStruct],
     /// Sets of bindings that are for this kernel: it must have a variable for each required name.
     pub own: &'a [Declared],
-    /// Sets of bindings that many kernels use, each what it needs of them. With `Some` a variable that is in none of `own`
-    /// and of these is an error; with `None` that is found when the kernel is bound.
+    /// Sets of bindings that many kernels use, each what it needs of them. With `Some` a variable that is in none of
+    /// `own` and of these is an error; with `None` that is found when the kernel is bound.
     pub common: Option<&'a [Declared]>,
 }
 
@@ -51,8 +51,8 @@ impl Kernel {
     /// Compiles every entry point of a composed kernel, after comparing it with what the host has for it.
     ///
     /// # Errors
-    /// [`Error::Kernel`] for a struct that differs from its host twin, an `override` or a required binding that is not in
-    /// the kernel, a variable that nothing is declared for, or a pipeline that the device refuses.
+    /// [`Error::Kernel`] for a struct that differs from its host twin, an `override` or a required binding that is not
+    /// in the kernel, a variable that nothing is declared for, or a pipeline that the device refuses.
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
         check_layouts(composed, host.shared)?;
         check_names(composed, host)?;

@@ -20,8 +20,8 @@ pub struct SharedStruct {
 }
 
 /// Declares a `#[repr(C)]` struct that kernels know by the same name and members, and its constant `SHARED`, a
-/// [`SharedStruct`] for [`Host::shared`](crate::Host::shared). It is `Pod`, so that it can be uploaded, read back and given
-/// as immediates.
+/// [`SharedStruct`] for [`Host::shared`](crate::Host::shared). It is `Pod`, so that it can be uploaded, read back and
+/// given as immediates.
 ///
 /// ```
 /// kernel_kit::shared_struct! {
@@ -37,7 +37,9 @@ pub struct SharedStruct {
 /// ```
 #[macro_export]
 macro_rules! shared_struct {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident { $($(#[$field_meta:meta])* $field_vis:vis $field:ident: $ty:ty),* $(,)? }) => {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+        $($(#[$field_meta:meta])* $field_vis:vis $field:ident: $ty:ty),* $(,)?
+    }) => {
         $(#[$meta])*
         #[repr(C)]
         #[derive(Clone, Copy, Debug, Default, PartialEq, $crate::bytemuck::Pod, $crate::bytemuck::Zeroable)]

@@ -34,11 +34,12 @@ pub use frame::{Frame, dispatch_size};
 pub use kernel::{BoundKernel, Host, Kernel};
 pub use layout::{Member, SharedStruct, check_layouts};
 
-/// Makes a test of a function that takes the tests' device, `fn name(gpu: &Gpu)`, with its attributes and what it returns.
+/// Makes a test of a function that takes the tests' device, `fn name(gpu: &Gpu)`, with its attributes and what it
+/// returns.
 ///
 /// The environment variable [`test::VARIABLE`] chooses the device, or the one in the attribute:
-/// `#[kernel_test("MY_DEVICE")]`. A machine without such a device fails the test. In code that is not built for tests (a doc
-/// test) the function is a plain one without parameters.
+/// `#[kernel_test("MY_DEVICE")]`. A machine without such a device fails the test. In code that is not built for tests
+/// (a doc test) the function is a plain one without parameters.
 ///
 /// ```
 /// use kernel_kit::{Gpu, kernel_test};

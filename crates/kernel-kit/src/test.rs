@@ -10,8 +10,8 @@ use crate::device::Gpu;
 pub const VARIABLE: &str = "KERNEL_KIT_DEVICE";
 
 /// The device of this test program: the one that the environment variable chooses (as text is parsed to a
-/// [`DeviceChoice`]), a software one if it is not set. Opened once, at the first call, whose variable counts; what it is is
-/// written to standard error then.
+/// [`DeviceChoice`]), a software one if it is not set. Opened once, at the first call, whose variable counts; what it
+/// is is written to standard error then.
 ///
 /// # Panics
 /// If there is no such device: tests that have none have failed, and are not skipped.

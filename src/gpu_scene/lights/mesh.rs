@@ -17,7 +17,7 @@ const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = layout::FEW_NEAR_EMITT
 
 /// What mesh lights have beside their texels in the table of lights.
 #[derive(Default)]
-pub(super) struct MeshTables {
+pub(super) struct MeshTexels {
     /// Emitter triangles, [`EMITTER_TEXELS`] each.
     pub emitters: Vec<[u32; 4]>,
     /// Of each emitter triangle its primitive index, its light, and its index among the emitter triangles.
@@ -47,7 +47,7 @@ impl MeshLight<'_> {
     }
 
     /// Adds its emitter triangles, and gives the index of the first.
-    fn push_emitters(&self, tables: &mut MeshTables, light: u32) -> u32 {
+    fn push_emitters(&self, tables: &mut MeshTexels, light: u32) -> u32 {
         let first = tables.emitters.len() as u32 / EMITTER_TEXELS;
         // Both sides of a double-sided triangle shine: none faces away.
         let partners = match self.material.double_sided {
@@ -75,7 +75,7 @@ impl MeshLight<'_> {
     }
 
     /// Adds its views, where it is worth them.
-    fn push_views(&self, tables: &mut MeshTables, radius: f32) -> bool {
+    fn push_views(&self, tables: &mut MeshTexels, radius: f32) -> bool {
         let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
             && is_convex(&self.triangles, f64::from(radius));
@@ -107,7 +107,7 @@ fn area([a, b, c]: &[Vec3; 3]) -> f64 {
     (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length() / 2.0
 }
 
-fn push_contours(tables: &mut MeshTables, contours: &[Contour]) {
+fn push_contours(tables: &mut MeshTexels, contours: &[Contour]) {
     for contour in contours {
         tables.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
         // Closed: the kernels need not remember the first vertex.
@@ -118,7 +118,7 @@ fn push_contours(tables: &mut MeshTables, contours: &[Contour]) {
 
 /// Packs the mesh light of index `light` in the scene.
 pub(super) fn pack(
-    tables: &mut MeshTables,
+    tables: &mut MeshTexels,
     scene: &Scene,
     light: u32,
     (material, emitters): (u32, &[EmitterTriangle]),

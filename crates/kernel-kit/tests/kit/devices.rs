@@ -63,7 +63,7 @@ fn a_device_without_immediates_is_refused(gpu: &Gpu) {
 
 /// Devices are found by index and by part of a name; what is said of others names those that there are.
 #[kernel_test]
-fn devices_are_chosen(gpu: &Gpu) {
+fn devices_are_selected(gpu: &Gpu) {
     let list = Gpu::list();
     let index = list.iter().position(|info| *info == gpu.info).unwrap();
     assert_eq!(Gpu::open(&DeviceChoice::Index(index)).unwrap().info, gpu.info);

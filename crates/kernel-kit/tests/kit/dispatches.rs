@@ -16,7 +16,11 @@ override factor: u32;
 @group(0) @binding(0) var<storage, read> numbers: array<u32>;
 @group(0) @binding(1) var<storage, read_write> squares: array<u32>;
 @compute @workgroup_size(64)
-fn square(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn square(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     if i < arrayLength(&numbers) { squares[i] = numbers[i] * numbers[i] * factor; }
 }";
@@ -40,8 +44,8 @@ fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
 
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
 
-/// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has room
-/// for four words, which the kernel squares.)
+/// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has
+/// room for four words, which the kernel squares.)
 #[kernel_test]
 fn dispatches_cover_every_item_once(gpu: &Gpu) {
     let kernel = square_kernel(gpu, SQUARES);
@@ -117,8 +121,8 @@ fn kernels_write_the_arguments_of_dispatches(gpu: &Gpu) {
     arguments_are_followed(gpu, &bound, &arguments);
 }
 
-/// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take. (Where
-/// what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
+/// Kernels that were compiled ahead give what they should, and the device's clock goes on telling how long they take.
+/// (Where what stands in for their tables was cleared by the device, every pass seemed to take next to no time.)
 #[kernel_test]
 fn kernels_compiled_ahead_run_and_are_timed(gpu: &Gpu) {
     let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
@@ -149,7 +153,7 @@ fn kernels_compiled_ahead_run_and_are_timed(gpu: &Gpu) {
 
 /// A table of what a kernel wrote is read back as it was written, past the first row, on devices of both kinds.
 #[kernel_test]
-fn kernels_results_become_tables(gpu: &Gpu) {
+fn results_of_kernels_are_read_as_tables(gpu: &Gpu) {
     let features = device_features(gpu);
     let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
     let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
@@ -197,7 +201,11 @@ fn word(i: u32) -> u32 {
     @if(!texture_loads) { return table[i].x; }
 }
 @compute @workgroup_size(64)
-fn sum(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn sum(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let i = group_index(group, groups) * 64u + lane;
     var total = 0u;
     for (var j = 0u; j < 100u; j++) { total += word((i + j) & 1023u); }
