@@ -1,7 +1,7 @@
 //! Penumbra renders glTF scenes with shadow photons (Jensen and Christensen 1995) in Vulkan compute kernels.
 //!
-//! A render takes four steps: read a [`Scene`], open a [`Device`], make a [`Renderer`] by [`Settings`], and let it
-//! render until its [`Image`] is good enough.
+//! A render takes four steps: read a [`Scene`], open a [`Device`], make a [`Renderer`] with [`Settings`], and render
+//! batches of samples until the [`Image`] is good enough.
 //!
 //! ```
 //! use penumbra::{Device, DeviceChoice, ImportOptions, Renderer, Scene, Settings};

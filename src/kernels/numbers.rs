@@ -111,7 +111,7 @@ pub const MAX_LIGHTS: u32 = 2048;
 
 const _: () = assert!(Settings::MAX_NEAREST <= class_word::MAX_COUNT, "a class word has room for both counts");
 
-/// The largest search radius in cells. With [`grid_shape::PHOTONS_PER_CELL`] it finds k photons where they are 32 times
+/// The largest search radius in cells. With `grid_shape::PHOTONS_PER_CELL` it finds k photons where they are 32 times
 /// sparser than on average; points in sparser regions are unknown. Six cells would take two thirds of the time, most of
 /// which goes into searches that find nothing, but leave seven times as many points of the paper's box unknown.
 pub const REACH_CELLS: u32 = 8;

@@ -1,11 +1,12 @@
-//! Adaptive shadow testing (Ward 1991): the lights of a point are tested in the order of what they could contribute,
-//! until the sum of what is left is below a tolerance times what was found. The rest is guessed by the share of each
-//! light that was seen so far, times how much more or less than that was seen of the lights tested here.
+//! Adaptive shadow testing (Ward 1991): the lights of a point are tested in the order of their potential contributions,
+//! until the sum of the untested contributions is below a tolerance times the light found. The visibility of an
+//! untested light is estimated: its visible share in earlier tiles, times the ratio of the visibility of the tested
+//! lights at this point to their visible share.
 //!
-//! Ward tests the parts of a large source one by one. Here the light points of one light stay together: each of them
-//! could contribute about as much as the others, and a rest of one in four is never below the tolerance.
+//! Ward tests the parts of a large source one by one. Here all light points of one light are tested together: they
+//! could contribute about as much as each other, so a rest of one in four is never below the tolerance.
 //!
-//! What was seen so far is that of the tiles before, so that results do not depend on the order of a tile's points.
+//! The visible shares are those of earlier tiles, so that results do not depend on the order of a tile's points.
 
 use kernel_kit::{Frame, Gpu};
 
@@ -71,12 +72,12 @@ impl AdaptiveTesting {
         self.bound.learn(frame, &self.parameters(tile, chunk));
     }
 
-    /// What samples have left for later samples: what was seen of each light.
+    /// The state that samples leave for later samples: the visible share of each light.
     pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
         self.buffers.rates(gpu)
     }
 
-    /// Puts back what [`AdaptiveTesting::state`] gave; false where it is not of this render.
+    /// Puts back what [`AdaptiveTesting::state`] gave; false if it belongs to another render.
     pub fn restore(&self, gpu: &Gpu, words: &[u32]) -> bool {
         self.buffers.restore(gpu, words)
     }

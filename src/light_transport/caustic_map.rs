@@ -1,6 +1,6 @@
-//! The caustic map: photons that left focusing surfaces alone, shown directly where they arrive (Jensen 1996). Every
-//! few samples have a map of their own, whose discs shrink from map to map, so that both noise and blur vanish (Knaus
-//! and Zwicker 2011, with their alpha of 2/3).
+//! The caustic map: photons that only focusing surfaces have scattered, shown directly where they arrive (Jensen 1996).
+//! Every 8 samples have a new map with smaller discs, so that both noise and blur vanish (Knaus and Zwicker 2011, with
+//! their alpha of 2/3).
 
 use glam::Vec3;
 use kernel_kit::{Frame, Gpu};
@@ -18,10 +18,10 @@ use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Rays of a caustic map for one of the global map: few of them hit a focusing surface first.
+/// Rays of a caustic map for each ray of the global map: few of them hit a focusing surface first.
 const RAYS_PER_FLUX_RAY: u32 = 4;
 
-/// Approximate number of cells of the grid: light is focused on little of what the grid spans.
+/// Approximate number of cells of the grid, many because light is focused on a small part of the scene.
 const CELLS: u32 = 1 << 19;
 
 pub(crate) struct CausticKernels {
@@ -34,7 +34,7 @@ impl CausticKernels {
     }
 }
 
-/// The map of some samples, bound to a tile.
+/// The map of 8 samples, bound to a tile.
 pub(crate) struct CausticMap {
     number: u32,
     /// None where no photon arrived.
@@ -42,12 +42,12 @@ pub(crate) struct CausticMap {
 }
 
 impl CausticMap {
-    /// Which map serves samples from that one on.
+    /// Number of the map for samples from `first_sample` on.
     pub fn number_at(first_sample: u32) -> u32 {
         first_sample.div_ceil(TILE_SAMPLES)
     }
 
-    /// Which map this is.
+    /// Number of this map.
     pub fn number(&self) -> u32 {
         self.number
     }

@@ -1,8 +1,8 @@
-//! What the points of each cell of a grid see of each light, told by rays before the first sample: for the techniques
+//! The visibility of each light from each cell of a grid, estimated by rays before the first sample, for the techniques
 //! `visibility-cells` and `voxel-tags`.
 //!
-//! Rays start from the surfaces in a cell, and not from all of its space as in the original: half of the space of a
-//! cell on a floor is below the floor, and tells nothing about its points.
+//! Rays start on the surfaces in a cell, not anywhere in its volume as in the original: half of the volume of a cell on
+//! a floor is below the floor, and tells nothing about its points.
 
 use glam::DVec3;
 use kernel_kit::Frame;
@@ -19,9 +19,9 @@ use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
-/// The class words of all cells, bound to give points those of their cells.
+/// The class words of all cells, bound to a tile whose points take the words of their cells.
 pub(crate) struct CellVisibility {
-    /// Kept for the buffers that are bound.
+    /// Owns the bound buffers.
     _table: CellTable,
     bound: BoundCells,
 }
@@ -123,7 +123,7 @@ fn pieces(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<Piece> {
     found
 }
 
-/// Cuts a convex polygon at the grid's planes across an axis; `each` is given the parts that have corners.
+/// Cuts a convex polygon at the grid's planes across an axis, and calls `each` with every part that is not empty.
 fn slabs(polygon: &[DVec3], shape: &GridShape, axis: usize, each: &mut dyn FnMut(u32, &[DVec3])) {
     let (origin, cell) = (f64::from(shape.origin[axis]), f64::from(shape.cell));
     let last = shape.size[axis] - 1;

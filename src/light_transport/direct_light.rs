@@ -1,6 +1,6 @@
-//! Direct light as a pass of its own: for the lights of a chunk, the classes of a tile's points, the queues of those
-//! that need shadow rays, the rays, and the light itself. Techniques differ in which steps they take, and in what
-//! decides the classes: without a visibility map every point is unknown, and all shadow rays are traced.
+//! Direct light. For a chunk of lights, its passes classify the points of a tile, queue those that need shadow rays,
+//! trace the rays and add the light. Techniques differ in the steps that they take and in how points are classified:
+//! without a visibility map every point is unknown, and all shadow rays are traced.
 
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
@@ -19,7 +19,7 @@ use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::kernels::has_exact_counts;
 
-/// Maximum number of shadow-ray candidates (point and light) in a chunk, where one light's points are not more.
+/// Maximum number of shadow-ray candidates (point and light) in a chunk of several lights.
 const CHUNK_CANDIDATES: u32 = 1 << 21;
 
 /// Maximum number of words of visibilities in a chunk: half of the smallest storage binding that devices offer.
@@ -33,8 +33,8 @@ const SHADE_ITERATIONS: u32 = 32_768;
 /// dilation; the boundaries of a narrower one are too wide already (the two scenes of the paper: 0.33 and 0.02).
 const WIDE_LIGHT: f32 = 0.05;
 
-/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once; and what is counted
-/// of a tile, light points of all lights at most, must fit a word.
+/// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once, and counts per
+/// tile, at most the light points of all lights, must fit in a word.
 pub(crate) fn max_points(features: &Features, lights: usize, settings: &Settings) -> u32 {
     let lights = lights.max(1) as u32;
     if features.has(Feature::Ward) {
@@ -74,7 +74,7 @@ impl DirectLightKernels {
     }
 }
 
-/// What the first pass made for direct light, where it made it.
+/// The parts of the first pass that guide direct light, if the technique has them.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Guides<'a> {
     pub visibility_map: Option<&'a VisibilityMap>,
@@ -84,12 +84,12 @@ pub(crate) struct Guides<'a> {
 pub(crate) struct DirectLight {
     kernels: DirectLightKernels,
     buffers: Buffers,
-    /// None while the map is sorted anew.
+    /// None while the map is being sorted again.
     bound: Option<Bound>,
     sizes: Sizes,
     /// Pixels by which boundaries are widened.
     dilate: u32,
-    /// Of a decided point; 0 where nothing is audited.
+    /// Probability that a lit or shadowed point is audited; 0 without audits.
     audit_probability: f32,
     /// Photons that audits can add to the map.
     repair_capacity: u32,
@@ -120,7 +120,7 @@ impl Sizes {
     }
 }
 
-/// What the passes hand to each other for a chunk of lights.
+/// The buffers by which the passes of a chunk of lights exchange data.
 struct Buffers {
     classify: ClassifyBuffers,
     visibility: Buffer,
@@ -128,7 +128,7 @@ struct Buffers {
     shadow_samples: Option<Buffer>,
 }
 
-/// The passes bound to the current map: a new map must be bound anew.
+/// The passes, bound to the current map; they must be bound again after the map was sorted again.
 struct Bound {
     classify: BoundClassify,
     shadow: BoundShadow,
@@ -171,12 +171,12 @@ impl DirectLight {
         Ok(direct)
     }
 
-    /// Lets go of everything that is bound, the tables of the visibility map among them.
+    /// Releases all that is bound, including the tables of the visibility map.
     pub fn unbind(&mut self) {
         self.bound = None;
     }
 
-    /// Binds the passes, where they are not bound.
+    /// Binds the passes if they are not bound.
     pub fn bind(&mut self, shared: &Shared<'_>, guides: Guides<'_>) -> Result<()> {
         if self.bound.is_some() {
             return Ok(());
@@ -275,7 +275,7 @@ impl DirectLight {
         self.bound().shadow.trace(frame, arguments, offset, &self.shadow_parameters(tile, chunk));
     }
 
-    /// Traces the shadow rays of the audit queue, where there are audits.
+    /// Traces the shadow rays of the audit queue, if there are audits.
     pub fn audit(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
         let arguments = &self.buffers.classify.queue_arguments;
         let offset = Queue::Audit.arguments_offset();
@@ -311,7 +311,7 @@ impl DirectLight {
         shade.record(frame, &parameters, arrange, arguments);
     }
 
-    /// Adds the classes of the chunk to their films, one a light, where there are films.
+    /// Adds the classes of the chunk to their films, one per light, if there are films.
     pub fn add_classes_to_film(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, films: &[Plane]) {
         for light in 0..chunk.lights.min(films.len() as u32) {
             films[(chunk.first_light + light) as usize].record_from(frame, tile, light * tile.point_count);
@@ -319,7 +319,7 @@ impl DirectLight {
     }
 
     /// The films of all lights' classes for a tile of `pixels` pixels: class of the first sample (x) and visibility,
-    /// n_i and n_s of all. None where they are not asked for.
+    /// n_i and n_s of all. Empty if the AOV was not requested.
     pub fn class_films(&self, gpu: &Gpu, film: &Film, pixels: u32, counters: &Buffer) -> Result<Vec<Plane>> {
         let Some(samples) = &self.buffers.shadow_samples else { return Ok(Vec::new()) };
         (0..self.sizes.lights).map(|_| film.plane(gpu, pixels, samples, counters)).collect()
@@ -330,7 +330,7 @@ impl DirectLight {
         &self.buffers.classify
     }
 
-    /// Bits of the light points of each candidate: whether they are seen.
+    /// For each candidate a bit per light point: whether it is visible.
     pub fn visibility(&self) -> &Buffer {
         &self.buffers.visibility
     }

@@ -1,5 +1,5 @@
-//! The steps of a technique's first pass: what happens once, before the first sample. A step does nothing where the
-//! specialisation has left its kernels out.
+//! The steps of a technique's first pass, which runs once, before the first sample. A step does nothing if the
+//! specialisation left its kernels out.
 
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
@@ -26,7 +26,7 @@ pub(crate) struct FirstPass<'a> {
     /// Points of a tile.
     pub points: u32,
     pub totals: &'a mut Totals,
-    /// What was made so far.
+    /// The parts made so far.
     pub lighting: Lighting,
 }
 
@@ -50,7 +50,7 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Makes direct light ready: passes `classify`, `shadow` and `shade`, bound to what the steps before have made.
+    /// Prepares direct light: passes `classify`, `shadow` and `shade`, bound to the parts that earlier steps made.
     pub fn make_direct_light(&mut self) -> Result<()> {
         let Some(kernels) = self.direct_kernels.direct_light.take() else { return Ok(()) };
         self.lighting.make_direct_light(&self.shared, kernels, self.points, self.settings)
@@ -65,7 +65,7 @@ impl FirstPass<'_> {
         Ok(())
     }
 
-    /// Makes room for the order of each point's lights (pass `ward`). Direct light must be ready.
+    /// Makes the buffers for the order of each point's lights (pass `ward`). Direct light must be ready.
     pub fn make_adaptive_testing(&mut self) -> Result<()> {
         if let (Some(kernel), Some(direct)) = (self.direct_kernels.ward.take(), &self.lighting.direct) {
             let testing = AdaptiveTesting::new(&self.shared, &kernel, direct, self.points, self.settings)?;

@@ -1,4 +1,4 @@
-//! The global map: photons that carry flux, and the irradiance that they bring, precomputed.
+//! The global map: photons that carry flux, and irradiance computed from them in advance at irradiance points.
 
 use kernel_kit::{Frame, Gpu};
 
@@ -104,7 +104,7 @@ impl GlobalMap {
         Ok(GlobalMap { irradiance, show })
     }
 
-    /// Shows the map at the tile's points, where the technique does.
+    /// Shows the map at the tile's points, if the technique does so.
     pub fn show(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(show) = &self.show {
             show.record(frame, tile);

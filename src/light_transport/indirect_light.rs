@@ -1,5 +1,5 @@
-//! Indirect light: the global map, the irradiance cache, and the paths that bring what neither has. For techniques that
-//! compute no direct light apart these are all light.
+//! Indirect light: the global map, the irradiance cache, and paths for the light that neither of them has. In
+//! techniques without separate direct light these bring all light.
 
 use kernel_kit::{Bindings, Frame};
 
@@ -25,11 +25,11 @@ pub(crate) struct IndirectSetup<'a> {
 }
 
 pub(crate) struct IndirectLight {
-    /// Where paths and gathers end; or shown directly.
+    /// Paths and gather rays end in it, or it is shown directly.
     map: Option<GlobalMap>,
     /// The diffuse part.
     cache: Option<IrradianceCache>,
-    /// All light, or what map and cache leave.
+    /// Paths: for all light, or for what map and cache leave out.
     path: Option<BoundPath>,
 }
 
@@ -54,26 +54,27 @@ impl IndirectLight {
         Ok(IndirectLight { map, cache, path })
     }
 
-    /// There is a global map, which more photons would refine.
+    /// Whether there is a global map, which more photons would refine.
     pub fn has_map(&self) -> bool {
         self.map.is_some()
     }
 
-    /// Shows the global map at the tile's points, where the technique does.
+    /// Shows the global map at the tile's points, if the technique does so.
     pub fn show_map(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(map) = &self.map {
             map.show(frame, tile);
         }
     }
 
-    /// Lights the tile's points by irradiance records, and queues those that no record covers, where there is a cache.
+    /// If there is a cache, lights the tile's points by irradiance records, and queues the points that no record
+    /// covers.
     pub fn interpolate_irradiance(&self, frame: &mut Frame<'_>, tile: &Tile) {
         if let Some(cache) = &self.cache {
             cache.interpolate(frame, tile);
         }
     }
 
-    /// Traces a path from each point, or from each queued point where there is a cache.
+    /// Traces a path from each point, or from each queued point if there is a cache.
     pub fn trace_paths(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         match (&self.path, &self.cache) {
             (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),

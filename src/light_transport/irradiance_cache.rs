@@ -16,8 +16,8 @@ use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Pixels between the points that may get a record, pass by pass. Points of one pass do not see each other's records,
-/// so the steps are small: a factor f gives up to f squared times the records that are needed.
+/// Distance in pixels of the points that may get a record, from pass to pass. Points of the same pass do not use each
+/// other's records, so the steps are small: a factor f makes up to f squared times as many records as needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
 /// Largest radius of a record in pixels: farther away gradients miss what lies between.
@@ -41,7 +41,7 @@ pub(crate) struct IrradianceCache {
     bound: BoundCache,
 }
 
-/// What filling the cache takes from the rest of the render.
+/// What filling the cache needs of the render.
 pub(crate) struct Filling<'a> {
     pub gpu: &'a Gpu,
     pub kernels: &'a CacheKernels,
@@ -58,7 +58,7 @@ pub(crate) struct Filling<'a> {
 struct Records {
     heads: Vec<RecordHead>,
     values: Buffer,
-    /// Records that `values` has room for.
+    /// Capacity of `values`, in records.
     room: u32,
 }
 
@@ -84,7 +84,7 @@ impl IrradianceCache {
         self.bound.record_interpolate(frame, &self.buffers, tile);
     }
 
-    /// Its buffers, with the queue of points that no record covers.
+    /// Its buffers, and the queue of points that no record covers.
     pub fn buffers(&self) -> &CacheBuffers {
         &self.buffers
     }
@@ -155,7 +155,7 @@ impl Records {
         Ok(self.heads.len() > before)
     }
 
-    /// Number of records of the smallest radius: those whose surroundings are nearer than it allows for.
+    /// Number of records of minimum radius: their surroundings are so near that a smaller radius would be needed.
     fn smallest(&self, accuracy: f32) -> u64 {
         let is_smallest = |head: &&RecordHead| accuracy * head.distance <= MIN_RADIUS_PIXELS as f32 * head.size;
         self.heads.iter().filter(is_smallest).count() as u64

@@ -1,4 +1,4 @@
-//! The kernels of light transport, composed and compiled side by side. What a render does not need is none.
+//! The kernels of light transport, composed and compiled in parallel. A kernel that a render does not need is none.
 
 use kernel_kit::Gpu;
 
@@ -16,7 +16,7 @@ use crate::settings::Settings;
 use crate::specialisation::Specialisation;
 use crate::specialisation::features::{Feature, Features};
 
-/// The kernels of direct light as a pass of its own. The first pass takes them.
+/// The kernels of separate direct light. The first pass takes them.
 #[derive(Default)]
 pub(crate) struct DirectKernels {
     pub light_sampler: Option<LightSamplerKernels>,
@@ -67,8 +67,8 @@ impl DirectKernels {
     }
 }
 
-/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when photons
-/// and records are made anew.
+/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when the
+/// render makes new photons and records.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
     pub caustics: Option<CausticKernels>,
@@ -100,7 +100,7 @@ impl IndirectKernels {
         Ok(IndirectKernels { global_map, caustics, cache, path, features: features.clone() })
     }
 
-    /// Something brings light that is not direct light of a pass of its own.
+    /// Whether there is light besides separate direct light.
     pub fn bring_light(&self) -> bool {
         self.path.is_some() || self.global_map.is_some()
     }

@@ -1,4 +1,4 @@
-//! The light sampler: a few of many lights for each point, by light zones where photons tell them.
+//! The light sampler: gives each point a few of many lights, by light zones if there are photons for them.
 
 use kernel_kit::{Buffer, Frame, Gpu};
 
@@ -15,7 +15,7 @@ use crate::specialisation::kernels::{photons_of_zones, sorting_grid};
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Rays of all lights together that tell zones.
+/// Number of rays of all lights together for zones.
 const ZONE_RAYS: u32 = 1 << 20;
 
 /// Maximum number of rays of a light, and of shadow photons of a ray: their product is what half a word counts.
@@ -61,17 +61,17 @@ impl ZoneKernels {
     }
 }
 
-/// The lights that the points of a tile sample.
+/// The sampled lights of the points of a tile.
 pub(crate) struct LightSampler {
     bound: BoundSampleLights,
     lights: u32,
     sampled_lights: Buffer,
-    /// Kept for the buffers that are bound.
+    /// Owns the bound buffers.
     _zones: Option<ZoneTable>,
 }
 
 impl LightSampler {
-    /// Traces the photons that tell the zones, and makes room for the sampled lights of `points` points.
+    /// Traces the photons for the zones, and makes the buffer for the sampled lights of `points` points.
     pub fn new(
         shared: &Shared<'_>,
         kernels: LightSamplerKernels,
@@ -89,7 +89,7 @@ impl LightSampler {
         Ok(LightSampler { bound, lights, sampled_lights, _zones: zones })
     }
 
-    /// Lights that each point samples.
+    /// Number of lights that each point samples.
     pub fn lights(&self) -> u32 {
         self.lights
     }

@@ -1,4 +1,4 @@
-//! What the first pass of a technique leaves for its second pass.
+//! The parts that the first pass of a technique makes for its second pass.
 
 use kernel_kit::Gpu;
 
@@ -14,19 +14,19 @@ use crate::Result;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
-/// The parts that light a tile's points. What a technique or a scene does not need is none.
+/// The parts that light a tile's points. A part that the technique or the scene does not need is none.
 #[derive(Default)]
 pub(crate) struct Lighting {
-    /// A few of many lights for each point.
+    /// Gives each point a few of many lights.
     pub light_sampler: Option<LightSampler>,
     pub visibility_map: Option<VisibilityMap>,
-    /// Cells whose rays tell what points see.
+    /// Visibility of lights from the cells of a grid.
     pub cells: Option<CellVisibility>,
     pub adaptive_testing: Option<AdaptiveTesting>,
-    /// Direct light, where it is a pass of its own.
+    /// Direct light, if the technique computes it separately.
     pub direct: Option<DirectLight>,
     pub indirect: Option<IndirectLight>,
-    /// The caustic map of the samples under way, where surfaces focus light.
+    /// The caustic map of the current samples, if surfaces focus light.
     pub caustics: Option<CausticMap>,
 }
 
@@ -35,7 +35,7 @@ impl Lighting {
         Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() }
     }
 
-    /// Makes direct light from what there is to guide it, for tiles of `points` points.
+    /// Makes direct light for tiles of `points` points, guided by the visibility map and the light sampler.
     pub fn make_direct_light(
         &mut self,
         shared: &Shared<'_>,
@@ -48,14 +48,14 @@ impl Lighting {
     }
 
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
-        // Field by field: direct light is borrowed beside it.
+        // Not `self.guides()`: direct light is borrowed at the same time.
         let guides =
             Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() };
         self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
     }
 
-    /// Adds the photons that audits left to the visibility map and sorts it anew, if that is `due` or there is little
-    /// room for more.
+    /// Adds the photons of audits to the visibility map and sorts it again, if that is `due` or their buffer is nearly
+    /// full.
     pub fn repair_map(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
         let Some(map) = &mut self.visibility_map else { return Ok(()) };
         if map.take_repairs(shared.gpu, due, totals)? {
@@ -65,7 +65,7 @@ impl Lighting {
         self.bind_direct_light(shared)
     }
 
-    /// What samples have left in the visibility map, or in adaptive shadow testing.
+    /// The state that samples left in the visibility map, or in adaptive shadow testing.
     pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
         match (&self.visibility_map, &self.adaptive_testing) {
             (Some(map), _) => map.state(gpu),
@@ -74,7 +74,7 @@ impl Lighting {
         }
     }
 
-    /// Puts back what samples had left, where nothing was left yet; false where it is not of this render.
+    /// Restores that state before the first sample; false if it belongs to another render.
     pub fn restore(&mut self, shared: &Shared<'_>, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let fits = match (&mut self.visibility_map, &self.adaptive_testing) {
             (Some(map), _) => {
@@ -97,7 +97,7 @@ impl Lighting {
     }
 }
 
-/// Direct light must let go of the map's tables before they are made anew.
+/// Direct light must release the map's tables before they are made again.
 fn unbind(direct: &mut Option<DirectLight>) {
     if let Some(direct) = direct {
         direct.unbind();

@@ -1,5 +1,5 @@
-//! The steps of a technique's second pass: one frame, which adds one sample or some to every pixel of a tile. A step
-//! records its dispatches; it does nothing where the first pass did not make its part.
+//! The steps of a technique's second pass: a frame, which adds one or more samples to every pixel of a tile. A step
+//! records its dispatches. It does nothing if the first pass did not make its part.
 
 use kernel_kit::Frame;
 
@@ -22,13 +22,13 @@ pub(crate) struct SecondPass<'a, 'g> {
     pub settings: &'a Settings,
     /// The film's planes for the tile.
     pub planes: Vec<&'a Plane>,
-    /// The films of the lights' classes, where they are asked for.
+    /// The films of the lights' classes, if the AOV `shadow` is requested.
     pub class_films: &'a [Plane],
 }
 
 impl SecondPass<'_, '_> {
-    /// Traces a camera ray for each sample, on over mirrors and through clear glass; the points that it leaves are to
-    /// be lit (pass `primary`).
+    /// Traces a camera ray for each sample, also over mirrors and through clear glass, to the point that is to be lit
+    /// (pass `primary`).
     pub fn trace_camera_rays(&mut self) {
         self.primary.record(self.frame, self.tile);
     }
@@ -40,18 +40,18 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// The lights that points consider, as many at a time as buffers have room for.
+    /// The lights that points consider, in chunks that fit in the buffers.
     pub fn light_chunks(&self) -> impl Iterator<Item = Chunk> + use<> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its cell for each light, where photons have decided that; without a visibility map
+    /// Gives each point the class of its cell for each light, if photons have decided it. Without a visibility map
     /// every point that does not face away from the light is unknown (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
 
-    /// Requests classes for the cells of the points that are left (pass `classify`).
+    /// Requests classes for the cells of the undecided points (pass `classify`).
     pub fn request_cells(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.request_cells(frame, tile, lights));
     }
@@ -61,13 +61,12 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
     }
 
-    /// Classifies the points that are left: by the requested cells, or by the k photons nearest to each (pass
-    /// `classify`).
+    /// Classifies the undecided points by the requested cells, or else by their k nearest photons (pass `classify`).
     pub fn query_photons(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.query(frame, tile, lights));
     }
 
-    /// Makes boundaries of the pixels next to boundaries (pass `classify`).
+    /// Makes the pixels next to a boundary boundaries too (pass `classify`).
     pub fn dilate_boundaries(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.dilate(frame, tile, lights));
     }
@@ -83,7 +82,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.trace_shadow_rays(frame, tile, lights));
     }
 
-    /// Traces the queued audits; those that contradict a class leave photons to repair the map (pass `shadow`).
+    /// Traces the queued audits. Each that contradicts a class stores a photon that will repair the map (pass
+    /// `shadow`).
     pub fn audit(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.audit(frame, tile, lights));
     }
@@ -93,13 +93,13 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.shade(frame, tile, lights));
     }
 
-    /// Adds the classes to their films (pass `film`), where the AOV `shadow` is asked for.
+    /// Adds the classes to their films (pass `film`), if the AOV `shadow` is requested.
     pub fn add_classes_to_film(&mut self, lights: &Chunk) {
         let films = self.class_films;
         self.direct(|direct, frame, tile| direct.add_classes_to_film(frame, tile, lights, films));
     }
 
-    /// Gives each point the class of its cell for each light (pass `cells`). The queues are empty then.
+    /// Gives each point the class of its cell for each light (pass `cells`), and empties the queues.
     pub fn look_up_cells(&mut self, lights: &Chunk) {
         if let Some(cells) = &self.lighting.cells {
             cells.classify(self.frame, self.tile, lights);
@@ -107,12 +107,12 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.clear_queues(frame));
     }
 
-    /// Sorts the lights of each point by what they could contribute (pass `ward`).
+    /// Sorts the lights of each point by their potential contributions (pass `ward`).
     pub fn order_lights(&mut self, lights: &Chunk) {
         self.testing(|testing, _, frame, tile| testing.order(frame, tile, lights));
     }
 
-    /// Queues the next light of each point whose untested lights could still matter (pass `ward`).
+    /// Queues the next light of each point whose untested lights could still contribute enough (pass `ward`).
     pub fn queue_next_light(&mut self, lights: &Chunk) {
         self.testing(|testing, direct, frame, tile| testing.next(frame, direct.classify_buffers(), tile, lights));
     }
@@ -122,12 +122,13 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.trace_filled_queue(frame, tile, lights));
     }
 
-    /// Guesses the visibility of the lights that were not tested (pass `ward`).
+    /// Estimates the visibility of the lights that were not tested (pass `ward`).
     pub fn guess_untested_lights(&mut self, lights: &Chunk) {
         self.testing(|testing, _, frame, tile| testing.guess(frame, tile, lights));
     }
 
-    /// Adds what was seen of each light to what later guesses are made of (pass `ward`). The queues are empty then.
+    /// Adds the visibility of the tested lights to the statistics for later estimates (pass `ward`), and empties the
+    /// queues.
     pub fn learn_visibility(&mut self, lights: &Chunk) {
         self.testing(|testing, direct, frame, tile| {
             testing.learn(frame, tile, lights);
@@ -142,15 +143,16 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// Lights each point by the irradiance records about it, and queues those that none covers (pass `cache`).
+    /// Lights each point by the irradiance records around it, and queues the points that no record covers (pass
+    /// `cache`).
     pub fn interpolate_irradiance(&mut self) {
         if let Some(indirect) = &self.lighting.indirect {
             indirect.interpolate_irradiance(self.frame, self.tile);
         }
     }
 
-    /// Traces paths: where records are, from glossy points and those that no record covers; else from every point (pass
-    /// `path`).
+    /// Traces paths (pass `path`): with irradiance records from glossy points and from points that no record covers,
+    /// else from every point.
     pub fn trace_paths(&mut self) {
         let (max_bounces, light_samples) = (self.settings.indirect.max_bounces, self.settings.shadow_rays.samples);
         let parameters = PathParameters { tile: *self.tile, max_bounces, light_samples };
@@ -173,12 +175,13 @@ impl SecondPass<'_, '_> {
         }
     }
 
-    /// Adaptive shadow testing has something to order: there are several lights. With one it is `two-pass`.
+    /// Whether there are several lights for adaptive shadow testing to order. With one light the technique is
+    /// `two-pass`.
     pub fn has_adaptive_testing(&self) -> bool {
         self.lighting.adaptive_testing.is_some()
     }
 
-    /// There are cells with classes: there is something to be lit.
+    /// Whether there are cells with classes. There are none if nothing is to be lit.
     pub fn has_cells(&self) -> bool {
         self.lighting.cells.is_some()
     }

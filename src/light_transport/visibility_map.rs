@@ -12,12 +12,12 @@ use crate::specialisation::features::Features;
 use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
-/// Photons that audits can leave between two sortings of the map. Audits that contradict the map are a few in a
-/// thousand of one in 64 points. Where there are more, chance decides which of them fit, so none is taken;
-/// they are counted as wrong all the same, and found again.
+/// Maximum number of photons that audits add between two sortings of the map. One in 64 points is audited, and a few in
+/// a thousand audits contradict the map. If there are more, which of them fit would be a matter of chance, so none is
+/// added. They still count as wrong, and are found again.
 const REPAIR_BATCH: u32 = 1 << 16;
 
-/// Photons that audits can add to a map in all.
+/// Maximum number of photons that audits add to a map in total.
 const REPAIR_ROOM: u32 = 1 << 18;
 
 /// Maximum number of rays of all lights together: what a map of the smallest storage binding that devices offer (128
@@ -47,21 +47,21 @@ pub(crate) struct VisibilityMap {
     lights: u32,
     photons: Buffer,
     count: u32,
-    /// Photons that audits can still add.
+    /// Number of photons that audits can still add.
     room: u32,
-    /// Photons that audits have left since the map was sorted, and their number.
+    /// Photons of audits since the map was sorted, and their number.
     repair_photons: Buffer,
     repair_count: Buffer,
 }
 
-/// What samples have left in the map, or in what another technique has instead of it.
+/// The state that samples left in the map, or in adaptive shadow testing.
 #[derive(Default)]
 pub(crate) struct MapState {
     /// Photons that audits added to the map.
     pub added: Vec<Photon>,
-    /// Number of photons that audits left since.
+    /// Number of photons of audits since then.
     pub left: u32,
-    /// Those of them that there was room for.
+    /// Those of them that fit in the buffer.
     pub kept: Vec<Photon>,
     /// [`PhotonGrid::requested_cells_state`], empty where no cell was requested yet; or what was seen of each light
     /// ([`super::adaptive_testing`]).
@@ -119,8 +119,8 @@ impl VisibilityMap {
         })
     }
 
-    /// Adds the photons that audits left to the map, if that is `due` or there is little room for more. Returns whether
-    /// the map must be sorted anew: its tables are then gone.
+    /// Adds the photons of audits to the map, if that is `due` or their buffer is nearly full. Returns whether the map
+    /// must be sorted again; its tables are then dropped.
     pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
         let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
         if left == 0 || !(due || left > REPAIR_BATCH / 2) {
@@ -144,14 +144,14 @@ impl VisibilityMap {
         Ok(self.grid.is_none())
     }
 
-    /// Sorts the map, where [`VisibilityMap::take_repairs`] says so. Passes that still have the old tables bound must
-    /// be unbound before: the tables are among the largest buffers of a render.
+    /// Sorts the map, if [`VisibilityMap::take_repairs`] returned true. Passes must first release the old tables, which
+    /// are among the largest buffers of a render.
     pub fn sort(&mut self, gpu: &Gpu) -> Result<()> {
         self.grid = Some(self.kernel.build(gpu, &self.photons, self.count, self.lights, self.shape)?);
         Ok(())
     }
 
-    /// What samples have left so far.
+    /// The state that samples left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
         let added = (REPAIR_ROOM - self.room) as usize;
         let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
@@ -163,8 +163,8 @@ impl VisibilityMap {
         })
     }
 
-    /// Puts back what samples had left, in a map that has nothing of it; false where it is not of this map. The map is
-    /// sorted anew, so no pass may have its tables bound: see [`VisibilityMap::sort`].
+    /// Restores that state in a map without samples; false if it belongs to another map. The map is sorted again, so no
+    /// pass may have its tables bound: see [`VisibilityMap::sort`].
     pub fn restore(&mut self, gpu: &Gpu, state: &MapState, totals: &mut Totals) -> Result<bool> {
         let of_this_map = |photon: &Photon| {
             photon.light() < self.lights && photon.position.iter().all(|coordinate| coordinate.is_finite())
@@ -186,17 +186,17 @@ impl VisibilityMap {
             || self.grid.as_ref().is_some_and(|grid| grid.restore_requested_cells(gpu, &state.rest)))
     }
 
-    /// The sorted photons; none while the map must be sorted anew.
+    /// The sorted photons; none while the map must be sorted again.
     pub fn grid(&self) -> Option<&PhotonGrid> {
         self.grid.as_ref()
     }
 
-    /// Photons that audits can leave between two sortings.
+    /// Maximum number of photons that audits add between two sortings.
     pub fn repair_capacity(&self) -> u32 {
         REPAIR_BATCH
     }
 
-    /// The photons that audits leave, and their number.
+    /// The photons of audits, and their number.
     pub fn repair_buffers(&self) -> [&Buffer; 2] {
         [&self.repair_photons, &self.repair_count]
     }

@@ -10,10 +10,10 @@ use crate::specialisation::features::Feature;
 use crate::statistics::Counter;
 use crate::techniques::implementation;
 
-/// How far a render is.
+/// The progress of a render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Samples a pixel so far.
+    /// Samples per pixel so far.
     pub samples: u32,
     /// Rays of all types so far.
     pub rays: u64,
@@ -22,17 +22,16 @@ pub struct Progress {
 }
 
 impl Renderer<'_> {
-    /// Renders some more samples of every pixel, at least one; not more than the settings' number where that is not
-    /// reached yet.
+    /// Renders one or more samples of every pixel, and no more than the settings request until these are complete.
     ///
     /// # Errors
-    /// [`crate::Error::Computation`] where more than a thousandth of the rays met the loop budget, and those of
+    /// [`crate::Error::Computation`] if more than a thousandth of the rays met the loop budget, and those of
     /// [`kernel_kit::Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
         self.render_up_to(u32::MAX)
     }
 
-    /// As [`Renderer::render_batch`], with no more than `limit` samples a pixel, at least one: for callers with little
+    /// As [`Renderer::render_batch`], with at most `limit` samples per pixel, but at least one: for callers with little
     /// time.
     ///
     /// # Errors
@@ -61,7 +60,7 @@ impl Renderer<'_> {
         Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
     }
 
-    /// Samples a pixel of the next batch.
+    /// Samples per pixel of the next batch.
     fn layers_of_batch(&self, limit: u32) -> u32 {
         let most = self.tile_size.layers.min(limit.max(1));
         let missing = self.settings.image.spp.saturating_sub(self.samples);
@@ -73,9 +72,9 @@ impl Renderer<'_> {
         }
     }
 
-    /// Repairs the visibility map after the second batch, the fourth, the eighth, ...: what audits find is found early,
-    /// and sorting the map anew then costs little of a long render. After the pilot it would cost a short render more
-    /// than the few photons are worth that one sample a pixel finds.
+    /// Repairs the visibility map after the second batch, the fourth, the eighth, and so on: audits find most mistakes
+    /// early, and sorting the map again takes a small part of a long render. There is no repair after the pilot,
+    /// because one sample per pixel finds few photons.
     fn repair_map(&mut self) -> Result<()> {
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
         let due = self.batches > 1 && self.batches.is_power_of_two();
@@ -107,7 +106,7 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Adds what the kernels have counted of procedural objects since the last batch.
+    /// Adds the kernels' counts for procedural objects since the last batch.
     fn count_procedural_misses(&mut self) -> Result<()> {
         if !self.specialisation.features.has(Feature::Procedurals) {
             return Ok(());

@@ -1,7 +1,8 @@
-//! Checkpoints: what samples of a render have left, in memory or in a file.
+//! Checkpoints: the state that the samples of a render left, in memory or in a file.
 //!
-//! Photons and irradiance records are not in it: their seed makes them anew. It holds the sums of the film, the photons
-//! that audits added, the cells that points requested, what was seen of each light, and the counts.
+//! A checkpoint holds the sums of the film, the photons of audits, the cells that points requested, the visible share
+//! of each light, and the counts. Other photons and irradiance records are not in it, because they are computed again
+//! from their seed.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,36 +14,36 @@ use crate::render::film::{read_file, write_atomically};
 use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
-/// How every file begins; the number rises when the format changes.
+/// The first bytes of every file; the number rises when the format changes.
 const MAGIC: &[u8] = b"penumbra checkpoint 3\n";
 
-/// Bytes of the digest of all that follows it.
+/// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
 
-/// What follows as JSON, after its length of 8 bytes. The words of the film and of the map end the file.
+/// The header, as JSON after its length of 8 bytes. Then come the words of the film and of the map.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Header {
     pub version: String,
-    /// Of scene, camera, settings and version.
+    /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
     pub batches: u32,
     pub totals: Totals,
-    /// Why there is no visibility map, where there is none.
+    /// The reason if the pilot left the visibility map out.
     pub map_left_out: Option<String>,
-    /// Photons that audits added to the map.
+    /// Number of photons that audits added to the map.
     pub added: usize,
-    /// Those that they have left since, of which there may have been too many to keep.
+    /// Number of photons of audits since then; perhaps more than were kept.
     pub left: u32,
 }
 
-/// What samples have left: enough to go on from, on any device.
+/// The state that samples left, from which a render continues on any device.
 #[derive(Clone)]
 pub struct Checkpoint {
     pub(super) header: Header,
     /// The words of the planes, in the order of `Renderer::planes`, and then those of the map.
     pub(super) words: Vec<u32>,
-    /// Where it was read from.
+    /// The file that it was read from.
     pub(super) file: Option<PathBuf>,
 }
 
@@ -54,10 +55,10 @@ impl Header {
 }
 
 impl Checkpoint {
-    /// Writes it to a file. The old file stays until the new one is whole.
+    /// Writes it to a file. The old file remains until the new one is complete.
     ///
     /// # Errors
-    /// [`Error::Output`] where the file cannot be written.
+    /// [`Error::Output`] if the file cannot be written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         write_atomically(path, |file| {
             let header = serde_json::to_vec(&self.header)?;
@@ -72,16 +73,16 @@ impl Checkpoint {
     /// Reads a file of [`Checkpoint::write`].
     ///
     /// # Errors
-    /// [`Error::Input`] where there is none, and those of [`Checkpoint::from_bytes`].
+    /// [`Error::Input`] if there is none, and those of [`Checkpoint::from_bytes`].
     pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
         let path = path.as_ref();
         Checkpoint::from_bytes(&read_file(path)?, path)
     }
 
-    /// Checks what was read; `path` names it in errors.
+    /// Reads and checks the bytes of a file; `path` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file is no checkpoint, is damaged, or is of another version.
+    /// [`Error::Input`] if the file is no checkpoint, is damaged, or is of another version.
     pub fn from_bytes(bytes: &[u8], path: impl AsRef<Path>) -> Result<Checkpoint> {
         let refuse = |problem: &str| Error::input(&path, "file", problem);
         let damaged = || refuse("is damaged");
@@ -97,18 +98,18 @@ impl Checkpoint {
         if digest(followers).as_bytes() != stated {
             return Err(damaged());
         }
-        // The file's bytes may not be aligned as words must be.
+        // The bytes of the file may not have the alignment of words.
         let words = bytemuck::pod_collect_to_vec(words);
         Ok(Checkpoint { header, words, file: Some(path.as_ref().to_owned()) })
     }
 
-    /// With the fingerprint of the renderer that left it.
+    /// With the fingerprint of the renderer that made it.
     pub(super) fn signed(mut self, fingerprint: String) -> Checkpoint {
         self.header.fingerprint = fingerprint;
         self
     }
 
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.header.samples
     }

@@ -1,19 +1,19 @@
-//! What a render notices of its own arithmetic and limits, and the warnings about it.
+//! Problems of arithmetic and limits that a render detects, and warnings about them.
 
 use crate::procedural::ITERATIONS;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 use crate::statistics::{Conditioning, Counter, NotFinite};
 
-/// Share of unknown points above which there is a warning: below it more photons could save no more than a tenth of the
+/// Share of unknown points above which there is a warning. Below it, more photons could save at most a tenth of the
 /// shadow rays of `two-pass`. The image is right in both cases.
 const MANY_UNKNOWN: f64 = 0.1;
 
-/// Where light bounces more often on average than this share of the maximum number of bounces, the maximum cuts more
-/// than a fiftieth of the paths: in a closed room numbers of bounces fall off as exp(-n / mean).
+/// Mean number of bounces over the maximum, above which there is a warning: the maximum then cuts more than a fiftieth
+/// of the paths, because in a closed room numbers of bounces fall off as exp(-n / mean).
 const LONG_SHARE: f64 = 0.25;
 
-/// There is no warning below this maximum number of bounces: whoever sets so few knows that they are few.
+/// There is no warning if the maximum number of bounces is below this, which is a deliberate choice.
 const MANY_BOUNCES: u32 = 16;
 
 /// Something that the user should know, and what to do about it.
@@ -24,7 +24,7 @@ pub(super) struct Warning {
     pub text: String,
 }
 
-/// The counts that [`Conditioning`] is made of.
+/// The counts of [`Conditioning`].
 pub(super) fn conditioning(totals: &Totals) -> Conditioning {
     let count = |counter| totals.get(counter);
     Conditioning {
@@ -48,10 +48,10 @@ pub(super) fn conditioning(totals: &Totals) -> Conditioning {
     }
 }
 
-/// A warning for each count that says that something is wrong.
+/// The warnings, one for each count that indicates a problem.
 pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
-    // No warning of records of the smallest radius: what they blur is three pixels wide, and corners need them in any
-    // scene.
+    // There is no warning about records of minimum radius: their blur is three pixels wide, and corners need them in
+    // any scene.
     let mut warnings = number_warnings(totals);
     warnings.extend(unknown_warning(totals));
     warnings.extend(path_warnings(totals, settings));
@@ -69,7 +69,7 @@ pub(super) fn warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
     warnings
 }
 
-/// Values that are not finite, or nearly so.
+/// Values that are not finite or near overflow.
 fn number_warnings(totals: &Totals) -> Vec<Warning> {
     let Conditioning { not_finite, near_overflow, overruns, .. } = conditioning(totals);
     let by_pass = by_pass(&not_finite);
@@ -99,7 +99,7 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
 /// A visibility map that leaves many points unknown.
 fn unknown_warning(totals: &Totals) -> Option<Warning> {
     let count = totals.mapped_unknown;
-    // Where the pilot left the map out, another note says so.
+    // If the pilot left the map out, another note says so.
     let mapped = totals.mapped_points == totals.points().total;
     let many = count as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
     (mapped && many).then(|| {

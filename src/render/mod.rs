@@ -1,5 +1,5 @@
-//! The renderer: prepares a scene, adds samples batch by batch, and gives the image and the statistics at any time.
-//! What runs for a sample is the technique's business; see `src/techniques/`.
+//! The renderer: prepares a scene, adds samples in batches, and gives the image and the statistics at any time. The
+//! files of `src/techniques/` decide what runs for a sample.
 
 mod batches;
 mod checkpoint;

@@ -1,11 +1,11 @@
-//! Remarks on a render, known before its first sample.
+//! Notes on a render that are known before its first sample.
 
 use crate::gpu_scene::GpuScene;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::statistics::Indirect;
 
-/// The remarks, a line each.
+/// The notes, one line each.
 pub(super) fn notes(scene: &Scene, settings: &Settings, indirect: &Indirect, gpu_scene: &GpuScene) -> Vec<String> {
     let mut notes = Vec::new();
     let environment = gpu_scene.lights.environment.as_ref();
@@ -17,7 +17,7 @@ pub(super) fn notes(scene: &Scene, settings: &Settings, indirect: &Indirect, gpu
         notes.push(format!("the scene has no triangles: the image {shown}"));
     }
     let wanted = u64::from(settings.indirect.photons);
-    // Rounding by light takes a few rays; less than half are left only where the device has no room.
+    // Rounding per light removes a few rays. Only a lack of device memory leaves less than half.
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;
         notes.push(format!("the photons of {emitted} rays fill the device's largest buffer: not {wanted} carry flux"));

@@ -19,7 +19,7 @@ use crate::{Image, Result};
 const NO_DEPTH: f64 = 1e10;
 
 impl Renderer<'_> {
-    /// The image so far, with the channels that the settings ask for.
+    /// The image so far, with the channels that the settings request.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -27,7 +27,7 @@ impl Renderer<'_> {
         image(self, None)
     }
 
-    /// What was done so far. The times that the library does not see (start, import, total) are 0.
+    /// The statistics so far. The times that the library does not know (start, import, total) are 0.
     ///
     /// # Errors
     /// As [`Gpu::pass_times`].
@@ -36,7 +36,7 @@ impl Renderer<'_> {
     }
 }
 
-/// The image of the film on the device, or of what was kept of it.
+/// The image of the film, on the device or as it was kept.
 pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Result<Image> {
     let settings = &renderer.settings;
     let film = Film { renderer, kept: kept.map(|kept| kept_planes(renderer, kept)) };
@@ -76,7 +76,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
 /// The sums of samples, on the device or kept.
 struct Film<'a> {
     renderer: &'a Renderer<'a>,
-    /// The words of each plane, where a checkpoint has them and not the device.
+    /// The words of each plane, if they are in a checkpoint and not on the device.
     kept: Option<HashMap<*const Plane, &'a [u32]>>,
 }
 
@@ -100,7 +100,7 @@ impl Film<'_> {
         }
     }
 
-    /// The means of a plane over the whole image, or none where the tiles have no such plane.
+    /// The means of a plane over the whole image; none if the tiles have no such plane.
     fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
         let mut all = Vec::new();
         for tile in &self.renderer.tiles {
@@ -116,7 +116,7 @@ impl Film<'_> {
         Ok(normals)
     }
 
-    /// In world space; `total` has the share of each pixel's rays that hit something in w.
+    /// Positions in world space; w of `total` is the share of a pixel's rays that hit something.
     fn positions(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
         let mut positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
         for (p, total) in positions.iter_mut().zip(total) {
@@ -129,7 +129,7 @@ impl Film<'_> {
         Ok(positions)
     }
 
-    /// In world units; `total` as for [`Film::positions`].
+    /// Depth in world units; `total` as for [`Film::positions`].
     fn depths(&self, total: &[DVec4]) -> Result<Vec<f32>> {
         let positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
         let scale = self.renderer.scene.normalisation.scale();
@@ -138,7 +138,7 @@ impl Film<'_> {
         Ok(positions.iter().zip(total).map(depth).collect())
     }
 
-    /// Of the means of n samples; unknown, and said to be 0, where there is one.
+    /// Variance of the means of n samples; 0 for a single sample, whose variance is unknown.
     fn variances(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
         let squares = self.means(&|f| f.squares.as_ref())?.unwrap_or_default();
         let n = f64::from(self.renderer.samples);

@@ -1,4 +1,4 @@
-//! The pilot: after the first sample of each pixel the visibility map is left out where it does not pay.
+//! The pilot: after the first sample of each pixel, the visibility map is left out if it does not pay.
 
 use std::time::Instant;
 
@@ -8,7 +8,7 @@ use crate::light_transport::kernels::DirectKernels;
 use crate::light_transport::shared::Shared;
 
 impl Renderer<'_> {
-    /// Leaves the visibility map out if the first samples say that it does not pay.
+    /// Leaves the visibility map out if it did not pay for the first samples.
     pub(super) fn end_pilot(&mut self) -> Result<()> {
         match self.specialisation.of_pilot(&self.settings, self.mapped_boundary_share()) {
             Some(reason) => self.leave_map_out(&reason),
@@ -16,19 +16,19 @@ impl Renderer<'_> {
         }
     }
 
-    /// Boundary and unknown points over all, of the lights that have photons. The environment has none: every point is
-    /// unknown to it.
+    /// Boundary and unknown points over all, for the lights that have photons. The environment has none: all its points
+    /// are unknown.
     fn mapped_boundary_share(&self) -> f64 {
         let points = self.totals.points();
         let lights = self.scene.lights.len() as u64;
         let others = lights - self.scene.placed_lights().len() as u64;
-        // Every light has the same points, dark ones included.
+        // Every light has the same number of points, including dark ones.
         let unmapped = others * (points.total + points.dark) / lights.max(1);
         let undecided = points.boundary + points.unknown - unmapped;
         undecided as f64 / (points.total - unmapped).max(1) as f64
     }
 
-    /// Goes on without the visibility map.
+    /// Continues without the visibility map.
     pub(super) fn leave_map_out(&mut self, reason: &str) -> Result<()> {
         self.specialisation.leave_map_out(reason);
         self.notes.push(format!(

@@ -1,4 +1,4 @@
-//! Renders that go on after their device is lost, and what is left of those that fail.
+//! Renders that continue after their device is lost, and the results of renders that fail.
 
 use std::time::Instant;
 
@@ -10,35 +10,35 @@ use super::output;
 use super::renderer::Renderer;
 use crate::{Error, Image, Result, Statistics};
 
-/// How often a device may be lost before more samples are kept: where it is lost again and again at the same sample,
-/// its work is the cause.
+/// How often a device may be lost without new samples: if it is lost at the same sample again and again, the render
+/// itself is the cause.
 const MAX_LOSSES: u64 = 3;
 
-/// What a failed render left.
+/// A failed render.
 pub struct Failure {
-    /// Why it failed.
+    /// The reason.
     pub error: Error,
-    /// What there was when it was last kept; none before the first samples.
+    /// The state that was kept last; none before the first samples.
     pub salvage: Option<Box<Salvage>>,
 }
 
-/// A render as far as it had come.
+/// The results of an incomplete render.
 pub struct Salvage {
     /// The image.
     pub image: Image,
-    /// What was done.
+    /// The statistics.
     pub statistics: Statistics,
-    /// To go on from.
+    /// A checkpoint from which it can continue.
     pub checkpoint: Checkpoint,
 }
 
-/// Runs `work` with a renderer that `start` makes and that resumes `from`. Where the device is lost, `open` opens
-/// another one, and `work` begins again with a renderer that resumes the state kept last in memory: the image is the
-/// same, bit for bit. Keeping the state takes a fiftieth of the time at most, and as much memory as a checkpoint.
+/// Runs `work` with a renderer that `start` makes and that resumes `from`. If the device is lost, `open` opens another
+/// one, and `work` begins again with a renderer that resumes from the state kept last in memory. The image has the same
+/// bits. Keeping the state takes at most a fiftieth of the time, and as much memory as a checkpoint.
 ///
 /// # Errors
-/// Those of `start` and `work`, and of `open` where there is no other device or the device is lost again and again;
-/// with what can be saved of the render.
+/// Those of `start` and `work`, and of `open` if there is no other device or the device is lost again and again; with
+/// the results that can be saved.
 pub fn render<T>(
     mut gpu: Gpu,
     open: impl Fn() -> Result<Gpu>,
@@ -47,7 +47,7 @@ pub fn render<T>(
     mut work: impl FnMut(&mut Renderer<'_>) -> Result<T>,
 ) -> std::result::Result<T, Failure> {
     let mut salvage: Option<Box<Salvage>> = None;
-    // Since a state was kept.
+    // Since the last state was kept.
     let mut losses = 0;
     loop {
         let state = salvage.as_ref().map(|salvage| &salvage.checkpoint).or(from.as_ref());
@@ -71,11 +71,11 @@ pub fn render<T>(
     }
 }
 
-/// Runs `work` on `gpu`. Where the device is lost, `open` opens another one, and `work` begins anew: for timed work,
-/// which may not be pieced together.
+/// Runs `work` on `gpu`. If the device is lost, `open` opens another one, and `work` begins again: for timed work,
+/// which must run without a break.
 ///
 /// # Errors
-/// Those of `work`, and of `open` where there is no other device or the device is lost again and again.
+/// Those of `work`, and of `open` if there is no other device or the device is lost again and again.
 pub fn anew<T>(gpu: &mut Gpu, open: impl Fn() -> Result<Gpu>, mut work: impl FnMut(&Gpu) -> Result<T>) -> Result<T> {
     let mut losses = 0;
     loop {
@@ -87,7 +87,7 @@ pub fn anew<T>(gpu: &mut Gpu, open: impl Fn() -> Result<Gpu>, mut work: impl FnM
     }
 }
 
-/// Another device where `error` says that one was lost, after `losses` before it; else the error.
+/// Another device if `error` is the loss of one, after `losses` earlier ones; else the error.
 fn another(open: &impl Fn() -> Result<Gpu>, error: Error, losses: u64) -> Result<Gpu> {
     let Error::DeviceLost { at, problem } = error else { return Err(error) };
     if losses == MAX_LOSSES {
@@ -115,7 +115,7 @@ fn begin<'g>(
 }
 
 impl Renderer<'_> {
-    /// Keeps what samples have left, where the caller wants that and it is due.
+    /// Keeps the state of the samples, if the caller wants this and it is due.
     pub(super) fn keep(&mut self) -> Result<()> {
         if self.keeping.as_ref().is_some_and(Keeping::is_due) {
             let start = Instant::now();
@@ -124,7 +124,8 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Image, statistics and checkpoint of the state kept last, without the device; the renderer is of no use then.
+    /// Image, statistics and checkpoint of the state kept last, without the device. The renderer cannot be used
+    /// afterwards.
     fn salvage(&mut self) -> Option<Box<Salvage>> {
         let kept = self.keeping.take()?.state?;
         self.samples = kept.header.samples;

@@ -1,5 +1,5 @@
-//! What is made anew as samples go on: the global map and the irradiance cache, in stages, and the caustic map of each
-//! few samples.
+//! Maps that a render makes again as samples are added: the global map and the irradiance cache in stages, and a
+//! caustic map for every 8 samples.
 
 use std::time::Instant;
 
@@ -12,33 +12,34 @@ use crate::light_transport::kernels::IndirectKernels;
 use crate::light_transport::shared::Shared;
 use crate::settings::Settings;
 
-/// Samples a pixel from which on there are more photons and gather rays than at first: four times, and four times again
-/// for each four times the samples. All points share these, so no number of samples would take their error away.
+/// Samples per pixel from which on there are four times as many photons and gather rays; each time the samples increase
+/// fourfold, so do they again. All samples share photons and records, so more samples alone would not reduce their
+/// error.
 const REFINED: u32 = 32;
 
-/// Maximum number of such steps: a million photon rays by default, and some thousand rays a record.
+/// Maximum number of such steps, which is a million photon rays and some thousand rays per record by default.
 const MAX_STAGES: u32 = 2;
 
-/// How often photons and gather rays have been multiplied once there are so many samples.
+/// The number of such steps for a number of samples.
 fn stage(samples: u32) -> u32 {
     ((samples / REFINED).checked_ilog2().map_or(0, |log| log / 2 + 1)).min(MAX_STAGES)
 }
 
-/// The settings of a stage. Those of stage 0 are the render's own.
+/// The settings of a stage. Stage 0 has the settings of the render.
 fn refined(settings: &Settings, stage: u32) -> Settings {
     let more = |number: u32, most: u32| number.saturating_mul(1 << (2 * stage)).min(number.max(most));
     settings.clone().with(|s| {
         s.indirect.photons = more(settings.indirect.photons, Settings::MAX_PHOTONS);
         s.indirect.irradiance_cache.gather_rays =
             more(settings.indirect.irradiance_cache.gather_rays, Settings::MAX_GATHER_RAYS);
-        // Other photons and other directions, far from the seeds that users count up.
+        // Other photons and directions; users may count up their seeds, so this one is far away.
         s.image.seed = settings.image.seed.wrapping_add(stage.wrapping_mul(0x9e37_79b9));
     })
 }
 
 impl Renderer<'_> {
-    /// Makes photons and irradiance records anew, and more of them, once there are enough samples. The next batch does
-    /// so too; call it apart to measure the time that either takes.
+    /// Makes new and more photons and irradiance records, once there are enough samples. The next batch does this by
+    /// itself; call it separately to measure its time.
     ///
     /// # Errors
     /// As [`Renderer::new`].
@@ -49,7 +50,7 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// As [`Renderer::refine`], as if there were that many samples.
+    /// As [`Renderer::refine`], for that number of samples.
     pub(super) fn refine_for(&mut self, samples: u32) -> Result<()> {
         let has_map = self.lighting.indirect.as_ref().is_some_and(IndirectLight::has_map);
         let stage = stage(samples);
@@ -69,7 +70,7 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Makes the caustic map of the next samples, unless they share that of the last.
+    /// Makes the caustic map of the next samples, unless they share the last one.
     pub(super) fn trace_caustics(&mut self) -> Result<()> {
         let number = CausticMap::number_at(self.samples);
         let IndirectKernels { global_map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {

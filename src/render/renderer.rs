@@ -1,4 +1,4 @@
-//! [`Renderer`]: a render under way, and its preparation.
+//! [`Renderer`]: a render in progress, and its preparation.
 
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ use crate::specialisation::Specialisation;
 use crate::statistics::totals::Totals;
 use crate::techniques::implementation;
 
-/// A render under way.
+/// A render in progress.
 pub struct Renderer<'g> {
     pub(super) gpu: &'g Gpu,
     pub(super) scene: Scene,
@@ -33,9 +33,9 @@ pub struct Renderer<'g> {
     pub(super) notes: Vec<String>,
     pub(super) gpu_scene: GpuScene,
     pub(super) primary: BoundPrimary,
-    /// What the technique's first pass has made.
+    /// The parts that the technique's first pass made.
     pub(super) lighting: Lighting,
-    /// For photons and records that are made anew.
+    /// Kept to make new photons and records.
     pub(super) indirect_kernels: IndirectKernels,
     /// How often photons and gather rays have been multiplied; see `refinement.rs`.
     pub(super) stage: u32,
@@ -46,12 +46,12 @@ pub struct Renderer<'g> {
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
-    /// What is kept of the render should the device be lost; none where the caller does not want that.
+    /// The state that is kept in case the device is lost; none if the caller does not want it.
     pub(super) keeping: Option<Keeping>,
 }
 
 impl<'g> Renderer<'g> {
-    /// Makes everything ready for the first sample: hierarchy, kernels, the scene on the device, and the technique's
+    /// Prepares the first sample: builds the hierarchy, compiles kernels, uploads the scene, and runs the technique's
     /// first pass.
     ///
     /// # Errors
@@ -122,12 +122,12 @@ impl<'g> Renderer<'g> {
         })
     }
 
-    /// All planes of the film, in an order that the scene and the settings decide.
+    /// All planes of the film, in an order that depends only on scene and settings.
     pub(super) fn planes(&self) -> impl Iterator<Item = &Plane> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples a pixel so far.
+    /// Samples per pixel so far.
     pub fn samples(&self) -> u32 {
         self.samples
     }
@@ -142,12 +142,12 @@ impl<'g> Renderer<'g> {
         self.gpu
     }
 
-    /// What was kept and left out.
+    /// What the kernels contain, and what was left out.
     pub fn specialisation(&self) -> &Specialisation {
         &self.specialisation
     }
 
-    /// Remarks on the render, a line each.
+    /// Notes on the render, one line each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

@@ -1,5 +1,5 @@
-//! Renders that go on from a checkpoint, in another process or on another device, bit for bit as if they had never
-//! stopped.
+//! Renders that continue from a checkpoint, in another process or on another device, with the same bits as without the
+//! break.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
-    /// What samples have left so far.
+    /// The state that samples left so far.
     ///
     /// # Errors
     /// Those of [`kernel_kit::Gpu::read`].
@@ -19,7 +19,7 @@ impl Renderer<'_> {
         Ok(self.unsigned_checkpoint()?.signed(self.fingerprint()))
     }
 
-    /// Writes what [`Renderer::resume`] needs. The old file stays until the new one is whole.
+    /// Writes the file for [`Renderer::resume`]. The old file remains until the new one is complete.
     ///
     /// # Errors
     /// Those of [`Renderer::checkpoint`] and [`Checkpoint::write`].
@@ -27,8 +27,8 @@ impl Renderer<'_> {
         self.checkpoint()?.write(path)
     }
 
-    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without its fingerprint, which takes
-    /// longer than all the rest.
+    /// As [`Renderer::checkpoint`], for a renderer of the same scene and settings: without the fingerprint, which takes
+    /// longer than everything else.
     pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
         let mut words = Vec::new();
         for plane in self.planes() {
@@ -58,12 +58,12 @@ impl Renderer<'_> {
         self.resume_from(&Checkpoint::read(path)?)
     }
 
-    /// Goes on where the render stood that left the checkpoint, bit for bit as if it had not stopped. Call it before
-    /// the first sample.
+    /// Continues the render that wrote the checkpoint, with the same bits as without the break. Call it before the
+    /// first sample.
     ///
     /// # Errors
-    /// [`Error::Input`] where the checkpoint is of another scene, camera, or other settings, the seed and the number of
-    /// samples among them.
+    /// [`Error::Input`] if the checkpoint belongs to another scene, another camera or other settings, including seed
+    /// and number of samples.
     pub fn resume_from(&mut self, from: &Checkpoint) -> Result<()> {
         let Checkpoint { header, words, file } = from;
         let refuse = |problem: &str| Error::input(file.as_deref().unwrap_or("checkpoint".as_ref()), "file", problem);
@@ -74,7 +74,7 @@ impl Renderer<'_> {
                 "is of another scene or camera, or of other settings, such as `image.seed`, `image.spp` or the size",
             ));
         }
-        // Counts are by light; and a render that has all of its samples takes no more.
+        // Counts are by light, and a render cannot have more samples than requested.
         if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
             return Err(damaged());
         }
@@ -100,7 +100,7 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Of scene, camera, settings and version.
+    /// Fingerprint of scene, camera, settings and version.
     pub(super) fn fingerprint(&self) -> String {
         self.scene.fingerprint(&(&self.camera, &self.settings))
     }

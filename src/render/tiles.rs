@@ -1,4 +1,4 @@
-//! Tiles: whole rows of the image, several samples of each pixel at once, with a film each.
+//! Tiles: whole rows of the image with several samples of each pixel. Each tile has a film.
 
 use kernel_kit::{Buffer, Gpu};
 
@@ -10,7 +10,8 @@ use crate::passes::{Tile, TileBuffers};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::Features;
 
-/// Maximum number of points of a tile: enough to keep a device busy, little enough memory and time a dispatch.
+/// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
+/// a dispatch.
 const TILE_POINTS: u32 = 1 << 19;
 
 /// The size of a tile.
@@ -24,7 +25,7 @@ pub(super) struct TileSize {
 }
 
 impl TileSize {
-    /// As many rows, and then samples, as have room; `lights` is the number of the scene's lights.
+    /// As many rows as fit, then as many samples as fit; `lights` is the number of the scene's lights.
     pub fn new(features: &Features, lights: usize, settings: &Settings) -> TileSize {
         let most = TILE_POINTS.min(max_points(features, lights, settings));
         let rows = (most / settings.image.width).clamp(1, settings.image.height);
@@ -43,12 +44,12 @@ pub(super) struct TileFilm {
     pub albedo: Option<Plane>,
     pub normal: Option<Plane>,
     pub position: Option<Plane>,
-    /// The classes of each light, where they are asked for; see [`DirectLight::class_films`].
+    /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
 }
 
 impl TileFilm {
-    /// Empty films of all tiles, from the first row on.
+    /// Empty films of all tiles, in the order of their rows.
     pub fn of_all_tiles(
         gpu: &Gpu,
         film: &Film,

@@ -17,7 +17,7 @@ pub struct Description {
     pub help: &'static str,
     /// The publication that it follows.
     pub source: &'static str,
-    /// What it needs; [`crate::specialisation`] turns this into features for a scene.
+    /// What it requires; module `specialisation` turns this into features for a scene.
     pub requirements: Requirements,
 }
 

@@ -1,5 +1,5 @@
-//! The techniques, one file each: its name, its help, what it needs, whether it is unbiased, and the passes that it
-//! runs. A new technique is a new file, declared and listed here.
+//! The techniques, one file each: name, help, requirements, whether the image is unbiased, and the two passes. A new
+//! technique is a new file, with a `mod` line and a line in `TECHNIQUES` here.
 
 mod negative_photons;
 pub(crate) mod passes;
@@ -34,7 +34,7 @@ static TECHNIQUES: &[Implementation] = &[
 /// The passes of a technique.
 ///
 /// # Panics
-/// If the technique is not in the list: a defect of its file.
+/// If the technique is not in `TECHNIQUES`.
 pub(crate) fn implementation(technique: Technique) -> &'static Implementation {
     let listed = TECHNIQUES.iter().find(|implementation| implementation.technique == technique);
     listed.unwrap_or_else(|| panic!("the technique {technique} is not listed"))
@@ -49,7 +49,7 @@ impl Technique {
 
 impl Settings {
     /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as
-    /// photons and irradiance records allow; there are more of them the more samples there are.
+    /// photons and irradiance records allow; their number grows with the samples.
     pub fn is_unbiased(&self) -> bool {
         (implementation(self.technique).is_unbiased)(self)
     }
@@ -78,7 +78,7 @@ impl FromStr for Technique {
 mod tests {
     use super::*;
 
-    /// Names tell techniques apart: each is found by its own, and a wrong one names them all.
+    /// Each technique is found by its name, and the error for an unknown name lists all names.
     #[test]
     fn techniques_are_found_by_name() {
         for technique in Technique::all() {

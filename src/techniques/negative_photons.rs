@@ -1,5 +1,5 @@
-//! As `photon-map`, but direct light is that of a scene where everything is lit, less the energy of shadow photons
-//! (Jensen and Christensen 1995: "adding the negative energy").
+//! As `photon-map`, but with direct light as if everything were lit, minus the energy of shadow photons (Jensen and
+//! Christensen 1995: "adding the negative energy").
 
 use super::passes::Implementation;
 use crate::Result;
@@ -26,7 +26,7 @@ pub(super) const IMPLEMENTATION: Implementation =
     Implementation { technique: Technique::NEGATIVE_PHOTONS, is_unbiased: |_| false, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
-    // The global map. Its photons go on through what they hit, and carry negative flux from there.
+    // The global map. Rays continue through the first surface, and store photons of negative flux behind it.
     setup.make_indirect_light()
 }
 

@@ -1,4 +1,4 @@
-//! The two passes of a technique, and what several techniques share of them.
+//! The two passes of a technique, and steps that several techniques share.
 
 use crate::Result;
 use crate::light_transport::first_pass::FirstPass;
@@ -7,17 +7,17 @@ use crate::settings::{Settings, Technique};
 
 /// A technique with its passes.
 pub(crate) struct Implementation {
-    /// Name, help and needs.
+    /// Name, help and requirements.
     pub technique: Technique,
     /// Whether the image converges to the true one with these settings; see [`Settings::is_unbiased`].
     pub is_unbiased: fn(&Settings) -> bool,
-    /// What it does once, before the first sample.
+    /// Runs once, before the first sample.
     pub first_pass: fn(&mut FirstPass<'_>) -> Result<()>,
-    /// One frame: what it does for each sample of a tile.
+    /// A frame: runs for each tile, and adds one or more samples.
     pub second_pass: fn(&mut SecondPass<'_, '_>),
 }
 
-/// Indirect light of a frame, as all techniques with direct light of its own have it.
+/// Indirect light of a frame, for all techniques with separate direct light.
 pub(super) fn indirect_light(frame: &mut SecondPass<'_, '_>) {
     frame.interpolate_irradiance();
     frame.trace_paths();

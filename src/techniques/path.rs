@@ -1,5 +1,5 @@
 //! Path tracing, the reference: unidirectional, with next-event estimation and multiple importance sampling (Kajiya
-//! 1986). It shares nothing with the photon code but the scene, the hierarchy and the BSDFs.
+//! 1986). It shares only the scene, the hierarchy and the BSDFs with the photon code.
 
 use super::passes::Implementation;
 use crate::Result;
@@ -26,7 +26,7 @@ pub(super) const IMPLEMENTATION: Implementation =
     Implementation { technique: Technique::PATH, is_unbiased: |_| true, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
-    // There are no photons and no records: this binds pass `path`.
+    // There are no photons and no records; this only binds pass `path`.
     setup.make_indirect_light()
 }
 

@@ -1,5 +1,6 @@
 //! The global map shown directly, by density estimation (Jensen and Christensen 1995: "visualizing the results from the
-//! photon map directly"). Photons carry all light that Lambertian surfaces reflect; paths bring what glossy ones do.
+//! photon map directly"). Photons carry all light that Lambertian surfaces reflect; paths carry the light that glossy
+//! surfaces reflect.
 
 use super::passes::Implementation;
 use crate::Result;

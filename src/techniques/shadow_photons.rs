@@ -1,8 +1,8 @@
 //! The paper's method: shadow rays only where photons do not decide (Jensen and Christensen 1995, figures 2 and 3,
 //! lower left).
 //!
-//! Photons that disagree about a point say that a shadow's boundary is near. Audits, which the paper has not, trace
-//! shadow rays at some of the other points as well, so that the image is unbiased, and repair the map where it was
+//! If the photons near a point are of both kinds, the boundary of a shadow is near. Audits, which are not in the paper,
+//! trace shadow rays at some of the other points too. They keep the image unbiased, and repair the map where it is
 //! wrong.
 
 use super::passes::{Implementation, indirect_light};
@@ -47,13 +47,13 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
     frame.trace_camera_rays();
     frame.sample_lights();
     for lights in frame.light_chunks() {
-        // Lit, shadowed or boundary, by n_i and n_s of the nearest photons ("Extending the photon map", cases 1 to 3):
-        // told once for a cell, and looked up.
+        // Lit, shadowed or boundary, by n_i and n_s of the nearest photons ("Extending the photon map", cases 1 to 3).
+        // The class of a cell is computed once; points look it up.
         frame.classify(&lights);
         frame.request_cells(&lights);
         frame.classify_requested_cells();
         frame.query_photons(&lights);
-        // Not in the paper: without it faint penumbrae of wide lights would be missed.
+        // Not in the paper: otherwise faint penumbrae of wide lights would be missed.
         frame.dilate_boundaries(&lights);
         // "It is only in case 3 that the use of shadow rays is beneficial."
         frame.queue_shadow_rays(&lights);

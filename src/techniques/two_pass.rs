@@ -1,5 +1,5 @@
 //! The two-pass method with all shadow rays (Jensen and Christensen 1995, figures 2 and 3, upper right): the renderer
-//! that shadow photons are measured against.
+//! with which shadow photons are compared.
 
 use super::passes::{Implementation, indirect_light};
 use crate::Result;
@@ -26,7 +26,7 @@ pub(super) const IMPLEMENTATION: Implementation =
     Implementation { technique: Technique::TWO_PASS, is_unbiased: |_| true, first_pass, second_pass };
 
 fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
-    // Only where the settings ask for a few of many lights.
+    // Only if the settings request a few of many lights.
     setup.make_light_sampler()?;
     setup.make_direct_light()?;
     // The global map and the irradiance cache.

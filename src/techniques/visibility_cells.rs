@@ -1,10 +1,9 @@
-//! The source visibility preprocess (Zimmerman and Shirley 1995), which shadow photons are compared with: up to 100
-//! rays from each cell of a grid to points of each light. Where all of them are blocked, nothing in the cell is thought
-//! to see the light, and no shadow ray is traced. That is wrong where a small part of a cell is lit, and shows as
-//! jagged edges.
+//! The source visibility preprocess (Zimmerman and Shirley 1995), for comparison with shadow photons: many rays from
+//! each cell of a grid to points of each light. If all of them are blocked, points in the cell trace no shadow rays to
+//! the light. This is wrong if a small part of the cell is lit, and shows as jagged edges.
 //!
-//! In the original the share of rays that were seen weighs the lights' chances to be sampled. Here each light is
-//! sampled, and the share is the control variate of pass `shade`.
+//! In the original, the share of rays that reach a light weights the probability of sampling it. Here each light is
+//! used, and the share is the control variate of pass `shade`.
 
 use super::passes::{Implementation, indirect_light};
 use super::two_pass;
@@ -41,7 +40,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 }
 
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    // Nothing is lit.
+    // Nothing is to be lit.
     if !frame.has_cells() {
         return two_pass::second_pass(frame);
     }

@@ -1,6 +1,6 @@
 //! No shadow rays: the visibility of a light is n_i / (n_s + n_i) of the nearest photons (Jensen and Christensen 1995,
-//! equation 1, and figures 2 and 3, lower right). Only lights that have no photons, such as an environment, have shadow
-//! rays.
+//! equation 1, and figures 2 and 3, lower right). Shadow rays are traced only to lights without photons, such as an
+//! environment.
 
 use super::passes::{Implementation, indirect_light};
 use crate::Result;

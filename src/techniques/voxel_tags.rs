@@ -1,9 +1,9 @@
-//! Voxel occlusion testing (Woo and Amanatides 1990), which shadow photons are compared with: each voxel is tagged lit,
-//! shadowed or neither for each light, and shadow rays are for the last kind alone.
+//! Voxel occlusion testing (Woo and Amanatides 1990), for comparison with shadow photons: for each light, each voxel is
+//! tagged lit, shadowed or neither, and only points in voxels of the last kind trace shadow rays.
 //!
-//! The original tags voxels by scanning the shadow volumes of polygons into the grid, which finds no shadow that
-//! several polygons cast together. Rays find them all, but what falls between the rays. So a tag stands only where the
-//! 26 voxels around have it too.
+//! The original rasterises the shadow volumes of single polygons into the grid, which misses shadows that several
+//! polygons cast together. Here rays set the tags. They miss what is between them, so a tag counts only if the 26
+//! voxels around have the same tag.
 
 use super::passes::{Implementation, indirect_light};
 use super::two_pass;
@@ -40,7 +40,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 }
 
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    // Nothing is lit.
+    // Nothing is to be lit.
     if !frame.has_cells() {
         return two_pass::second_pass(frame);
     }

@@ -1,6 +1,6 @@
-//! Adaptive shadow testing (Ward 1991), which shadow photons are compared with: the lights of a point are tested in the
-//! order of what they could contribute, until the rest is below a tolerance; the rest is guessed. One light alone is
-//! always tested, so in scenes with one light it is `two-pass`, as the paper says of it.
+//! Adaptive shadow testing (Ward 1991), for comparison with shadow photons: the lights of a point are tested in the
+//! order of their potential contributions, until the rest is below a tolerance. The rest is estimated. A single light
+//! is always tested, so in scenes with one light this equals `two-pass`, as the paper says.
 
 use super::passes::{Implementation, indirect_light};
 use super::two_pass;
@@ -11,8 +11,8 @@ use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
 
 impl Technique {
-    /// The two-pass method with shadow rays to the lights that may contribute most; the other lights are guessed (Ward
-    /// 1991).
+    /// The two-pass method with shadow rays to the lights that may contribute most; the visibility of the others is
+    /// estimated (Ward 1991).
     pub const WARD_ADAPTIVE: Technique = Technique::new(&Description {
         name: "ward-adaptive",
         help: "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
@@ -53,7 +53,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         }
         frame.guess_untested_lights(&lights);
         frame.learn_visibility(&lights);
-        // For the counts of the classes: the shadow rays are traced.
+        // For the counts of the classes; the shadow rays are already traced.
         frame.queue_shadow_rays(&lights);
         frame.shade(&lights);
         frame.add_classes_to_film(&lights);
