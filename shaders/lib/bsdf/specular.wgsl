@@ -1,7 +1,7 @@
 // The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
 // KHR_materials_specular, KHR_materials_ior). Its parameters are read in src/scene/material/specular.rs.
 
-@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick};
+@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick, through_layer};
 @if(glossy) import package::lib::constants::SPECULAR_TEXEL;
 @if(glossy && textures) import package::lib::constants::{SPECULAR_COLOUR_TEXTURE, SPECULAR_TEXTURE};
 @if(glossy) import package::lib::material::load_material_texel;
@@ -50,6 +50,18 @@ fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance:
 @if(glossy)
 fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
     return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
+}
+
+// What the dielectric layer reflects of light at that cosine, which does not pass to what lies behind it.
+@if(glossy)
+fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
+    return mix(lobe.dielectric.x, lobe.dielectric.y, schlick(cosine));
+}
+
+// The part of light that the dielectric layer lets through to the diffuse base and out again.
+@if(glossy)
+fn through_specular(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
+    return through_layer(lobe.dielectric, lobe.alpha, light_z, view_z);
 }
 
 // Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
