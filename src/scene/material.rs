@@ -129,6 +129,7 @@ macro_rules! material {
 
 mod anisotropy;
 mod clearcoat;
+mod iridescence;
 pub(crate) mod sheen;
 mod specular;
 mod transmission;
@@ -138,6 +139,7 @@ mod volume;
 pub mod lobes {
     pub use super::anisotropy::Anisotropy;
     pub use super::clearcoat::Clearcoat;
+    pub use super::iridescence::Iridescence;
     pub use super::sheen::Sheen;
     pub use super::specular::Specular;
     pub use super::transmission::Transmission;
@@ -158,6 +160,8 @@ material! {
     anisotropy: Anisotropy,
     /// The sheen of fibres.
     sheen: Sheen,
+    /// A thin film on the specular lobe.
+    iridescence: Iridescence,
 }
 
 impl Material {

@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use crate::kernels::{CHAIN_VECTORS, TRIANGLE_VECTORS};
 use crate::scene::{
-    AlphaMode, Anisotropy, Clearcoat, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
+    AlphaMode, Anisotropy, Clearcoat, Iridescence, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
 };
 
 use super::decisions::{Specialisation, bytes_text, count};
@@ -146,6 +146,15 @@ const LOBES: &[LobeFeature] = &[
         cost: "a lobe more at every glossy surface; a table of 31 kB; 16 B a point",
         triangle_bytes: 0,
     },
+    LobeFeature {
+        feature: Feature::Iridescence,
+        has: |m| !m.unlit && m.iridescence.is_present(),
+        vectors: Iridescence::VECTORS,
+        materials: "with iridescence",
+        unneeded: "no material is iridescent",
+        cost: "the reflectance of a thin film at every glossy surface; 16 B a point",
+        triangle_bytes: 0,
+    },
 ];
 
 /// What most lobes cost.
@@ -171,10 +180,10 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
-/// room for it, as textures multiply them.
+/// A material some part of which light passes through, or is reflected by as by a metal that is not rough, or as by a
+/// thin film: its factors leave room for it, as textures multiply them.
 fn focuses(m: &Material) -> bool {
-    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6;
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || m.iridescence.is_present();
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }

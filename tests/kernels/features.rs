@@ -10,8 +10,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Mat2, Vec2, Vec3, Vec4};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
-    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Sheen, Specular,
-    Texture, TextureImage, TextureInfo, Transmission, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, Iridescence, LightKind, Material, Panorama, Scene, Sheen,
+    Specular, Texture, TextureImage, TextureInfo, Transmission, Wrap,
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::settings::LightSampling;
@@ -69,10 +69,13 @@ impl Selection {
                 anisotropy: Anisotropy::with_strength(0.5),
                 ..plain.clone()
             },
-            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain },
+            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain.clone() },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
+        }
+        if self.has(50) {
+            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain }));
         }
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
@@ -192,7 +195,7 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[test]
 fn features_that_are_not_needed_change_nothing() {
-    const FORCED: [Feature; 21] = [
+    const FORCED: [Feature; 22] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -205,6 +208,7 @@ fn features_that_are_not_needed_change_nothing() {
         Feature::CoatNormals,
         Feature::Anisotropy,
         Feature::Sheen,
+        Feature::Iridescence,
         Feature::AlphaTest,
         Feature::Unlit,
         Feature::Procedurals,
