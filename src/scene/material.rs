@@ -29,7 +29,7 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// The material, and what has to be done for every lobe. `lobes` are fields of the material: documentation, name and type.
+/// The material, and what has to be done for each of its lobes: fields given by documentation, name and type.
 macro_rules! material {
     ($($(#[$doc:meta])* $lobe:ident: $type:ty),* $(,)?) => {
         /// glTF metallic-roughness material with the extensions that Penumbra renders.
