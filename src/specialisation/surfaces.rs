@@ -169,10 +169,11 @@ pub fn surface_vectors(features: &Features) -> u32 {
     1 + lobes + chain + triangle
 }
 
-/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it than rays
-/// are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times its length
-/// (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in `shaders/lib/ray.wgsl`). Of
-/// floors of needles as long as the scene the first ray is stopped between aspects of 100 and 1000.
+/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it
+/// than rays are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times
+/// its length (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in
+/// `shaders/lib/ray.wgsl`). Of floors of needles as long as the scene the first ray is stopped between aspects of 100
+/// and 1000.
 fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     const LONG: f32 = 100.0;
     let longest2 = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());

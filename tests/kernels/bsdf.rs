@@ -111,7 +111,7 @@ impl Film {
             terms.sum::<f64>() / PHASES as f64
         };
         let path = 2.0 * self.ior * self.thickness * inner;
-        let waves = (1..=2).map(|m| f64::from(m)).map(|m| 2.0 * harmonic(m) * Self::response(m * path));
+        let waves = [1.0, 2.0].into_iter().map(|m| 2.0 * harmonic(m) * Self::response(m * path));
         (DVec3::splat(harmonic(0.0)) + waves.sum::<DVec3>()).clamp(DVec3::ZERO, DVec3::ONE)
     }
 }
@@ -122,7 +122,7 @@ struct Fibres {
 }
 
 impl Fibres {
-    /// Least roughness: that of viewers of glTF.
+    /// Minimum roughness: that of viewers of glTF.
     const LEAST: f64 = 0.07;
 
     fn new(roughness: f64) -> Self {
@@ -229,7 +229,8 @@ impl Tested {
         DQuat::from_rotation_y(-self.lobes.coat_tilt) * v
     }
 
-    /// Light from behind the coat's horizon, which the base may face, is let through as at it: not at all by a smooth coat.
+    /// Light from behind the coat's horizon, which the base may face, is let through as at it: not at all by a smooth
+    /// coat.
     fn through_coat(&self, light: DVec3) -> f64 {
         let [light_z, view_z] = [light, self.view].map(|v| self.about_coat(v).z);
         let light_z = (light_z * light.z.signum()).max(0.0);

@@ -39,7 +39,7 @@ impl Selection {
     }
 
     fn scene(self) -> Scene {
-        let slot = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
+        let info = |uv_set| Some(TextureInfo { texture: 0, uv_set, matrix: Mat2::IDENTITY, offset: Vec2::ZERO });
         let plain = surface(0.5, 0.0);
         // One in four has no light at all.
         let dark = self.has(29) && self.has(30);
@@ -50,16 +50,16 @@ impl Selection {
             Material { metallic: 1.0, roughness: if self.has(32) { 0.03 } else { 1.0 }, ..plain.clone() },
             Material { alpha: AlphaMode::Mask { cutoff: 0.5 }, ..plain.clone() },
             Material { unlit: true, ..plain.clone() },
-            Material { base_colour_texture: slot(0), ..plain.clone() },
-            Material { base_colour_texture: slot(1), ..plain.clone() },
-            Material { normal_texture: slot(0), ..plain.clone() },
+            Material { base_colour_texture: info(0), ..plain.clone() },
+            Material { base_colour_texture: info(1), ..plain.clone() },
+            Material { normal_texture: info(0), ..plain.clone() },
             lamp.clone(),
-            Material { emissive_texture: slot(0), ..lamp.clone() },
+            Material { emissive_texture: info(0), ..lamp.clone() },
         ];
         for (i, material) in (0..).zip(materials).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 4.0), material));
         }
-        let normal_texture = slot(0).filter(|_| self.has(48));
+        let normal_texture = info(0).filter(|_| self.has(48));
         let clearcoat = Clearcoat { normal_texture, ..Clearcoat::with_factor(1.0) };
         let lobed = [
             Material { transmission: Transmission::with_factor(1.0), ..plain.clone() },

@@ -49,7 +49,9 @@ fn defaults_of_the_specification() {
 fn factors_and_extensions() {
     let m = material(json!({
         "name": "gold", "doubleSided": true, "alphaMode": "MASK", "alphaCutoff": 0.25, "emissiveFactor": [1, 0.5, 0],
-        "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.25, 0.125, 0.75], "metallicFactor": 0.5, "roughnessFactor": 0.25 },
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.5, 0.25, 0.125, 0.75], "metallicFactor": 0.5, "roughnessFactor": 0.25,
+        },
         "extensions": {
             "KHR_materials_emissive_strength": { "emissiveStrength": 8 },
             "KHR_materials_ior": { "ior": 1.25 },
