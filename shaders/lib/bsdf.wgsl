@@ -7,9 +7,11 @@ import package::lib::bsdf::surface::Surface;
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
 @if(glossy) import package::lib::bsdf::microfacet::{
-    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, sample_visible_normal, through_layer, visible_density,
+    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, sample_visible_normal, visible_density,
 };
-@if(glossy) import package::lib::bsdf::specular::{is_metallic, mean_with_specular, specular_reflectance};
+@if(glossy) import package::lib::bsdf::specular::{
+    is_metallic, mean_with_specular, specular_reflectance, through_specular,
+};
 @if(transmission) import package::lib::bsdf::transmission::{
     fresnel_cosine, is_transmissive, passed_direction, passing, passing_density, transmission_value, transmittance,
 };
@@ -111,7 +113,7 @@ fn through_upper(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
 // The part of light that all layers let through to the diffuse base.
 @if(glossy)
 fn through_to_base(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
-    let layer = through_layer(s.specular.dielectric, s.specular.alpha, pair.light.z, pair.view.z);
+    let layer = through_specular(s.specular, pair.light.z, pair.view.z);
     return layer * through_upper(s, direction, pair);
 }
 
@@ -238,7 +240,7 @@ fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
     let view_z = pair.view.z;
     var specular = dot(reflectance(s, view_z), vec3f(1.0));
     @if(transmission) { specular += dot(transmittance(s.transmission, s.specular, view_z), vec3f(1.0)); }
-    let diffuse = dot(s.albedo, vec3f(1.0)) * through_layer(s.specular.dielectric, s.specular.alpha, view_z, view_z);
+    let diffuse = dot(s.albedo, vec3f(1.0)) * through_specular(s.specular, view_z, view_z);
     // Neither lobe so seldom that its samples weigh more than ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);

@@ -58,6 +58,5 @@ impl ReceiverCone {
 
 fn is_black_lamp(material: &Material) -> bool {
     let reflects = material.base_colour.truncate() != Vec3::ZERO || material.specular.factor > 0.0;
-    let coated = material.clearcoat.is_present() || material.sheen.is_present();
-    material.emissive != Vec3::ZERO && !reflects && !coated
+    material.emissive != Vec3::ZERO && !reflects && !material.has_reflecting_lobe()
 }

@@ -12,7 +12,7 @@ use super::geometry::{Geometry, PlacedMeshLight};
 use super::import_options::ImportOptions;
 use super::json::{self, Json};
 use super::light::Punctual;
-use super::material::Material;
+use super::material::{LOBE_EXTENSIONS, Material};
 use super::mesh::Primitive;
 use super::node::Node;
 use super::notes::Notes;
@@ -20,22 +20,20 @@ use super::{accessor, camera, container, geometry, images, light, material, mesh
 use crate::input::read_file;
 use crate::{Error, Result};
 
-/// Supported extensions.
-const SUPPORTED: [&str; 13] = [
+/// Supported extensions, beside those of a material's lobes.
+const SUPPORTED: [&str; 7] = [
     "KHR_lights_punctual",
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
     "KHR_materials_unlit",
-    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     procedural::EXTENSION,
 ];
+
+fn is_supported(extension: &str) -> bool {
+    SUPPORTED.contains(&extension) || LOBE_EXTENSIONS.contains(&extension)
+}
 
 impl Scene {
     /// Reads and checks a .gltf or .glb file and the files that it refers to, and transforms its scene to normalised
@@ -170,13 +168,13 @@ fn check_asset(root: &Json) -> Result<()> {
 fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
     for extension in root.list("extensionsRequired")? {
         let name = extension.string()?;
-        if !SUPPORTED.contains(&name) {
+        if !is_supported(name) {
             return Err(extension.error(format!("the file requires the extension {name}, which is not supported")));
         }
     }
     for extension in root.list("extensionsUsed")? {
         let name = extension.string()?;
-        if !SUPPORTED.contains(&name) {
+        if !is_supported(name) {
             notes.push(format!("the extension {name} is not supported: its content is not rendered"));
         }
     }

@@ -1,12 +1,6 @@
 //! Materials: their parameters, the textures they use, and how kernels find them. Each lobe is a file of its own.
 
-mod anisotropy;
-mod clearcoat;
 mod lobe;
-pub(crate) mod sheen;
-mod specular;
-mod transmission;
-mod volume;
 
 use std::collections::HashMap;
 
@@ -19,13 +13,6 @@ use super::texture::{ColourSpace, Texture, TextureInfo};
 use crate::Result;
 
 use lobe::{Layout, Lobe, ReadTexture, Surroundings};
-
-pub use anisotropy::Anisotropy;
-pub use clearcoat::Clearcoat;
-pub use sheen::Sheen;
-pub use specular::Specular;
-pub use transmission::Transmission;
-pub use volume::Volume;
 
 /// How the alpha of the base colour is used (glTF 3.9.4).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -42,88 +29,75 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// glTF metallic-roughness material with the extensions that Penumbra renders.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Material {
-    /// Name in the file, or `material N`.
-    pub name: String,
-    /// Linear RGBA factor.
-    pub base_colour: Vec4,
-    /// Metallic factor, 0 to 1.
-    pub metallic: f32,
-    /// Roughness factor, 0 to 1; GGX alpha is its square.
-    pub roughness: f32,
-    /// Emitted radiance: emissive factor times KHR_materials_emissive_strength; zero where [`Material::unlit`].
-    pub emissive: Vec3,
-    /// KHR_materials_ior; 1.5 where absent. 0 stands for an infinite index, which reflects all light.
-    pub ior: f32,
-    /// Scale of the normal texture's x and y.
-    pub normal_scale: f32,
-    /// Alpha mode.
-    pub alpha: AlphaMode,
-    /// Both faces are shaded, emit and store photons.
-    pub double_sided: bool,
-    /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
-    pub unlit: bool,
-    /// Base colour (sRGB) and alpha.
-    pub base_colour_texture: Option<TextureInfo>,
-    /// Roughness in G, metallic in B.
-    pub metallic_roughness_texture: Option<TextureInfo>,
-    /// Tangent-space normal.
-    pub normal_texture: Option<TextureInfo>,
-    /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
-    /// itself, so, as in Cycles, it does not darken the image.
-    pub occlusion_texture: Option<TextureInfo>,
-    /// Emission (sRGB).
-    pub emissive_texture: Option<TextureInfo>,
-    /// The specular lobe.
-    pub specular: Specular,
-    /// The part that lets light pass.
-    pub transmission: Transmission,
-    /// What lies behind the surface, where the file's thickness is not 0: the surface bends light. None: a thin wall.
-    pub volume: Option<Volume>,
-    /// The clear coat.
-    pub clearcoat: Clearcoat,
-    /// Reflections spread along a tangent.
-    pub anisotropy: Anisotropy,
-    /// The sheen of fibres.
-    pub sheen: Sheen,
-}
-
-impl Default for Material {
-    /// The material of a primitive that names none (glTF 3.7.2.1).
-    fn default() -> Self {
-        Material {
-            name: "default".into(),
-            base_colour: Vec4::ONE,
-            metallic: 1.0,
-            roughness: 1.0,
-            emissive: Vec3::ZERO,
-            ior: 1.5,
-            normal_scale: 1.0,
-            alpha: AlphaMode::Opaque,
-            double_sided: false,
-            unlit: false,
-            base_colour_texture: None,
-            metallic_roughness_texture: None,
-            normal_texture: None,
-            occlusion_texture: None,
-            emissive_texture: None,
-            specular: Default::default(),
-            transmission: Default::default(),
-            volume: Default::default(),
-            clearcoat: Default::default(),
-            anisotropy: Default::default(),
-            sheen: Default::default(),
+/// The material, and what has to be done for each of its lobes: fields given by documentation, name and type.
+macro_rules! material {
+    ($($(#[$doc:meta])* $lobe:ident: $type:ty),* $(,)?) => {
+        /// glTF metallic-roughness material with the extensions that Penumbra renders.
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct Material {
+            /// Name in the file, or `material N`.
+            pub name: String,
+            /// Linear RGBA factor.
+            pub base_colour: Vec4,
+            /// Metallic factor, 0 to 1.
+            pub metallic: f32,
+            /// Roughness factor, 0 to 1; GGX alpha is its square.
+            pub roughness: f32,
+            /// Emitted radiance: emissive factor times KHR_materials_emissive_strength; zero where [`Material::unlit`].
+            pub emissive: Vec3,
+            /// KHR_materials_ior; 1.5 where absent. 0 stands for an infinite index, which reflects all light.
+            pub ior: f32,
+            /// Scale of the normal texture's x and y.
+            pub normal_scale: f32,
+            /// Alpha mode.
+            pub alpha: AlphaMode,
+            /// Both faces are shaded, emit and store photons.
+            pub double_sided: bool,
+            /// KHR_materials_unlit: shown as its base colour, casts shadows, reflects and emits nothing.
+            pub unlit: bool,
+            /// Base colour (sRGB) and alpha.
+            pub base_colour_texture: Option<TextureInfo>,
+            /// Roughness in G, metallic in B.
+            pub metallic_roughness_texture: Option<TextureInfo>,
+            /// Tangent-space normal.
+            pub normal_texture: Option<TextureInfo>,
+            /// Ambient occlusion in R. Imported for completeness; global illumination computes occlusion
+            /// itself, so, as in Cycles, it does not darken the image.
+            pub occlusion_texture: Option<TextureInfo>,
+            /// Emission (sRGB).
+            pub emissive_texture: Option<TextureInfo>,
+            $($(#[$doc])* pub $lobe: $type,)*
         }
-    }
-}
 
-/// What has to be done for every lobe.
-macro_rules! lobes {
-    ($($lobe:ident: $type:ty),* $(,)?) => {
+        impl Default for Material {
+            /// The material of a primitive that names none (glTF 3.7.2.1).
+            fn default() -> Self {
+                Material {
+                    name: "default".into(),
+                    base_colour: Vec4::ONE,
+                    metallic: 1.0,
+                    roughness: 1.0,
+                    emissive: Vec3::ZERO,
+                    ior: 1.5,
+                    normal_scale: 1.0,
+                    alpha: AlphaMode::Opaque,
+                    double_sided: false,
+                    unlit: false,
+                    base_colour_texture: None,
+                    metallic_roughness_texture: None,
+                    normal_texture: None,
+                    occlusion_texture: None,
+                    emissive_texture: None,
+                    $($lobe: Default::default(),)*
+                }
+            }
+        }
+
         /// Layouts of all lobes, in the order of their texels and textures.
         const LAYOUTS: &[Layout] = &[$(<$type as Lobe>::LAYOUT),*];
+
+        /// The glTF extensions that the lobes are read from.
+        pub(super) const LOBE_EXTENSIONS: &[&str] = &[$(<$type as Lobe>::EXTENSION),*];
 
         impl Material {
             fn read_lobes(&mut self, json: &Json, textures: &mut dyn ReadTexture) -> Result<()> {
@@ -144,17 +118,50 @@ macro_rules! lobes {
             fn lobes_without_textures(self) -> Material {
                 Material { $($lobe: self.$lobe.without_textures(),)* ..self }
             }
+
+            /// Some lobe reflects light whatever the base and the specular factor are.
+            pub(crate) fn has_reflecting_lobe(&self) -> bool {
+                false $(|| self.$lobe.reflects())*
+            }
         }
     };
 }
 
-lobes! {
+mod anisotropy;
+mod clearcoat;
+mod iridescence;
+pub(crate) mod sheen;
+mod specular;
+mod transmission;
+mod volume;
+
+/// The types of lobes.
+pub mod lobes {
+    pub use super::anisotropy::Anisotropy;
+    pub use super::clearcoat::Clearcoat;
+    pub use super::iridescence::Iridescence;
+    pub use super::sheen::Sheen;
+    pub use super::specular::Specular;
+    pub use super::transmission::Transmission;
+    pub use super::volume::Volume;
+}
+use lobes::*;
+
+material! {
+    /// The specular lobe.
     specular: Specular,
+    /// The part that lets light pass.
     transmission: Transmission,
+    /// What lies behind the surface, where the file's thickness is not 0: the surface bends light. None: a thin wall.
     volume: Option<Volume>,
+    /// The clear coat.
     clearcoat: Clearcoat,
+    /// Reflections spread along a tangent.
     anisotropy: Anisotropy,
+    /// The sheen of fibres.
     sheen: Sheen,
+    /// A thin film on the specular lobe.
+    iridescence: Iridescence,
 }
 
 impl Material {
@@ -190,8 +197,7 @@ impl Material {
     /// Reflects only as a Lambertian: no metal, no dielectric layer and no other lobe.
     pub(crate) fn is_lambertian(&self) -> bool {
         let bare = self.metallic == 0.0 && self.specular.factor == 0.0;
-        let covered = self.clearcoat.is_present() || self.sheen.is_present();
-        self.unlit || (bare && !self.transmission.is_present() && !covered)
+        self.unlit || (bare && !self.transmission.is_present() && !self.has_reflecting_lobe())
     }
 
     /// Reflects nothing and lets nothing pass.

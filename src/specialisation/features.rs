@@ -36,6 +36,8 @@ kernel_kit::features! {
         Anisotropy,
         /// Scene: some material has a sheen lobe.
         Sheen,
+        /// Scene: some material is iridescent.
+        Iridescence,
         /// Scene: some material is alpha-masked or blended, so rays test the triangles that they hit.
         AlphaTest,
         /// Scene: some material is unlit.

@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use crate::kernels::{SPECULAR_CHAIN_VECTORS, TRIANGLE_VECTORS};
 use crate::scene::{
-    AlphaMode, Anisotropy, Clearcoat, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
+    AlphaMode, Anisotropy, Clearcoat, Iridescence, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
 };
 
 use super::decisions::{Specialisation, bytes_text, count};
@@ -146,6 +146,15 @@ const LOBES: &[LobeFeature] = &[
         cost: "a lobe more at every glossy surface; a table of 31 kB; 16 B a point",
         triangle_bytes: 0,
     },
+    LobeFeature {
+        feature: Feature::Iridescence,
+        has: |m| !m.unlit && m.iridescence.is_present(),
+        vectors: Iridescence::VECTORS,
+        materials: "with iridescence",
+        unneeded: "no material is iridescent",
+        cost: "the reflectance of a thin film at every glossy surface; 16 B a point",
+        triangle_bytes: 0,
+    },
 ];
 
 /// What most lobes cost.
@@ -160,10 +169,11 @@ pub fn surface_vectors(features: &Features) -> u32 {
     1 + lobes + chain + triangle
 }
 
-/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it than rays
-/// are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times its length
-/// (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in `shaders/lib/ray.wgsl`). Of
-/// floors of needles as long as the scene the first ray is stopped between aspects of 100 and 1000.
+/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it
+/// than rays are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times
+/// its length (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in
+/// `shaders/lib/ray.wgsl`). Of floors of needles as long as the scene the first ray is stopped between aspects of 100
+/// and 1000.
 fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     const LONG: f32 = 100.0;
     let longest2 = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
@@ -171,10 +181,10 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// A material some part of which light passes through, or is reflected by as by a metal that is not rough: its factors leave
-/// room for it, as textures multiply them.
+/// A material some part of which light passes through, or is reflected by as by a metal that is not rough, or as by a
+/// thin film: its factors leave room for it, as textures multiply them.
 fn focuses(m: &Material) -> bool {
-    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6;
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || m.iridescence.is_present();
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }

@@ -41,6 +41,7 @@ struct Lobes {
     along: Option<f64>,
     sheen: f64,
     sheen_roughness: f64,
+    film: Option<Film>,
 }
 
 const NO_LOBES: Lobes = Lobes {
@@ -52,7 +53,67 @@ const NO_LOBES: Lobes = Lobes {
     along: None,
     sheen: 0.0,
     sheen_roughness: 0.0,
+    film: None,
 };
+
+/// A thin film, by KHR_materials_iridescence.
+#[derive(Clone, Copy, Debug)]
+struct Film {
+    factor: f64,
+    ior: f64,
+    /// In nanometres.
+    thickness: f64,
+}
+
+impl Film {
+    const fn new(factor: f64, ior: f64, thickness: f64) -> Film {
+        Film { factor, ior, thickness }
+    }
+
+    /// Airy's reflectance of film and base where the phase between two reflections is that, from the amplitudes that
+    /// each interface reflects, which are negative towards a higher index.
+    fn airy(outer: f64, base: f64, phase: f64) -> f64 {
+        let both = 2.0 * outer * base * phase.cos();
+        (outer * outer + base * base + both) / (1.0 + outer * outer * base * base + both)
+    }
+
+    /// The eye's response, in linear sRGB, to a spectrum that is a cosine of the wave number, by that path in
+    /// nanometres: the Gaussians of the extension.
+    fn response(path: f64) -> DVec3 {
+        let gaussian = |value: f64, position: f64, variance: f64| {
+            let phase = TAU * path * 1e-9;
+            value * (TAU * variance).sqrt() * (position * phase).cos() * (-phase * phase * variance).exp() / 1.0685e-7
+        };
+        let x = gaussian(5.4856e-13, 1.6810e6, 4.3278e9) + gaussian(9.7470e-14, 2.2399e6, 4.5282e9);
+        let (y, z) = (gaussian(4.4201e-13, 1.7953e6, 9.3046e9), gaussian(5.2481e-13, 2.2084e6, 6.6121e9));
+        let row = |a: f64, b: f64, c: f64| a * x + b * y + c * z;
+        let red = row(3.2404542, -1.5371385, -0.4985314);
+        let green = row(-0.9692660, 1.8760108, 0.0415560);
+        DVec3::new(red, green, row(0.0556434, -0.2040259, 1.0572252))
+    }
+
+    /// Reflectance of the film over a base of that reflectance at normal incidence: the mean of Airy's over all phases
+    /// and its first two harmonics, by quadrature, with the eye's response to each.
+    fn reflectance(&self, f0: f64, cosine: f64) -> DVec3 {
+        const PHASES: usize = 2048;
+        let interface = |from: f64, to: f64, cosine: f64| {
+            let normal = ((to - from) / (to + from)).powi(2);
+            (normal + (1.0 - normal) * (1.0 - cosine).powi(5)).sqrt() * if to < from { 1.0 } else { -1.0 }
+        };
+        let inner = (1.0 - (1.0 - cosine * cosine) / self.ior.powi(2)).sqrt();
+        let root = f0.min(0.9999).sqrt();
+        let outer = interface(1.0, self.ior, cosine);
+        let base = interface(self.ior, (1.0 + root) / (1.0 - root), inner);
+        let harmonic = |m: f64| {
+            let at = |i: usize| TAU * (i as f64 + 0.5) / PHASES as f64;
+            let terms = (0..PHASES).map(|i| Self::airy(outer, base, at(i)) * (m * at(i)).cos());
+            terms.sum::<f64>() / PHASES as f64
+        };
+        let path = 2.0 * self.ior * self.thickness * inner;
+        let waves = [1.0, 2.0].into_iter().map(|m| 2.0 * harmonic(m) * Self::response(m * path));
+        (DVec3::splat(harmonic(0.0)) + waves.sum::<DVec3>()).clamp(DVec3::ZERO, DVec3::ONE)
+    }
+}
 
 /// Fibres, by KHR_materials_sheen: Estevez and Kulla's distribution and their fit of its masking, in f64.
 struct Fibres {
@@ -124,6 +185,29 @@ impl Tested {
         if sine >= 1.0 { 1.0 } else { f0 + (1.0 - f0) * (1.0 - (1.0 - sine * sine).sqrt()).powi(5) }
     }
 
+    /// The same with the film, if there is one, in each of the three colours.
+    fn fresnel(&self, f0: f64, cosine: f64) -> DVec3 {
+        let bare = DVec3::splat(self.schlick(f0, cosine));
+        self.lobes.film.map_or(bare, |film| {
+            let sine = (1.0 - cosine * cosine).max(0.0).sqrt() * self.lobes.eta.max(1.0);
+            let of_film =
+                if sine >= 1.0 { DVec3::ONE } else { film.reflectance(self.f0(), (1.0 - sine * sine).sqrt()) };
+            bare.lerp(of_film, film.factor)
+        })
+    }
+
+    /// What the specular lobe lets through to the base: with a film, at both angles; its largest colour is kept.
+    fn through_specular(&self, light_z: f64) -> f64 {
+        let bare = Self::through(DIELECTRIC, self.roughness, light_z, self.view.z);
+        self.lobes.film.map_or(bare, |film| {
+            let kept = |z: f64| {
+                let grazing = 1.0 - 0.9 * self.roughness.powi(2) * (1.0 - z).powi(5);
+                film.reflectance(self.f0(), z).max_element() * grazing
+            };
+            bare + (1.0 - kept(light_z).max(kept(self.view.z)) - bare) * film.factor
+        })
+    }
+
     /// Distribution (GGX, of a half vector), and Smith's height-correlated masking over four times both cosines.
     fn microfacets(view: DVec3, h: DVec3, light: DVec3, alpha: DVec2) -> f64 {
         let slope = DVec2::new(h.x, h.y) / alpha;
@@ -167,7 +251,7 @@ impl Tested {
         if eta == 1.0 {
             let mirrored = light * DVec3::new(1.0, 1.0, -1.0);
             let h = (mirrored + self.view).normalize();
-            let fresnel = self.schlick(DIELECTRIC, self.view.dot(h));
+            let fresnel = self.fresnel(DIELECTRIC, self.view.dot(h)).max_element();
             return tint * (1.0 - fresnel) * Self::microfacets(self.view, h, mirrored, self.alpha());
         }
         let bent = (light + eta * self.view).normalize();
@@ -176,7 +260,7 @@ impl Tested {
         if vh <= 0.0 || lh >= 0.0 {
             return 0.0;
         }
-        let fresnel = self.schlick(DIELECTRIC, vh);
+        let fresnel = self.fresnel(DIELECTRIC, vh).max_element();
         4.0 * tint
             * (1.0 - fresnel)
             * vh
@@ -200,11 +284,11 @@ impl Tested {
     /// glTF 2.0, appendix B, and KHR_materials_clearcoat. Dielectric and coat transmit by the more grazing of the two
     /// directions, and reflect less at grazing angles where they are rough. Each lobe is multiplied by the cosine to
     /// its normal.
-    fn value(&self, light: DVec3) -> f64 {
+    fn values(&self, light: DVec3) -> DVec3 {
         if light.dot(self.geometric_normal()) < 0.0 {
-            return if light.z < 0.0 { self.passed(light) * -light.z } else { 0.0 };
+            return DVec3::splat(if light.z < 0.0 { self.passed(light) * -light.z } else { 0.0 });
         }
-        let base = if light.z > 0.0 { self.reflected(light) * light.z } else { 0.0 };
+        let base = if light.z > 0.0 { self.reflected(light) * light.z } else { DVec3::ZERO };
         let [view, light] = [self.view, light].map(|v| self.about_coat(v));
         if light.z <= 0.0 {
             return base;
@@ -215,11 +299,16 @@ impl Tested {
         base + self.lobes.coat * fresnel * Self::microfacets(view, h, light, alpha) * light.z
     }
 
+    /// Its red, which is grey but for films.
+    fn value(&self, light: DVec3) -> f64 {
+        self.values(light).x
+    }
+
     /// What base and fibres reflect.
-    fn reflected(&self, light: DVec3) -> f64 {
+    fn reflected(&self, light: DVec3) -> DVec3 {
         let h = (light + self.view).normalize();
-        let fresnel = self.schlick(self.f0(), self.view.dot(h));
-        let base = self.albedo() / PI * Self::through(DIELECTRIC, self.roughness, light.z, self.view.z)
+        let fresnel = self.fresnel(self.f0(), self.view.dot(h));
+        let base = self.albedo() / PI * self.through_specular(light.z)
             + fresnel * Self::microfacets(self.view, h, light, self.alpha());
         let (sheen, through) = self.fibres(light);
         (sheen + base * through) * self.through_coat(light)
@@ -234,6 +323,12 @@ impl Tested {
         // In total reflection: near the grazing direction.
         let across = (-v.truncate() * self.lobes.eta).clamp_length_max(0.9);
         across.extend(-(1.0 - across.length_squared()).sqrt())
+    }
+
+    /// The specular lobe, were its reflectance 1, times the cosine.
+    fn lobe(&self, light: DVec3) -> f64 {
+        let h = (light + self.view).normalize();
+        Self::microfacets(self.view, h, light, self.alpha()) * light.z.abs()
     }
 
     /// Width of its narrowest lobe.
@@ -251,6 +346,7 @@ fn features(gpu: &Gpu, t: &Tested) -> Features {
         (Feature::CoatNormals, t.lobes.coat_tilt != 0.0),
         (Feature::Anisotropy, t.lobes.along.is_some()),
         (Feature::Sheen, t.lobes.sheen > 0.0),
+        (Feature::Iridescence, t.lobes.film.is_some()),
     ];
     specialisation.into_iter().fold(device_features(gpu), |features, (feature, on)| features.with(feature, on))
 }
@@ -289,6 +385,7 @@ fn run(gpu: &Gpu, entry: &str, tested: &Tested, directions: &[DVec3], count: usi
         [tint, tint, tint, t.lobes.eta as f32],
         [t.lobes.coat as f32, t.lobes.coat_roughness.powi(2) as f32, t.alpha().x as f32, 0.0],
         [t.lobes.sheen as f32, t.lobes.sheen as f32, t.lobes.sheen as f32, t.lobes.sheen_roughness as f32],
+        t.lobes.film.map_or([0.0; 4], |film| [film.factor as f32, film.ior as f32, film.thickness as f32, 0.0]),
     ];
     let surface = gpu.upload("test/surface", &surface).unwrap();
     let directions: Vec<glam::Vec4> = directions.iter().map(|d| d.as_vec3().extend(0.0)).collect();
@@ -333,10 +430,11 @@ fn all_tested(base: f64) -> Vec<Tested> {
 /// Roughness, and cosine of the view, of each kind of lobes.
 const ROUGHNESS_AND_VIEW: [(f64, f64); 6] = [(0.3, 0.95), (0.3, 0.4), (0.7, 0.95), (0.7, 0.4), (0.0, 0.95), (0.0, 0.4)];
 
-/// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, and all at once.
+/// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, films, and all at once.
 fn all_lobes(base: f64) -> Vec<Tested> {
     let glass = |transmission, eta| Lobes { transmission, eta, ..NO_LOBES };
     let velvet = |sheen, sheen_roughness| Lobes { sheen, sheen_roughness, ..NO_LOBES };
+    let film = |factor, ior, thickness| Lobes { film: Some(Film::new(factor, ior, thickness)), ..NO_LOBES };
     let kinds = [
         (0.0, glass(1.0, 1.0 / 1.5)),
         (0.0, glass(1.0, 1.5)),
@@ -348,6 +446,9 @@ fn all_lobes(base: f64) -> Vec<Tested> {
         (0.0, velvet(0.8, 0.1)),
         (0.0, velvet(1.0, 0.5)),
         (1.0, velvet(0.6, 1.0)),
+        (0.0, film(1.0, 1.3, 400.0)),
+        (1.0, film(0.8, 1.8, 250.0)),
+        (0.0, Lobes { film: Some(Film::new(1.0, 1.4, 550.0)), ..glass(0.6, 1.0 / 1.5) }),
         (
             0.3,
             Lobes {
@@ -359,6 +460,7 @@ fn all_lobes(base: f64) -> Vec<Tested> {
                 along: Some(0.8),
                 sheen: 0.7,
                 sheen_roughness: 0.3,
+                film: Some(Film::new(0.5, 1.3, 300.0)),
             },
         ),
     ];
@@ -413,11 +515,11 @@ fn some_directions(tested: &Tested) -> Vec<DVec3> {
 /// either normal.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn values_are_those_of_gltf(gpu: &Gpu) {
-    let (mut worst, mut worst_of_fault) = (0f64, 0f64);
+    let (mut worst, mut worst_of_fault, mut worst_of_thicker_film) = (0f64, 0f64, 0f64);
     let mut worst_case = String::new();
     for tested in [all_tested(0.7), all_lobes(0.7), all_tilted_coats(0.7)].concat() {
         let mut directions = some_directions(&tested);
-        if tested.lobes.sheen > 0.0 {
+        if tested.lobes.sheen > 0.0 || tested.lobes.film.is_some() {
             // The oracle integrates for each direction.
             directions.truncate(150);
         }
@@ -430,17 +532,27 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
             // Near total reflection transmission goes with the root of the distance to it: 1e-7 in f32 is 3e-4 of the
             // lobe.
             let floor = if tested.lobes.eta > 1.0 { 3e-6 } else { 1e-9 };
-            let exact = tested.value(direction.as_vec3().as_dvec3());
-            let off = |v: f32, exact: f64| (f64::from(v) - exact).abs() / (exact * allowed).max(floor);
-            let here = off(got[0][0], exact).max(off(got[1][0], exact));
+            // A film's colours are what is left of waves that cancel each other.
+            let left = if tested.lobes.film.is_some() { 2e-5 * tested.lobe(*direction) } else { 0.0 };
+            let off = |v: f32, exact: f64| (f64::from(v) - exact).abs() / ((exact * allowed).max(floor) + left);
+            let exact = tested.values(direction.as_vec3().as_dvec3()).to_array();
+            let here = (0..3).map(|i| off(got[0][i], exact[i]).max(off(got[1][i], exact[i]))).fold(0.0, f64::max);
             if here > worst {
-                (worst, worst_case) = (here, format!("{tested:?} {direction} {exact} {got:?}"));
+                (worst, worst_case) = (here, format!("{tested:?} {direction} {exact:?} {got:?}"));
             }
-            worst_of_fault = worst_of_fault.max(off(got[0][0], exact * 1.002));
+            worst_of_fault = worst_of_fault.max(off(got[0][0], exact[0] * 1.002));
+            if let Some(film) = tested.lobes.film {
+                let thicker = Film { thickness: film.thickness * 1.002, ..film };
+                let thicker = Tested { lobes: Lobes { film: Some(thicker), ..tested.lobes }, ..tested };
+                let exact = thicker.values(*direction).to_array();
+                let here = (0..3).map(|i| off(got[0][i], exact[i])).fold(0.0, f64::max);
+                worst_of_thicker_film = worst_of_thicker_film.max(here);
+            }
         }
     }
     assert!(worst <= 1.0, "{worst} of what is allowed: {worst_case}");
     assert!(worst_of_fault > 1.0, "an oracle that is 0.2 % off");
+    assert!(worst_of_thicker_film > 2.0, "films of another thickness: {worst_of_thicker_film} of what is allowed");
 
     let tilted =
         Tested { base: 0.7, roughness: 0.5, metallic: 0.0, view: view(0.9), tilt: 0.5, glossy: true, lobes: NO_LOBES };
@@ -583,6 +695,55 @@ fn no_surface_makes_light(gpu: &Gpu) {
     let white =
         Tested { base: 1.0, roughness: 1.0, metallic: 0.0, view: view(0.5), tilt: 0.0, glossy: false, lobes: NO_LOBES };
     assert!((albedo(&white) - 1.0).abs() < 1e-6);
+}
+
+/// A film makes no light in any colour, whatever its index and thickness: of all colours it clamps what lies outside of
+/// sRGB, and of the largest the base gets the rest. Without the clamp some would be reflected more than once.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn films_make_no_light(gpu: &Gpu) {
+    const N: usize = 1 << 11;
+    let mut largest = 0f64;
+    for (ior, thickness) in [1.05, 1.33, 1.8, 2.5].into_iter().flat_map(|i| [60.0, 250.0, 600.0].map(|t| (i, t))) {
+        for (roughness, metallic) in [0.0, 0.4, 0.7, 1.0].into_iter().flat_map(|r| [0.0, 0.5, 1.0].map(|m| (r, m))) {
+            for cosine in [1.0, 0.6, 0.3, 0.05] {
+                let lobes = Lobes { film: Some(Film::new(1.0, ior, thickness)), ..NO_LOBES };
+                let view = view(cosine);
+                let tested = Tested { base: 1.0, roughness, metallic, view, tilt: 0.0, glossy: true, lobes };
+                let got = run(gpu, "sampled", &tested, &[], N, true);
+                assert!(got.chunks_exact(2).all(|s| s[1][..3].iter().all(|w| *w >= 0.0)), "{tested:?}: below 0");
+                for i in 0..3 {
+                    let a = got.chunks_exact(2).map(|s| f64::from(s[1][i])).sum::<f64>() / N as f64;
+                    largest = largest.max(a);
+                    assert!((0.05..=1.0 + 1e-3).contains(&a), "{tested:?} returns {a} of colour {i}");
+                }
+            }
+        }
+    }
+    println!("a white surface under a film returns {largest} at most");
+    // What the extension's formula gives before it is held to 1: the sum of all waves, of a constructive film.
+    assert!(Film::response(0.0).x > 1.2);
+}
+
+/// A film of factor 0 leaves every surface as it is, and so does one without thickness; one of factor 1 does not.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn no_film_changes_nothing(gpu: &Gpu) {
+    let mut random = Random(3);
+    let directions: Vec<DVec3> = (0..200).map(|_| random.direction()).map(|d| d.with_z(d.z.abs().max(0.05))).collect();
+    for tested in all_tested(0.7).into_iter().filter(|t| t.roughness >= 0.2) {
+        let values = |film: Option<Film>| {
+            let lobes = Lobes { film, ..NO_LOBES };
+            run(gpu, "evaluated", &Tested { lobes, ..tested }, &directions, directions.len(), false)
+        };
+        let bare = values(None);
+        let differing = |film: Film, allowed: f32| {
+            let differs = |(a, b): &(&f32, &f32)| (*a - *b).abs() > allowed * b.abs();
+            let values = values(Some(film));
+            values.iter().flatten().zip(bare.iter().flatten()).filter(differs).count()
+        };
+        assert_eq!(differing(Film::new(0.0, 1.8, 400.0), 1e-6), 0, "{tested:?}");
+        assert!(differing(Film::new(1.0, 1.8, 400.0), 1e-2) > 100, "{tested:?}");
+        assert!(differing(Film::new(1e-3, 1.8, 400.0), 1e-6) > 100, "{tested:?}: a thousandth of a film");
+    }
 }
 
 /// The reflectance that ends a path is the mean of the surface's albedo over all views, here measured by samples from

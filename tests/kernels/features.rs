@@ -8,8 +8,8 @@ use kernel_kit::{Composed, Feature as _, Gpu, kernel_test};
 use penumbra::internal::kernels::{compose, compose_source, kernel_stems};
 use penumbra::internal::procedural::Role;
 use penumbra::internal::scene::{
-    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, LightKind, Material, Panorama, Scene, Sheen, Specular,
-    Texture, TextureImage, TextureInfo, Transmission, Wrap,
+    AlphaMode, Anisotropy, Clearcoat, ColourSpace, Filter, Iridescence, LightKind, Material, Panorama, Scene, Sheen,
+    Specular, Texture, TextureImage, TextureInfo, Transmission, Wrap,
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -68,10 +68,13 @@ impl Selection {
                 anisotropy: Anisotropy::with_strength(0.5),
                 ..plain.clone()
             },
-            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain },
+            Material { sheen: Sheen::new(Vec3::ONE, 0.0), ..plain.clone() },
         ];
         for (i, material) in (33..).zip(lobed).filter(|(i, _)| self.has(*i)) {
             meshes.push((panel(i as f64 - 29.0), material));
+        }
+        if self.has(50) {
+            meshes.push((panel(8.0), Material { iridescence: Iridescence::new(1.0, 1.3, 400.0), ..plain }));
         }
         if self.has(8) {
             meshes.push((cube(DVec3::Y, 0.1), lamp));
@@ -191,7 +194,7 @@ fn reachable_features_compose() {
 /// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
-    const FORCED: [Feature; 21] = [
+    const FORCED: [Feature; 22] = [
         Feature::Needles,
         Feature::Textures,
         Feature::Uv1,
@@ -204,6 +207,7 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
         Feature::CoatNormals,
         Feature::Anisotropy,
         Feature::Sheen,
+        Feature::Iridescence,
         Feature::AlphaTest,
         Feature::Unlit,
         Feature::Procedurals,

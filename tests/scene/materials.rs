@@ -88,6 +88,44 @@ fn sheen() {
     assert_eq!((none.sheen.colour, none.sheen.roughness), (Vec3::ZERO, 0.0));
 }
 
+#[test]
+fn iridescence() {
+    let info = |index: u32, set: u32| json!({ "index": index, "texCoord": set });
+    let scene = |film: Value| with_material(json!({ "extensions": { "KHR_materials_iridescence": film } }), 2).load();
+    let textured = scene(json!({
+        "iridescenceFactor": 0.5, "iridescenceIor": 1.8, "iridescenceThicknessMinimum": 200,
+        "iridescenceThicknessMaximum": 550, "iridescenceTexture": info(0, 1), "iridescenceThicknessTexture": info(1, 0),
+    }));
+    let film = textured.materials[0].iridescence;
+    assert!(!textured.notes.iter().any(|note| note.contains("iridescence")), "{:?}", textured.notes);
+    assert_eq!((film.factor, film.ior), (0.5, 1.8));
+    assert_eq!((film.thickness_minimum, film.thickness_maximum), (200.0, 550.0));
+    let infos = [film.texture, film.thickness_texture].map(Option::unwrap);
+    assert_eq!(infos.map(|info| info.uv_set), [1, 0]);
+    assert_eq!(infos.map(|info| textured.textures[info.texture as usize].space), [ColourSpace::Linear; 2]);
+    // The extension's defaults, which are no film.
+    let none = scene(json!({})).materials.swap_remove(0).iridescence;
+    assert_eq!((none.factor, none.ior, none.thickness_minimum, none.thickness_maximum), (0.0, 1.3, 100.0, 400.0));
+
+    // Kernels have it where a film is seen.
+    let has = |scene: &Scene| Specialisation::new(scene, &Settings::default()).features.has(Feature::Iridescence);
+    assert!(has(&textured) && has(&scene(json!({ "iridescenceFactor": 1 }))));
+    assert!(!has(&scene(json!({}))) && !has(&File::triangle().load()));
+    assert!(!has(&scene(json!({ "iridescenceFactor": 1, "iridescenceThicknessMaximum": 0 }))));
+    let both = json!({ "KHR_materials_unlit": {}, "KHR_materials_iridescence": { "iridescenceFactor": 1 } });
+    assert!(!has(&with_material(json!({ "extensions": both }), 0).load()));
+    // A Lambertian under a film is none: the film reflects.
+    let lambertian = json!({
+        "pbrMetallicRoughness": { "metallicFactor": 0 },
+        "extensions": {
+            "KHR_materials_specular": { "specularFactor": 0 },
+            "KHR_materials_iridescence": { "iridescenceFactor": 1 },
+        },
+    });
+    let features = Specialisation::new(&with_material(lambertian, 0).load(), &Settings::default()).features;
+    assert!(features.has(Feature::Glossy) && features.has(Feature::Iridescence));
+}
+
 /// All textures of a coat are read. A coat has a normal on the device only if it differs from that of its base.
 #[test]
 fn clear_coats() {

@@ -1,7 +1,10 @@
 // The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
 // KHR_materials_specular, KHR_materials_ior). Its parameters are read in src/scene/material/specular.rs.
 
-@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick};
+@if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick, through_layer};
+@if(iridescence) import package::lib::bsdf::iridescence::{
+    Iridescence, film_kept, film_reflectance, has_film, through_film,
+};
 @if(glossy) import package::lib::constants::SPECULAR_TEXEL;
 @if(glossy && textures) import package::lib::constants::{SPECULAR_COLOUR_TEXTURE, SPECULAR_TEXTURE};
 @if(glossy) import package::lib::material::load_material_texel;
@@ -15,6 +18,7 @@ struct Specular {
     dielectric: vec2f,
     // Width of the GGX distribution: roughness squared; across the tangent where the surface is anisotropic.
     alpha: f32,
+    @if(iridescence) film: Iridescence,
 }
 
 // KHR_materials_specular: colour and factor.
@@ -49,16 +53,45 @@ fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance:
 // refraction.
 @if(glossy)
 fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
-    return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
+    let bare = mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
+    @if(iridescence) {
+        if has_film(lobe.film) { return mix(bare, film_reflectance(lobe.film, lobe.f0, cosine), lobe.film.factor); }
+    }
+    return bare;
+}
+
+// What the dielectric layer reflects of light at that cosine, which does not pass to what lies behind it.
+@if(glossy)
+fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
+    let bare = mix(lobe.dielectric.x, lobe.dielectric.y, schlick(cosine));
+    @if(iridescence) {
+        if has_film(lobe.film) { return mix(bare, film_kept(lobe.film, lobe.f0, cosine), lobe.film.factor); }
+    }
+    return bare;
+}
+
+// The part of light that the dielectric layer lets through to the diffuse base and out again.
+@if(glossy)
+fn through_specular(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
+    let bare = through_layer(lobe.dielectric, lobe.alpha, light_z, view_z);
+    @if(iridescence) {
+        if has_film(lobe.film) {
+            return mix(bare, through_film(lobe.film, lobe.f0, lobe.alpha, light_z, view_z), lobe.film.factor);
+        }
+    }
+    return bare;
 }
 
 // Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
 @if(glossy) const DIELECTRIC = 0.2;
 
-// Whether the lobe reflects as a metal does, so that its reflection must be traced.
+// Whether the lobe reflects as a metal does, so that its reflection must be traced. A film's colours depend on the
+// direction, and have no mean that stands for them.
 @if(glossy)
 fn is_metallic(lobe: Specular) -> bool {
-    return max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
+    var metallic = max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
+    @if(iridescence) { metallic = metallic || has_film(lobe.film); }
+    return metallic;
 }
 
 // Albedo of a diffuse base and the lobe over it, the means over all directions.

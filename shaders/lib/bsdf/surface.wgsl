@@ -34,6 +34,12 @@ import package::lib::ray::Hit;
 @if(sheen && textures) import package::lib::bsdf::sheen::sheen_texture;
 @if(sheen) import package::lib::constants::{SHEEN_TEXTURES, SHEEN_VECTORS};
 
+@if(iridescence) import package::lib::bsdf::iridescence::{
+    has_film, iridescence_lobe, pack_iridescence, unpack_iridescence,
+};
+@if(iridescence && textures) import package::lib::bsdf::iridescence::iridescence_texture;
+@if(iridescence) import package::lib::constants::{IRIDESCENCE_TEXTURES, IRIDESCENCE_VECTORS};
+
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
     // Reflectance of the diffuse base: base colour times (1 - metallic), and times (1 - transmission).
@@ -66,6 +72,7 @@ struct TextureFactors {
     @if(coat_normals) coat_normal: vec3f,
     @if(anisotropy) anisotropy: vec3f,
     @if(sheen) sheen: vec4f,
+    @if(iridescence) iridescence: vec2f,
 }
 
 @if(textures)
@@ -81,6 +88,7 @@ fn untextured() -> TextureFactors {
     @if(clearcoat) { factors.clearcoat = vec2f(1.0); }
     @if(anisotropy) { factors.anisotropy = ANISOTROPY_UNTEXTURED; }
     @if(sheen) { factors.sheen = vec4f(1.0); }
+    @if(iridescence) { factors.iridescence = vec2f(1.0); }
     return factors;
 }
 
@@ -94,6 +102,7 @@ fn read_textures() -> u32 {
     @if(clearcoat) { read |= clearcoat_textures(); }
     @if(anisotropy) { read |= ANISOTROPY_TEXTURES; }
     @if(sheen) { read |= SHEEN_TEXTURES; }
+    @if(iridescence) { read |= IRIDESCENCE_TEXTURES; }
     return read;
 }
 
@@ -122,6 +131,7 @@ fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
         @if(coat_normals) { factors.coat_normal = coat_normal_texture(factors.coat_normal, texel, texture); }
         @if(anisotropy) { factors.anisotropy = anisotropy_texture(factors.anisotropy, texel, texture); }
         @if(sheen) { factors.sheen = sheen_texture(factors.sheen, texel, texture); }
+        @if(iridescence) { factors.iridescence = iridescence_texture(factors.iridescence, texel, texture); }
     }
     return factors;
 }
@@ -176,6 +186,8 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
     }
     @if(sheen && textures) { s.sheen = sheen_lobe(material, context.factors.sheen); }
     @if(sheen && !textures) { s.sheen = sheen_lobe(material, vec4f(1.0)); }
+    @if(iridescence && textures) { s.specular.film = iridescence_lobe(material, context.factors.iridescence); }
+    @if(iridescence && !textures) { s.specular.film = iridescence_lobe(material, vec2f(1.0)); }
     return s;
 }
 
@@ -200,8 +212,10 @@ const SPECULAR_VECTOR = 1u;
 @if(!clearcoat) const ANISOTROPY_VECTOR = CLEARCOAT_VECTOR;
 @if(anisotropy) const SHEEN_VECTOR = ANISOTROPY_VECTOR + ANISOTROPY_VECTORS;
 @if(!anisotropy) const SHEEN_VECTOR = ANISOTROPY_VECTOR;
-@if(sheen) const PACKED_VECTORS = SHEEN_VECTOR + SHEEN_VECTORS;
-@if(!sheen) const PACKED_VECTORS = SHEEN_VECTOR;
+@if(sheen) const IRIDESCENCE_VECTOR = SHEEN_VECTOR + SHEEN_VECTORS;
+@if(!sheen) const IRIDESCENCE_VECTOR = SHEEN_VECTOR;
+@if(iridescence) const PACKED_VECTORS = IRIDESCENCE_VECTOR + IRIDESCENCE_VECTORS;
+@if(!iridescence) const PACKED_VECTORS = IRIDESCENCE_VECTOR;
 
 struct PackedSurface {
     vectors: array<vec4f, PACKED_VECTORS>,
@@ -218,6 +232,7 @@ fn pack_surface(s: Surface) -> PackedSurface {
     @if(clearcoat) { p.vectors[CLEARCOAT_VECTOR] = pack_clearcoat(s.clearcoat); }
     @if(anisotropy) { p.vectors[ANISOTROPY_VECTOR] = pack_anisotropy(s.anisotropy); }
     @if(sheen) { p.vectors[SHEEN_VECTOR] = pack_sheen(s.sheen); }
+    @if(iridescence) { p.vectors[IRIDESCENCE_VECTOR] = pack_iridescence(s.specular.film); }
     return p;
 }
 
@@ -230,12 +245,16 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
     @if(glossy) {
         let normal = p.vectors[SPECULAR_VECTOR];
         let layer = p.vectors[SPECULAR_VECTOR + 1u];
-        s.specular = Specular(normal.xyz, normal.w, layer.xy, layer.z);
+        s.specular.f0 = normal.xyz;
+        s.specular.f90 = normal.w;
+        s.specular.dielectric = layer.xy;
+        s.specular.alpha = layer.z;
     }
     @if(transmission) { s.transmission = unpack_transmission(p.vectors[TRANSMISSION_VECTOR]); }
     @if(clearcoat) { s.clearcoat = unpack_clearcoat(p.vectors[CLEARCOAT_VECTOR]); }
     @if(anisotropy) { s.anisotropy = unpack_anisotropy(p.vectors[ANISOTROPY_VECTOR]); }
     @if(sheen) { s.sheen = unpack_sheen(p.vectors[SHEEN_VECTOR]); }
+    @if(iridescence) { s.specular.film = unpack_iridescence(p.vectors[IRIDESCENCE_VECTOR]); }
     return s;
 }
 
@@ -246,5 +265,6 @@ fn reflects_beyond_diffuse(p: PackedSurface) -> bool {
     @if(transmission) { beyond = beyond || is_transmissive(unpack_transmission(p.vectors[TRANSMISSION_VECTOR])); }
     @if(clearcoat) { beyond = beyond || is_coated(unpack_clearcoat(p.vectors[CLEARCOAT_VECTOR])); }
     @if(sheen) { beyond = beyond || has_fibres(unpack_sheen(p.vectors[SHEEN_VECTOR])); }
+    @if(iridescence) { beyond = beyond || has_film(unpack_iridescence(p.vectors[IRIDESCENCE_VECTOR])); }
     return beyond;
 }

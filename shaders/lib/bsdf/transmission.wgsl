@@ -1,8 +1,8 @@
 // Light that passes through the surface: by a thin wall, or bent into a volume (KHR_materials_transmission,
 // KHR_materials_volume). Its parameters are read in src/scene/material/transmission.rs and volume.rs.
 
-@if(transmission) import package::lib::bsdf::microfacet::{LocalPair, microfacets, schlick, visible_density};
-@if(transmission) import package::lib::bsdf::specular::Specular;
+@if(transmission) import package::lib::bsdf::microfacet::{LocalPair, microfacets, visible_density};
+@if(transmission) import package::lib::bsdf::specular::{Specular, layer_reflectance};
 @if(transmission) import package::lib::constants::{TRANSMISSION_TEXEL, VOLUME_TEXEL};
 @if(transmission && textures) import package::lib::constants::TRANSMISSION_TEXTURE;
 @if(transmission) import package::lib::material::load_material_texel;
@@ -68,7 +68,7 @@ fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
 fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
     let outer = fresnel_cosine(lobe, cosine);
     if outer < 0.0 { return vec3f(0.0); }
-    return lobe.tint * (1.0 - mix(specular.dielectric.x, specular.dielectric.y, schlick(outer)));
+    return lobe.tint * (1.0 - layer_reflectance(specular, outer));
 }
 
 // The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely

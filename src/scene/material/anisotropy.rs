@@ -32,6 +32,7 @@ impl Anisotropy {
 }
 
 impl Lobe for Anisotropy {
+    const EXTENSION: &'static str = "KHR_materials_anisotropy";
     const LAYOUT: Layout = Layout {
         texel: "ANISOTROPY_TEXEL",
         texels: 1,
@@ -41,7 +42,7 @@ impl Lobe for Anisotropy {
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
-        let Some(json) = material.extension("KHR_materials_anisotropy")? else { return Ok(Self::default()) };
+        let Some(json) = material.extension(Self::EXTENSION)? else { return Ok(Self::default()) };
         Ok(Anisotropy {
             strength: json.number_in("anisotropyStrength", 0.0, 0.0..=1.0)?,
             rotation: json.number_in("anisotropyRotation", 0.0, ..)?,

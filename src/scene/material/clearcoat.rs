@@ -51,6 +51,7 @@ impl Clearcoat {
 }
 
 impl Lobe for Clearcoat {
+    const EXTENSION: &'static str = "KHR_materials_clearcoat";
     const LAYOUT: Layout = Layout {
         texel: "CLEARCOAT_TEXEL",
         texels: 1,
@@ -60,7 +61,7 @@ impl Lobe for Clearcoat {
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
-        let Some(json) = material.extension("KHR_materials_clearcoat")? else { return Ok(Self::default()) };
+        let Some(json) = material.extension(Self::EXTENSION)? else { return Ok(Self::default()) };
         let normal = json.get("clearcoatNormalTexture")?;
         Ok(Clearcoat {
             factor: json.number_in("clearcoatFactor", 0.0, 0.0..=1.0)?,
@@ -82,5 +83,9 @@ impl Lobe for Clearcoat {
 
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
         vec![[self.factor, self.roughness, self.normal_scale, 0.0]]
+    }
+
+    fn reflects(&self) -> bool {
+        self.is_present()
     }
 }

@@ -38,6 +38,8 @@ pub(crate) struct Layout {
 
 /// A part of a material that reflects light or lets it pass: one of the extensions of glTF's metallic-roughness model.
 pub(in crate::scene) trait Lobe: Sized + Default {
+    /// The glTF extension that it is read from.
+    const EXTENSION: &'static str;
     /// How kernels find it.
     const LAYOUT: Layout;
 
@@ -55,4 +57,9 @@ pub(in crate::scene) trait Lobe: Sized + Default {
 
     /// Its texels in the table of materials: [`Layout::texels`] of them.
     fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]>;
+
+    /// Reflects light whatever the base and the specular factor are: such a material is not Lambertian.
+    fn reflects(&self) -> bool {
+        false
+    }
 }

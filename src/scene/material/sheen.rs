@@ -39,6 +39,7 @@ impl Sheen {
 }
 
 impl Lobe for Sheen {
+    const EXTENSION: &'static str = "KHR_materials_sheen";
     const LAYOUT: Layout = Layout {
         texel: "SHEEN_TEXEL",
         texels: 1,
@@ -48,7 +49,7 @@ impl Lobe for Sheen {
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
-        let Some(json) = material.extension("KHR_materials_sheen")? else { return Ok(Self::default()) };
+        let Some(json) = material.extension(Self::EXTENSION)? else { return Ok(Self::default()) };
         Ok(Sheen {
             colour: json.numbers_in::<3>("sheenColorFactor", 0.0, 0.0..=1.0)?.into(),
             roughness: json.number_in("sheenRoughnessFactor", 0.0, 0.0..=1.0)?,
@@ -67,6 +68,10 @@ impl Lobe for Sheen {
 
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
         vec![self.colour.extend(self.roughness).to_array()]
+    }
+
+    fn reflects(&self) -> bool {
+        self.is_present()
     }
 }
 

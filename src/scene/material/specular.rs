@@ -34,6 +34,7 @@ impl Specular {
 }
 
 impl Lobe for Specular {
+    const EXTENSION: &'static str = "KHR_materials_specular";
     const LAYOUT: Layout = Layout {
         texel: "SPECULAR_TEXEL",
         texels: 1,
@@ -43,7 +44,7 @@ impl Lobe for Specular {
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
-        let Some(json) = material.extension("KHR_materials_specular")? else { return Ok(Specular::default()) };
+        let Some(json) = material.extension(Self::EXTENSION)? else { return Ok(Specular::default()) };
         Ok(Specular {
             factor: json.number_in("specularFactor", 1.0, 0.0..=1.0)?,
             colour: json.numbers_in::<3>("specularColorFactor", 1.0, 0.0..)?.into(),

@@ -30,6 +30,7 @@ impl Transmission {
 }
 
 impl Lobe for Transmission {
+    const EXTENSION: &'static str = "KHR_materials_transmission";
     const LAYOUT: Layout = Layout {
         texel: "TRANSMISSION_TEXEL",
         texels: 1,
@@ -39,7 +40,7 @@ impl Lobe for Transmission {
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {
-        let Some(json) = material.extension("KHR_materials_transmission")? else { return Ok(Self::default()) };
+        let Some(json) = material.extension(Self::EXTENSION)? else { return Ok(Self::default()) };
         Ok(Transmission {
             factor: json.number_in("transmissionFactor", 0.0, 0.0..=1.0)?,
             texture: textures.texture(&json, "transmissionTexture", ColourSpace::Linear)?,

@@ -50,11 +50,12 @@ impl Volume {
 }
 
 impl Lobe for Option<Volume> {
+    const EXTENSION: &'static str = "KHR_materials_volume";
     const LAYOUT: Layout =
         Layout { texel: "VOLUME_TEXEL", texels: 1, mask: "VOLUME_TEXTURES", textures: &[], constants: &[] };
 
     fn read(material: &Json, _: &mut dyn ReadTexture) -> Result<Self> {
-        material.extension("KHR_materials_volume")?.map_or(Ok(None), |json| Volume::read(&json))
+        material.extension(Self::EXTENSION)?.map_or(Ok(None), |json| Volume::read(&json))
     }
 
     fn textures(&self) -> Vec<&Option<TextureInfo>> {

@@ -13,7 +13,7 @@ override seed: u32;
 override stratified: u32;
 
 // Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x;
-// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen.
+// view, coat normal's z; tint and eta; coat, alpha along the tangent +x; sheen; film.
 @group(0) @binding(0) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(1) var<storage, read> directions: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> results: array<vec4f>;
@@ -41,6 +41,11 @@ fn tested_surface() -> Surface {
     @if(clearcoat) { s.clearcoat.factor = surface[6].x; s.clearcoat.alpha = surface[6].y; }
     @if(coat_normals) { s.clearcoat.normal = vec3f(surface[3].w, 0.0, surface[4].w); }
     @if(sheen) { s.sheen.colour = surface[7].xyz; s.sheen.roughness = surface[7].w; }
+    @if(iridescence) {
+        s.specular.film.factor = surface[8].x;
+        s.specular.film.ior = surface[8].y;
+        s.specular.film.thickness = surface[8].z;
+    }
     @if(anisotropy) {
         s.anisotropy.tangent = vec3f(1.0, 0.0, 0.0);
         s.anisotropy.alpha_along = surface[6].z;

@@ -1,0 +1,115 @@
+// Iridescence: a thin film on the specular lobe, which replaces its Fresnel term (KHR_materials_iridescence, after
+// Belcour and Barla 2017). Its parameters are read in src/scene/material/iridescence.rs.
+
+@if(iridescence) import package::lib::bsdf::microfacet::schlick;
+@if(iridescence) import package::lib::constants::IRIDESCENCE_TEXEL;
+@if(iridescence && textures) import package::lib::constants::{IRIDESCENCE_TEXTURE, IRIDESCENCE_THICKNESS_TEXTURE};
+@if(iridescence) import package::lib::material::load_material_texel;
+@if(iridescence) import package::lib::math::{PI, safe_sqrt};
+
+@if(iridescence)
+struct Iridescence {
+    // How much of the reflectance is that of the film; 0 where there is none.
+    factor: f32,
+    // Index of refraction, at least 1.
+    ior: f32,
+    // In nanometres.
+    thickness: f32,
+}
+
+// The factors of the textures so far, of the factor and from the least thickness to the largest, and those of one more.
+@if(iridescence && textures)
+fn iridescence_texture(factors: vec2f, texel: vec4f, texture: u32) -> vec2f {
+    let of_thickness = texture == IRIDESCENCE_THICKNESS_TEXTURE;
+    return select(factors, texel.xy, vec2<bool>(texture == IRIDESCENCE_TEXTURE, of_thickness));
+}
+
+@if(iridescence)
+fn iridescence_lobe(material: u32, factors: vec2f) -> Iridescence {
+    let own = bitcast<vec4f>(load_material_texel(material + IRIDESCENCE_TEXEL));
+    return Iridescence(own.x * factors.x, own.y, mix(own.z, own.w, factors.y));
+}
+
+@if(iridescence)
+fn has_film(lobe: Iridescence) -> bool {
+    return lobe.factor > 0.0;
+}
+
+@if(iridescence)
+fn pack_iridescence(lobe: Iridescence) -> vec4f {
+    return vec4f(lobe.factor, lobe.ior, lobe.thickness, 0.0);
+}
+
+@if(iridescence)
+fn unpack_iridescence(packed: vec4f) -> Iridescence {
+    return Iridescence(packed.x, packed.y, packed.z);
+}
+
+// The Fourier transform of the eye's sensitivity at that difference of optical paths, in linear sRGB: Gaussians fitted
+// to the CIE's functions (Belcour and Barla 2017, appendix), with the numbers of KHR_materials_iridescence. `shift` is
+// that of the phase.
+@if(iridescence)
+fn film_sensitivity(path: f32, shift: vec3f) -> vec3f {
+    let phase = 2.0 * PI * path * 1e-9;
+    // Normalised, and by the Gaussians' width.
+    let amplitude = vec3f(0.8465900023, 1.0002218936, 1.0011224857);
+    let position = vec3f(1.6810e6, 1.7953e6, 2.2084e6);
+    let variance = vec3f(4.3278e9, 9.3046e9, 6.6121e9);
+    var xyz = amplitude * cos(position * phase + shift) * exp(-variance * (phase * phase));
+    xyz.x += 0.1538683065 * cos(2.2399e6 * phase + shift.x) * exp(-4.5282e9 * (phase * phase));
+    return mat3x3f(
+        vec3f(3.2404542, -0.9692660, 0.0556434),
+        vec3f(-1.5371385, 1.8760108, -0.2040259),
+        vec3f(-0.4985314, 0.0415560, 1.0572252),
+    ) * xyz;
+}
+
+// Reflectance of film and base for light at that cosine, outside, to their normal. `f0` is that of the base at normal
+// incidence, without the film.
+@if(iridescence)
+fn film_reflectance(lobe: Iridescence, f0: vec3f, cosine: f32) -> vec3f {
+    // A film that is thinner than any has the index of what is around it: the base is left.
+    let index = mix(1.0, lobe.ior, smoothstep(0.0, 0.03, lobe.thickness));
+    let inner = safe_sqrt(1.0 - (1.0 - cosine * cosine) / (index * index));
+    let outer_f0 = (index - 1.0) / (index + 1.0);
+    let outer = mix(outer_f0 * outer_f0, 1.0, schlick(cosine));
+    let passed = 1.0 - outer;
+
+    let root = sqrt(clamp(f0, vec3f(0.0), vec3f(0.9999)));
+    let base_index = (1.0 + root) / (1.0 - root);
+    let base_f0 = (base_index - index) / (base_index + index);
+    let base = mix(base_f0 * base_f0, vec3f(1.0), schlick(inner));
+    // Half a wave where light is reflected by the higher index: within the film at the air it is not, at the base it
+    // may be.
+    let shift = PI + select(vec3f(0.0), vec3f(PI), base_index < vec3f(index));
+    let path = 2.0 * index * lobe.thickness * inner;
+
+    // Airy's sum over the times that light crosses the film, by the cosines of the path: two of them are enough.
+    let both = clamp(outer * base, vec3f(1e-5), vec3f(0.9999));
+    let returned = passed * passed * base / (1.0 - both);
+    let ratio = sqrt(both);
+    var reflected = outer + returned;
+    var amplitude = (returned - passed) * ratio;
+    reflected += amplitude * 2.0 * film_sensitivity(path, shift);
+    amplitude *= ratio;
+    reflected += amplitude * 2.0 * film_sensitivity(2.0 * path, 2.0 * shift);
+    // The spectrum's colours lie partly outside of sRGB: below 0, and above 1, where light would be made.
+    return clamp(reflected, vec3f(0.0), vec3f(1.0));
+}
+
+// The largest of its components: what is reflected of any colour does not reach what lies below.
+@if(iridescence)
+fn film_kept(lobe: Iridescence, f0: vec3f, cosine: f32) -> f32 {
+    let reflected = film_reflectance(lobe, f0, cosine);
+    return max(reflected.x, max(reflected.y, reflected.z));
+}
+
+// The part of light that film and base let through at both of two angles, those to the surface's normal. The film's
+// reflectance does not grow steadily towards grazing angles, so that the larger of the two counts, not that at the
+// lower angle. As for a layer without a film, a rough one reflects less at grazing angles.
+@if(iridescence)
+fn through_film(lobe: Iridescence, f0: vec3f, alpha: f32, light_z: f32, view_z: f32) -> f32 {
+    let of_light = film_kept(lobe, f0, light_z) * (1.0 - 0.9 * alpha * schlick(light_z));
+    let of_view = film_kept(lobe, f0, view_z) * (1.0 - 0.9 * alpha * schlick(view_z));
+    return 1.0 - max(of_light, of_view);
+}
