@@ -270,8 +270,8 @@ impl Tested {
             * Self::microfacets(self.view, h, light, self.alpha())
     }
 
-    /// KHR_materials_sheen: what fibres reflect, held down where from either side that would be more than they get, and what
-    /// they leave to the layers below.
+    /// KHR_materials_sheen: what fibres reflect, held down where from either side that would be more than they get, and
+    /// what they leave to the layers below.
     fn fibres(&self, light: DVec3) -> (f64, f64) {
         if self.lobes.sheen == 0.0 {
             return (0.0, 1.0);
@@ -283,8 +283,8 @@ impl Tested {
     }
 
     /// glTF 2.0, appendix B, with the dielectric's transmission taken at the lower of the angles to the normal, less of
-    /// it grazing where the surface is rough. KHR_materials_clearcoat, its coat's transmission taken likewise. Each lobe times
-    /// the cosine to its normal.
+    /// it grazing where the surface is rough. KHR_materials_clearcoat, its coat's transmission taken likewise. Each
+    /// lobe times the cosine to its normal.
     fn values(&self, light: DVec3) -> DVec3 {
         if light.dot(self.geometric_normal()) < 0.0 {
             return DVec3::splat(if light.z < 0.0 { self.passed(light) * -light.z } else { 0.0 });
@@ -315,7 +315,8 @@ impl Tested {
         (sheen + base * through) * self.through_coat(light)
     }
 
-    /// The direction that a smooth surface would send the view on to: through it where light passes, as far as it is bent.
+    /// The direction that a smooth surface would send the view on to: through it where light passes, as far as it is
+    /// bent.
     fn main_direction(&self) -> DVec3 {
         let v = self.view;
         if self.lobes.transmission == 0.0 {
@@ -513,7 +514,8 @@ fn some_directions(tested: &Tested) -> Vec<DVec3> {
     all.filter(|d| d.z.abs() > 0.02).collect()
 }
 
-/// The value, times the cosine, is the formulas', in one piece and in its two parts, and is 0 below the horizon of either normal.
+/// The value, times the cosine, is the formulas', in one piece and in its two parts, and is 0 below the horizon of
+/// either normal.
 #[test]
 fn values_are_those_of_gltf() {
     let (mut worst, mut worst_of_fault, mut worst_of_thicker_film) = (0f64, 0f64, 0f64);
@@ -530,7 +532,8 @@ fn values_are_those_of_gltf() {
             // The fibres' albedo is 1.5e-3 off: what is left of the base, where little is, by more.
             let table = if tested.lobes.sheen > 0.0 { 2e-3 / (1.0 - tested.lobes.sheen).max(0.1) } else { 0.0 };
             let allowed = 1e-4 + 1e-6 / tested.narrowest() + table;
-            // Near total reflection what passes goes with the root of the distance to it: f32's 1e-7 is 3e-4 of the lobe.
+            // Near total reflection what passes goes with the root of the distance to it: f32's 1e-7 is 3e-4 of the
+            // lobe.
             let floor = if tested.lobes.eta > 1.0 { 3e-6 } else { 1e-9 };
             // A film's colours are what is left of waves that cancel each other.
             let left = if tested.lobes.film.is_some() { 2e-5 * tested.lobe(*direction) } else { 0.0 };
@@ -743,8 +746,8 @@ fn no_film_changes_nothing() {
     }
 }
 
-/// What a surface is taken to reflect where a path ends is the mean of what it reflects in all directions: that of samples
-/// from views of which each stands for as much of the cosine-weighted hemisphere.
+/// What a surface is taken to reflect where a path ends is the mean of what it reflects in all directions: that of
+/// samples from views of which each stands for as much of the cosine-weighted hemisphere.
 #[test]
 fn paths_end_with_the_mean_reflectance() {
     const VIEWS: usize = 16;
@@ -753,8 +756,8 @@ fn paths_end_with_the_mean_reflectance() {
     let layers =
         [NO_LOBES, Lobes { coat: 1.0, coat_roughness: 0.7, ..NO_LOBES }, velvet(0.1), velvet(0.4), velvet(1.0)];
     for (roughness, lobes) in [0.2, 0.5, 0.7, 1.0].into_iter().flat_map(|r| layers.map(|lobes| (r, lobes))) {
-        // The fits' error, 0.004 of f0 and 0.0005, and that of the views, of which none is lower than 10 degrees. Fibres' fits
-        // are 0.003 off, and they leave the least to the base where its layer reflects the most.
+        // The fits' error, 0.004 of f0 and 0.0005, and that of the views, of which none is lower than 10 degrees.
+        // Fibres' fits are 0.003 off, and they leave the least to the base where its layer reflects the most.
         let allowed = if lobes.sheen > 0.0 { 0.008 } else { 0.004 };
         let tested = Tested { base: 0.3, roughness, metallic: 0.0, view: DVec3::Z, tilt: 0.0, glossy: true, lobes };
         let mean = (0..VIEWS).map(|i| {

@@ -175,8 +175,11 @@ fn every_texture_has_its_colour_space_and_coordinates() {
     let scene = with_material(
         json!({
             "pbrMetallicRoughness": { "baseColorTexture": info(0, 0), "metallicRoughnessTexture": info(1, 1) },
-            "normalTexture": { "index": 2, "scale": 0.5 }, "occlusionTexture": info(1, 1), "emissiveTexture": info(3, 0),
-            "extensions": { "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) } },
+            "normalTexture": { "index": 2, "scale": 0.5 },
+            "occlusionTexture": info(1, 1), "emissiveTexture": info(3, 0),
+            "extensions": {
+                "KHR_materials_specular": { "specularTexture": info(0, 0), "specularColorTexture": info(4, 1) },
+            },
         }),
         5,
     )
