@@ -189,7 +189,8 @@ fn focuses(m: &Material) -> bool {
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
 
-/// Roughness factor of surfaces that are mirrors or clear glass to the eye: its square is the least alpha of the kernels.
+/// Roughness factor of surfaces that are mirrors or clear glass to the eye: its square is the least alpha of the
+/// kernels.
 const CLEAR_ROUGHNESS: f32 = 0.032;
 
 /// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
