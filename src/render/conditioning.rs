@@ -77,7 +77,7 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
     // The samples of rays that exceeded the loop budget are invalid, and count as not finite.
     let advice = match overruns {
         0 => "look for extreme lights, colours or sizes in the scene",
-        _ => "those of rays that exceeded the loop budget are among them",
+        _ => "those of rays whose traversal was cut short are among them",
     };
     vec![
         Warning {

@@ -86,7 +86,7 @@ impl Totals {
             problem: format!(
                 "{overruns} of {samples} samples met more geometry than the device's loop budget of 65,535 iterations \
                  allows; the image would be wrong. Remove overlapping layers, set fewer `indirect.max_bounces`, or \
-                 choose a hardware device with --device"
+                 choose another device"
             ),
         })
     }
