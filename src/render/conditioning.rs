@@ -129,8 +129,7 @@ fn path_warnings(totals: &Totals, settings: &Settings) -> Vec<Warning> {
             count: overruns,
             text: format!(
                 "{overruns} rays met more geometry than the device's loop budget of 65,535 iterations allows, and \
-                 their samples are left out of the image: remove overlapping layers, or choose a hardware device with \
-                 --device"
+                 their samples are left out of the image: remove overlapping layers, or choose another device"
             ),
         },
     ];
