@@ -430,8 +430,8 @@ fn all_tested(base: f64) -> Vec<Tested> {
 /// Roughness, and cosine of the view, of each kind of lobes.
 const ROUGHNESS_AND_VIEW: [(f64, f64); 6] = [(0.3, 0.95), (0.3, 0.4), (0.7, 0.95), (0.7, 0.4), (0.0, 0.95), (0.0, 0.4)];
 
-/// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, films, and all at
-/// once.
+/// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, films, and
+/// all at once.
 fn all_lobes(base: f64) -> Vec<Tested> {
     let glass = |transmission, eta| Lobes { transmission, eta, ..NO_LOBES };
     let velvet = |sheen, sheen_roughness| Lobes { sheen, sheen_roughness, ..NO_LOBES };
