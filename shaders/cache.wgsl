@@ -7,11 +7,9 @@
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
-import package::lib::point::SURFACE_VECTORS;
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
-@if(specular_chains) import package::lib::point::SPECULAR_CHAIN_VECTOR;
 import package::lib::record::{Interpolated, interpolate_records};
-import package::lib::visible_point::{points, packed_surface_at, surfaces};
+import package::lib::visible_point::{points, surfaces};
 import package::lib::tile::{Tile, tile_pixel};
 import package::lib::constants::{INVALID_POINT, PATH_GROUP};
 
@@ -45,7 +43,7 @@ fn interpolate_at(i: u32) -> Interpolated {
     let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
     let last = vec2u(cache_pass.block_columns, cache_pass.block_rows) - 1u;
     let block = min(vec2u(film * cache_pass.blocks), last);
-    let normal = oct_decode16(bitcast<u32>(surfaces[i * SURFACE_VECTORS].w));
+    let normal = oct_decode16(bitcast<u32>(surfaces[i].packed.base.w));
     return interpolate_records(block.y * cache_pass.block_columns + block.x, points[i].position, normal);
 }
 
@@ -53,13 +51,13 @@ fn interpolate_at(i: u32) -> Interpolated {
 // directly.
 fn is_behind_chain(i: u32) -> bool {
     @if(specular_chains) {
-        return bitcast<u32>(surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].w) != INVALID_POINT;
+        return bitcast<u32>(surfaces[i].chain.w) != INVALID_POINT;
     }
     @else { return false; }
 }
 
 fn reflects_diffusely(i: u32) -> bool {
-    return points[i].normal != INVALID_POINT && any(surfaces[i * SURFACE_VECTORS].xyz > vec3f(0.0));
+    return points[i].normal != INVALID_POINT && any(surfaces[i].packed.base.xyz > vec3f(0.0));
 }
 
 @compute @workgroup_size(64)
@@ -77,7 +75,7 @@ fn request(
 fn reflects_beyond(i: u32) -> bool {
     @if(glossy) {
         if points[i].normal == INVALID_POINT { return false; }
-        return reflects_beyond_diffuse(packed_surface_at(i));
+        return reflects_beyond_diffuse(surfaces[i].packed);
     }
     @else { return false; }
 }
@@ -97,7 +95,7 @@ fn interpolate(
         queued = true;
     } else if reflects_diffusely(i) {
         let found = interpolate_at(i);
-        light = vec4f(surfaces[i * SURFACE_VECTORS].xyz * found.irradiance * (1.0 / PI), 1.0);
+        light = vec4f(surfaces[i].packed.base.xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);
             queued = true;

@@ -16,7 +16,7 @@ import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
 import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
-import package::lib::point::{Point, SURFACE_VECTORS};
+import package::lib::point::{Point, VisibleSurface};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
@@ -42,7 +42,7 @@ struct GatherParameters {
 var<immediate> gather_pass: GatherParameters;
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<vec4f>;
+@group(0) @binding(1) var<storage, read> surfaces: array<VisibleSurface>;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
 // For each ray: the radiance that it brings, and the distance of its hit.
 @group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
@@ -71,7 +71,7 @@ struct GatherRay {
 }
 
 fn shading_normal(point: u32) -> vec3f {
-    return oct_decode16(bitcast<u32>(surfaces[point * SURFACE_VECTORS].w));
+    return oct_decode16(bitcast<u32>(surfaces[point].packed.base.w));
 }
 
 fn gather_ray(id: u32) -> GatherRay {

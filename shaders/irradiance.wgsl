@@ -14,9 +14,7 @@ import package::lib::grid::{
 };
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, invalid_sample};
-@if(photon_map || caustics) import package::lib::point::{Point, SURFACE_VECTORS};
-@if(specular_chains && (photon_map || caustics)) import package::lib::point::SPECULAR_CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
+@if(photon_map || caustics) import package::lib::point::{Point, VisibleSurface};
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::table::{light_count, light_has_closed_form};
@@ -46,7 +44,7 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @group(0) @binding(1) var<storage, read_write> irradiances: array<vec4f>;
 
 @if(photon_map || caustics) @group(0) @binding(2) var<storage, read> points: array<Point>;
-@if(photon_map || caustics) @group(0) @binding(3) var<storage, read> surfaces: array<vec4f>;
+@if(photon_map || caustics) @group(0) @binding(3) var<storage, read> surfaces: array<VisibleSurface>;
 @if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
@@ -86,8 +84,8 @@ fn show(
     var radiance = vec3f(0.0);
     if points[i].normal != INVALID_POINT {
         let query = photon_query(i);
-        radiance = surfaces[i * SURFACE_VECTORS].xyz * irradiance_at(query.position, query.normal).xyz / PI;
-        @if(specular_chains) { radiance *= surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].xyz; }
+        radiance = surfaces[i].packed.base.xyz * irradiance_at(query.position, query.normal).xyz / PI;
+        @if(specular_chains) { radiance *= surfaces[i].chain.xyz; }
         radiance = checked(radiance, i);
     }
     radiance_indirect[i] = vec4f(radiance, 1.0);
@@ -104,8 +102,8 @@ fn caustics(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    var albedo = surfaces[i * SURFACE_VECTORS].xyz;
-    @if(specular_chains) { albedo *= surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR].xyz; }
+    var albedo = surfaces[i].packed.base.xyz;
+    @if(specular_chains) { albedo *= surfaces[i].chain.xyz; }
     if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
     let query = photon_query(i);
     let disc = flux_about(query.position, query.normal);
@@ -125,7 +123,7 @@ struct PhotonQuery {
 @if(photon_map || caustics)
 fn photon_query(i: u32) -> PhotonQuery {
     @if(smooth_normals) {
-        let stored = surfaces[i * SURFACE_VECTORS + TRIANGLE_VECTOR];
+        let stored = surfaces[i].triangle;
         return PhotonQuery(stored.xyz, oct_decode16(bitcast<u32>(stored.w)));
     }
     @else { return PhotonQuery(points[i].position, oct_decode16(points[i].normal)); }

@@ -15,20 +15,18 @@ import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
-import package::lib::bsdf::surface::{PACKED_VECTORS, pack_surface};
-import package::lib::point::{Point, SURFACE_VECTORS};
+import package::lib::bsdf::surface::pack_surface;
+import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(specular_chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
-@if(specular_chains) import package::lib::point::SPECULAR_CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) import package::lib::point::TRIANGLE_VECTOR;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
 @if(specular_chains) import package::lib::rng::{hash3, uniform_from_bits};
 import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
-@group(0) @binding(1) var<storage, read_write> surfaces: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> surfaces: array<VisibleSurface>;
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 @if(aov_albedo) @group(0) @binding(3) var<storage, read_write> albedo_samples: array<vec4f>;
@@ -69,8 +67,9 @@ fn primary(
         @if(specular_chains) let ends = found.unlit || is_clear(found.surface);
         @if(!specular_chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
-        store_surface(i, found);
-        @if(specular_chains) { surfaces[i * SURFACE_VECTORS + SPECULAR_CHAIN_VECTOR] = chain; }
+        var surface = visible_surface(found);
+        @if(specular_chains) { surface.chain = chain; }
+        surfaces[i] = surface;
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }
     // The hit of a traversal that gave up is wrong.
@@ -86,15 +85,14 @@ fn primary(
     @if(aov_position) { position_samples[i] = position; }
 }
 
-// Writes the surface of sample i, as lib/point lays it out.
-fn store_surface(i: u32, found: SurfaceHit) {
-    var packed = pack_surface(found.surface);
-    let base = i * SURFACE_VECTORS;
-    for (var v = 0u; v < PACKED_VECTORS; v++) { surfaces[base + v] = packed.vectors[v]; }
+// What other passes need of a surface; its chain is not known here.
+fn visible_surface(found: SurfaceHit) -> VisibleSurface {
+    var surface: VisibleSurface;
+    surface.packed = pack_surface(found.surface);
     @if(smooth_normals && (photon_map || caustics)) {
-        let normal = bitcast<f32>(oct_encode16(found.triangle_normal));
-        surfaces[base + TRIANGLE_VECTOR] = vec4f(found.triangle_position, normal);
+        surface.triangle = vec4f(found.triangle_position, bitcast<f32>(oct_encode16(found.triangle_normal)));
     }
+    return surface;
 }
 
 // Maximum number of links of a specular chain. After so many, a few thousandths of the light that entered glass are
@@ -103,7 +101,7 @@ fn store_surface(i: u32, found: SurfaceHit) {
 
 // Follows the camera's ray through clear glass and over mirrors to a surface that is neither, and leaves that in
 // `found`; where there is no such surface, the chain's last one. Adds the emission along the chain to `direct`. Gives
-// the chain's throughput and the direction back along it, as PackedSurface has them.
+// the chain's throughput and the direction back along it, as VisibleSurface has them.
 @if(specular_chains)
 fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, seed: u32, sample_index: u32) -> vec4f {
     var throughput = vec3f(1.0);

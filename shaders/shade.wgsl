@@ -24,7 +24,6 @@ import package::lib::bsdf::bsdf_diffuse;
 import package::lib::constants::{
     CLASS_DARK, CLASS_LIT, COUNTER_NOT_FINITE_SHADE, INVALID_POINT, QUEUE_COUNT, QUEUE_SAMPLED
 };
-import package::lib::point::SURFACE_VECTORS;
 import package::lib::visible_point::{points, surfaces, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
@@ -228,7 +227,7 @@ fn shade_point(i: u32, by_form: bool, by_points: bool) -> bool {
     shading.surface = visible_surface(i);
     shading.seed = pixel_seed(parameters.tile, i);
     shading.sample_index = tile_sample(parameters.tile, i);
-    shading.flat = bitcast<u32>(surfaces[i * SURFACE_VECTORS].w) == points[i].normal;
+    shading.flat = bitcast<u32>(surfaces[i].packed.base.w) == points[i].normal;
     var sum = vec3f(0.0);
     var sampled = false;
     for (var l = 0u; l < parameters.lights_in_chunk; l++) {

@@ -1,10 +1,9 @@
 // The points to be shaded: one for each sample of a tile's pixels, and the surfaces they lie on.
 
-import package::lib::bsdf::surface::PACKED_VECTORS;
+import package::lib::bsdf::surface::PackedSurface;
 @if(specular_chains) import package::lib::math::oct_decode16;
 @if(specular_chains) import package::lib::camera::view_direction;
-@if(specular_chains) import package::lib::constants::{SPECULAR_CHAIN_VECTORS, INVALID_POINT};
-@if(smooth_normals && (photon_map || caustics)) import package::lib::constants::TRIANGLE_VECTORS;
+@if(specular_chains) import package::lib::constants::INVALID_POINT;
 
 struct Point {
     // Where rays leave from.
@@ -13,17 +12,16 @@ struct Point {
     normal: u32,
 }
 
-// What a point has in the array `surfaces`: the packed surface, then, where they are used, the vectors below.
-
-// Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where the
-// camera sees the point itself.
-const SPECULAR_CHAIN_VECTOR = PACKED_VECTORS;
-// The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the
-// smooth surface that it stands for, which may be farther from the triangle than a disc of photons is high.
-@if(specular_chains) const TRIANGLE_VECTOR = SPECULAR_CHAIN_VECTOR + SPECULAR_CHAIN_VECTORS;
-@if(!specular_chains) const TRIANGLE_VECTOR = SPECULAR_CHAIN_VECTOR;
-@if(smooth_normals && (photon_map || caustics)) const SURFACE_VECTORS = TRIANGLE_VECTOR + TRIANGLE_VECTORS;
-@if(!(smooth_normals && (photon_map || caustics))) const SURFACE_VECTORS = TRIANGLE_VECTOR;
+// The surface that a point lies on.
+struct VisibleSurface {
+    packed: PackedSurface,
+    // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where
+    // the camera sees the point itself.
+    @if(specular_chains) chain: vec4f,
+    // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the
+    // smooth surface that it stands for, which may be farther from the triangle than a disc of photons is high.
+    @if(smooth_normals && (photon_map || caustics)) triangle: vec4f,
+}
 
 // The chain that led to a point: what passes along it, and where it comes from.
 @if(specular_chains)

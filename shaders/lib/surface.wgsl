@@ -171,10 +171,12 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     let smooth_one = smooth_surface(met, hit, triangle_normal, front);
     let material = material_at(material_index(met.texel.w));
     let flags = material_flags(material);
+    let emission = bitcast<vec4f>(load_material_texel(material + EMISSION_TEXEL));
 
     var context: HitContext;
     context.hit = hit;
     context.front = front;
+    @if(glossy) { context.metallic = emission.w; }
     @if(coat_normals) { context.unmapped = smooth_one.shading_normal; }
     @if(textures) { context.factors = texture_factors(material, hit); }
 
@@ -186,7 +188,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     found.triangle_position = met.position;
     found.triangle_normal = triangle_normal;
     found.base_colour = base_colour(material, met, hit);
-    found.emission = bitcast<vec3f>(load_material_texel(material + EMISSION_TEXEL).xyz);
+    found.emission = emission.xyz;
     @if(textures) {
         found.base_colour *= context.factors.base;
         found.emission *= context.factors.emission;

@@ -39,8 +39,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("QUEUE_SAMPLED", Queue::Sampled as u32),
     ("QUEUE_COUNT", Queue::COUNT as u32),
     ("QUEUE_ARGUMENT_WORDS", Queue::ARGUMENT_WORDS),
-    ("SPECULAR_CHAIN_VECTORS", numbers::SPECULAR_CHAIN_VECTORS),
-    ("TRIANGLE_VECTORS", numbers::TRIANGLE_VECTORS),
     ("SURFACE_FLAT", scene_texels::SURFACE_FLAT),
     ("TEXTURE_INFO_TEXELS", scene_texels::TEXTURE_INFO_TEXELS),
     ("TEXTURE_NEAREST", scene_texels::TEXTURE_NEAREST),

@@ -173,9 +173,3 @@ pub const GATHER_GROUP: u32 = 64;
 
 /// Invocations of a workgroup of pass `path`, by which a queue of points is dispatched.
 pub const PATH_GROUP: u32 = 64;
-
-/// Vectors of a packed surface for the specular chain that led to it; see `shaders/lib/point.wgsl`.
-pub const SPECULAR_CHAIN_VECTORS: u32 = 1;
-
-/// Vectors of a packed surface for the position on the triangle, where that differs from the smooth surface's.
-pub const TRIANGLE_VECTORS: u32 = 1;

@@ -110,7 +110,8 @@ pub(crate) fn kernel(
 ) -> Result<Kernel> {
     let composed = compose(stem, features)?;
     let constants = &composed.overrides(constants);
-    Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, own, common: Some(COMMON) })?)
+    let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * surface_vectors(features) as usize)];
+    Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
 }
 
 /// Compiles the entry points of a kernel that belongs to no pass, but has the passes' structs. `own` are its own
@@ -119,7 +120,7 @@ pub(crate) fn kernel(
 /// # Errors
 /// As [`Kernel::new`].
 pub fn new_kernel(gpu: &Gpu, composed: &Composed, constants: &[(&str, f64)], own: &[Declared]) -> Result<Kernel> {
-    Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, own, common: None })?)
+    Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque: &[], own, common: None })?)
 }
 
 /// The buffers that the passes of a tile share, for [`Tile::point_count`] points.

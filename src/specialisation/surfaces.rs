@@ -3,7 +3,6 @@
 use crate::specialisation::features::{Feature, Features};
 use glam::Vec3;
 
-use crate::kernels::{SPECULAR_CHAIN_VECTORS, TRIANGLE_VECTORS};
 use crate::scene::{
     AlphaMode, Anisotropy, Clearcoat, Iridescence, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
 };
@@ -160,12 +159,12 @@ const LOBES: &[LobeFeature] = &[
 /// What most lobes cost.
 const LOBE_COST: &str = "a lobe more at every glossy surface; 16 B a point";
 
-/// Vectors that a point's surface takes with those features: `SURFACE_VECTORS` of `shaders/lib/point.wgsl`.
+/// Vectors that a point's surface takes with those features: `VisibleSurface` of `shaders/lib/point.wgsl`.
 pub fn surface_vectors(features: &Features) -> u32 {
     let lobes: u32 = LOBES.iter().filter(|lobe| features.has(lobe.feature)).map(|lobe| lobe.vectors).sum();
-    let chain = if features.has(Feature::SpecularChains) { SPECULAR_CHAIN_VECTORS } else { 0 };
+    let chain = u32::from(features.has(Feature::SpecularChains));
     let photons_shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
-    let triangle = if features.has(Feature::SmoothNormals) && photons_shown { TRIANGLE_VECTORS } else { 0 };
+    let triangle = u32::from(features.has(Feature::SmoothNormals) && photons_shown);
     1 + lobes + chain + triangle
 }
 

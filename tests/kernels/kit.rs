@@ -20,5 +20,7 @@ pub fn new_kernel(
     required: &'static [&'static str],
 ) -> Result<Kernel, kernel_kit::Error> {
     let own = &[Declared { required, optional: &[] }];
-    Kernel::new(gpu, composed, &Host { constants, shared: SHARED, own, common: None })
+    // Surfaces of these tests are Lambertian and flat: albedo and normal alone.
+    let opaque = &[("VisibleSurface", size_of::<[f32; 4]>())];
+    Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque, own, common: None })
 }

@@ -57,5 +57,8 @@ pub(crate) fn table_rows(rows: u32) -> u32 {
 /// a float, is NaN, so that a word the kernel forgot shows.
 pub const POISON: u32 = 0xffff_dead;
 
-/// Bytes of the smallest buffer: bindings must not be empty, and a `vec4` is 16 bytes.
+/// Bytes of the smallest buffer that is not empty: a `vec4` is 16 bytes.
 pub(crate) const MIN_BYTES: u64 = 16;
+
+/// Bytes of a buffer of no elements: a binding must have room for one, and structs in arrays of kernels are smaller.
+pub(crate) const EMPTY_BYTES: u64 = 256;

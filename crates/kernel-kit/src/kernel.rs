@@ -8,7 +8,7 @@ use crate::binding::{Bindings, Declared};
 use crate::compose::Composed;
 use crate::device::Gpu;
 use crate::error::{Error, Result};
-use crate::layout::{SharedStruct, check_layouts};
+use crate::layout::{OpaqueStruct, SharedStruct, check_layouts};
 use crate::pipeline::{Entry, Interface, Source, Undispatched};
 
 /// What the host has for a kernel; [`Kernel::new`] compares it with what the kernel takes.
@@ -22,6 +22,8 @@ pub struct Host<'a> {
     /// The structs that host and kernels share. The list may be longer than the kernel needs; all that it keeps in
     /// storage, uniform or immediate memory must be there.
     pub shared: &'a [&'a SharedStruct],
+    /// The structs that only kernels read and write, with the sizes for which the host makes room.
+    pub opaque: &'a [OpaqueStruct<'a>],
     /// Sets of bindings that are for this kernel: it must have a variable for each required name.
     pub own: &'a [Declared],
     /// Sets of bindings that many kernels use, each what it needs of them. With `Some` a variable that is in none of
@@ -54,7 +56,7 @@ impl Kernel {
     /// [`Error::Kernel`] for a struct that differs from its host twin, an `override` or a required binding that is not
     /// in the kernel, a variable that nothing is declared for, or a pipeline that the device refuses.
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
-        check_layouts(composed, host.shared)?;
+        check_layouts(composed, host.shared, host.opaque)?;
         check_names(composed, host)?;
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);

@@ -57,12 +57,16 @@ macro_rules! shared_struct {
     };
 }
 
+/// A struct that only kernels read and write, and for which the host makes room: its WGSL name, and its size in bytes.
+pub type OpaqueStruct<'a> = (&'a str, usize);
+
 /// Compares every struct that the kernel keeps in storage, uniform or immediate memory with its host twin in `shared`:
 /// number, names, order, offsets and sizes of the members, and the stride. Members that are structs are compared too.
+/// Of the structs in `opaque` only the size is compared.
 ///
 /// # Errors
 /// [`Error::Kernel`] naming the struct and the member that differ, or the struct that has no twin.
-pub fn check_layouts(composed: &Composed, shared: &[&SharedStruct]) -> Result<()> {
+pub fn check_layouts(composed: &Composed, shared: &[&SharedStruct], opaque: &[OpaqueStruct<'_>]) -> Result<()> {
     use naga::AddressSpace::{Immediate, Storage, Uniform};
     let module = &composed.module;
     let in_memory = |space: naga::AddressSpace| matches!(space, Storage { .. } | Uniform | Immediate);
@@ -73,8 +77,14 @@ pub fn check_layouts(composed: &Composed, shared: &[&SharedStruct]) -> Result<()
             naga::TypeInner::Array { base, .. } => pending.push(*base),
             naga::TypeInner::Struct { members, span } => {
                 let name = module.types[ty].name.as_deref().unwrap_or_default();
-                compare_struct(module, name, members, *span as usize, shared)
-                    .map_err(|problem| Error::kernel(&composed.kernel, format!("struct {name}: {problem}")))?;
+                let wrong = |problem| Error::kernel(&composed.kernel, format!("struct {name}: {problem}"));
+                if let Some((_, bytes)) = opaque.iter().find(|(opaque, _)| *opaque == name) {
+                    if *bytes != *span as usize {
+                        return Err(wrong(format!("{span} bytes in the kernel, {bytes} on the host")));
+                    }
+                    continue;
+                }
+                compare_struct(module, name, members, *span as usize, shared).map_err(wrong)?;
                 pending.extend(members.iter().map(|member| member.ty));
             }
             _ => {}

@@ -32,7 +32,7 @@ pub use feature::{Feature, Features, NoFeature};
 pub use feature::{snake as __snake, snake_length as __snake_length};
 pub use frame::{Frame, dispatch_size};
 pub use kernel::{BoundKernel, Host, Kernel};
-pub use layout::{Member, SharedStruct, check_layouts};
+pub use layout::{Member, OpaqueStruct, SharedStruct, check_layouts};
 
 /// Makes a test of a function that takes the tests' device, `fn name(gpu: &Gpu)`, with its attributes and what it
 /// returns.

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::buffer::{Buffer, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
+use crate::buffer::{Buffer, EMPTY_BYTES, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
 
@@ -169,7 +169,7 @@ impl Gpu {
     }
 
     fn checked_bytes(&self, label: &str, bytes: u64) -> Result<u64> {
-        let bytes = bytes.next_multiple_of(4).max(MIN_BYTES);
+        let bytes = if bytes == 0 { EMPTY_BYTES } else { bytes.next_multiple_of(4).max(MIN_BYTES) };
         let limit = self.max_buffer_bytes();
         if bytes > limit {
             return Err(Error::Buffer { buffer: label.to_owned(), needed: bytes, limit });

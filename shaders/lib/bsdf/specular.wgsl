@@ -49,6 +49,30 @@ fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance:
     return lobe;
 }
 
+// The lobe without its film.
+@if(glossy)
+struct PackedSpecular {
+    // f0 and f90.
+    reflectance: vec4f,
+    // Reflectance of the dielectric layer, and alpha.
+    layer: vec4f,
+}
+
+@if(glossy)
+fn pack_specular(lobe: Specular) -> PackedSpecular {
+    return PackedSpecular(vec4f(lobe.f0, lobe.f90), vec4f(lobe.dielectric, lobe.alpha, 0.0));
+}
+
+@if(glossy)
+fn unpack_specular(packed: PackedSpecular) -> Specular {
+    var lobe: Specular;
+    lobe.f0 = packed.reflectance.xyz;
+    lobe.f90 = packed.reflectance.w;
+    lobe.dielectric = packed.layer.xy;
+    lobe.alpha = packed.layer.z;
+    return lobe;
+}
+
 // Reflectance of the microfacets for light at that cosine to their normal, on the side of the lower index of
 // refraction.
 @if(glossy)

@@ -9,36 +9,37 @@ import package::lib::ray::Hit;
 @if(textures) import package::lib::constants::{BASE_COLOUR_TEXTURE, EMISSION_TEXTURE, MATERIAL_FLAG_BITS};
 @if(normal_maps && textures) import package::lib::constants::NORMAL_TEXTURE;
 @if(glossy && textures) import package::lib::constants::{METALLIC_ROUGHNESS_TEXTURE, SPECULAR_TEXTURES};
-@if(glossy) import package::lib::constants::{EMISSION_TEXEL, SPECULAR_VECTORS, SURFACE_TEXEL};
+@if(glossy) import package::lib::constants::SURFACE_TEXEL;
 @if(glossy) import package::lib::material::load_material_texel;
-@if(glossy) import package::lib::bsdf::specular::{Specular, specular_factors, specular_lobe};
+@if(glossy) import package::lib::bsdf::specular::{
+    PackedSpecular, Specular, pack_specular, specular_factors, specular_lobe, unpack_specular,
+};
 @if(glossy && textures) import package::lib::bsdf::specular::specular_texture;
 @if(transmission) import package::lib::bsdf::transmission::{
     Transmission, is_transmissive, pack_transmission, transmission_factor, transmission_lobe, unpack_transmission,
 };
 @if(transmission && textures) import package::lib::bsdf::transmission::transmission_texture;
-@if(transmission) import package::lib::constants::{TRANSMISSION_TEXTURES, TRANSMISSION_VECTORS};
+@if(transmission && textures) import package::lib::constants::TRANSMISSION_TEXTURES;
 @if(clearcoat) import package::lib::bsdf::clearcoat::{
     Clearcoat, clearcoat_lobe, is_coated, pack_clearcoat, unpack_clearcoat,
 };
 @if(clearcoat && textures) import package::lib::bsdf::clearcoat::{clearcoat_texture, clearcoat_textures};
 @if(coat_normals) import package::lib::bsdf::clearcoat::coat_normal_at;
 @if(coat_normals && textures) import package::lib::bsdf::clearcoat::coat_normal_texture;
-@if(clearcoat) import package::lib::constants::CLEARCOAT_VECTORS;
 @if(anisotropy) import package::lib::bsdf::anisotropy::{
     ANISOTROPY_UNTEXTURED, Anisotropy, anisotropy_lobe, pack_anisotropy, unpack_anisotropy,
 };
 @if(anisotropy && textures) import package::lib::bsdf::anisotropy::anisotropy_texture;
-@if(anisotropy) import package::lib::constants::{ANISOTROPY_TEXTURES, ANISOTROPY_VECTORS};
+@if(anisotropy && textures) import package::lib::constants::ANISOTROPY_TEXTURES;
 @if(sheen) import package::lib::bsdf::sheen::{Sheen, has_fibres, pack_sheen, sheen_lobe, unpack_sheen};
 @if(sheen && textures) import package::lib::bsdf::sheen::sheen_texture;
-@if(sheen) import package::lib::constants::{SHEEN_TEXTURES, SHEEN_VECTORS};
+@if(sheen && textures) import package::lib::constants::SHEEN_TEXTURES;
 
 @if(iridescence) import package::lib::bsdf::iridescence::{
     has_film, iridescence_lobe, pack_iridescence, unpack_iridescence,
 };
 @if(iridescence && textures) import package::lib::bsdf::iridescence::iridescence_texture;
-@if(iridescence) import package::lib::constants::{IRIDESCENCE_TEXTURES, IRIDESCENCE_VECTORS};
+@if(iridescence && textures) import package::lib::constants::IRIDESCENCE_TEXTURES;
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
@@ -143,6 +144,8 @@ struct HitContext {
     hit: Hit,
     // The ray came from outside.
     front: bool,
+    // The material's metallic factor, which lies beside its emission.
+    @if(glossy) metallic: f32,
     // The shading normal without any map.
     @if(coat_normals) unmapped: vec3f,
     @if(textures) factors: TextureFactors,
@@ -155,7 +158,7 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
     @if(glossy) {
         let own = bitcast<vec4f>(load_material_texel(material + SURFACE_TEXEL));
         var roughness = own.x;
-        var metallic = bitcast<f32>(load_material_texel(material + EMISSION_TEXEL).w);
+        var metallic = context.metallic;
         var specular = specular_factors(material);
         @if(textures) {
             roughness *= context.factors.roughness_metallic.x;
@@ -201,70 +204,51 @@ fn without_light(lit: Surface) -> Surface {
 
 // ---- Packing
 
-// The vectors of a packed surface: albedo and shading normal; those of the specular lobe; those of each lobe that there
-// is. Their numbers are those of src/specialisation.rs.
-const SPECULAR_VECTOR = 1u;
-@if(glossy) const TRANSMISSION_VECTOR = SPECULAR_VECTOR + SPECULAR_VECTORS;
-@if(!glossy) const TRANSMISSION_VECTOR = SPECULAR_VECTOR;
-@if(transmission) const CLEARCOAT_VECTOR = TRANSMISSION_VECTOR + TRANSMISSION_VECTORS;
-@if(!transmission) const CLEARCOAT_VECTOR = TRANSMISSION_VECTOR;
-@if(clearcoat) const ANISOTROPY_VECTOR = CLEARCOAT_VECTOR + CLEARCOAT_VECTORS;
-@if(!clearcoat) const ANISOTROPY_VECTOR = CLEARCOAT_VECTOR;
-@if(anisotropy) const SHEEN_VECTOR = ANISOTROPY_VECTOR + ANISOTROPY_VECTORS;
-@if(!anisotropy) const SHEEN_VECTOR = ANISOTROPY_VECTOR;
-@if(sheen) const IRIDESCENCE_VECTOR = SHEEN_VECTOR + SHEEN_VECTORS;
-@if(!sheen) const IRIDESCENCE_VECTOR = SHEEN_VECTOR;
-@if(iridescence) const PACKED_VECTORS = IRIDESCENCE_VECTOR + IRIDESCENCE_VECTORS;
-@if(!iridescence) const PACKED_VECTORS = IRIDESCENCE_VECTOR;
-
 struct PackedSurface {
-    vectors: array<vec4f, PACKED_VECTORS>,
+    // Albedo, and the shading normal (oct_encode16).
+    base: vec4f,
+    @if(glossy) specular: PackedSpecular,
+    @if(transmission) transmission: vec4f,
+    @if(clearcoat) clearcoat: vec4f,
+    @if(anisotropy) anisotropy: vec4f,
+    @if(sheen) sheen: vec4f,
+    @if(iridescence) iridescence: vec4f,
 }
 
 fn pack_surface(s: Surface) -> PackedSurface {
     var p: PackedSurface;
-    p.vectors[0] = vec4f(s.albedo, bitcast<f32>(oct_encode16(s.shading_normal)));
-    @if(glossy) {
-        p.vectors[SPECULAR_VECTOR] = vec4f(s.specular.f0, s.specular.f90);
-        p.vectors[SPECULAR_VECTOR + 1u] = vec4f(s.specular.dielectric, s.specular.alpha, 0.0);
-    }
-    @if(transmission) { p.vectors[TRANSMISSION_VECTOR] = pack_transmission(s.transmission); }
-    @if(clearcoat) { p.vectors[CLEARCOAT_VECTOR] = pack_clearcoat(s.clearcoat); }
-    @if(anisotropy) { p.vectors[ANISOTROPY_VECTOR] = pack_anisotropy(s.anisotropy); }
-    @if(sheen) { p.vectors[SHEEN_VECTOR] = pack_sheen(s.sheen); }
-    @if(iridescence) { p.vectors[IRIDESCENCE_VECTOR] = pack_iridescence(s.specular.film); }
+    p.base = vec4f(s.albedo, bitcast<f32>(oct_encode16(s.shading_normal)));
+    @if(glossy) { p.specular = pack_specular(s.specular); }
+    @if(transmission) { p.transmission = pack_transmission(s.transmission); }
+    @if(clearcoat) { p.clearcoat = pack_clearcoat(s.clearcoat); }
+    @if(anisotropy) { p.anisotropy = pack_anisotropy(s.anisotropy); }
+    @if(sheen) { p.sheen = pack_sheen(s.sheen); }
+    @if(iridescence) { p.iridescence = pack_iridescence(s.specular.film); }
     return p;
 }
 
 fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Surface {
     var s: Surface;
-    s.albedo = p.vectors[0].xyz;
-    s.shading_normal = oct_decode16(bitcast<u32>(p.vectors[0].w));
+    s.albedo = p.base.xyz;
+    s.shading_normal = oct_decode16(bitcast<u32>(p.base.w));
     s.geometric_normal = geometric_normal;
     s.view = view;
-    @if(glossy) {
-        let normal = p.vectors[SPECULAR_VECTOR];
-        let layer = p.vectors[SPECULAR_VECTOR + 1u];
-        s.specular.f0 = normal.xyz;
-        s.specular.f90 = normal.w;
-        s.specular.dielectric = layer.xy;
-        s.specular.alpha = layer.z;
-    }
-    @if(transmission) { s.transmission = unpack_transmission(p.vectors[TRANSMISSION_VECTOR]); }
-    @if(clearcoat) { s.clearcoat = unpack_clearcoat(p.vectors[CLEARCOAT_VECTOR]); }
-    @if(anisotropy) { s.anisotropy = unpack_anisotropy(p.vectors[ANISOTROPY_VECTOR]); }
-    @if(sheen) { s.sheen = unpack_sheen(p.vectors[SHEEN_VECTOR]); }
-    @if(iridescence) { s.specular.film = unpack_iridescence(p.vectors[IRIDESCENCE_VECTOR]); }
+    @if(glossy) { s.specular = unpack_specular(p.specular); }
+    @if(transmission) { s.transmission = unpack_transmission(p.transmission); }
+    @if(clearcoat) { s.clearcoat = unpack_clearcoat(p.clearcoat); }
+    @if(anisotropy) { s.anisotropy = unpack_anisotropy(p.anisotropy); }
+    @if(sheen) { s.sheen = unpack_sheen(p.sheen); }
+    @if(iridescence) { s.specular.film = unpack_iridescence(p.iridescence); }
     return s;
 }
 
 // Whether the surface sends on light other than its diffuse base does.
 @if(glossy)
 fn reflects_beyond_diffuse(p: PackedSurface) -> bool {
-    var beyond = any(p.vectors[SPECULAR_VECTOR] != vec4f(0.0));
-    @if(transmission) { beyond = beyond || is_transmissive(unpack_transmission(p.vectors[TRANSMISSION_VECTOR])); }
-    @if(clearcoat) { beyond = beyond || is_coated(unpack_clearcoat(p.vectors[CLEARCOAT_VECTOR])); }
-    @if(sheen) { beyond = beyond || has_fibres(unpack_sheen(p.vectors[SHEEN_VECTOR])); }
-    @if(iridescence) { beyond = beyond || has_film(unpack_iridescence(p.vectors[IRIDESCENCE_VECTOR])); }
+    var beyond = any(p.specular.reflectance != vec4f(0.0));
+    @if(transmission) { beyond = beyond || is_transmissive(unpack_transmission(p.transmission)); }
+    @if(clearcoat) { beyond = beyond || is_coated(unpack_clearcoat(p.clearcoat)); }
+    @if(sheen) { beyond = beyond || has_fibres(unpack_sheen(p.sheen)); }
+    @if(iridescence) { beyond = beyond || has_film(unpack_iridescence(p.iridescence)); }
     return beyond;
 }

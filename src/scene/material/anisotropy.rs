@@ -38,7 +38,7 @@ impl Lobe for Anisotropy {
         texels: 1,
         mask: "ANISOTROPY_TEXTURES",
         textures: &["ANISOTROPY_TEXTURE"],
-        constants: &[("ANISOTROPY_VECTORS", Anisotropy::VECTORS)],
+        constants: &[],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

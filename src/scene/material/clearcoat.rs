@@ -57,7 +57,7 @@ impl Lobe for Clearcoat {
         texels: 1,
         mask: "CLEARCOAT_TEXTURES",
         textures: &["CLEARCOAT_TEXTURE", "CLEARCOAT_ROUGHNESS_TEXTURE", "CLEARCOAT_NORMAL_TEXTURE"],
-        constants: &[("CLEARCOAT_VECTORS", Clearcoat::VECTORS)],
+        constants: &[],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

@@ -59,7 +59,7 @@ impl Lobe for Iridescence {
         texels: 1,
         mask: "IRIDESCENCE_TEXTURES",
         textures: &["IRIDESCENCE_TEXTURE", "IRIDESCENCE_THICKNESS_TEXTURE"],
-        constants: &[("IRIDESCENCE_VECTORS", Iridescence::VECTORS)],
+        constants: &[],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

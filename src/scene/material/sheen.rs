@@ -45,7 +45,7 @@ impl Lobe for Sheen {
         texels: 1,
         mask: "SHEEN_TEXTURES",
         textures: &["SHEEN_COLOUR_TEXTURE", "SHEEN_ROUGHNESS_TEXTURE"],
-        constants: &[("SHEEN_VECTORS", Sheen::VECTORS), ("SHEEN_COLUMNS", COLUMNS), ("SHEEN_ROWS", ROWS)],
+        constants: &[("SHEEN_COLUMNS", COLUMNS), ("SHEEN_ROWS", ROWS)],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

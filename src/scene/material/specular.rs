@@ -40,7 +40,7 @@ impl Lobe for Specular {
         texels: 1,
         mask: "SPECULAR_TEXTURES",
         textures: &["SPECULAR_TEXTURE", "SPECULAR_COLOUR_TEXTURE"],
-        constants: &[("SPECULAR_VECTORS", Specular::VECTORS)],
+        constants: &[],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

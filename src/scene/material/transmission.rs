@@ -36,7 +36,7 @@ impl Lobe for Transmission {
         texels: 1,
         mask: "TRANSMISSION_TEXTURES",
         textures: &["TRANSMISSION_TEXTURE"],
-        constants: &[("TRANSMISSION_VECTORS", Transmission::VECTORS)],
+        constants: &[],
     };
 
     fn read(material: &Json, textures: &mut dyn ReadTexture) -> Result<Self> {

@@ -10,7 +10,7 @@ fn check(structs: &str, shared: &[&SharedStruct]) -> kernel_kit::Result<()> {
         "{structs} @group(0) @binding(0) var<storage, read_write> values: array<Value>;
          @compute @workgroup_size(1) fn touch() {{ let value = values[0]; values[1] = value; }}"
     );
-    check_layouts(&Composer::new().compose_source("touch", &source, &Features::none()).unwrap(), shared)
+    check_layouts(&Composer::new().compose_source("touch", &source, &Features::none()).unwrap(), shared, &[])
 }
 
 fn pair(members: &str) -> kernel_kit::Result<()> {
@@ -40,4 +40,16 @@ fn structs_in_structs_are_compared() {
     assert!(problem.contains("struct Pair: member 0"), "{problem}");
     let problem = nested("first: f32, second: u32", &[&Nested::SHARED]).unwrap_err().to_string();
     assert!(problem.contains("struct Pair: has no twin"), "{problem}");
+}
+
+/// A struct that only kernels read needs no twin, only room: its size is compared.
+#[test]
+fn opaque_structs_are_compared_by_size() {
+    let source = "struct Value { first: vec4f, second: vec4f }
+         @group(0) @binding(0) var<storage, read_write> values: array<Value>;
+         @compute @workgroup_size(1) fn touch() { values[1] = values[0]; }";
+    let composed = Composer::new().compose_source("touch", source, &Features::none()).unwrap();
+    check_layouts(&composed, &[], &[("Other", 1), ("Value", 32)]).unwrap();
+    let problem = check_layouts(&composed, &[], &[("Value", 16)]).unwrap_err().to_string();
+    assert!(problem.contains("struct Value: 32 bytes in the kernel, 16 on the host"), "{problem}");
 }
