@@ -1,5 +1,5 @@
-//! Pass `cache`: the irradiance cache. Lists the points that need an irradiance record of their own, and interpolates
-//! the indirect light of all others from the records there are.
+//! Pass `cache`: the irradiance cache. It lists the points that need an irradiance record of their own, and
+//! interpolates the indirect light of the others from existing records.
 
 use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 
@@ -44,15 +44,15 @@ pub struct ViewRecords {
     records: Table,
 }
 
-/// Side of a block in pixels. Neighbouring points read the same records, few of which do not reach them.
+/// Side of a block in pixels: small enough that most records of a block reach each of its points.
 const BLOCK: u32 = 8;
 
-/// A part of an image: low and high corner, 0 to 1 from the left and from the top.
+/// A part of an image: its top left and bottom right corners, as fractions of the width and the height.
 pub type ImageArea = [[f32; 2]; 2];
 
 impl ViewRecords {
-    /// Tables of records for an image of `size` pixels. `heads` have radii, `values` is what pass `gather` wrote, and
-    /// `reach` gives the part of the image that a record reaches.
+    /// Tables of records for an image of `size` pixels. `heads` hold radii, `values` is what pass `gather` wrote, and
+    /// `reach` returns the part of the image within a record's radius.
     ///
     /// # Errors
     /// As [`Gpu::table`].
@@ -83,7 +83,7 @@ impl ViewRecords {
     }
 }
 
-/// First and end of the columns of blocks, and of their rows.
+/// The range of columns of blocks, and that of rows, each without its end.
 type BlockSpan = [[u32; 2]; 2];
 
 /// The blocks that a record reaches; `blocks` is the size of the image in blocks, `counts` the number of blocks that
@@ -96,7 +96,8 @@ fn block_span(reach: Option<ImageArea>, blocks: [f32; 2], counts: [u32; 2]) -> B
     })
 }
 
-/// The records in the order of the blocks that they reach, and the index of each block's first one; the end follows.
+/// The index of each block's first entry, with the total at the end; and the records, sorted by the blocks that they
+/// reach.
 fn sort_by_block(spans: &[BlockSpan], [columns, rows]: [u32; 2]) -> (Vec<u32>, Vec<u32>) {
     let blocks_of = |[[left, right], [top, bottom]]: BlockSpan| {
         (top..bottom).flat_map(move |y| (left..right).map(move |x| (y * columns + x) as usize))
@@ -162,7 +163,7 @@ pub fn record_values(gpu: &Gpu, features: &Features, records: u32) -> Result<Buf
 /// The pass; see `shaders/cache.wgsl`.
 pub struct Cache(Kernel);
 
-/// What the pass writes besides the light of the points.
+/// What the pass writes besides the light at the points.
 pub struct CacheBuffers {
     wanted_count: Buffer,
     wanted_points: Buffer,
@@ -222,7 +223,7 @@ impl Cache {
         Ok(Cache(kernel(gpu, "cache", features, &[], &[CacheBindings::DECLARED])?))
     }
 
-    /// Binds it to a tile's buffers, which must have one for indirect light, and to the records there are.
+    /// Binds it to the records and to a tile's buffers, which must have one for indirect light.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -270,13 +271,13 @@ impl BoundCache {
         CacheParameters { tile: *tile, blocks: self.blocks, block_columns: self.columns, block_rows: self.rows }
     }
 
-    /// Lists the points of the tile that are to get a record.
+    /// Lists the points of the tile that need a record.
     pub fn record_requests(&self, frame: &mut Frame<'_>, buffers: &CacheBuffers, tile: &Tile) {
         frame.clear(&buffers.wanted_count);
         frame.run(&self.request, tile.point_count, &self.parameters(tile));
     }
 
-    /// Lights the points of the tile from the records, and lists those left to path tracing.
+    /// Interpolates the light at the tile's points from the records, and lists the points left to path tracing.
     pub fn record_interpolate(&self, frame: &mut Frame<'_>, buffers: &CacheBuffers, tile: &Tile) {
         frame.clear(&buffers.path_count);
         frame.run(&self.interpolate, tile.point_count, &self.parameters(tile));
@@ -284,7 +285,7 @@ impl BoundCache {
     }
 }
 
-/// The points that [`BoundCache::record_requests`] listed, in an order that depends on nothing but the points.
+/// The points that [`BoundCache::record_requests`] listed, sorted: the device lists them in any order.
 ///
 /// # Errors
 /// As [`Gpu::read`].

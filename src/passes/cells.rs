@@ -1,5 +1,5 @@
-//! Pass `cells`: shadow rays from the surfaces in each cell of a grid to each light, and the classes of points by their
-//! cells.
+//! Pass `cells`: traces shadow rays from the surfaces in each cell of a grid to each light, classifies the cells by
+//! them, and gives each point the class of its cell.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -26,7 +26,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// A point of a surface that a cell traces a ray from.
+    /// A surface point in a cell, from which a shadow ray is traced.
     pub struct CellPoint {
         /// On the triangle.
         pub position: [f32; 3],
@@ -36,7 +36,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What rays read and write beside the scene.
+    /// What `trace` reads and writes besides the scene.
     struct TraceBindings {
         pub cell_points: &Buffer,
         pub cell_counts: &Buffer,
@@ -53,7 +53,7 @@ bindings! {
 }
 
 bindings! {
-    /// What the look-up of points' classes reads and writes.
+    /// What the look-up of the points' classes reads and writes.
     struct PointClassBindings {
         pub points: &Buffer,
         pub cell_words: &Buffer,
@@ -61,8 +61,8 @@ bindings! {
     }
 }
 
-/// Maximum number of rays of a dispatch: some tenths of a second on a software device, and safe from a desktop's
-/// watchdog.
+/// Maximum number of rays in a dispatch. It takes some tenths of a second on a software device, too short for a
+/// desktop's watchdog to stop it.
 pub const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/cells.wgsl`.
@@ -77,7 +77,7 @@ pub struct CellGrid {
     pub lights: u32,
     /// Rays from each cell to each light.
     pub rays: u32,
-    /// Seed of the sampled points of lights.
+    /// Seed that samples the light points.
     pub seed: u32,
 }
 
@@ -85,7 +85,7 @@ pub struct CellGrid {
 pub struct CellTable {
     /// The grid; all lights have the same.
     pub shape: GridShape,
-    /// Rays that were traced.
+    /// Number of rays traced.
     pub rays: u64,
     /// Bytes on the device.
     pub bytes: u64,
@@ -103,10 +103,10 @@ impl Cells {
     }
 
     /// Traces a ray from each of the points to each light, and classifies the cells. The points come in batches of at
-    /// most [`BATCH_RAYS`], cell by cell, [`CellGrid::rays`] of each cell.
+    /// most [`BATCH_RAYS`], sorted by cell, with [`CellGrid::rays`] points per cell.
     ///
     /// # Errors
-    /// [`Error::Computation`] where a traversal met the loop budget, else as [`Kernel::bind`] and [`Gpu::check`].
+    /// [`Error::Computation`] where a traversal exceeded the loop budget, else as [`Kernel::bind`] and [`Gpu::check`].
     pub fn trace(
         &self,
         gpu: &Gpu,
@@ -172,7 +172,7 @@ pub struct BoundCells {
 }
 
 impl BoundCells {
-    /// Writes the class words of a tile's points for a chunk of lights.
+    /// Writes the class words of a tile's points for a chunk of lights, by look-up.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
         let candidate_count = tile.point_count * chunk.lights;
         let light = chunk.first_light;

@@ -1,5 +1,5 @@
-//! Pass `classify`: the class of every candidate (a point and a light), and the queues of those that shadow rays and
-//! audits are traced for.
+//! Pass `classify`: classifies every candidate (a point and a light), and queues the candidates that need shadow rays
+//! or audits.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -9,7 +9,7 @@ use crate::Result;
 use crate::kernels::{GridShape, Queue};
 use crate::specialisation::features::{Feature, Features};
 
-/// Lights that the passes of direct light work on together.
+/// Lights that the passes of direct light process together.
 #[derive(Clone, Copy, Debug)]
 pub struct Chunk {
     /// First light of the chunk, or first sampled light index.
@@ -38,7 +38,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write beside the visibility map.
+    /// What the kernels read and write besides the visibility map.
     struct ClassifyBindings {
         pub points: &Buffer,
         pub classes: &Buffer,
@@ -100,7 +100,7 @@ pub struct Classify {
 pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    /// The search where no cell class decides; none without a visibility map.
+    /// Searches for the nearest photons, for points that no cell class decides; none without a visibility map.
     search: Option<Search>,
     dilate: BoundKernel,
     compact: BoundKernel,
@@ -116,9 +116,9 @@ struct Search {
 }
 
 impl Classify {
-    /// Compiles the kernels. With `exact_counts` n_i and n_s of boundary candidates are those of the nearest k.
-    /// Without, they may be those of photons about the point: enough for a control variate, and cheaper. Classes are
-    /// exact in both.
+    /// Compiles the kernels. With `exact_counts`, n_i and n_s of boundary candidates count exactly the nearest k
+    /// photons. Without, they may count any photons around the point, which is cheaper and enough for a control
+    /// variate. Classes are exact in either case.
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`crate::Error::Setting`] for a `nearest` out of range.
@@ -196,7 +196,7 @@ impl BoundClassify {
         self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// Empties the queues, and gives each point the class of its cell where that is known. The other points are queued
+    /// Empties the queues, and gives each point the class of its cell where the cell has one. Queues the other points
     /// for [`BoundClassify::query`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
@@ -204,7 +204,7 @@ impl BoundClassify {
         frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
     }
 
-    /// Requests a class for the cells of the queued points that have none yet.
+    /// Requests a class for each cell that has queued points but no class yet.
     pub fn request_cells(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(Search { request_cells, .. }) = &self.search else { return };
         self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
@@ -235,8 +235,8 @@ impl BoundClassify {
         }
     }
 
-    /// Counts the classes, whichever pass wrote them, and queues the points that need shadow rays. The queues must be
-    /// empty.
+    /// Counts the classes, whichever pass wrote them, and queues the candidates that need shadow rays. The queues must
+    /// be empty.
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue_group: u32) {
         let compact = if chunk.dilate > 0 { &self.compact } else { &self.compact_undilated };
         let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
@@ -245,7 +245,7 @@ impl BoundClassify {
         self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
     }
 
-    /// Makes the length of a queue into indirect arguments for workgroups of `queue_group` invocations.
+    /// Converts the length of a queue to indirect arguments for workgroups of `queue_group` invocations.
     pub fn record_arguments(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue: Queue, queue_group: u32) {
         frame.run(&self.arrange, 1, &self.parameters(tile, chunk, queue, queue_group));
     }
@@ -277,7 +277,7 @@ impl ClassifyBuffers {
         &self.query_queue
     }
 
-    /// The class words that [`BoundClassify::record`] leaves with that dilation.
+    /// The buffer in which [`BoundClassify::record`] leaves the class words, which depends on `dilate`.
     pub fn final_classes(&self, dilate: u32) -> &Buffer {
         if dilate > 0 { &self.dilated_classes } else { &self.classes }
     }

@@ -95,7 +95,7 @@ impl Plane {
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
-    /// The mean of each pixel's samples. `samples` of them were recorded; those that were not finite are left out.
+    /// The mean of each pixel's samples, without those that were not finite. `samples` is the number recorded.
     ///
     /// # Errors
     /// As [`Gpu::read`].

@@ -1,6 +1,6 @@
-//! Pass `flux`: traces the photons that carry flux, for the global map and the caustic map. Rays leave the lights in
-//! proportion to their power, photons are stored at every diffuse surface, and Russian roulette on the BSDF ends the
-//! rays.
+//! Pass `flux`: traces the photons that carry flux, for the global map and the caustic map. Each light emits rays in
+//! proportion to its power. A ray stores a photon at every diffuse surface that it hits; Russian roulette by the BSDF
+//! ends it.
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
@@ -34,10 +34,11 @@ bindings! {
     }
 }
 
-/// Rays of a dispatch: some tens of milliseconds on a software device, and short enough for a desktop's watchdog.
+/// Rays in a dispatch. It takes some tens of milliseconds on a software device, too short for a desktop's watchdog to
+/// stop it.
 const BATCH_RAYS: u32 = 1 << 15;
 
-/// Photons per ray that the first buffer has room for: a room of albedo 0.7 stores 3.
+/// Photons per ray that the first buffer has room for. In a room of albedo 0.7 a ray stores 3 on average.
 const PHOTONS_PER_RAY: usize = 4;
 
 /// The pass; see `shaders/flux.wgsl`.
@@ -60,7 +61,7 @@ pub struct FluxPhotons {
     pub photons: Buffer,
     /// Number of photons.
     pub count: u32,
-    /// Rays that left the lights: fewer than requested where the photons would not fit into one binding of the device.
+    /// Rays emitted: fewer than requested where the photons would not fit into one binding of the device.
     pub emitted: u32,
     /// Rays traced, those from surfaces included.
     pub rays: u64,
@@ -70,7 +71,7 @@ pub struct FluxPhotons {
     pub cut: u64,
     /// Photons not stored because their flux is not finite.
     pub not_finite: u64,
-    /// Rays that exceeded the loop budget: their photons from there on are missing.
+    /// Rays that exceeded the loop budget. Their later photons are missing.
     pub overruns: u64,
 }
 
@@ -98,8 +99,7 @@ impl Flux {
         Self::with_caustic_photons(gpu, features, constants, false)
     }
 
-    /// As [`Flux::new`], for the photons of the caustic map: those that only focusing surfaces have reflected or
-    /// transmitted.
+    /// As [`Flux::new`], for the caustic map: its photons were reflected or transmitted by focusing surfaces only.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -113,8 +113,8 @@ impl Flux {
         Ok(Flux(kernel(gpu, "flux", features, &constants, &[FluxBindings::DECLARED])?))
     }
 
-    /// Traces photons from all lights. Where they would outgrow the device's largest binding, half as many rays are
-    /// traced instead.
+    /// Traces photons from all lights. If they would outgrow the device's largest binding, starts again with half as
+    /// many rays.
     ///
     /// # Errors
     /// As [`Gpu::check`] and [`Kernel::bind`].
@@ -177,7 +177,7 @@ impl<'a> Batches<'a> {
                 return Ok(None);
             }
             if needed > self.room {
-                // The batch is traced again: which of its photons found room is not deterministic.
+                // Traces the batch again, because which of its photons fitted is not deterministic.
                 self.grow(needed)?;
                 continue;
             }
@@ -191,7 +191,7 @@ impl<'a> Batches<'a> {
         Ok(Some(self.traced))
     }
 
-    /// Traces one batch, whose photons follow those of the batches before; the kernel's counts.
+    /// Traces one batch and appends its photons to those of earlier batches. Returns the kernel's counts.
     fn run(
         &self,
         kernel: &Kernel,
@@ -219,7 +219,7 @@ impl<'a> Batches<'a> {
         Ok(self.gpu.read::<[u32; FLUX_COUNTS as usize]>(&self.counts, 1)?[0])
     }
 
-    /// Moves the photons to a buffer that has room for `needed` of them.
+    /// Moves the photons to a buffer with room for `needed` photons.
     fn grow(&mut self, needed: usize) -> Result<()> {
         self.room = (2 * self.room).max(needed).min(self.limit);
         let larger = photon_buffer(self.gpu, self.room)?;

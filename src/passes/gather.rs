@@ -43,19 +43,20 @@ shared_struct! {
     pub struct RecordHead {
         /// Position.
         pub position: [f32; 3],
-        /// Size of a pixel at the position; in the table that points are interpolated from, the record's radius. 0
-        /// where the record is not finite: it is not used.
+        /// As `gather` writes it, the size of a pixel at the position; in the table that points are interpolated from,
+        /// the record's radius. 0 marks a record that is not finite, which is not used.
         pub size: f32,
         /// Unit normal.
         pub normal: [f32; 3],
-        /// Harmonic mean of the distances of its rays' hits, or less where the irradiance falls off faster.
+        /// Harmonic mean of the distances of its rays' hits, or less where the gradient brings the irradiance to 0
+        /// sooner.
         pub distance: f32,
     }
 }
 
 const _: () = assert!(RECORD_HEAD_TEXELS as usize * size_of::<[f32; 4]>() == size_of::<RecordHead>());
 
-/// Rays of a dispatch: 4 MiB of results, and short enough for a desktop's watchdog.
+/// Rays in a dispatch: 4 MiB of results, and too short for a desktop's watchdog to stop it.
 const BATCH_RAYS: u32 = 1 << 18;
 
 /// The pass; see `shaders/gather.wgsl`.
@@ -149,8 +150,8 @@ impl BoundGather {
         self.strata[0] * self.strata[1]
     }
 
-    /// Gathers records at the tile's points `wanted`; their values follow those of `before` earlier records. Returns
-    /// their heads.
+    /// Gathers records at the tile's points `wanted` and returns their heads. Their values follow those of the `before`
+    /// earlier records.
     ///
     /// # Errors
     /// As [`Gpu::check`].
@@ -177,8 +178,8 @@ impl BoundGather {
     }
 }
 
-/// Rings and sectors that divide the hemisphere into about `rays` strata, each as wide as it is high (Ward and Heckbert
-/// 1992: pi sectors to a ring).
+/// Numbers of rings and sectors that divide the hemisphere into about `rays` strata, each as wide as it is high (Ward
+/// and Heckbert 1992: pi times as many sectors as rings).
 fn strata(rays: u32) -> [u32; 2] {
     let rings = (f64::from(rays) / std::f64::consts::PI).sqrt().round().max(1.0);
     let sectors = (f64::from(rays) / rings).round().max(1.0);

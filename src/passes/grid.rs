@@ -1,7 +1,8 @@
-//! Pass `grid`: photons sorted by light and cell, and the classes of whole cells.
+//! Pass `grid`: sorts photons by light and cell, and classifies whole cells.
 //!
-//! A counting sort: count (each photon takes its rank in its cell), scan, scatter. Then each cell that holds photons is
-//! classified: where the nearest k of every point on its surface are of one kind, a query there is one look-up.
+//! The sort is a counting sort: count (each photon takes its rank in its cell), scan, scatter. Then each cell that
+//! holds photons is classified. Where the nearest k photons are of one kind for every point on the cell's surface, the
+//! class of a point is one look-up instead of a search.
 
 use std::rc::Rc;
 
@@ -18,23 +19,23 @@ use crate::{Error, Result};
 shared_struct! {
     /// A photon of the visibility map or the global map.
     pub struct Photon {
-        /// Where it hit, in normalised space.
+        /// Position of the hit, in normalised space.
         pub position: [f32; 3],
-        /// Bits 0-13 normal on the side that it came to, 31 shadow photon. In the visibility map 14-24 light, 25-30
-        /// weight exponent w (it represents 2^(w/4) hits); in the global map 14-28 flux in red, green and blue, 29-30
-        /// its exponent. See [`photon_word`].
+        /// Bits 0-13: normal on the side that it hit; bit 31: shadow photon. In the visibility map, bits 14-24: light,
+        /// 25-30: weight exponent w (the photon represents 2^(w/4) hits). In the global map, bits 14-28: flux in red,
+        /// green and blue, 29-30: exponent of the flux. See [`photon_word`].
         pub word: u32,
     }
 }
 
 impl Photon {
-    /// The light that emitted it, in the visibility map.
+    /// The light that emitted it. Photons of the visibility map alone have one.
     pub fn light(&self) -> u32 {
         (self.word >> photon_word::LIGHT_SHIFT) & (MAX_LIGHTS - 1)
     }
 }
 
-/// Checks that queries can count so many nearest photons.
+/// Checks that queries can count `nearest` photons.
 ///
 /// # Errors
 /// [`Error::Setting`] for a `nearest` out of 1 to [`Settings::MAX_NEAREST`].
@@ -58,7 +59,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// The photons, and what sorting writes.
+    /// What sorting reads and writes.
     struct SortBindings {
         pub photons: &Buffer,
         pub cell_counts: &Buffer,
@@ -71,7 +72,7 @@ bindings! {
 }
 
 bindings! {
-    /// What classifying cells reads and writes beside the sorted photons.
+    /// What classifying cells reads and writes besides the sorted photons.
     struct CellClassBindings {
         pub occupied_cells: &Buffer,
         pub classify_arguments: &Buffer,
@@ -136,8 +137,8 @@ pub struct PhotonGrid {
     requests: Requests,
 }
 
-/// Requested cells: they have points for which the classes of their own photons do not hold; see
-/// `shaders/lib/cell_class.wgsl`. The class of a cell does not depend on the order of requests, and stays.
+/// Requested cells: cells with points for which the class by the cell's own photons does not hold; see
+/// `shaders/lib/cell_class.wgsl`. The class of a requested cell does not depend on the order of requests, and is kept.
 struct Requests {
     normals: Buffer,
     indices: Buffer,
@@ -163,10 +164,10 @@ shared_struct! {
     }
 }
 
-/// Maximum number of requested cells: 6 MiB. Points in other cells are searched for one by one.
+/// Maximum number of requested cells: 6 MiB. Points in further cells search for their nearest photons one by one.
 const MAX_REQUESTS: usize = 1 << 18;
 
-/// The part of the pass that runs between the requests of a sample and its searches.
+/// The classification of requested cells, which runs after a sample's requests and before its searches.
 #[derive(Clone)]
 pub struct ClassifyRequestedCells {
     arrange: BoundKernel,
@@ -184,8 +185,8 @@ impl ClassifyRequestedCells {
 }
 
 impl PhotonGrid {
-    /// The requested cells and their classes, as words. Which class decides a point decides how its photons were
-    /// counted, and so the noise that shadow rays add.
+    /// The requested cells and their classes, as words. A resumed render needs them: whether a cell's class or a search
+    /// decides a point changes how its photons are counted, and with that the noise of its shadow rays.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -197,8 +198,8 @@ impl PhotonGrid {
         Ok(words)
     }
 
-    /// Restores what [`PhotonGrid::requested_cells_state`] gave; false, with nothing done, where it is not of this
-    /// grid's size.
+    /// Restores what [`PhotonGrid::requested_cells_state`] returned. Does nothing and returns false if `words` is for a
+    /// grid of another size.
     pub fn restore_requested_cells(&self, gpu: &Gpu, mut words: &[u32]) -> bool {
         let buffers = self.requests.buffers();
         if words.len() as u64 * 4 != buffers.iter().map(|buffer| buffer.bytes).sum::<u64>() {
@@ -273,8 +274,8 @@ impl Grid {
         Ok(Grid { kernel: kernel(gpu, "grid", features, &[("nearest", f64::from(nearest))], &names)? })
     }
 
-    /// Compiles the kernels that sort, for maps whose cells are not classified; `features` must not have
-    /// `visibility_map`, and have `light_tags` where the photons are sorted by light.
+    /// Compiles only the kernels that sort, for maps whose cells are not classified. `features` must not have
+    /// `visibility_map`; it must have `light_tags` where the photons are sorted by light.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -282,7 +283,7 @@ impl Grid {
         Ok(Grid { kernel: kernel(gpu, "grid", features, &[], &[SortBindings::DECLARED])? })
     }
 
-    /// Sorts the first `count` of `photons`, whose lights are below `lights`.
+    /// Sorts the first `count` of `photons`. Their lights have indices below `lights`.
     ///
     /// # Errors
     /// [`Error::Buffer`] where the device cannot hold the map, [`Error::Usage`] for too many lights, else as
@@ -298,7 +299,7 @@ impl Grid {
         Ok(self.sort_cells(gpu, photons, count, lights, shape)?.0)
     }
 
-    /// As [`Grid::sort`], with the cells that hold photons and the immediates of the kernels.
+    /// As [`Grid::sort`]; also returns the cells that hold photons and the immediates of the kernels.
     fn sort_cells(
         &self,
         gpu: &Gpu,
@@ -355,7 +356,7 @@ impl Grid {
         Ok((sorted, occupied_cells, parameters))
     }
 
-    /// Sorts the first `count` of `photons`, whose lights are below `lights`, and classifies the cells.
+    /// Sorts the first `count` of `photons`, as [`Grid::sort`] does, and classifies the cells.
     ///
     /// # Errors
     /// As [`Grid::sort`].

@@ -1,6 +1,6 @@
-//! Pass `irradiance`: density estimation on the global map. Precomputes the irradiance at irradiance points all over
-//! the scene (Christensen 1999), so that a ray of the final gather costs one look-up; shows the map at the points of a
-//! tile; adds the light of the caustic map there.
+//! Pass `irradiance`: density estimation on the global map and the caustic map. It precomputes the irradiance at
+//! irradiance points all over the scene (Christensen 1999), so that a ray of the final gather costs one look-up. It
+//! visualises the global map at the points of a tile, and adds the light of the caustic map there.
 
 use kernel_kit::{
     Binding, Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
@@ -43,16 +43,16 @@ bindings! {
     }
 }
 
-/// Photons of an estimate (k). With 64 its noise is an eighth; a gather takes the mean of some hundred estimates.
+/// Photons of an estimate (k). With 64 its relative noise is an eighth, and a gather averages some hundred estimates.
 pub const IRRADIANCE_NEAREST: u32 = 64;
 
-/// Photons in a cell of the global map, on an evenly covered surface. The disc of an estimate, of radius sqrt(k / (pi
-/// density)), must not be wider than a cell: k / pi, and a tenth more.
+/// Photons in a cell of the global map, on an evenly covered surface. The radius of an estimate's disc, sqrt(k / (pi
+/// density)), must not exceed the side of a cell: this takes k / pi photons in a cell, and a tenth more for safety.
 pub const MAP_PHOTONS_PER_CELL: f32 = 0.35 * IRRADIANCE_NEAREST as f32;
 
 /// Rays of the global map for each ray whose photons become irradiance points. A disc then holds four irradiance
-/// points; more would be nearly equal. They are not photons of the map itself: those keep a distance from each other,
-/// so that around a photon there are fewer than elsewhere (1 % in the paper's box).
+/// points; the values of more would be nearly equal. Irradiance points come from rays of their own, not from the map's:
+/// the map's photons are stratified, so the density around a photon of the map is too low (by 1 % in the paper's box).
 pub const RAYS_PER_IRRADIANCE_POINT_RAY: u32 = 16;
 
 /// Irradiance points in a cell of their grid, on an evenly covered surface. A look-up reads 2 x 2 cells of the surface.
@@ -63,7 +63,7 @@ pub struct Irradiance {
     kernel: Kernel,
 }
 
-/// Precomputed irradiance all over the scene; see `shaders/lib/irradiance.wgsl`.
+/// Precomputed irradiance over the whole scene; see `shaders/lib/irradiance.wgsl`.
 pub struct IrradianceMap {
     /// The irradiance points, sorted by cell.
     pub points: SortedPhotons,
@@ -71,14 +71,14 @@ pub struct IrradianceMap {
     shape: Buffer,
     /// Bytes on the device.
     pub bytes: u64,
-    /// Irradiance points whose irradiance is not finite: no path ends there.
+    /// Irradiance points whose irradiance is not finite. No path ends at them.
     pub not_finite: u64,
 }
 
 bindings! {
-    /// What paths and gathers read of the irradiance, beside the sorted irradiance points.
+    /// What paths and gathers read of the irradiance, besides the sorted irradiance points.
     pub struct IrradianceMapBindings {
-        /// Irradiance at the points, and the radius of the disc that it is the mean of.
+        /// Irradiance at the points, and the radius of the disc over which it is the mean.
         pub irradiance_table: &Table,
         /// The [`GridShape`] of the points.
         pub irradiance_grid: &Buffer,
@@ -106,7 +106,7 @@ impl Irradiance {
         Ok(Irradiance { kernel: kernel(gpu, "irradiance", features, &constants, &own)? })
     }
 
-    /// Estimates the irradiance at `points` by the photons of `map`, whose words count flux in steps of `step`.
+    /// Estimates the irradiance at `points` from the photons of `map`, whose words hold flux in units of `step`.
     ///
     /// # Errors
     /// As [`Gpu::buffer`] and [`Kernel::bind`].
@@ -148,7 +148,7 @@ pub struct ShownMap<'a> {
     pub map: &'a SortedPhotons,
     /// Power of one step of a photon's encoded flux.
     pub step: f64,
-    /// Radius of a disc, relative to that of one that holds [`IRRADIANCE_NEAREST`] photons.
+    /// Factor on the radius of the disc that would hold [`IRRADIANCE_NEAREST`] photons.
     pub shrink: f64,
 }
 
@@ -218,7 +218,7 @@ impl BoundShow {
     }
 }
 
-/// The grid of `count` irradiance points on surfaces of those bounds and that area, both normalised.
+/// The grid for `count` irradiance points on surfaces of the given bounds and area, both normalised.
 pub fn irradiance_point_grid((bounds, area): ((glam::Vec3, glam::Vec3), f32), count: u32) -> GridShape {
     GridShape::with_photons_per_cell(POINTS_PER_CELL, bounds, area, count, 1)
 }

@@ -27,7 +27,7 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
 
 shared_struct! {
-    /// A number of whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
+    /// Whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
     pub struct Tile {
         /// Width of the image in pixels.
         pub width: u32,
@@ -49,16 +49,17 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// A point to be lit; see `shaders/lib/point.wgsl`.
+    /// A shading point; see `shaders/lib/point.wgsl`.
     pub struct Point {
-        /// Where rays leave the surface, normalised: on the triangle, or on the smooth surface that it approximates.
+        /// Origin of the rays that leave the surface, in normalised space: on the triangle, or on the smooth surface
+        /// that it approximates.
         pub position: [f32; 3],
         /// Octahedral geometric normal on the viewer's side, or [`crate::kernels::INVALID_POINT`].
         pub normal: u32,
     }
 }
 
-/// The structs that host and kernels share. A kernel is compared with them member by member when it is compiled.
+/// The structs that host and kernels share. Compiling a kernel compares its structs with these, member by member.
 pub const SHARED: &[&SharedStruct] = &[
     &Point::SHARED,
     &Tile::SHARED,
@@ -85,8 +86,8 @@ pub const SHARED: &[&SharedStruct] = &[
     &CameraUniform::SHARED,
 ];
 
-/// The sets of bindings that several kernels use. A kernel takes what it needs of them; a variable that is in none, nor
-/// in the pass's own, fails when the kernel is compiled.
+/// The sets of bindings that several kernels use. Each kernel takes the bindings that it needs. Compiling fails for a
+/// variable that is neither here nor in the pass's own bindings.
 const COMMON: &[Declared] = &[
     SceneBindings::DECLARED,
     LightBindings::DECLARED,
@@ -99,8 +100,8 @@ const COMMON: &[Declared] = &[
     sample_lights::SampledLightBindings::DECLARED,
 ];
 
-/// Composes a kernel and compiles its entry points, with those of `constants` that it has `override`s for. `own` are
-/// the pass's own bindings.
+/// Composes a kernel and compiles its entry points. It takes the `constants` for which it declares an `override`. `own`
+/// are the pass's own bindings.
 pub(crate) fn kernel(
     gpu: &Gpu,
     stem: &str,
@@ -114,8 +115,8 @@ pub(crate) fn kernel(
     Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
 }
 
-/// Compiles the entry points of a kernel that belongs to no pass, but has the passes' structs. `own` are its own
-/// bindings; others are checked when it is bound.
+/// Compiles the entry points of a kernel that belongs to no pass, but uses the passes' structs. `own` are its own
+/// bindings; all others are checked when the kernel is bound.
 ///
 /// # Errors
 /// As [`Kernel::new`].
@@ -129,19 +130,19 @@ pub struct TileBuffers {
     pub points: Buffer,
     /// Packed surfaces; see `shaders/lib/point.wgsl`.
     pub surfaces: Buffer,
-    /// Emission and direct light; w is 1 where the ray met something.
+    /// Emission and direct light; w is 1 where the camera ray hit a surface or the environment.
     pub radiance_direct: Buffer,
-    /// Light after one bounce and more; none where the technique computes none.
+    /// Indirect light, of one bounce and more; none where the technique computes none.
     pub radiance_indirect: Option<Buffer>,
-    /// Base colour, where the AOV is written.
+    /// Base colour; none without that AOV.
     pub albedo_samples: Option<Buffer>,
-    /// Shading normal, where the AOV is written.
+    /// Shading normal; none without that AOV.
     pub normal_samples: Option<Buffer>,
-    /// Position and depth, where the AOV is written.
+    /// Position and depth; none without that AOV.
     pub position_samples: Option<Buffer>,
-    /// One zero vector, for a part of the radiance that a technique does not compute.
+    /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
     pub zeros: Buffer,
-    /// Counts: a word for each [`crate::statistics::Counter`].
+    /// One word for each [`crate::statistics::Counter`].
     pub counters: Buffer,
 }
 
@@ -167,7 +168,7 @@ impl TileBuffers {
         })
     }
 
-    /// The buffer for indirect light, which `kernel` requires.
+    /// The buffer for indirect light, or an error that names the `kernel` that requires it.
     ///
     /// # Errors
     /// [`Error::Kernel`](crate::Error::Kernel) where the technique computes no indirect light.
@@ -176,7 +177,7 @@ impl TileBuffers {
         self.radiance_indirect.as_ref().ok_or_else(missing)
     }
 
-    /// Minimum number of points that they have room for.
+    /// Number of points that the buffers have room for.
     pub fn capacity(&self) -> u32 {
         (self.points.bytes / size_of::<Point>() as u64) as u32
     }

@@ -1,5 +1,5 @@
-//! Pass `path`: a path tracer with next-event estimation, multiple importance sampling and Russian roulette. It is the
-//! reference, and the indirect light of the other techniques.
+//! Pass `path`: a path tracer with next-event estimation, multiple importance sampling and Russian roulette. It renders
+//! the reference, and traces indirect light for the other techniques.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -14,7 +14,7 @@ shared_struct! {
         pub tile: Tile,
         /// Maximum number of bounces of indirect light; 0 gives direct light alone.
         pub max_bounces: u32,
-        /// Light points that `shade` takes of each light, where it does.
+        /// Light points per light in pass `shade`, where that pass runs.
         pub light_samples: u32,
     }
 }
@@ -66,12 +66,12 @@ impl Path {
 pub struct BoundPath(BoundKernel);
 
 impl BoundPath {
-    /// One path from each point that `primary` left in the tile's buffers.
+    /// Traces one path from each point that `primary` stored in the tile's buffers.
     pub fn record(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
         frame.run(&self.0, parameters.tile.point_count, parameters);
     }
 
-    /// One path from each point of a queue, whose dispatch has those arguments.
+    /// Traces one path from each point of a queue, dispatched by the indirect `arguments`.
     pub fn record_queued(&self, frame: &mut Frame<'_>, arguments: &Buffer, parameters: &PathParameters) {
         frame.run_indirect(&self.0, arguments, 0, parameters);
     }

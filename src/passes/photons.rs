@@ -1,5 +1,5 @@
-//! Pass `photons`: rays from the lights, straight on through everything they hit, leave the photons of the visibility
-//! map.
+//! Pass `photons`: traces rays from the lights, straight on through every surface, and stores the photons of the
+//! visibility map at the hits.
 
 use kernel_kit::{Bindings, Buffer, Gpu, Kernel, bindings, shared_struct};
 
@@ -28,8 +28,8 @@ bindings! {
     }
 }
 
-/// Maximum number of rays of a dispatch: some tens of milliseconds on a software device, and safe from a desktop's
-/// watchdog.
+/// Maximum number of rays in a dispatch. It takes some tens of milliseconds on a software device, too short for a
+/// desktop's watchdog to stop it.
 const BATCH_RAYS: u32 = 1 << 16;
 
 /// The pass; see `shaders/photons.wgsl`.
@@ -42,18 +42,19 @@ pub struct Photons {
 pub struct Traced {
     /// [`Photon`]s, with the spare room that [`Photons::trace`] was given.
     pub photons: Buffer,
-    /// How many.
+    /// Number of photons.
     pub count: u32,
-    /// Rays of each light: fewer than requested where more photons do not fit into one binding of the device.
+    /// Rays emitted by each light: fewer than requested where more photons would not fit into one binding of the
+    /// device.
     pub emitted: Vec<u32>,
     /// Illumination and shadow photons stored, of each light.
     pub stored: Vec<[u32; 2]>,
-    /// Rays that met the loop budget, and left no photon.
+    /// Rays that exceeded the loop budget, and stored no photon.
     pub overruns: u64,
 }
 
 impl Photons {
-    /// Compiles the kernel, which keeps at most `shadow_photons_per_ray` shadow photons of one ray.
+    /// Compiles the kernel, which stores at most `shadow_photons_per_ray` shadow photons per ray.
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`Error::Setting`] for a number out of 1 to [`Settings::MAX_SHADOW_PHOTONS`].
@@ -74,9 +75,9 @@ impl Photons {
         Ok(Photons { kernel, shadow_photons_per_ray })
     }
 
-    /// Traces `rays` rays of each of `lights` lights, batch by batch. The buffer grows with the photons, up to what the
-    /// device can bind; tracing ends where they no longer fit, and all lights then have the same number of rays, give
-    /// or take one. The buffer has room for `spare` photons more.
+    /// Traces `rays` rays from each of `lights` lights, batch by batch. The buffer grows with the photons, up to the
+    /// largest that the device can bind. Tracing stops when they no longer fit; the numbers of rays of any two lights
+    /// then differ by at most one. The buffer keeps room for `spare` further photons.
     ///
     /// # Errors
     /// [`Error::Usage`] for lights and [`Error::Setting`] for rays out of range, else as [`Gpu::check`] and
@@ -139,7 +140,7 @@ impl Photons {
                 *sum = [sum[0] + new[0], sum[1] + new[1]];
             }
         }
-        // Rays are numbered round by round of the lights.
+        // Ray numbers go round the lights, one ray of each light per round.
         let emitted = (0..lights).map(|light| done / lights + u32::from(light < done % lights)).collect();
         Ok(Traced { photons, count: count as u32, emitted, stored, overruns })
     }

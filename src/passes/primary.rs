@@ -1,4 +1,4 @@
-//! Pass `primary`: traces camera rays to the points and surfaces that are visible.
+//! Pass `primary`: traces camera rays, and stores the points and surfaces that they hit.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings};
 

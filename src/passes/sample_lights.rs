@@ -1,4 +1,4 @@
-//! Pass `sample_lights`: the few of many lights that each point of a tile is lit by.
+//! Pass `sample_lights`: samples, for each point of a tile, a few of many lights.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -27,7 +27,8 @@ bindings! {
 bindings! {
     /// The sampled lights, as the passes after this one read them.
     pub struct SampledLightBindings {
-        /// Of each candidate the light, and 1 over the probability of its sample; none where points use all lights.
+        /// For each candidate the light, and 1 over the probability that it was sampled; none where points use all
+        /// lights.
         pub sampled_lights: Option<&Buffer>,
     }
 }
@@ -39,8 +40,8 @@ pub struct SampleLights {
 }
 
 impl SampleLights {
-    /// Compiles the kernel for `lights_per_point` candidates a point, at least 1. Where zones are `audited`, the last
-    /// one is for lights that are not in the zone's list, and there must be 2.
+    /// Compiles the kernel for `lights_per_point` candidates per point, at least 1. Where zones are `audited`, the last
+    /// candidate samples a light that is not in the zone's list, and at least 2 candidates are needed.
     ///
     /// # Errors
     /// As [`Kernel::new`].
@@ -62,8 +63,8 @@ impl SampleLights {
         self.lights_per_point
     }
 
-    /// Binds the pass. `sampled_lights` takes the light of each candidate and the bits of its weight, the inverse of
-    /// the probability.
+    /// Binds the pass. It writes to `sampled_lights` the light of each candidate and the bits of its weight, the
+    /// inverse of the probability.
     ///
     /// # Errors
     /// As [`Kernel::bind`].

@@ -1,4 +1,4 @@
-//! Pass `shade`: direct light by the class of each candidate (a point and a light).
+//! Pass `shade`: computes direct light by the class of each candidate (a point and a light).
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -19,7 +19,7 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Probability that a decided candidate is audited.
+        /// Probability that a lit or shadowed candidate is audited.
         pub audit_probability: f32,
         /// To a multiple of eight bytes.
         pub padding: u32,
@@ -27,7 +27,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernels read and write in any case.
+    /// What the kernels read and write whatever the features.
     struct ShadeBindings {
         pub points: &Buffer,
         pub surfaces: &Buffer,
@@ -39,7 +39,7 @@ bindings! {
 }
 
 bindings! {
-    /// The queue of the points whose lights are sampled, where few are.
+    /// The queue of the points that need light samples, where few do.
     struct SampledBindings {
         pub sampled_points: &Buffer,
         pub queue_lengths: &Buffer,
@@ -56,7 +56,7 @@ bindings! {
 /// The pass; see `shaders/shade.wgsl`.
 pub struct Shade(Kernel);
 
-/// What the kernels read of the passes before, and their own queue.
+/// What the kernels read from earlier passes, and their own queue.
 pub struct ShadeBuffers<'a> {
     /// Class words of the candidates.
     pub classes: &'a Buffer,
@@ -115,14 +115,14 @@ impl Shade {
 /// The pass, bound.
 pub struct BoundShade {
     shade: BoundKernel,
-    /// With the invocations of a workgroup.
+    /// The kernel, and the number of invocations in a workgroup.
     sampled: Option<(BoundKernel, u32)>,
 }
 
 impl BoundShade {
-    /// Adds the light of the chunk's lights to every point of the tile. Where the kernels have a queue, `arrange` makes
-    /// its length into indirect arguments for workgroups of the given number of invocations, at byte `offset` of
-    /// `arguments`.
+    /// Adds the light of the chunk's lights to every point of the tile. Where the kernels have a queue, `arrange`
+    /// converts its length to indirect arguments, at byte `offset` of `arguments`, for workgroups of the given number
+    /// of invocations.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,

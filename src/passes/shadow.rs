@@ -1,4 +1,4 @@
-//! Pass `shadow`: shadow rays for the candidates that the photons do not decide, and audits of those that they do.
+//! Pass `shadow`: traces shadow rays for boundary and unknown candidates, and audits lit and shadowed ones.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -35,7 +35,7 @@ bindings! {
 }
 
 bindings! {
-    /// What audits read and write beside that.
+    /// What audits read and write besides that.
     struct AuditBindings {
         pub classes: &Buffer,
         pub audit_queue: &Buffer,
@@ -50,7 +50,7 @@ pub struct Shadow {
     audits: bool,
 }
 
-/// What the pass reads and writes beside the tile's buffers.
+/// What the pass reads and writes besides the tile's buffers.
 pub struct ShadowBuffers<'a> {
     /// Class words of the candidates.
     pub classes: &'a Buffer,
@@ -62,7 +62,7 @@ pub struct ShadowBuffers<'a> {
     pub queue_lengths: &'a Buffer,
     /// Visibility bits of the candidates.
     pub visibility: &'a Buffer,
-    /// Photons that audits add to the map, and how many; none where nothing is audited.
+    /// Photons that audits add to the map, and their number; none where nothing is audited.
     pub repair: Option<[&'a Buffer; 2]>,
 }
 

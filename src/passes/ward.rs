@@ -1,5 +1,5 @@
-//! Pass `ward`: tests the lights of each point in the order of what they could contribute, and estimates those not
-//! tested.
+//! Pass `ward`: traces shadow rays to the lights of each point in the order of their potential contribution, and
+//! estimates the visibility of the lights that remain.
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
@@ -23,7 +23,8 @@ shared_struct! {
         pub light_samples: u32,
         /// Words of visibilities of a candidate: 32 light points each.
         pub visibility_words: u32,
-        /// Share of the light found so far below which the rest is not tested, 0 to 1.
+        /// Share of the light found so far, 0 to 1. Testing stops when the remaining lights could contribute less than
+        /// this.
         pub tolerance: f32,
         /// To a multiple of sixteen bytes.
         pub padding: [u32; 2],
@@ -31,7 +32,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// How far the test of a point's lights is; see `shaders/ward.wgsl`.
+    /// Progress of a point through its lights; see `shaders/ward.wgsl`.
     pub struct WardState {
         rest: f32,
         found: f32,
@@ -58,14 +59,14 @@ bindings! {
     }
 }
 
-/// Lights whose potentials one invocation computes: with the light points of each, and the search for an emitter
-/// triangle of each of those, well below the 65,535 iterations that lavapipe grants it.
+/// Lights whose potentials one invocation computes. Their light points, and the search for an emitter triangle for each
+/// of these, stay well below the 65,535 iterations that lavapipe allows an invocation.
 const LIGHTS_AT_ONCE: u32 = 64;
 
 /// The pass; see `shaders/ward.wgsl`.
 pub struct Ward(Kernel);
 
-/// What rounds and tiles leave to the next: the state of each point, and how much of each light was visible so far.
+/// What one round or tile passes to the next: the state of each point, and how much of each light was visible so far.
 pub struct WardBuffers {
     keys: Buffer,
     states: Buffer,
@@ -82,13 +83,13 @@ impl WardBuffers {
         Ok(WardBuffers {
             keys: gpu.buffer::<u32>("penumbra/ward/keys", points as usize * lights as usize)?,
             states: gpu.buffer::<WardState>("penumbra/ward/states", points as usize)?,
-            // As if each had been visible once: where nothing is known, nothing blocks it.
+            // A prior of one visible test per light: before the first test, a light counts as unoccluded.
             rates: gpu.upload("penumbra/ward/rates", &vec![[1u32; 2]; lights as usize])?,
             tests: gpu.buffer::<[u32; 2]>("penumbra/ward/tests", lights as usize)?,
         })
     }
 
-    /// By light: light points that were visible so far, and that were tested.
+    /// For each light, the number of light points that were visible so far, and the number tested.
     ///
     /// # Errors
     /// As [`Gpu::read`].
@@ -96,7 +97,8 @@ impl WardBuffers {
         Ok(gpu.read(&self.rates, (self.rates.bytes / 4) as usize)?)
     }
 
-    /// Restores what [`WardBuffers::rates`] gave; false, with nothing done, where it is for another number of lights.
+    /// Restores what [`WardBuffers::rates`] returned. Does nothing and returns false if `rates` is for another number
+    /// of lights.
     pub fn restore(&self, gpu: &Gpu, rates: &[u32]) -> bool {
         let fits = rates.len() as u64 * 4 == self.rates.bytes;
         if fits {
@@ -159,9 +161,8 @@ pub struct BoundWard {
 }
 
 impl BoundWard {
-    /// Writes the classes of a tile's points for all lights: unknown where a light is tested, else boundary with the
-    /// estimated visibility. `test` records the shadow rays of the candidates in the boundary queue, once for each
-    /// light.
+    /// Writes the class words of a tile's points for all lights: unknown where the light is tested, else boundary with
+    /// the estimated visibility. `test` records the shadow rays of the boundary queue; it is called once per light.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -178,7 +179,7 @@ impl BoundWard {
         self.learn(frame, parameters);
     }
 
-    /// Sorts the lights of each point by what they could contribute.
+    /// Sorts the lights of each point by potential contribution.
     pub fn order(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         let points = parameters.tile.point_count;
         for first_light in (0..parameters.light_count).step_by(LIGHTS_AT_ONCE as usize) {
@@ -187,18 +188,18 @@ impl BoundWard {
         }
     }
 
-    /// Queues the next light of each point that is not done.
+    /// Queues the next light of each point that still has lights to test.
     pub fn next(&self, frame: &mut Frame<'_>, classify: &ClassifyBuffers, parameters: &WardParameters) {
         frame.clear(&classify.queue_lengths);
         frame.run(&self.next, parameters.tile.point_count, parameters);
     }
 
-    /// Guesses the visibility of the lights that were not tested.
+    /// Estimates the visibility of the lights that were not tested.
     pub fn guess(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         frame.run(&self.guess, parameters.tile.point_count, parameters);
     }
 
-    /// Adds what this tile has seen of each light to what guesses are made of.
+    /// Adds this tile's tests to the statistics of each light, from which visibility is estimated.
     pub fn learn(&self, frame: &mut Frame<'_>, parameters: &WardParameters) {
         frame.run(&self.learn, parameters.light_count, parameters);
     }

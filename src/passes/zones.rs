@@ -1,5 +1,5 @@
-//! Pass `zones`: light zones, which the paper proposes for scenes of many lights. Of each cell of a coarse grid it
-//! lists the lights that reach it, from the photons.
+//! Pass `zones`: light zones, which the paper proposes for scenes of many lights. A zone is a cell of a coarse grid;
+//! the pass lists the lights that reach it, by their photons.
 
 use glam::Vec3;
 use kernel_kit::{Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
@@ -13,8 +13,8 @@ use crate::specialisation::features::Features;
 /// Maximum number of zones: 8 MiB of lists.
 const MAX_ZONES: f64 = (1u32 << 15) as f64;
 
-/// Photons of a light that a zone and those around it hold on an evenly covered surface, which crosses nine zones.
-/// Nearby lights leave many times more.
+/// Photons of a light that a zone and its neighbours hold on an evenly covered surface, which crosses nine zones.
+/// Nearby lights store many times more.
 const PHOTONS_PER_LIGHT: f32 = 4.0;
 
 shared_struct! {
@@ -28,7 +28,7 @@ shared_struct! {
 }
 
 bindings! {
-    /// What the kernel reads beside the photons, and what it writes.
+    /// What the kernel reads besides the photons, and what it writes.
     struct ZoneBindings {
         pub light_powers: &Buffer,
         pub listed_lights: &Buffer,
@@ -38,7 +38,7 @@ bindings! {
 /// The pass; see `shaders/zones.wgsl`.
 pub struct Zones {
     kernel: Kernel,
-    /// Invocations of a workgroup; each zone has one.
+    /// Invocations in a workgroup. Each zone has one workgroup.
     group: u32,
 }
 
@@ -48,7 +48,7 @@ pub struct ZoneTable {
     pub shape: GridShape,
     /// Bytes on the device.
     pub bytes: u64,
-    /// [`ZONE_LIGHTS`] words a zone, x fastest, padded to whole rows of a table.
+    /// [`ZONE_LIGHTS`] words per zone, x fastest, padded to whole rows of a table.
     pub lists: Buffer,
     table: Table,
 }
@@ -68,8 +68,8 @@ impl ZoneTable {
     }
 }
 
-/// Zones over `bounds` (lower and upper corner) for `photons` photons of all `lights` lights together, on surfaces of
-/// area `area`.
+/// The grid of zones over `bounds` (lower and upper corner), for `photons` photons of all `lights` lights together on
+/// surfaces of area `area`.
 pub fn zone_shape(bounds: (Vec3, Vec3), area: f32, photons: u32, lights: u32) -> GridShape {
     let per_zone = PHOTONS_PER_LIGHT * lights as f32 / 9.0;
     GridShape::with_max_cells(per_zone, bounds, area, photons, MAX_ZONES)
@@ -86,8 +86,8 @@ impl Zones {
         Ok(Zones { kernel, group })
     }
 
-    /// Lists the lights of every zone. `powers` are those of the lights that have photons, in any unit. With
-    /// `environment`, one more light, which has no photons, is in every list.
+    /// Lists the lights of every zone. `powers` holds the power, in any unit, of each light that has photons. With
+    /// `environment`, every list has one more light, which has no photons.
     ///
     /// # Errors
     /// [`crate::Error::Buffer`] where the device has no room, and those of [`Kernel::bind`].
