@@ -1,7 +1,7 @@
-// cache: the irradiance cache (Ward and Heckbert 1992). `request` lists the points that the records there are do not
-// cover well enough: they get records of their own. `interpolate` takes the diffuse indirect light of the points of a
-// tile from the records. It queues for path tracing the points that no record covers, and those whose surface reflects
-// more than diffusely.
+// cache: the irradiance cache (Ward and Heckbert 1992). `request` lists the points that the existing records do not
+// cover well enough: these points get records of their own. `interpolate` interpolates the diffuse indirect light of a
+// tile's points from the records. It queues for path tracing the points that no record covers and those that are not
+// Lambertian.
 // In: `points`, `surfaces` and the records (lib/record).
 // Out: `wanted_points`, `radiance_indirect` and `path_points`.
 
@@ -15,7 +15,7 @@ import package::lib::constants::{INVALID_POINT, PATH_GROUP};
 
 struct CacheParameters {
     tile: Tile,
-    // Blocks of the image along x and y, in pixels of the image over the size of a block.
+    // Size of the image in blocks.
     blocks: vec2f,
     // Blocks in a row.
     block_columns: u32,
@@ -24,18 +24,18 @@ struct CacheParameters {
 
 var<immediate> cache_pass: CacheParameters;
 
-// How many points are to get a record, and which.
+// Number of points that need a record, and their indices.
 @group(0) @binding(2) var<storage, read_write> wanted_count: array<atomic<u32>, 1>;
 @group(0) @binding(3) var<storage, read_write> wanted_points: array<u32>;
 // w is 1 where the diffuse part of the light is complete.
 @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
-// How many points are left to path tracing, which, and the arguments of a dispatch over them.
+// Number of points left to path tracing, their indices, and the arguments of a dispatch over them.
 @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
 @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
 @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
 
-// The weight of a record is at most 1. A point whose records weigh less than this in total lies at their rims, where
-// their gradients extrapolate far.
+// Minimum sum of the weights of a point's records; one weight is at most 1. A point below it lies at the rims of its
+// records, far out on their gradients.
 const MIN_WEIGHT = 0.3;
 
 fn interpolate_at(i: u32) -> Interpolated {
@@ -47,7 +47,7 @@ fn interpolate_at(i: u32) -> Interpolated {
     return interpolate_records(block.y * cache_pass.block_columns + block.x, points[i].position, normal);
 }
 
-// Whether the camera sees the point by a specular chain. The blocks list only the records of points that it sees
+// Whether the camera sees the point through a specular chain. The blocks list records by where the camera sees them
 // directly.
 fn is_behind_chain(i: u32) -> bool {
     @if(specular_chains) {
@@ -71,7 +71,7 @@ fn request(
     if interpolate_at(i).weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
-// Whether the surface reflects more than diffusely, or transmits light.
+// Whether the surface is not Lambertian: it also reflects specularly, or transmits light.
 fn reflects_beyond(i: u32) -> bool {
     @if(glossy) {
         if points[i].normal == INVALID_POINT { return false; }

@@ -1,7 +1,7 @@
-// cells: shadow rays from the surfaces in each cell of a grid to each light, before the first sample; then the class of
-// every candidate (point and light) by its cell. For the earlier methods that classify space, not points; see
-// src/light_transport/cell_visibility.rs. In: points of surfaces by cell (normalised space), the hierarchy, points of a
-// tile. Out: counts of rays and a class word by light and cell; class words of the candidates.
+// cells: before the first sample, traces shadow rays from the surfaces in each cell of a grid to each light; then
+// classifies every candidate (a point and a light) by its cell. It serves the earlier methods that classify space, not
+// points; see src/light_transport/cell_visibility.rs. In: surface points by cell (normalised space), the hierarchy,
+// points of a tile. Out: counts of rays and a class word for each light and cell; class words of the candidates.
 
 import package::lib::bvh::{trace_occluded, traversal_overrun, triangle_corners};
 import package::lib::constants::{
@@ -24,18 +24,18 @@ struct CellParameters {
     tile: Tile,
     // The light of `trace`, or the first light of the chunk of `classify_points`.
     light: u32,
-    // Points to trace from, and those of one cell.
+    // Number of points to trace from, and of those in one cell.
     point_count: u32,
     rays: u32,
-    // (light, cell) pairs, and (light, point) pairs of the chunk.
+    // Number of (light, cell) pairs, and of (light, point) pairs of the chunk.
     cell_count: u32,
     candidate_count: u32,
-    // For the sampled points of lights.
+    // Seed that samples the light points.
     seed: u32,
     padding: vec2u,
 }
 
-// A point of a surface that a cell traces a ray from.
+// A surface point in a cell, from which a shadow ray is traced.
 struct CellPoint {
     position: vec3f,
     // Primitive index of its triangle.
@@ -45,9 +45,9 @@ struct CellPoint {
 var<immediate> cells_pass: CellParameters;
 
 @group(0) @binding(0) var<storage, read> cell_points: array<CellPoint>;
-// By light and cell: rays that were traced, and above 16 bits those that reached the light.
+// For each light and cell: in the lower 16 bits the rays traced, above them those that reached the light.
 @group(0) @binding(1) var<storage, read_write> cell_counts: array<atomic<u32>>;
-// By light and cell: the class word of its points.
+// For each light and cell: the class word of the points in the cell.
 @group(0) @binding(2) var<storage, read_write> cell_words: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(4) var<storage, read> points: array<Point>;
@@ -58,7 +58,7 @@ fn index_of(light: u32, cell: vec3u) -> u32 {
     return light * cells_of_a_light(cells_pass.grid) + index_in_grid(cells_pass.grid, cell);
 }
 
-// One ray, from the side of the surface that faces the light point: from the other side the light is dark.
+// Traces one ray from the side of the surface that faces the light point; on the other side the light is dark.
 @compute @workgroup_size(64)
 fn trace(
     @builtin(workgroup_id) group: vec3u,
@@ -97,12 +97,12 @@ fn word_of_cell(index: u32) -> u32 {
     let count = atomicLoad(&cell_counts[index]);
     let traced = count & 0xffffu;
     let visible = count >> 16u;
-    // No ray, no answer.
+    // A cell from which no ray was traced tells nothing.
     if traced == 0u { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
     let n_i = min(visible, CLASS_COUNT_MAX);
     let n_s = min(traced - visible, CLASS_COUNT_MAX);
     @if(voxel_tags) {
-        // A boundary that passes a voxel between its rays is met by those of its neighbours.
+        // The rays of a voxel may miss a shadow boundary that crosses it; those of its neighbours then hit it.
         let range = shares_around(index);
         if range.x == 1.0 { return class_word(CLASS_LIT, n_i, 0u, 1.0); }
         if range.y == 0.0 { return class_word(CLASS_SHADOWED, 0u, n_s, 0.0); }

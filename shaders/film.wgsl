@@ -1,6 +1,6 @@
 // film: sums the samples of each pixel of a tile with compensation (Kahan 1965; Neumaier 1974), so that tens of
-// thousands of samples lose no visible precision. A sample that is not finite is left out and counted. Also counted are
-// pixels whose sum may soon overflow, and squares that overflow.
+// thousands of samples lose no visible precision. A sample that is not finite is left out and counted. The pass also
+// counts pixels whose sum may soon overflow, and squares that overflow.
 // In: `samples`, a vector for each point, in the units of radiance.
 // Out: `sums` and `compensations`, a vector for each pixel; compensations.w is the number of samples that were left
 // out.
@@ -33,10 +33,10 @@ struct Sum {
     compensation: vec4f,
 }
 
-// Neumaier's step: computes the rounding error of the sum from the larger operand. As much of the compensation as fits
-// goes back into the sum (Dekker's sum of doubles): if it grew over many similar samples, it would itself round as an
-// uncompensated sum does. (Written as `rest - (value - total)`, drivers that cancel `(total + rest) - total` lose all
-// of it.)
+// Neumaier's step: computes the rounding error of the sum from the larger operand. Then moves as much of the
+// compensation as fits back into the sum (Dekker's sum of doubles). Otherwise the compensation would grow over many
+// similar samples, and round as an uncompensated sum does. (It is written as `rest - (value - total)`, because drivers
+// that cancel `(total + rest) - total` would lose all of it.)
 fn compensated(sum: Sum, x: vec4f) -> Sum {
     let total = sum.value + x;
     let lost = select((x - total) + sum.value, (sum.value - total) + x, abs(sum.value) >= abs(x));

@@ -1,8 +1,8 @@
 // flux: traces the photons that carry flux, for the global map and the caustic map (section 2 of the paper; Jensen
-// 1996). Each ray leaves a light with its share of the light's power. A photon is stored at every diffuse surface that
-// the ray meets; the BSDF then scatters the ray, or Russian roulette ends it. With the feature `negative_photons` the
-// rays of the lights themselves store no photon at their first hit, but shadow photons at all hits behind it. With
-// `caustic_photons` 1 a photon is stored only after one bounce or more, all of them at focusing surfaces.
+// 1996). Each ray leaves a light with its share of the light's power. The ray stores a photon at every diffuse surface
+// that it hits; then the BSDF scatters it, or Russian roulette ends it. With the feature `negative_photons`, a ray from
+// a light stores no photon at its first hit, but shadow photons at all hits behind it. With `caustic_photons` 1, a ray
+// stores a photon only after one bounce or more, all of them at focusing surfaces.
 // In: the scene, and in `flux_rays` the rays of each light.
 // Out: `flux_photons`, appended in any order, and `flux_counts`. Positions are in scene units after normalisation, flux
 // in units of 1 / `inverse_unit` (lib/photon has its encoding).
@@ -30,7 +30,7 @@ struct FluxParameters {
     seed: u32,
     // Maximum number of bounces before a photon is stored.
     max_bounces: u32,
-    // Photons of earlier batches in `flux_photons`. Photons that no longer fit are counted, not stored.
+    // Number of photons in `flux_photons` from earlier batches. Photons that no longer fit are counted, not stored.
     stored: u32,
     // 1 over the unit of flux.
     inverse_unit: f32,
@@ -40,8 +40,8 @@ struct FluxParameters {
 var<immediate> flux_pass: FluxParameters;
 
 @group(0) @binding(0) var<storage, read_write> flux_photons: array<Photon>;
-// By FLUX_STORED and following: photons stored; rays whose traversal gave up; rays traced; photons whose flux was
-// clipped to what their word holds; photons not stored because their flux is not finite.
+// From index FLUX_STORED on: photons stored; rays whose traversal exceeded the loop budget; rays traced; photons whose
+// flux was clipped to what their word holds; photons not stored because their flux is not finite.
 @group(0) @binding(1) var<storage, read_write> flux_counts: array<atomic<u32>, FLUX_COUNTS>;
 // The index of each light's first ray, and the total number of rays at the end.
 @group(0) @binding(2) var<storage, read> flux_rays: array<u32>;
@@ -50,7 +50,7 @@ var<immediate> flux_pass: FluxParameters;
 
 const FAR_AWAY = 1e30;
 
-// Stores a photon at a position of a triangle with that normal; `xi` rounds the flux.
+// Stores a photon at a position on a surface. `xi` rounds the flux at random.
 fn store(position: vec3f, normal: vec3f, flux: vec3f, xi: f32, shadow: bool) {
     if !is_finite3(flux) {
         atomicAdd(&flux_counts[FLUX_NOT_FINITE], 1u);
@@ -73,13 +73,13 @@ struct LightHit {
     flux: vec3f,
 }
 
-// Follows a light's ray straight on behind its first hit and stores shadow photons; gives the number of rays that it
-// took.
+// Continues a light's ray straight on behind its first hit and stores shadow photons. Returns the number of rays
+// traced.
 @if(negative_photons)
 fn store_shadows(first: LightHit, xi: f32, seed: u32) -> u32 {
     var found = first.found;
     var distance = first.hit.t;
-    // The range of a punctual light attenuates by the whole distance.
+    // The range window of a punctual light depends on the distance from the light: replace that of the first hit.
     let emitted = first.flux / max(flux_window(first.light, distance), 1e-20);
     for (var rays = 0u; ; rays++) {
         let on = ray_behind(found, first.ray.direction, FAR_AWAY);
@@ -95,7 +95,7 @@ fn store_shadows(first: LightHit, xi: f32, seed: u32) -> u32 {
     return 0u;
 }
 
-// The last light whose first ray is not after this one.
+// The light that emits this ray: the last one whose first ray is not after it.
 fn light_of_ray(ray: u32) -> u32 {
     var light = 0u;
     var end = flux_pass.light_count;
@@ -106,7 +106,7 @@ fn light_of_ray(ray: u32) -> u32 {
     return light;
 }
 
-// A ray as it leaves a light or a surface: the normal is on its side.
+// A ray that leaves a light or a surface. The normal is on the ray's side.
 struct FluxRay {
     position: vec3f,
     normal: vec3f,
@@ -114,15 +114,15 @@ struct FluxRay {
     flux: vec3f,
 }
 
-// Scatters the ray by the BSDF; false where the BSDF or Russian roulette ends it. `u` chooses the direction, `xi` is
-// for roulette.
+// Scatters the ray by the BSDF; false where the BSDF or Russian roulette ends it. `u` samples the direction, `xi`
+// decides roulette.
 fn scatter(ray: ptr<function, FluxRay>, found: SurfaceHit, u: vec3f, xi: f32) -> bool {
     let scattered = bsdf_sample(found.surface, u);
     if scattered.pdf <= 0.0 { return false; }
     let flux = (*ray).flux;
     var reflected = flux * scattered.weight;
     @if(transmission) { reflected /= scattered.concentration; }
-    // A photon that survives carries as much as the one that arrived, in the strongest channel.
+    // A surviving photon carries as much flux as the one that arrived, in the strongest channel.
     let survival = max(reflected.x, max(reflected.y, reflected.z)) / max(flux.x, max(flux.y, flux.z));
     if !(xi < survival) { return false; }
     let normal = leaving_normal(found.surface, scattered.direction);
@@ -158,8 +158,8 @@ fn flux(
         let xi = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         var stores = any(found.surface.albedo > vec3f(0.0));
         @if(negative_photons) {
-            // Direct light counts as unshadowed, at the first hit and at all hits behind it; shadow photons take off
-            // the excess.
+            // Direct light counts as unshadowed at the first hit and at all hits behind it; shadow photons subtract the
+            // excess.
             stores &= bounce > 0u;
             if bounce == 0u {
                 rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed);
@@ -175,7 +175,7 @@ fn flux(
         }
         if stores { store(found.triangle_position, found.triangle_normal, leaving.flux, xi.x, false); }
         if !goes_on { break; }
-        // A Sobol sequence over all rays: their first bounces together are as well distributed as the rays themselves.
+        // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
         let u = sobol2(ray, hash3(seed, bounce, 3u));
         let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
         if !scatter(&leaving, found, vec3f(u, lobe), xi.y) { break; }

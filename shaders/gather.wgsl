@@ -1,8 +1,8 @@
 // gather: the final gather of new irradiance records (section 2 of the paper; Ward and Heckbert 1992). `gather` traces
-// rays over the hemisphere of each record, stratified in proportion to the cosine. Each ray brings the radiance that
-// precomputed irradiance gives at its hit; where that look-up does not hold, `follow` traces a path from the hit.
-// `record` turns what a record's rays bring into irradiance, its rotational and translational gradients, and the
-// harmonic mean of the distances.
+// rays over the hemisphere of each record, stratified in proportion to the cosine. A ray takes the radiance at its hit
+// from precomputed irradiance; where that look-up is not valid, `follow` traces a path from the hit. From the rays of a
+// record, `record` computes irradiance, its rotational and translational gradients, and the harmonic mean of the hit
+// distances.
 // In: `points`, `surfaces`, and in `wanted` the points that get records.
 // Out: `record_heads` and `record_values`; see lib/record. Lengths are in scene units after normalisation.
 
@@ -44,7 +44,7 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read> surfaces: array<VisibleSurface>;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
-// For each ray: the radiance that it brings, and the distance of its hit.
+// For each ray: its radiance, and the distance of its hit.
 @group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
 // The rays that `follow` continues: how many, the arguments of the dispatch over them, their numbers (with
 // FOLLOW_RESIDUAL in the top bit) and their hits.
@@ -56,16 +56,16 @@ var<immediate> gather_pass: GatherParameters;
 @group(0) @binding(9) var<storage, read_write> record_values: array<vec4f>;
 @group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Marks a ray whose diffuse part is a look-up's: its path brings only the rest, a metal's reflection.
+// Marks a ray whose look-up gave the diffuse part: its path adds only the rest, the reflection of a metal.
 const FOLLOW_RESIDUAL = 0x80000000u;
 // Distance of a ray without a hit.
 const NO_DISTANCE = 1e30;
 
 struct GatherRay {
     ray: Ray,
-    // Probability density by solid angle; 0 where the ray would go into the surface itself.
+    // Probability density by solid angle; 0 where the ray would enter the surface that it leaves.
     pdf: f32,
-    // Number of the ray within its record, and the record's seed.
+    // Index of the ray within its record, and the record's seed.
     stratum: u32,
     seed: u32,
 }
@@ -93,8 +93,8 @@ fn gather_ray(id: u32) -> GatherRay {
     return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed);
 }
 
-// The radiance, or 0 and a count where it is not finite: one ray must not make a record invalid, and with it all the
-// points that take their light from it.
+// The radiance, or 0 where it is not finite, which is counted. Otherwise a single ray would make its record invalid,
+// and with it all points that interpolate from the record.
 fn finite_or_dark(radiance: vec3f) -> vec3f {
     let finite = is_finite3(radiance);
     if !finite { atomicAdd(&counters[COUNTER_NOT_FINITE_GATHER], 1u); }
@@ -121,7 +121,7 @@ fn gather(
             var follow = 0u;
             var follows = true;
             var wide = spread_along(gathering.pdf, hit.t) >= known.radius;
-            // Part of a focusing surface's light belongs to the caustic map. The path tracer knows which.
+            // The caustic map holds part of a focusing surface's light. The path tracer separates it.
             @if(caustics) { wide = wide && !focuses(found.surface); }
             if wide {
                 radiance = vec4f(bsdf_seen_afar(found.surface) * known.value, radiance.w);
@@ -182,7 +182,7 @@ struct RecordSums {
     @if(smooth_normals || normal_maps) rotation: mat3x3f,
 }
 
-// A vector for each channel: v times the channel's number.
+// The outer product: column c is v times channel c.
 fn outer(v: vec3f, channels: vec3f) -> mat3x3f {
     return mat3x3f(v * channels.x, v * channels.y, v * channels.z);
 }
@@ -195,7 +195,7 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
     let previous = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
     let angle = 2.0 * PI * (f32(k) + 0.5) / f32(sectors);
     let edge_angle = 2.0 * PI * f32(k) / f32(sectors);
-    // Towards the sector's middle, and across its first edge.
+    // Unit vectors towards the sector's middle, and across its first edge.
     let outwards = frame * vec3f(cos(angle), sin(angle), 0.0);
     let across_edge = frame * vec3f(-sin(edge_angle), cos(edge_angle), 0.0);
     @if(smooth_normals || normal_maps) let across = frame * vec3f(-sin(angle), cos(angle), 0.0);
@@ -218,8 +218,8 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
         beyond += (ray.xyz - neighbour.xyz) * ((next_sine - sine) / nearer);
         @if(smooth_normals || normal_maps) {
             let middle = (f32(j) + 0.5) / f32(rings);
-            // Where the normal tilts towards the light, irradiance grows by the tangent of its angle. `across` is the
-            // axis n_i x n of that rotation (Ward and Heckbert's minus sign is for n x n_i).
+            // Tilting the normal towards a ray increases the irradiance in proportion to the tangent of the ray's polar
+            // angle. `across` is the axis n_i x n of the rotation (Ward and Heckbert's minus sign is for n x n_i).
             tilting += ray.xyz * sqrt(middle / (1.0 - middle));
         }
         (*sums).radiance += ray.xyz;
@@ -245,15 +245,15 @@ fn record(
     let position = points[point].position;
     let normal = shading_normal(point);
     let footprint = pixel_size(position, gather_pass.height);
-    // In corners distances go to 0, and gradients grow without bound. A gradient need not hold within the minimum
-    // radius of a record.
+    // In corners, distances go to 0 and gradients grow without bound. Distances below the minimum radius of a record
+    // count as that radius: within it a gradient need not be valid.
     let min_distance = footprint * f32(MIN_RADIUS_PIXELS);
     let frame = basis(normal);
     var sums: RecordSums;
     for (var k = 0u; k < gather_pass.sectors; k++) { add_sector(&sums, i * rays, k, frame, min_distance); }
     let weight = PI / f32(rays);
     let irradiance = sums.radiance * weight;
-    // Beyond the distance at which the gradient brings the irradiance to 0 the record does not hold.
+    // The record is not valid beyond the distance at which its gradient brings the irradiance to 0.
     let slope = sums.translation * vec3f(0.2126, 0.7152, 0.0722);
     var spacing = f32(rays) / sums.inverse_distances;
     spacing = min(spacing, luminance(irradiance) / max(length(slope), 1e-20));

@@ -1,6 +1,6 @@
 // irradiance: density estimation on the global map. `irradiance` precomputes the irradiance at irradiance points all
-// over the scene (Christensen 1999). `show` estimates it at the points of a tile: the map visualised directly.
-// `caustics` adds there the light of the caustic map.
+// over the scene (Christensen 1999). `show` visualises the map: it estimates the irradiance at the points of a tile.
+// `caustics` adds the light of the caustic map at these points.
 // In: a map of photons, sorted by cell; the irradiance points, or `points` and `surfaces`.
 // Out: `irradiances`, irradiance and radius of the disc for each irradiance point; or `radiance_indirect`. Lengths are
 // in scene units after normalisation; irradiance is in units of radiance times steradian.
@@ -48,14 +48,15 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Maximum number of photons and rows that an estimate may visit: a quarter of the iterations that lavapipe allows an
+// Maximum number of photons and rows that an estimate visits: a quarter of the iterations that lavapipe allows an
 // invocation.
 const MAX_VISITS = 16384u;
 
-// The radius of an irradiance point without an estimate: no path ends there.
+// The radius that marks an irradiance point without an estimate. No path ends there.
 const NO_ESTIMATE = 1e30;
 
-// Probes of a disc. At edges their error is about an eighth, and independent from one irradiance point to another.
+// Probes of a disc. At edges the relative error of the measured area is about an eighth, and independent from one
+// irradiance point to the next.
 const PROBES = 16u;
 
 @compute @workgroup_size(64)
@@ -118,8 +119,7 @@ struct PhotonQuery {
     normal: vec3f,
 }
 
-// Where photons that reached point i are stored: on the triangle, not on the smooth surface that the triangle
-// approximates.
+// The position at which photons of point i are stored: on the triangle, not on the smooth surface that it approximates.
 @if(photon_map || caustics)
 fn photon_query(i: u32) -> PhotonQuery {
     @if(smooth_normals) {
@@ -141,14 +141,14 @@ fn checked(radiance: vec3f, i: u32) -> vec3f {
     return radiance;
 }
 
-// Irradiance at a position, by density estimation, and the encoded disc (lib/irradiance). With negative photons direct
-// light is taken as unshadowed, and shadow photons subtract the excess. They lie on hidden surfaces too: just below the
-// point, or behind a wall and still within the disc. Unshadowed light is added for the hidden surfaces as well, so that
-// the mean is that of a map of positive photons alone, which has none there.
+// Irradiance at a position, by density estimation, and the encoded disc (lib/irradiance). With negative photons, direct
+// light is added as unshadowed, and shadow photons subtract the excess. Shadow photons also lie on hidden surfaces
+// within the disc: just below the point, or behind a wall. So unshadowed light is added for the hidden surfaces too.
+// The mean then equals that of a map of positive photons alone, which has no photons there.
 fn irradiance_at(position: vec3f, normal: vec3f) -> vec4f {
     let disc = flux_about(position, normal);
     let share = covered(position, normal, disc.radius);
-    // In a gap too narrow for any probe the area is unknown.
+    // In a gap too narrow for every probe, the area is unknown.
     if disc.radius <= 0.0 || share.area == 0.0 { return vec4f(0.0, 0.0, 0.0, NO_ESTIMATE); }
     var light = disc.flux / (PI * disc.radius * disc.radius * share.area);
     @if(negative_photons) {
@@ -183,12 +183,12 @@ struct Disc {
     radius: f32,
 }
 
-// The photons of the disc around a position. The disc would hold k photons at the mean density of the 27 cells around
-// it. So its size does not depend on which photons lie in it, and the estimate is unbiased in that respect for any k.
+// Sums the photons of the disc around a position. The radius is that of a disc that holds k photons at the mean density
+// of the 27 cells around it. Because it does not depend on which photons lie in the disc, it adds no bias for any k.
 fn flux_about(position: vec3f, normal: vec3f) -> Disc {
     let grid = irradiance_pass.grid;
     let at = (position - grid.origin) * grid.inverse_cell;
-    // At most one cell: a larger disc would leave the 27.
+    // At most the side of a cell: a larger disc would reach beyond the 27 cells.
     let reach = min(reach_guess(grid, 0u, cell_of(grid, position), irradiance_pass.shrink), 1.0);
     let radius = reach * grid.cell;
     let limit = radius * radius;
@@ -222,14 +222,14 @@ struct Covered {
     @if(negative_photons) hidden: f32,
 }
 
-// The probes may miss a segment that is cut off beyond this part of the radius: it is smaller than the share of one
-// probe.
+// Beyond this part of the radius the probes may miss an edge: the segment that it cuts off is smaller than the area of
+// one probe.
 const MAX_CLEAR = 0.8;
 
-// How much of a disc is surface: the area within the search ellipsoid that is visible from the position, over that of
-// the disc. At edges and in corners the photons lie on only a part of the disc, and an estimate that divides by the
-// whole disc is too dark there (boundary bias; Hey and Purgathofer 2002 use the geometry too). Each probe goes from the
-// position to a point above its sample of the disc, and from there down to the surface.
+// Measures how much of a disc is surface: the area within the search ellipsoid that is visible from the position, over
+// the area of the disc. At edges and in corners, photons lie on only a part of the disc, and dividing by the whole disc
+// makes the estimate too dark (boundary bias; Hey and Purgathofer 2002 also correct it by the geometry). Each probe
+// traces from the position to a point above its sample of the disc, and from there down to the surface.
 fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     let frame = basis(normal);
     let origin = offset_origin(position, normal);
@@ -241,7 +241,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     var slant = 0.0;
     @if(negative_photons) var hidden = 0.0;
     for (var j = 0u; j < PROBES; j++) {
-        // A spiral of equal areas by the golden angle.
+        // Golden-angle spiral, with equal areas.
         let part = (f32(j) + 0.5) / f32(PROBES);
         let distance = radius * sqrt(part);
         let angle = 2.0 * PI * fract(rotation + f32(j) * 0.61803399);
@@ -267,8 +267,8 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         }
     }
     if found == 0u { return Covered(); }
-    // A straight edge at x radii cuts off at most 0.5 (1 - x)^1.6 of the disc; several edges together cut off more. One
-    // more probe counts as missing, for what may lie between the probes.
+    // A straight edge at a distance of x radii cuts off at most 0.5 (1 - x)^1.6 of the disc; several edges together cut
+    // off more. One extra probe counts as missing, for edges between the probes.
     let missing = f32(PROBES - found + 1u) / f32(PROBES);
     let clear = select(max(1.0 - pow(2.0 * missing, 0.63), 0.0), MAX_CLEAR, found == PROBES);
     // (n + 1) / (found + 1) is an unbiased estimate of 1 over the share; n / found is not.
@@ -277,8 +277,8 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
     @else { return Covered(area, clear); }
 }
 
-// The area of the hidden surfaces that a probe hits, over that of the probe: those behind the visible surface, or all
-// of them where the probe is blocked. Only surfaces that store photons count.
+// The area of the hidden surfaces that a probe hits, over the area of the probe: the surfaces behind the visible one,
+// or all of them where the probe is blocked. Only surfaces that store photons count.
 @if(negative_photons)
 fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, seed: u32) -> f32 {
     var ray = probe;

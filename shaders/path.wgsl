@@ -1,7 +1,7 @@
 // path: the reference path tracer, and the indirect light of the other techniques. Traces one path from each point of
-// the tile (lib/path_tracing). With the feature `irradiance_cache` records have brought the diffuse part of indirect
-// light, except at the points that they do not cover; with `photon_map` the map has brought the diffuse part of all
-// light. The path then brings the rest of what glossy surfaces reflect.
+// the tile (lib/path_tracing). With the feature `irradiance_cache`, records have already added the diffuse part of
+// indirect light, except at points that no record covers. With `photon_map`, the map has already added the diffuse part
+// of all light. The path then adds only what glossy surfaces reflect besides.
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
 // `radiance_indirect`.
 
@@ -29,15 +29,15 @@ struct PathParameters {
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
-// The points that records do not light completely: those that no record covers, and those that are not Lambertian.
+// The points for which records do not give all light: those that no record covers, and those that are not Lambertian.
 @if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
 @if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
 
 var<immediate> parameters: PathParameters;
 
-// Each of these holds two counts of a workgroup, because four atomics would be slow on software devices. The lower
-// SECOND_COUNT bits count rays, of which an invocation traces at most MAX_ITERATIONS. The upper ones count invocations
-// whose radiance is not finite, or whose path is heavy.
+// Each word holds two counts of a workgroup, because four atomics would be slow on software devices. The lower
+// SECOND_COUNT bits count rays, at most MAX_ITERATIONS per invocation. The upper bits count invocations whose radiance
+// is not finite, or whose path is heavy.
 var<workgroup> group_shadow_rays: atomic<u32>;
 var<workgroup> group_bounce_rays: atomic<u32>;
 const SECOND_COUNT = 24u;
@@ -80,7 +80,8 @@ fn path(
         let shadows = atomicLoad(&group_shadow_rays);
         let bounces = atomicLoad(&group_bounce_rays);
         let rays = vec2u(shadows, bounces) & vec2u((1u << SECOND_COUNT) - 1u);
-        // With `indirect` another pass traces the shadow rays of direct light; those here count as rays of bounces.
+        // With `indirect`, another pass traces the shadow rays of direct light; the shadow rays of this pass count as
+        // bounce rays.
         @if(indirect) { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], rays.x + rays.y); }
         @else {
             atomicAdd(&counters[COUNTER_SHADOW_RAYS], rays.x);

@@ -1,14 +1,14 @@
-// sample_lights: the few of many lights that each point of a tile is lit by. In: points (normalised space), and the
-// lists of lights of zones (paper, "Results and discussion"). Out, of every candidate (sampled light index *
-// point_count + point) in `sampled_lights`: a light and its weight, the inverse of its probability.
+// sample_lights: samples, for each point of a tile, a few of many lights. In: points (normalised space), and the zones'
+// lists of lights (paper, "Results and discussion"). Out: in `sampled_lights`, for every candidate (sampled light index
+// * point_count + point) a light and its weight, the inverse of its probability.
 //
-// By zones: a light of the list of the point's zone is sampled with a probability of c v w, at most 1, that is in
-// proportion to its potential w at the point and the root v of the share of its photons in the zone that arrived. The
-// mean is the sum over the list, and the lights that matter most are always sampled. One equidistant comb over the
-// cumulative probabilities samples them all (systematic sampling), no light twice. The last candidate audits the zones:
-// of a few lights that are not in the list it takes one by resampled importance sampling (Talbot et al. 2005). Together
-// the mean is the sum over all lights, whatever the lists say. By power, or uniformly: the comb over the cumulative
-// probabilities of all lights.
+// With zones, a point samples the lights in the list of its zone. A light's probability is c v w, at most 1: w is its
+// potential at the point, v the square root of the share of illumination photons among its photons in the zone. The
+// expected value is the sum over the list, and the lights that contribute most are always sampled. Systematic sampling,
+// an equidistant comb over the cumulative probabilities, samples no light twice. The last candidate audits the zones:
+// from a few lights that are not in the list it takes one by resampled importance sampling (Talbot et al. 2005). So the
+// expected value is the sum over all lights, whatever the lists hold. Without zones, the comb runs over the cumulative
+// probabilities of all lights, by power or uniform.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -27,18 +27,18 @@ import package::lib::constants::{DIMENSION_LIGHT_SAMPLING, INVALID_POINT, NO_SAM
 
 // Candidates of a point.
 override lights_per_point: u32;
-// The last one is an audit.
+// The last candidate is an audit.
 @if(zones) override zones_audited: bool;
 
 struct SampleLightsParameters {
     tile: Tile,
-    // The grid of zones, where there are any.
+    // The grid of zones.
     zones: GridShape,
 }
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> sampled_lights: array<vec2u>;
-// Of each zone ZONE_LIGHTS words, four to a texel; see zones.wgsl.
+// ZONE_LIGHTS words per zone, four to a texel; see zones.wgsl.
 @if(zones && texture_loads) @group(0) @binding(2) var zone_lists: texture_storage_2d<rgba32uint, read>;
 @if(zones && !texture_loads) @group(0) @binding(2) var<storage, read> zone_lists: array<vec4u>;
 
@@ -46,10 +46,10 @@ var<immediate> sample_lights_pass: SampleLightsParameters;
 
 const SAMPLE_LIGHTS_GROUP = 64u;
 @if(zones) const LIST_TEXELS = ZONE_LIGHTS / 4u;
-// Number of lights of which an audit takes one. More reduce the noise by less than they cost.
+// Number of lights from which an audit takes one. More would cost more than they reduce noise.
 @if(zones) const AUDITED_LIGHTS = 8u;
 
-// By listed light and invocation: probabilities times a common factor.
+// For each listed light and invocation: the probability times a common factor.
 @if(zones) var<workgroup> weights: array<f32, SAMPLE_LIGHTS_GROUP * ZONE_LIGHTS>;
 
 @if(zones)
@@ -89,7 +89,8 @@ fn sample_lights(
     for (; sampled < lights_per_point; sampled++) { write_sample(sampled, i, NO_SAMPLED_LIGHT, 0.0); }
 }
 
-// A comb over all lights; the teeth that meet one light make one candidate. Returns the number of candidates.
+// Samples by a comb over all lights. All teeth that fall on one light make one candidate. Returns the number of
+// candidates.
 @if(!zones)
 fn sample_all(i: u32, u: f32) -> u32 {
     var sampled = 0u;
@@ -125,7 +126,7 @@ fn list_word(list: u32, entry: u32) -> u32 {
     return load_list(list + (entry >> 2u))[entry & 3u];
 }
 
-// The weights of the listed lights at the point; their sum.
+// Stores the weights of the listed lights at the point, and returns their sum.
 @if(zones)
 fn weigh_list(lane: u32, list: u32, point: Point) -> f32 {
     let normal = oct_decode16(point.normal);
@@ -143,9 +144,9 @@ fn weigh_list(lane: u32, list: u32, point: Point) -> f32 {
     return total;
 }
 
-// The factor that makes weights into probabilities whose sum is `expected`: lights that come to 1 leave more to the
-// others. They are found round by round; lights that the last round finds are sampled slightly less often than they
-// could be.
+// The factor that scales weights to probabilities of sum `expected`. Lights whose probability is clamped to 1 leave
+// more to the others. Each round finds further such lights; those that the last round finds are sampled slightly less
+// often than they could be.
 @if(zones)
 fn probability_factor(lane: u32, total: f32, expected: u32) -> f32 {
     var factor = f32(expected) / total;
@@ -184,7 +185,7 @@ fn sample_list(i: u32, lane: u32, list: u32, point: Point, u: f32) -> u32 {
     return sampled;
 }
 
-// Whether the list has the light: lists are in the order of the lights.
+// Whether the list has the light. Lists are sorted by light.
 @if(zones)
 fn is_listed(list: u32, light: u32) -> bool {
     var first = 0u;

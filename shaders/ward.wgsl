@@ -1,8 +1,8 @@
-// ward: adaptive shadow testing (Ward 1991), an earlier method. The lights of each point are tested in the order of
-// what they could contribute, until the rest could not matter; the visibility of the rest is estimated from how much of
-// each light was visible so far. In: points (normalised space), surfaces, visibilities from pass `shadow`. Out: class
-// words of all candidates (a point and a light), and the boundary queue that pass `shadow` traces, one light of each
-// point a round.
+// ward: adaptive shadow testing (Ward 1991), an earlier method. It tests the lights of each point in the order of their
+// potential contribution, until the remaining lights together fall below a tolerance. It estimates the visibility of
+// the remaining lights from how much of each was visible so far. In: points (normalised space), surfaces, visibilities
+// from pass `shadow`. Out: class words of all candidates (a point and a light), and in each round the boundary queue
+// for pass `shadow`, with one light of each point.
 
 import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::bsdf_evaluate;
@@ -26,22 +26,22 @@ struct WardParameters {
     // Light points of a candidate, and words of 32 visibilities that hold them.
     light_samples: u32,
     visibility_words: u32,
-    // Share of the light found below which the rest is not tested.
+    // Share of the light found so far. Testing stops when the remaining lights could contribute less than this.
     tolerance: f32,
     padding: vec2u,
 }
 
-// Where a point is in its list of lights.
+// Progress of a point through its lights.
 struct WardState {
-    // Luminances: what the lights not tested yet could contribute, and what the tested ones did.
+    // Luminances: the potential of the lights not tested yet, and the contribution of the tested ones.
     rest: f32,
     found: f32,
-    // Sums over the tested lights: the share that is visible here, and the share that was expected.
+    // Sums over the tested lights: the visible share at this point, and the expected share.
     visible: f32,
     expected: f32,
-    // Lights not tested yet.
+    // Number of lights not tested yet.
     waiting: u32,
-    // The light in test, counted from 1; 0 for none.
+    // The light being tested, counted from 1; 0 for none.
     current: u32,
 }
 
@@ -51,20 +51,20 @@ var<immediate> ward_pass: WardParameters;
 @group(0) @binding(3) var<storage, read> visibility: array<u32>;
 @group(0) @binding(4) var<storage, read_write> queue_lengths: array<atomic<u32>, QUEUE_COUNT>;
 @group(0) @binding(5) var<storage, read_write> boundary_queue: array<u32>;
-// Of each point a heap of keys, the greatest first. Entries k of all points are adjacent.
+// For each point a max-heap of keys. The k-th entries of all points are adjacent.
 @group(0) @binding(6) var<storage, read_write> light_keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> ward_states: array<WardState>;
-// By light: light points that were visible, and that were tested: before this tile; and of this tile, two words a
-// light.
+// For each light, two words: the number of light points that were visible, and the number tested. First the counts of
+// earlier tiles, then those of this tile.
 @group(0) @binding(8) var<storage, read_write> light_rates: array<vec2u>;
 @group(0) @binding(9) var<storage, read_write> light_tests: array<atomic<u32>>;
 
-// A key has the potential's upper bits above those of the light: positive floats sort as their bits do, and a
-// thousandth of a potential does not matter.
+// A key holds the upper bits of the potential, and below them the light. Positive floats sort as their bits do, and the
+// lost thousandth of a potential does not matter.
 const LIGHT_MASK = MAX_LIGHTS - 1u;
 // Maximum number of light points that a potential is estimated from.
 const POTENTIAL_SAMPLES = 4u;
-// Counts are halved before they fill a word.
+// Counts are halved above this, so that they never overflow a word.
 const MAX_TESTS = 1u << 30u;
 
 var<workgroup> group_length: atomic<u32>;
@@ -86,7 +86,7 @@ fn shading_point(i: u32) -> ShadingPoint {
     return shading;
 }
 
-// Unshadowed luminance of the j-th light point; negative where it faces away and is not tested.
+// Unshadowed luminance from the j-th light point; negative where the point faces away and is not tested.
 fn unshadowed(shading: ShadingPoint, light: u32, j: u32) -> f32 {
     let count = ward_pass.light_samples;
     let sampled = nth_light_sample(light, shading.position, shading.seed, shading.sample_index, j, count);
@@ -95,7 +95,7 @@ fn unshadowed(shading: ShadingPoint, light: u32, j: u32) -> f32 {
     return max(luminance(reflected), 0.0) / sampled.pdf;
 }
 
-// Unshadowed luminance of a light, from a few of its points.
+// Unshadowed luminance of a light, estimated from a few light points.
 fn potential(shading: ShadingPoint, light: u32) -> f32 {
     let count = min(ward_pass.light_samples, POTENTIAL_SAMPLES);
     var sum = 0.0;
@@ -120,7 +120,7 @@ fn expected_share(light: u32) -> f32 {
     return f32(rate.x) / f32(max(rate.y, 1u));
 }
 
-// Adds the potentials of some lights to the heap, but for dark lights and those that could contribute nothing.
+// Adds the potentials of some lights to the heap, except dark lights and lights of potential 0.
 @compute @workgroup_size(64)
 fn order(
     @builtin(workgroup_id) group: vec3u,
@@ -171,7 +171,7 @@ fn insert(i: u32, last: u32, key: u32) {
     put_key(i, at, key);
 }
 
-// The greatest of `count` keys, taken out.
+// Removes the greatest of `count` keys and returns it.
 fn take(i: u32, count: u32) -> u32 {
     let greatest = key_at(i, 0u);
     let left = count - 1u;
@@ -189,7 +189,7 @@ fn take(i: u32, count: u32) -> u32 {
     return greatest;
 }
 
-// Adds what the shadow rays found of the light in test.
+// Adds the result of the shadow rays to the light being tested.
 fn add_test(i: u32, state: ptr<function, WardState>) {
     if (*state).current == 0u { return; }
     let light = (*state).current - 1u;
@@ -235,7 +235,7 @@ fn next(
         if queued {
             let key = take(i, state.waiting);
             state.waiting--;
-            // Rounding must not make it negative, so that a tolerance of 0 tests all.
+            // Rounding must not make it negative: then a tolerance of 0 tests all lights.
             state.rest = max(state.rest - potential_of(key), 0.0);
             let light = key & LIGHT_MASK;
             state.current = light + 1u;
@@ -254,8 +254,8 @@ fn next(
     if queued { boundary_queue[group_base + rank] = candidate; }
 }
 
-// The visibility of the lights that were not tested: what was visible of each before, times how much more or less than
-// expected is visible here of those that were tested.
+// Estimates the visibility of the lights that were not tested: the share of each that was visible so far, times the
+// ratio of visible to expected shares over the lights tested at this point.
 @compute @workgroup_size(64)
 fn guess(
     @builtin(workgroup_id) group: vec3u,
@@ -266,7 +266,7 @@ fn guess(
     if i >= ward_pass.tile.point_count { return; }
     var state = ward_states[i];
     add_test(i, &state);
-    // Without an expectation there is nothing to scale by.
+    // Without an expectation there is no ratio to scale by.
     let here = select(0.5, state.visible / state.expected, state.expected > 0.0);
     for (var k = 0u; k < state.waiting; k++) {
         let light = key_at(i, k) & LIGHT_MASK;
@@ -274,7 +274,7 @@ fn guess(
     }
 }
 
-// Adds the tile's tests to those before.
+// Adds the tile's tests to those of earlier tiles.
 @compute @workgroup_size(64)
 fn learn(
     @builtin(workgroup_id) group: vec3u,

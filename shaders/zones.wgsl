@@ -1,8 +1,9 @@
-// zones: the lights that reach each zone, a cell of a coarse grid, from the photons (paper, "Results and discussion").
-// In: photons sorted by zone, and the lights' powers over the largest. Out: of each zone ZONE_LIGHTS words in the order
-// of the lights, then zeros: bits 0-15 a light, 16-31 the square root of the share of its photons, in the zone and
-// those around it, that nothing had blocked. (A light that is visible from a share v of a zone's points is best sampled
-// in proportion to the root of v.) Where more lights reach a zone, the strongest are listed.
+// zones: lists, by the photons, the lights that reach each zone, a cell of a coarse grid (paper, "Results and
+// discussion"). In: photons sorted by zone, and the lights' powers over the largest. Out: for each zone ZONE_LIGHTS
+// words, sorted by light and padded with zeros. Bits 0-15 hold a light, bits 16-31 the square root of the share of
+// illumination photons among its photons in the zone and its neighbours. (A light that is visible from a share v of a
+// zone's points is best sampled in proportion to the square root of v.) Where more than ZONE_LIGHTS lights reach a
+// zone, it lists the strongest.
 
 import package::kit::group_index;
 import package::lib::grid::{GridShape, cell_in_grid, cells_of_a_light, index_in_grid, load_cell_start, load_photon};
@@ -11,9 +12,9 @@ import package::lib::photon::photon_is_shadow;
 
 struct ZoneParameters {
     zones: GridShape,
-    // Lights that have photons.
+    // Number of lights that have photons.
     light_count: u32,
-    // 1 where there is one more light, the environment, which has no photons and reaches every zone; else 0.
+    // 1 where the environment is one more light, which has no photons and reaches every zone; else 0.
     environment: u32,
     padding: vec2u,
 }
@@ -24,15 +25,16 @@ var<immediate> zones_pass: ZoneParameters;
 @group(0) @binding(1) var<storage, read_write> listed_lights: array<u32>;
 
 const GROUP = 64u;
-// Buckets of what lights send to a zone: by exponent and the first two bits behind it. The largest power is 1, and a
-// tally below 2^16, so no exponent is above 127 + 15.
+// Buckets of a histogram of what lights send to a zone, by the float's exponent and the upper two bits of its mantissa.
+// The largest power is 1 and tallies are below 2^16, so no exponent exceeds 127 + 15.
 const BUCKETS = 143u * 4u;
 const BUCKET_SHIFT = 21u;
 
-// By light: illumination photons in bits 0-15, shadow photons above.
+// For each light: illumination photons in bits 0-15, shadow photons above.
 var<workgroup> tallies: array<atomic<u32>, MAX_LIGHTS>;
 var<workgroup> buckets: array<atomic<u32>, BUCKETS>;
-// By invocation: lights above the last bucket that is listed, above bit 16 those in it; then those listed before.
+// For each invocation: in bits 0-15 its lights above the last bucket that is listed, from bit 16 those in that bucket;
+// later, the number of lights listed before its own.
 var<workgroup> lane_counts: array<u32, GROUP>;
 var<workgroup> lane_firsts: array<u32, GROUP>;
 var<workgroup> last_bucket: u32;
@@ -50,7 +52,8 @@ fn zone_index(zone: vec3i) -> u32 {
     return index_in_grid(zones_pass.zones, vec3u(zone));
 }
 
-// Adds the photons of the zones from `low` to `high` to the tallies; the invocations of the workgroup take every 64th.
+// Adds the photons of the zones from `low` to `high` to the tallies. Each invocation of the workgroup takes every 64th
+// photon.
 fn tally_photons(low: vec3i, high: vec3i, lane: u32) {
     for (var z = low.z; z <= high.z; z++) {
         for (var y = low.y; y <= high.y; y++) {
@@ -64,7 +67,7 @@ fn tally_photons(low: vec3i, high: vec3i, lane: u32) {
     }
 }
 
-// The last bucket that is listed, from the strongest down, and how many of its lights still have room.
+// Finds the last bucket that is listed, from the strongest down, and how many of its lights still fit.
 fn find_last_bucket(room: u32, weighed: bool) {
     var listed = 0u;
     var bucket = select(0u, BUCKETS - 1u, weighed);
@@ -73,11 +76,12 @@ fn find_last_bucket(room: u32, weighed: bool) {
         bucket--;
     }
     last_bucket = bucket;
-    // Bucket 0 is that of lights which do not reach the zone.
+    // Bucket 0 holds the lights that do not reach the zone.
     room_in_last = select(room - listed, 0u, bucket == 0u);
 }
 
-// Where the lights of each invocation go, and the environment behind them all; `lights` is those of an invocation.
+// Finds where each invocation writes its lights, and puts the environment behind them all. `lights` is the number of
+// lights per invocation.
 fn find_firsts(zone: u32, inside: bool, lights: u32) {
     var before = 0u;
     for (var i = 0u; i * lights < zones_pass.light_count && lights > 0u; i++) {
@@ -90,7 +94,7 @@ fn find_firsts(zone: u32, inside: bool, lights: u32) {
     }
 }
 
-// Writes an invocation's lights, behind those of the invocations before it.
+// Writes an invocation's lights behind those of earlier invocations.
 fn list_lights(zone: u32, first_light: u32, lights: u32, before: u32) {
     var above = before & 0xffffu;
     var last = before >> 16u;
@@ -122,12 +126,12 @@ fn list(
     let at = vec3i(cell_in_grid(zones_pass.zones, zone));
     let low = max(at - 1, vec3i(0));
     let high = min(at + 1, vec3i(size) - 1);
-    // In a large scene nearly all zones are empty: nothing to count.
+    // In a large scene nearly all zones are empty, and there is nothing to count.
     let photons = load_cell_start(zone_index(high) + 1u) - load_cell_start(zone_index(low));
     let per_lane = (zones_pass.light_count + GROUP - 1u) / GROUP;
     let lights = select(0u, per_lane, photons > 0u);
     let first_light = lane * per_lane;
-    // Where all lights fit, their strengths do not matter.
+    // If all lights fit, their order by strength does not matter.
     let room = ZONE_LIGHTS - zones_pass.environment;
     let weighed = select(0u, lights, zones_pass.light_count > room);
     for (var l = 0u; l < lights; l++) { atomicStore(&tallies[first_light + l], 0u); }
