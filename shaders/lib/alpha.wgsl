@@ -5,7 +5,7 @@ import package::lib::material::alpha_at;
 import package::lib::rng::{hash3, uniform_from_bits};
 import package::lib::constants::{MATERIAL_MASK, MATERIAL_BLEND};
 
-// How much of the surface is there at a point of a triangle: the share of rays that it stops.
+// Alpha at a point of a triangle: the share of rays that the surface stops there.
 fn alpha_coverage(triangle: u32, u: f32, v: f32) -> f32 {
     let alpha = alpha_at(triangle, u, v);
     if (alpha.flags & MATERIAL_MASK) != 0u { return select(0.0, 1.0, alpha.value >= alpha.cutoff); }
@@ -15,6 +15,6 @@ fn alpha_coverage(triangle: u32, u: f32, v: f32) -> f32 {
 
 // Whether the triangle stops the ray whose random number is `seed`.
 fn alpha_blocks(triangle: u32, u: f32, v: f32, seed: u32) -> bool {
-    // Each triangle decides for itself, so that two layers stop a ray independently.
+    // Each triangle has its own random number, so that two layers stop a ray independently.
     return uniform_from_bits(hash3(seed, triangle, 0x616c7068u)) < alpha_coverage(triangle, u, v);
 }

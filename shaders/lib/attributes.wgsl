@@ -1,11 +1,11 @@
-// What the corners of a triangle have beside their positions: material, normals, texture coordinates, colours and
-// tangents. The table is made by src/gpu_scene/attributes.rs.
+// Attributes of triangles besides the corners' positions: material, normals, texture coordinates, colours and tangents.
+// src/gpu_scene/attributes.rs makes the table.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::math::oct_decode16;
 import package::lib::constants::SURFACE_FLAT;
 
-// Texels of a triangle, and the offsets of those that not every scene has.
+// Number of texels per triangle, and the offsets of the texels that not every scene has.
 override surface_stride: u32;
 @if(textures) override uv_offset: u32;
 @if(vertex_colours) override colour_offset: u32;
@@ -60,7 +60,7 @@ fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
     return (1.0 - u - v) * c0 + u * c1 + v * c2;
 }
 
-// Tangent and bitangent about a normal on the outer side; zeros where the tangent is along the normal.
+// Tangent and bitangent for a normal on the outer side; zeros where the tangent is parallel to the normal.
 @if(normal_maps || coat_normals || anisotropy)
 fn tangent_frame(triangle: u32, u: f32, v: f32, normal: vec3f) -> mat2x3f {
     let texel = load_surface_texel(triangle * surface_stride + tangent_offset);

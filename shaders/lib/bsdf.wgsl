@@ -1,6 +1,6 @@
-// How surfaces reflect and let light pass: glTF's metallic-roughness model. This file combines the lobes of lib/bsdf/:
-// GGX microfacets over a Lambertian base, of which a part may let light pass, under the sheen of fibres, and under a
-// second GGX lobe, the coat.
+// The BSDF: glTF's metallic-roughness model. This file combines the lobes of lib/bsdf/: GGX microfacets over a
+// Lambertian base, part of which may transmit light; above them the sheen of fibres; above all the coat, a second GGX
+// lobe.
 
 import package::lib::bsdf::diffuse::{diffuse_density, diffuse_value};
 import package::lib::bsdf::surface::Surface;
@@ -26,7 +26,7 @@ import package::lib::sampling::sample_cosine;
 
 // ---- Sides
 
-// Both the surface itself and its shading normal face the direction.
+// Whether both the surface itself and its shading normal face the direction.
 fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
     return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.shading_normal) > 0.0;
 }
@@ -38,14 +38,14 @@ fn coat_faces(s: Surface, direction: vec3f) -> bool {
     @else { return bsdf_faces(s, direction); }
 }
 
-// Light from the direction passes through the surface.
+// Whether light from the direction is transmitted through the surface.
 @if(transmission)
 fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
     let behind = dot(direction, s.geometric_normal) < 0.0 && dot(direction, s.shading_normal) < 0.0;
     return is_transmissive(s.transmission) && behind;
 }
 
-// The geometric normal on the side that the direction leaves to.
+// The geometric normal on the side into which the direction leaves.
 fn leaving_normal(s: Surface, direction: vec3f) -> vec3f {
     @if(transmission) {
         return select(s.geometric_normal, -s.geometric_normal, dot(direction, s.geometric_normal) < 0.0);
@@ -61,7 +61,7 @@ fn shading_frame(s: Surface) -> mat3x3f {
     @else { return basis(s.shading_normal); }
 }
 
-// The view and another direction about the shading normal.
+// The view and another direction in the frame of the shading normal.
 @if(glossy)
 fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
     var alpha = vec2f(s.specular.alpha);
@@ -76,7 +76,7 @@ fn coat_frame(s: Surface) -> mat3x3f {
     @else { return shading_frame(s); }
 }
 
-// The view and another direction about the coat's normal.
+// The view and another direction in the frame of the coat's normal.
 @if(clearcoat)
 fn coat_pair(s: Surface, direction: vec3f) -> LocalPair {
     return pair_in_frame(coat_frame(s), s.view, direction, vec2f(s.clearcoat.alpha));
@@ -89,7 +89,7 @@ fn bsdf_diffuse(s: Surface) -> vec3f {
     return diffuse_value(s.albedo);
 }
 
-// Reflectance of the microfacets for light at that cosine to their normal.
+// Reflectance of the microfacets for light at the given cosine to their normal.
 @if(glossy)
 fn reflectance(s: Surface, cosine: f32) -> vec3f {
     @if(transmission) {
@@ -100,8 +100,8 @@ fn reflectance(s: Surface, cosine: f32) -> vec3f {
     @else { return specular_reflectance(s.specular, cosine); }
 }
 
-// The part of light that coat and fibres let through to the microfacets, and to what lies behind them. `pair` is
-// `direction` and the view about the shading normal.
+// The share of light that coat and fibres transmit to the microfacets and the layers below. `pair` holds `direction`
+// and the view in the frame of the shading normal.
 @if(glossy)
 fn through_upper(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
     var through = 1.0;
@@ -110,14 +110,14 @@ fn through_upper(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
     return through;
 }
 
-// The part of light that all layers let through to the diffuse base.
+// The share of light that all layers transmit to the diffuse base.
 @if(glossy)
 fn through_to_base(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
     let layer = through_specular(s.specular, pair.light.z, pair.view.z);
     return layer * through_upper(s, direction, pair);
 }
 
-// Light that microfacets and fibres reflect, less what the layers above keep from them.
+// The BSDF of microfacets and fibres, attenuated by the layers above each.
 @if(glossy)
 fn specular_value(s: Surface, direction: vec3f, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
@@ -130,9 +130,9 @@ fn specular_value(s: Surface, direction: vec3f, pair: LocalPair) -> vec3f {
     @if(!sheen) { return value; }
 }
 
-// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers keep
-// more from the base than they reflect this way. The cosine is to the normal of each lobe, as KHR_materials_clearcoat
-// has it: so a coat whose normal is not the base's reflects no more than one that has it.
+// The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers take
+// more light from the base than they reflect in this direction. Each lobe uses the cosine to its own normal, as
+// KHR_materials_clearcoat does: a coat with a normal of its own then reflects no more than one with the base's normal.
 fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @if(glossy) {
         let pair = local_pair(s, direction);
@@ -156,7 +156,7 @@ fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @else { return vec3f(0.0); }
 }
 
-// The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor lets pass.
+// The BSDF, per steradian, times the cosine; 0 for directions that the surface neither faces nor transmits.
 fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
     var value = vec3f(0.0);
     if bsdf_faces(s, direction) { value = bsdf_diffuse(s) * dot(direction, s.shading_normal); }
@@ -166,8 +166,8 @@ fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
 
 // ---- Where paths end and go on
 
-// Whether a path that ends here by a look-up leaves out what must be traced: the reflection of a metal, and what
-// passes.
+// Whether a path that ends here by a look-up would lose light that must be traced: the reflection of a metal, or
+// transmitted light.
 fn reflects_more(s: Surface) -> bool {
     @if(glossy) {
         var more = is_metallic(s.specular);
@@ -177,7 +177,7 @@ fn reflects_more(s: Surface) -> bool {
     @else { return false; }
 }
 
-// Whether the camera's ray goes on from there: a mirror or clear glass, to the eye.
+// Whether camera rays continue from this surface: it looks like a mirror or clear glass.
 @if(specular_chains)
 fn is_clear(s: Surface) -> bool {
     var clear = s.specular.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
@@ -187,11 +187,11 @@ fn is_clear(s: Surface) -> bool {
     return clear;
 }
 
-// Widest lobes of metals that count as focusing.
+// Maximum alpha of metals that count as focusing.
 @if(caustics) override focusing_alpha: f32;
 
-// Whether light that the surface sends on is the caustic map's: that from lights by way of such surfaces alone, on
-// surfaces that are visible.
+// Whether the surface focuses light. The caustic map holds the light that reaches visible surfaces from lights by way
+// of focusing surfaces only.
 @if(caustics)
 fn focuses(s: Surface) -> bool {
     var focusing = reflects_more(s) && s.specular.alpha <= focusing_alpha;
@@ -199,10 +199,9 @@ fn focuses(s: Surface) -> bool {
     return focusing;
 }
 
-// The part of the irradiance of the geometric surface that is reflected towards one direction, where a path ends. A
-// dielectric layer reflects its mean over all directions as if spread like the base's light. Traced, its highlights of
-// small lights would be found by few rays, each as bright as the light. A bent shading normal turns away from part of
-// the light.
+// The ratio of reflected radiance to the irradiance of the geometric surface, where a path ends. A dielectric layer
+// counts with its mean reflectance, spread as the base's light is: traced paths would find its highlights of small
+// lights with few rays, each as bright as the light. A bent shading normal receives only part of the light.
 fn bsdf_seen_afar(s: Surface) -> vec3f {
     let facing = max(dot(s.shading_normal, s.geometric_normal), 0.0) / PI;
     @if(glossy) {
@@ -226,10 +225,11 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
 
 // ---- Sampling
 
-// How often each lobe is sampled, by its share of what is reflected straight back; the diffuse base has the rest.
+// The probability of sampling each lobe, by its share of the light reflected straight back. The diffuse base has the
+// rest.
 @if(glossy)
 struct LobeChances {
-    // The lobe that reflects and lets pass.
+    // The microfacets' lobe, which reflects and transmits.
     microfacets: f32,
     @if(clearcoat) coat: f32,
     @if(sheen) sheen: f32,
@@ -241,7 +241,7 @@ fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
     var specular = dot(reflectance(s, view_z), vec3f(1.0));
     @if(transmission) { specular += dot(transmittance(s.transmission, s.specular, view_z), vec3f(1.0)); }
     let diffuse = dot(s.albedo, vec3f(1.0)) * through_specular(s.specular, view_z, view_z);
-    // Neither lobe so seldom that its samples weigh more than ten times their value.
+    // No probability below a tenth, which bounds the weights of samples to ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);
     var chances: LobeChances;
@@ -262,7 +262,7 @@ fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
     return chances;
 }
 
-// How often a microfacet is sampled as one that lets pass.
+// The probability that a sampled microfacet transmits.
 @if(transmission)
 fn passing_share(s: Surface, cosine: f32) -> f32 {
     let passes = dot(transmittance(s.transmission, s.specular, cosine), vec3f(1.0));
@@ -270,13 +270,14 @@ fn passing_share(s: Surface, cosine: f32) -> f32 {
 }
 
 struct BsdfSample {
-    // Unit, from the surface.
+    // Unit vector, away from the surface.
     direction: vec3f,
-    // What `bsdf_evaluate` gives over the density.
+    // The value of `bsdf_evaluate` over the density.
     weight: vec3f,
-    // By solid angle; 0 where the sample went into a surface that lets nothing pass: the path ends.
+    // By solid angle; 0 where the direction enters a surface that does not transmit, which ends the path.
     pdf: f32,
-    // Radiance over flux: light that passes into a medium of another index is denser there, a photon's flux is not.
+    // The change of radiance over that of flux: refraction into a medium of another index scales radiance, but not a
+    // photon's flux.
     @if(transmission) concentration: f32,
 }
 
@@ -313,11 +314,11 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
     }
 }
 
-// A direction in the scene's axes, and the lobe that it was sampled from.
+// A direction in scene space, and the lobe that it was sampled from.
 @if(glossy)
 struct LobeDirection {
     direction: vec3f,
-    // It passes through the surface.
+    // Whether the direction leads through the surface.
     @if(transmission) passed: bool,
     @if(clearcoat) of_coat: bool,
 }
@@ -342,7 +343,7 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
     @if(sheen) { if u.z < below + chances.sheen { wide = sample_sheen(u.xy); } }
     var local = select(wide, reflect(-lobe.view, h), u.z < below);
     @if(transmission) {
-        // The random numbers of the microfacets' lobe come in two parts: those that pass first.
+        // The lower part of the microfacets' random numbers transmits, the rest reflects.
         result.passed = u.z < chances.microfacets * passing_share(s, dot(pair.view, h));
         if result.passed { local = passed_direction(s.transmission, pair.view, h, local); }
     }
@@ -350,16 +351,17 @@ fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
     return result;
 }
 
-// A direction that light comes from, about as often as much does.
+// Samples a direction of incident light, approximately in proportion to the BSDF times the cosine.
 fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
     @if(glossy) {
         let sampled = sample_lobe(s, u);
         let direction = sampled.direction;
         var result = BsdfSample();
         result.direction = direction;
-        // Light that is reflected into the surface, or bent out of it, would meet more microfacets: it is left out.
+        // A direction that is reflected into the surface, or refracted out of it, would hit more microfacets: it is
+        // left out.
         @if(transmission) { if bsdf_passes(s, direction) != sampled.passed { return result; } }
-        // A direction counts to the density of a lobe only where that lobe faces it.
+        // A lobe contributes to the density of a direction only if it faces the direction.
         @if(coat_normals) {
             var faced = select(bsdf_faces(s, direction), coat_faces(s, direction), sampled.of_coat);
             @if(transmission) { faced |= sampled.passed; }

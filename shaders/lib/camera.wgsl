@@ -2,8 +2,8 @@
 // In: `camera`; positions and lengths in scene units after normalisation. Out: rays, viewing directions, sizes of
 // pixels.
 //
-// There is no `if` on a member of the camera: lavapipe turns such uniforms into constants of the kernel, and then
-// compiles it again for every dispatch (15 to 70 ms in `shade` and `path`).
+// Do not branch on a member of the camera: lavapipe turns such uniforms into constants of the kernel, and compiles it
+// again for every dispatch (15 to 70 ms in `shade` and `path`).
 
 import package::lib::ray::Ray;
 
@@ -22,7 +22,7 @@ struct CameraUniform {
 
 struct CameraRay {
     ray: Ray,
-    // Cosine between the ray and the viewing direction; times the distance it is the depth Z.
+    // Cosine between the ray and the viewing direction. The distance times this is the depth Z.
     cosine: f32,
 }
 
@@ -42,7 +42,7 @@ fn view_direction(position: vec3f) -> vec3f {
     return select(normalize(camera.position - position), camera.backward, camera.orthographic == 1u);
 }
 
-// Height of a pixel at the distance of a position that the camera sees; the image has `height` pixels.
+// Height of a pixel at the distance of a visible position. `height` is the image's height in pixels.
 fn pixel_size(position: vec3f, height: u32) -> f32 {
     let unit = 2.0 * length(camera.up) / f32(height);
     let distance = abs(dot(camera.position - position, camera.backward));

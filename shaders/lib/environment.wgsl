@@ -1,15 +1,16 @@
-// The environment: an equirectangular panorama infinitely far away. Radiance is interpolated between the middles of
-// four texels, over a patch; sampling takes a cell of whole patches by the radiance from there, and a direction evenly
-// within it. Tables are made by src/gpu_scene/environment.rs.
+// The environment: an equirectangular panorama infinitely far away. A patch is the rectangle between the centres of
+// four texels; radiance is bilinear over it. Importance sampling picks a cell of whole patches by its radiance, then a
+// uniform direction within the cell. src/gpu_scene/environment.rs makes the tables.
 
 import package::lib::constants::ENVIRONMENT_HEADER;
 import package::lib::math::{PI, safe_sqrt};
 @if(texture_loads) import package::lib::table::table_texel;
 
-// Size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells, strength. By
-// row of cells: cumulative probability; height below the nearer pole where it begins, and by how much that changes to
-// its end; one over the solid angle of one patch of width, negative where the pole is the nadir. By cell, four to a
-// record: cumulative probability within the row. By texel: radiance.
+// Header: size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells,
+// strength. For each row of cells: cumulative probability; height below the nearer pole at its beginning, and the
+// change of height to its end; one over the solid angle of one column of patches, negative where the nearer pole is the
+// nadir. For each cell, four to a texel: cumulative probability within the row. For each texel of the panorama:
+// radiance.
 @if(texture_loads) @group(1) @binding(21) var environment_texels: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(21) var<storage, read> environment_texels: array<vec4f>;
 
@@ -61,12 +62,12 @@ struct EnvironmentPatch {
 }
 
 fn environment_patch(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPatch {
-    // At the poles any azimuth will do, but not that of 0, 0: there is none.
+    // At the poles any azimuth will do, but atan2(0, 0) is undefined.
     let x_axis = select(direction.x, 1.0, all(direction.xz == vec2f(0.0)));
     let u = fract(atan2(direction.z, x_axis) * (0.5 / PI) + 0.5 + shape.turn);
-    // The arc cosine would lose the poles.
+    // The arc cosine would lose precision at the poles.
     let v = atan2(length(direction.xz), direction.y) / PI;
-    // A patch begins at the middle of a texel; the first row's at the zenith.
+    // A patch begins at the centre of a texel; those of the first row begin at the zenith.
     let x = u * f32(shape.size.x) - 0.5;
     let y = v * f32(shape.size.y) + 0.5;
     let column = i32(floor(x));
@@ -91,13 +92,13 @@ fn environment_radiance_at(shape: EnvironmentShape, patch_: EnvironmentPatch) ->
     return shape.strength * mix(above, below, patch_.within.y);
 }
 
-// What comes from a direction.
+// Radiance from a direction.
 fn environment_radiance(direction: vec3f) -> vec3f {
     let shape = environment_shape();
     return environment_radiance_at(shape, environment_patch(shape, direction));
 }
 
-// What comes from a direction, and the density by solid angle with which `environment_sample` samples it.
+// Radiance from a direction, and the density by solid angle with which `environment_sample` samples it.
 fn environment_met(direction: vec3f) -> vec4f {
     let shape = environment_shape();
     let patch_ = environment_patch(shape, direction);
@@ -115,8 +116,8 @@ struct EnvironmentSample {
 
 fn environment_sample(u: vec2f) -> EnvironmentSample {
     let shape = environment_shape();
-    // The first row and, within it, column whose cumulative probability exceeds the number; what is left of that is
-    // uniform.
+    // Finds the first row, and within it the first column, whose cumulative probability exceeds the random number. The
+    // remainder is uniform again.
     var row = 0u;
     var last = shape.cells.y - 1u;
     while row < last {

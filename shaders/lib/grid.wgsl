@@ -1,5 +1,6 @@
-// Photons sorted by light and cell of a regular grid: look-up of cells and photons, the distance that queries count by,
-// and the rows of cells that a query visits. Positions and distances are in normalised space unless noted as cells.
+// Photons sorted by light and cell of a regular grid: look-up of cells and photons, the distance that ranks the nearest
+// photons, and the rows of cells that a query visits. Positions and distances are in normalised space unless noted as
+// cells.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::constants::REACH_CELLS;
@@ -18,17 +19,18 @@ struct GridShape {
 
 @if(texture_loads) @group(1) @binding(10) var photon_table: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(10) var<storage, read> photon_table: array<vec4u>;
-// First photon of each cell, four cells to a texel; the last cell's end follows.
+// Index of the first photon of each cell, four cells to a texel; the end of the last cell follows.
 @if(texture_loads) @group(1) @binding(14) var cell_starts: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(14) var<storage, read> cell_starts: array<vec4u>;
 
-// Squared distances along the normal count this many times more: a length along it counts four times.
+// Weight of the squared offset along the normal, added to the squared distance: an offset along the normal counts four
+// times.
 @if(!paper_counting) const NORMAL_STRETCH = 15.0;
 @if(paper_counting) const NORMAL_STRETCH = 0.0;
-// Photons whose normals differ by more than 45 degrees are of another surface.
+// Photons whose normals differ by more than 45 degrees belong to another surface.
 const COMPATIBLE_COSINE_SQUARED = 0.5;
 
-// Squared distance beyond any photon.
+// A squared distance greater than that of any photon.
 const FAR = 1e30;
 
 // The largest search radius, in cells.
@@ -51,7 +53,7 @@ fn compatible(word: u32, normal: vec3f) -> bool {
     @if(!paper_counting) { return oct_within7(word, normal, COMPATIBLE_COSINE_SQUARED); }
 }
 
-// The squared distance of a photon from a point, by which the nearest are counted; FAR for one that does not count.
+// The squared distance between photon and point that ranks the nearest photons; FAR for a photon that does not count.
 fn counted_distance(photon: vec4u, position: vec3f, normal: vec3f) -> f32 {
     let v = bitcast<vec3f>(photon.xyz) - position;
     let along = dot(v, normal);
@@ -71,12 +73,12 @@ fn cells_of_a_light(grid: GridShape) -> u32 {
     return grid.size.x * grid.size.y * grid.size.z;
 }
 
-// Index of a cell among those of one light.
+// Index of a cell in the grid of one light.
 fn index_in_grid(grid: GridShape, cell: vec3u) -> u32 {
     return (cell.z * grid.size.y + cell.y) * grid.size.x + cell.x;
 }
 
-// The cell of an index among those of one light.
+// The cell with an index in the grid of one light.
 fn cell_in_grid(grid: GridShape, index: u32) -> vec3u {
     let size = grid.size;
     return vec3u(index % size.x, (index / size.x) % size.y, index / (size.x * size.y));
@@ -89,8 +91,8 @@ fn cell_index(grid: GridShape, light: u32, cell: vec3u) -> u32 {
     @else { return within; }
 }
 
-// Queries to visit photons for, in cells: their centres lie between `low` and `high`, their radius is `reach`, their
-// normals are within `tilt` (a length, |n - normal|) of `normal`.
+// The volume that a set of queries searches, in units of cells: their centres lie between `low` and `high`, their
+// radius is `reach`, and their normals n satisfy |n - normal| <= `tilt`.
 struct SearchBall {
     low: vec3f,
     high: vec3f,
@@ -99,20 +101,20 @@ struct SearchBall {
     tilt: f32,
 }
 
-// The queries of one point.
+// The volume of one point's query.
 fn point_ball(centre: vec3f, reach: f32, normal: vec3f) -> SearchBall {
     return SearchBall(centre, centre, reach, normal, 0.0);
 }
 
-// Half the size of the box around |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`: the ellipsoid's
-// matrix is I + 15 n n^T, its inverse I - 15/16 n n^T.
+// Half the size of the box around the ellipsoid |v|^2 + 15 (v . n)^2 <= reach^2, for all n within `tilt` of `normal`.
+// The ellipsoid's matrix is I + 15 n n^T, its inverse I - 15/16 n n^T.
 fn reach_box(reach: f32, normal: vec3f, tilt: f32) -> vec3f {
     @if(paper_counting) { return vec3f(reach); }
     let along = max(abs(normal) - tilt, vec3f(0.0));
     return reach * sqrt(vec3f(1.0) - 0.9375 * along * along);
 }
 
-// The rows of cells along x that the ball may touch: first and last (y, z).
+// The rows of cells along x that the volume may touch: first and last (y, z).
 fn rows_about(grid: GridShape, ball: SearchBall) -> vec4i {
     let half_size = reach_box(ball.reach, ball.normal, ball.tilt).yz;
     return vec4i(
@@ -121,7 +123,7 @@ fn rows_about(grid: GridShape, ball: SearchBall) -> vec4i {
     );
 }
 
-// The photons of the cells of a row, at (y, z), that the ball may touch: first photon and end.
+// The photons in the cells of the row at (y, z) that the volume may touch: first photon and end.
 fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec2u {
     let row_low = vec2f(row);
     let gap = max(max(ball.low.yz - (row_low + 1.0), row_low - ball.high.yz), vec2f(0.0));
@@ -137,14 +139,16 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec
     return vec2u(load_cell_start(base + u32(first)), load_cell_start(base + u32(last) + 1u));
 }
 
-// The part of a row near the plane of the query: a photon off it by more than a quarter of the reach is too far.
+// The part of a row near the tangent plane of the query: a photon farther from it than a quarter of the reach cannot
+// count.
 @if(!paper_counting)
 fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
-    // Photon and query both lie in boxes; across the row their offset along the normal has this middle and half range.
+    // Photon and query both lie in boxes. From the axes across the row, their offset along the normal has this middle
+    // and half range.
     let normal = ball.normal;
     let middle = dot(row_low + 0.5 - 0.5 * (ball.low.yz + ball.high.yz), normal.yz);
     let range = 0.5 * dot(vec2f(1.0) + ball.high.yz - ball.low.yz, abs(normal.yz)) + (0.25 + ball.tilt) * ball.reach;
-    // Where the row lies in the plane, the ends are beyond any grid.
+    // Where the row is parallel to the plane, the ends lie beyond any grid.
     let inverse = 1.0 / select(max(normal.x, 1e-6), min(normal.x, -1e-6), normal.x < 0.0);
     let crossings = (-middle + vec2f(-range, range)) * inverse;
     return vec2f(
@@ -153,8 +157,8 @@ fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
     );
 }
 
-// An estimate of the distance to the k-th nearest, in cells, from the photons in the cell and those around it: `spare`
-// times the radius that holds k at their density. On an even surface 3 x 3 of the 27 cells hold photons.
+// Estimates the distance to the k-th nearest photon, in cells: `spare` times the radius that holds k photons at the
+// mean density of the cell and its 26 neighbours. On a flat surface 3 x 3 of the 27 cells hold photons.
 fn reach_guess(grid: GridShape, light: u32, cell: vec3u, spare: f32) -> f32 {
     let low = vec3i(max(cell, vec3u(1u)) - 1u);
     let high = vec3i(min(cell + 1u, grid.size - 1u));

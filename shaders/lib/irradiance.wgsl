@@ -1,7 +1,7 @@
 // Look-up of precomputed irradiance (Christensen 1999). Pass `irradiance` estimates the irradiance of all light at
-// positions of photons, the irradiance points; a surface point takes the value of the nearest one.
+// irradiance points, which are photon positions. A surface point takes the value of the nearest irradiance point.
 // In: the irradiance points, sorted by cell in `photon_table`, and `irradiance_table`.
-// Out: irradiance in units of radiance times steradian, and the radius of the disc that it is the mean of, in scene
+// Out: irradiance in units of radiance times steradian, and the radius of the disc over which it is the mean, in scene
 // units after normalisation.
 
 @if(texture_loads) import package::lib::table::table_texel;
@@ -13,7 +13,7 @@ import package::lib::grid::{FAR, GridShape, cell_index, counted_distance, load_c
 @group(1) @binding(16) var<uniform> irradiance_grid: GridShape;
 
 struct Irradiance {
-    // On the side of the normal.
+    // Irradiance on the side of the normal.
     value: vec3f,
     // Radius of the disc whose photons gave the value; FAR where no irradiance point is near enough.
     radius: f32,
@@ -24,14 +24,14 @@ fn load_irradiance(i: u32) -> vec4f {
     @else { return irradiance_table[i]; }
 }
 
-// The radius of an irradiance point's disc. Its last eight bits hold the part of the radius, 0 to 1, within which there
-// are no edges or walls.
+// Encodes the radius of an irradiance point's disc. The last eight bits hold the fraction of the radius within which
+// there are no edges or walls.
 fn encode_disc(radius: f32, clear: f32) -> f32 {
     return bitcast<f32>((bitcast<u32>(radius) & 0xffffff00u) | u32(clear * 255.0));
 }
 
-// The irradiance at the nearest irradiance point of the same surface, among those in the eight cells around the
-// position. All those within half a cell are among them.
+// The irradiance at the nearest irradiance point of the same surface in the 2 x 2 x 2 cells nearest to the position.
+// These hold all points within half a cell.
 fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     let size = vec3i(irradiance_grid.size);
     let corner = vec3i(floor((position - irradiance_grid.origin) * irradiance_grid.inverse_cell - 0.5));
@@ -57,8 +57,8 @@ fn irradiance_near(position: vec3f, normal: vec3f) -> Irradiance {
     }
     if nearest_distance >= FAR { return Irradiance(vec3f(0.0), FAR); }
     let found = load_irradiance(nearest_point);
-    // The value does not hold beyond an edge or a wall: the surface there may be unlit, and so have no irradiance point
-    // of its own.
+    // The value is not valid beyond an edge or a wall: the surface there may be unlit, and then has no irradiance
+    // points of its own.
     let clear = found.w * f32(bitcast<u32>(found.w) & 255u) / 255.0;
     return Irradiance(found.xyz, select(FAR, found.w, nearest_distance <= clear * clear));
 }

@@ -1,5 +1,5 @@
-// Lights: how they are sampled, their closed-form irradiance, their darkness and their emission. This file tells the
-// kinds of lights apart; each kind is a file of lib/light/.
+// Lights: sampling, closed-form irradiance, darkness and emission. This file dispatches by kind of light; each kind has
+// a file in lib/light/.
 
 import package::lib::constants::{
     LIGHT_DIRECTIONAL, LIGHT_EMISSION_TEXEL, LIGHT_KIND_MASK, LIGHT_KIND_TEXEL, LIGHT_MESH, LIGHT_POINT,
@@ -25,7 +25,7 @@ struct SampledLight {
     light: u32,
     // The probability with which it is sampled.
     probability: f32,
-    // The rest of the random number, which is uniform again.
+    // The remainder of the random number, which is uniform again.
     u: f32,
 }
 
@@ -35,7 +35,7 @@ fn light_probability(light: u32) -> f32 {
     @else { return light_texel_f32(light, LIGHT_SAMPLING_TEXEL).y; }
 }
 
-// Samples a light by power or uniformly; there must be one.
+// Samples a light by power or uniformly. The scene must have a light.
 fn sample_light(u: f32) -> SampledLight {
     @if(uniform_light_sampling) {
         let count = light_count();
@@ -61,7 +61,7 @@ fn sample_light_by_power(u: f32) -> SampledLight {
 
 // ---- Punctual lights
 
-// The part of a ray's flux that is left at that distance from the light.
+// The fraction of a ray's flux that remains at a distance from the light.
 fn flux_window(light: u32, distance: f32) -> f32 {
     @if(point_lights || spot_lights) {
         let kind = light_kind(light);
@@ -85,11 +85,11 @@ fn punctual_at(light: u32, kind: u32, position: vec3f) -> PunctualLight {
 
 // ---- Darkness
 
-// Whether the whole light is behind the surface's plane or emits away from the position, so that nothing can arrive.
-// Exact for lights of a closed form; others may be dark where this is false.
+// Whether the whole light is behind the surface's plane or emits away from the position, so that no light can arrive.
+// Exact for lights with a closed form; for others it may be false although the light is dark.
 fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
-    // No surface faces away from everything around it.
+    // No surface faces away from the whole environment.
     @if(environment) { if is_environment(light) { return false; } }
     @if(point_lights || spot_lights || directional_lights) {
         let kind = header.x & LIGHT_KIND_MASK;
@@ -104,8 +104,8 @@ fn light_dark(light: u32, position: vec3f, normal: vec3f) -> bool {
 
 // ---- Potential
 
-// Approximate unoccluded irradiance of the surface from the light, in the same units for all lights. Lights are sampled
-// by it, so it is positive wherever `light_dark` is false and the light emits.
+// Approximate unoccluded irradiance of the surface from the light, in the same units for all lights. It is the weight
+// for sampling lights, so it is positive wherever `light_dark` is false and the light emits.
 fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
     let strength = bitcast<f32>(light_texel(light, LIGHT_SAMPLING_TEXEL).z);
     @if(environment) { if is_environment(light) { return strength; } }
@@ -124,7 +124,7 @@ fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
 
 // ---- Sampling
 
-// A point of the light as seen from the position, without regard to occluders and horizon.
+// Samples a point of the light for a position, without regard to occluders and horizon.
 fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     @if(environment) { if is_environment(light) { return environment_light_sample(u); } }
@@ -140,13 +140,14 @@ fn light_sample(light: u32, position: vec3f, u: vec2f) -> LightSample {
     @else { return no_light_sample(); }
 }
 
-// Farther than any occluder can be: the scene has unit size.
+// A distance beyond every occluder: the scene has unit size.
 const BEYOND_SCENE = 4.0;
 
-// The whole way from a surface to a light point, clear of both surfaces, with t from 0 to 1. It leads to the point
-// itself and not along the sample's direction: from an origin that was moved, that would miss the point by as much, and
-// enter a curved light before its end. Where light and surface are nearer to each other than they are kept clear of, it
-// would begin beyond the one or end beyond the other; nothing has room in between, and the ray is empty.
+// The shadow ray from a surface to a light point, with t from 0 to 1; both ends are offset from their surfaces. It
+// leads to the light point itself, not along the sample's direction: from the offset origin, that direction would miss
+// the point by as much, and could hit a curved light before the ray ends. Where light and surface are closer than these
+// offsets, the ray would begin beyond the light or end beyond the surface. No occluder fits in between, and the ray is
+// empty.
 fn shadow_ray(position: vec3f, normal: vec3f, sampled: LightSample) -> Ray {
     let origin = offset_origin(position, normal);
     let end = offset_origin(light_point(position, sampled), sampled.normal);
@@ -158,7 +159,7 @@ fn light_point(position: vec3f, sampled: LightSample) -> vec3f {
     return position + min(sampled.distance, BEYOND_SCENE) * sampled.direction;
 }
 
-// Whether an origin of rays from a position is already beyond the light that the sample is on: they do not find it.
+// Whether the offset origin of a position's rays lies beyond the sampled light, so that the rays cannot hit it.
 fn is_beyond(origin: vec3f, position: vec3f, sampled: LightSample) -> bool {
     return dot(origin - light_point(position, sampled), sampled.normal) < 0.0;
 }
@@ -183,7 +184,7 @@ fn light_unshadowed_irradiance(light: u32, position: vec3f, normal: vec3f) -> ve
 
 // ---- Emission
 
-// A ray that leaves the light, with a density that its kind's file states.
+// Samples a ray that leaves the light. The file of each kind states the density.
 fn light_emit(light: u32, u: vec4f) -> EmittedRay {
     @if(environment) { if is_environment(light) { return environment_emit(light, u); } }
     @if(point_lights || spot_lights || directional_lights) {

@@ -1,5 +1,5 @@
-// The table of materials: what every material has. A lobe's part of the table is read in the lobe's own file under
-// lib/bsdf/. The table is made by src/scene/material.rs.
+// The table of materials: the members that every material has. The files of lib/bsdf/ read the members of their lobes.
+// src/scene/material.rs makes the table.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::attributes::{material_index, surface_texel_of};
@@ -24,12 +24,12 @@ fn material_at(index: u32) -> u32 {
     return index * MATERIAL_TEXELS;
 }
 
-// Flags, and above them a bit for each of the textures that the material has.
+// Flags, and above them a bit for each texture that the material has.
 fn material_flags(material: u32) -> u32 {
     return load_material_texel(material + TEXTURES_TEXEL).x;
 }
 
-// Number of the texture info (counted from 1) of one of the material's textures; 0 for none.
+// Number of the texture info, counted from 1, for a use of textures by the material; 0 for none.
 @if(textures)
 fn texture_info(material: u32, texture: u32) -> u32 {
     let word = texture + 1u;
@@ -56,7 +56,7 @@ fn alpha_at(triangle: u32, u: f32, v: f32) -> Alpha {
     return Alpha(alpha, cutoff, material_flags(material));
 }
 
-// Radiance that a point of a triangle emits on its front (and on its back where the material is double-sided).
+// Radiance that a point of a triangle emits on its front (and on its back if the material is double-sided).
 fn emission_at(triangle: u32, u: f32, v: f32) -> vec3f {
     let material = material_at(material_index(surface_texel_of(triangle).w));
     var emission = bitcast<vec3f>(load_material_texel(material + EMISSION_TEXEL).xyz);

@@ -7,7 +7,7 @@ fn safe_sqrt(x: f32) -> f32 {
     return sqrt(max(x, 0.0));
 }
 
-// Whether no component is infinite or NaN. By bits: a compiler may assume that comparisons never see a NaN.
+// Whether no component is infinite or NaN. It tests bits, as a compiler may assume that comparisons never see a NaN.
 fn is_finite4(v: vec4f) -> bool {
     return all((bitcast<vec4u>(v) & vec4u(0x7f800000u)) != vec4u(0x7f800000u));
 }
@@ -16,16 +16,16 @@ fn is_finite3(v: vec3f) -> bool {
     return is_finite4(vec4f(v, 0.0));
 }
 
-// The value of a sample that must not count: a NaN, which the film leaves out and counts. `bits` may be anything that
-// the compiler does not know, as compilers reject a constant NaN.
+// NaN, the value of an invalid sample, which the film leaves out and counts. `bits` may be any value that is not a
+// constant, as compilers reject a constant NaN.
 fn invalid_sample(bits: u32) -> f32 {
     return bitcast<f32>(bits | 0x7fc00000u);
 }
 
 // The angle, 0 to pi, between a vector (x, y) and the x axis, for y >= 0; x and y must not both be 0. The error is at
-// most two units in the last place. WGSL allows its own atan2 4096 of them, and lavapipe's has 130: too many for the
-// closed form of a distant polygonal light, a sum of angles that cancel. (Cephes' atanf: the polynomial is good up to
-// tan(pi / 8), larger arguments are reflected.)
+// most 2 ULP. WGSL allows atan2 an error of 4096 ULP, and lavapipe's has 130: too much for the closed form of a distant
+// polygonal light, a sum of angles that cancel. (This is Cephes' atanf: its polynomial is valid up to tan(pi / 8),
+// larger arguments are reflected.)
 fn angle_of(y: f32, x: f32) -> f32 {
     let low = min(y, abs(x));
     let high = max(y, abs(x));
@@ -82,8 +82,8 @@ fn oct_decode16(bits: u32) -> vec3f {
     return oct_unwrap(unpack2x16snorm(bits));
 }
 
-// A unit vector in 14 bits, within 0.034 radians: half a step of 1/63 in each coordinate, which the map stretches
-// threefold where the coordinates are alike. A coordinate has 127 levels, so that the axes are exact.
+// A unit vector in 14 bits, within 0.034 radians. The error is half a step of 1/63 in each coordinate, which the map
+// stretches threefold where the coordinates are equal. A coordinate has 127 levels, so that the axes are exact.
 fn oct_encode7(n: vec3f) -> u32 {
     let q = vec2u(round(oct_wrap(n) * 63.0 + 63.0));
     return q.x | (q.y << 7u);
@@ -93,13 +93,14 @@ fn oct_decode7(bits: u32) -> vec3f {
     return normalize(oct_direction7(bits));
 }
 
-// The direction of the code's vector, with whole numbers as coordinates.
+// The direction of a code's vector, with integer coordinates; not normalised.
 fn oct_direction7(bits: u32) -> vec3f {
     return oct_unfold(vec2f(vec2i(vec2u(bits, bits >> 7u) & vec2u(127u)) - 63), 63.0);
 }
 
-// Whether the vector of a code is within an angle, below 90 degrees, of the unit vector n; `cosine_squared` is that of
-// the angle. The vector is not normalised: the root and the divisions took a quarter of a photon search.
+// Whether the vector of a code is within an angle, below 90 degrees, of the unit vector n; `cosine_squared` is the
+// squared cosine of the angle. The vector is not normalised: the square root and the divisions took a quarter of the
+// time of a photon search.
 fn oct_within7(bits: u32, n: vec3f, cosine_squared: f32) -> bool {
     let v = oct_direction7(bits);
     let along = dot(v, n);

@@ -4,11 +4,11 @@
 // In: the first vertex of a path, and the scene. Lengths are in scene units after normalisation.
 // Out: radiance, and the numbers of rays.
 //
-// With the feature `indirect` other passes have done next-event estimation at the first vertex. The path then brings of
-// direct light only what its first ray hits, for the specular part of the BSDF. With `global_map` a path ends at
-// precomputed irradiance (Christensen 1999), once its cone is as wide as the disc of photons of that irradiance. With
-// `caustics` another pass adds what the diffuse part of the visible surface receives from lights by focusing surfaces
-// alone.
+// With the feature `indirect`, other passes have done next-event estimation at the first vertex. Of direct light, the
+// path then adds only what its first ray hits, for the specular part of the BSDF. With `global_map`, a path ends at
+// precomputed irradiance (Christensen 1999), once its footprint is as wide as the disc of photons of that irradiance.
+// With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
+// of focusing surfaces only.
 
 import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
@@ -37,17 +37,17 @@ var<private> bounce_rays: u32;
 // Vertices before Russian roulette may end a path: the first few bounces carry most of the image.
 const FIRST_ROULETTE = 3u;
 
-// Whether the weight of a path of this invocation grew above HEAVY_WEIGHT: surfaces reflect more than they receive, or
-// far more in some directions than paths are sent there. Roulette alone does not lead there.
+// Set if the weight of a path of this invocation exceeds HEAVY_WEIGHT: either surfaces reflect more light than they
+// receive, or the BSDF sampling gives some directions far too small a density. Roulette alone does not cause it.
 const HEAVY_WEIGHT = 8.0;
 var<private> heavy_path: bool;
 
 // Iterations of a search for a direction of the environment, which has at most 1024 x 512 cells.
 @if(environment) const ENVIRONMENT_ITERATIONS = 20u;
 
-// Iterations of all traversals of a path after which it gives up and sets `traversal_overrun`. Software devices count
-// iterations for all lanes of a vector together, and each traversal may have another slowest lane: a quarter of what
-// they allow.
+// Maximum iterations of all traversals of a path. Beyond it, the path ends and sets `traversal_overrun`. It is a
+// quarter of what software devices allow: they count iterations for all lanes of a vector together, and the slowest
+// lane may differ between traversals.
 const PATH_ITERATIONS = 16384u;
 
 // Maximum number of loop iterations at a vertex besides its traversals: binary searches for a light and, twice, for one
@@ -62,9 +62,9 @@ fn vertex_iterations() -> u32 {
 struct PathVertex {
     position: vec3f,
     surface: Surface,
-    // The diffuse part is accounted for; what remains is the BSDF less that part.
+    // The diffuse part is already accounted for: only the BSDF without it counts.
     @if(global_map && glossy) residual: bool,
-    // For the random numbers of this vertex.
+    // Seed of the random numbers of this vertex.
     seed: u32,
     sample_index: u32,
     // Random numbers that select a lobe and a light.
@@ -80,7 +80,7 @@ struct PathRadiance {
 struct PathStart {
     // Bounces before the first vertex.
     bounce: u32,
-    // Radius there of the cone of directions that the path samples.
+    // Radius of the path's footprint there: that of the cone of directions that it samples.
     spread: f32,
 }
 
@@ -90,19 +90,19 @@ struct Path {
     // Bounces before the vertex.
     bounce: u32,
     throughput: vec3f,
-    // What the path has brought back so far.
+    // Radiance that the path has gathered so far.
     radiance: PathRadiance,
     // Whether the path continues from the vertex.
     goes_on: bool,
-    // Light points that `shade` took of each light, where it did.
+    // Light points per light in pass `shade`, where that pass ran.
     light_samples: u32,
-    // Radius at the vertex of the cone of directions that the path samples.
+    // Radius of the path's footprint at the vertex: that of the cone of directions that it samples.
     @if(global_map) spread: f32,
-    // Where photons that reached the vertex are stored, and the normal there.
+    // Position and normal at which photons of the vertex are stored.
     @if(global_map) photon_position: vec3f,
     @if(global_map) photon_normal: vec3f,
-    // Whether there were only focusing surfaces since the visible point, or since the gather point before the first
-    // vertex. Light then counts by the residual part of that point's BSDF.
+    // Whether the path has met only focusing surfaces since the visible point, or since the gather point before the
+    // first vertex. Light then counts only by the residual part of that point's BSDF.
     @if(caustics) specular_chain: bool,
     @if(caustics) residual_throughput: vec3f,
 }
@@ -125,8 +125,8 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     return path;
 }
 
-// What a path brings back from its first vertex. `light_samples`: light points that `shade` took of each light, where
-// it did.
+// The radiance that a path gathers from its first vertex on. `light_samples`: light points per light in pass `shade`,
+// where that pass ran.
 fn trace_path(first: PathVertex, start: PathStart, seed: u32, max_bounces: u32, light_samples: u32) -> PathRadiance {
     var path = begin_path(first, start, light_samples);
     for (; ; path.bounce++) {
@@ -135,7 +135,7 @@ fn trace_path(first: PathVertex, start: PathStart, seed: u32, max_bounces: u32, 
         path.vertex.lobe_and_light = sobol2(path.vertex.sample_index, hash2(path.vertex.seed, 2u));
         add_sampled_light(&path);
         let scattered = scatter_path(&path);
-        // Without lights that a ray can hit, the last ray would be for nothing.
+        // Without lights that a ray can hit, the last ray would find nothing.
         @if(!mesh_lights && !environment) { path.goes_on &= path.bounce < max_bounces; }
         if path.goes_on { extend_path(&path, scattered); }
         traversal_overrun |= traversal_iterations > PATH_ITERATIONS;
@@ -149,7 +149,7 @@ fn add_radiance(path: ptr<function, Path>, arriving: vec3f) {
     if (*path).bounce == 0u { (*path).radiance.direct += arriving; } else { (*path).radiance.indirect += arriving; }
 }
 
-// The throughput by which light at the vertex counts, and light that the ray from there hits.
+// The throughput that weights light at the vertex, and light that the ray from the vertex hits.
 fn light_throughput(path: ptr<function, Path>) -> vec3f {
     @if(caustics) {
         let residual = (*path).specular_chain && (*path).bounce > 0u;
@@ -158,13 +158,13 @@ fn light_throughput(path: ptr<function, Path>) -> vec3f {
     @else { return (*path).throughput; }
 }
 
-// The BSDF times the cosine, or what remains of it.
+// The BSDF times the cosine, or its residual part.
 fn reflection(vertex: PathVertex, direction: vec3f) -> vec3f {
     @if(global_map && glossy) { if vertex.residual { return bsdf_residual(vertex.surface, direction); } }
     return bsdf_evaluate(vertex.surface, direction);
 }
 
-// Next-event estimation, where no other pass has done it.
+// Next-event estimation, unless another pass has done it.
 fn add_sampled_light(path: ptr<function, Path>) {
     @if(indirect && !transmission) { if (*path).bounce == 0u { return; } }
     @if(indirect && transmission) {
@@ -173,7 +173,7 @@ fn add_sampled_light(path: ptr<function, Path>) {
     add_radiance(path, light_throughput(path) * light_at((*path).vertex, (*path).bounce));
 }
 
-// The light that the vertex reflects from one sampled light, over the probability of the light.
+// The light reflected by the vertex from one sampled light, over the probability of sampling that light.
 fn light_at(vertex: PathVertex, bounce: u32) -> vec3f {
     let selected = sample_light(vertex.lobe_and_light.y);
     let lit = light_sample(selected.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
@@ -221,10 +221,10 @@ fn scatter_path(path: ptr<function, Path>) -> BsdfSample {
 // Russian roulette by the path's throughput.
 fn play_roulette(path: ptr<function, Path>) {
     let size = abs((*path).throughput);
-    // The probability of survival is not below the throughput. A lower one would give the few long paths of a scene
-    // that absorbs little weights too large for their number, and the image would miss their light without a sign of
-    // it. (With at most 0.95, a closed room of albedo 0.99 was 17 % too dark.) So paths in white rooms end at the
-    // maximum number of bounces.
+    // The probability of survival is never below the throughput. A lower one would concentrate the light of scenes that
+    // absorb little in a few long paths of large weight. An image that misses these paths is too dark without showing
+    // noise. (With a probability of at most 0.95, a closed room of albedo 0.99 was 17 % too dark.) So paths in white
+    // rooms end at the maximum number of bounces.
     let survival = min(max(size.x, max(size.y, size.z)), 1.0);
     let xi = uniform_from_bits(hash3((*path).vertex.seed, 0x726f756cu, (*path).vertex.sample_index));
     (*path).goes_on = xi < survival;
@@ -267,7 +267,7 @@ fn extend_path(path: ptr<function, Path>, scattered: BsdfSample) {
     }
 }
 
-// Adds precomputed irradiance where the path's cone is wide enough; true where nothing remains to be traced.
+// Adds precomputed irradiance if the path's footprint is wide enough. Returns true if nothing remains to be traced.
 @if(global_map)
 fn add_known_irradiance(path: ptr<function, Path>) -> bool {
     let known = irradiance_near((*path).photon_position, (*path).photon_normal);
@@ -285,8 +285,8 @@ fn add_known_irradiance(path: ptr<function, Path>) -> bool {
     return false;
 }
 
-// How much a ray of that density by solid angle widens the path's cone over a distance; no more than a ray of a
-// Lambertian surface does, so that in corners, too, look-ups happen only at some distance.
+// How much a ray of the given density by solid angle widens the path's footprint over a distance. It is at most that of
+// a ray of a Lambertian surface, so that look-ups in corners, too, happen only at some distance.
 @if(global_map)
 fn spread_along(pdf: f32, distance: f32) -> f32 {
     return distance * min(inverseSqrt(PI * pdf), 1.0);
@@ -302,7 +302,7 @@ fn emission_weight(path: ptr<function, Path>, scattered: BsdfSample, hit: Hit, f
     return hit_weight(path, scattered, passing, emitter.pdf, emitter.light);
 }
 
-// The weight of light that the scattered ray hit, and which `light_sample` samples with density `pdf` by solid angle.
+// The weight of light that the scattered ray hit, and that `light_sample` samples with density `pdf` by solid angle.
 // `passing` is the transmittance along the ray; the throughput includes it.
 @if(mesh_lights || environment)
 fn hit_weight(path: ptr<function, Path>, scattered: BsdfSample, passing: vec3f, pdf: f32, light: u32) -> vec3f {

@@ -10,8 +10,9 @@ import package::lib::constants::{
 
 struct Photon {
     position: vec3f,
-    // Bits 0-13 normal on the side that the photon came to, 31 shadow photon. In the visibility map 14-24 light, 25-30
-    // weight exponent; in the global map 14-28 flux in red, green and blue, 29-30 its exponent.
+    // Bits 0-13: normal on the side that the photon hit; bit 31: shadow photon. In the visibility map, bits 14-24:
+    // light, 25-30: weight exponent. In the global map, bits 14-28: flux in red, green and blue, 29-30: exponent of the
+    // flux.
     word: u32,
 }
 
@@ -35,16 +36,16 @@ fn photon_has_weight(word: u32) -> bool {
     return (word & PHOTON_WEIGHT_MASK) != 0u;
 }
 
-// Number of hits that the photon represents, 2^(w/4), rounded to sixteenths. Integers make sums independent of order.
+// Number of hits that the photon represents, 2^(w/4), in sixteenths. Sums of integers do not depend on order.
 fn photon_weight_sixteenths(word: u32) -> u32 {
     let w = word >> PHOTON_WEIGHT_SHIFT;
-    // 2^16 times 1, 2^(1/4), 2^(1/2), 2^(3/4): shifted by 15 at most, they fill 32 bits.
+    // 2^16 times 1, 2^(1/4), 2^(1/2), 2^(3/4). Shifted by 15 at most, they fit in 32 bits.
     let odd = (w & 1u) != 0u;
     let whole = select(select(65536u, 77936u, odd), select(92682u, 110218u, odd), (w & 2u) != 0u);
     return ((whole << ((w >> 2u) & 15u)) + 2048u) >> 12u;
 }
 
-// The word of a photon that represents `weight` hits, to the nearest fourth root of two.
+// The word of a photon that represents `weight` hits, rounded to the nearest power of 2^(1/4).
 fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
     let exponent = u32(clamp(round(4.0 * log2(weight)), 0.0, f32(PHOTON_MAX_WEIGHT_EXPONENT)));
     let word = normal | (exponent << PHOTON_WEIGHT_SHIFT) | select(0u, PHOTON_SHADOW, shadow);
@@ -52,14 +53,14 @@ fn photon_word(normal: u32, light: u32, weight: f32, shadow: bool) -> u32 {
     @else { return word; }
 }
 
-// Flux of the global map's photons, in 31sts of a unit that all photons share times 8 to the exponent. Random rounding
-// keeps the mean; a 31st is small against the noise of the few dozen photons that an estimate sums.
+// The flux of a photon of the global map is stored in steps of 1/31 of the common unit times 8 to the exponent.
+// Stochastic rounding keeps the mean; a step is small against the noise of the few dozen photons that an estimate sums.
 // The word of a photon that carries `flux` units, no channel above MAX_FLUX; `xi` is uniform.
 fn flux_word(normal: u32, flux: vec3f, xi: f32, shadow: bool) -> u32 {
     let largest = max(flux.x, max(flux.y, flux.z));
     let exponent = select(select(select(3u, 2u, largest <= 64.0), 1u, largest <= 8.0), 0u, largest <= 1.0);
     let steps = flux * (f32(FLUX_STEPS) / f32(1u << (3u * exponent)));
-    // One random number for all channels: white stays white.
+    // One random number for all channels keeps white white.
     let q = vec3u(min(steps + xi, vec3f(f32(FLUX_STEPS))));
     let rgb = (q.x << 14u) | (q.y << 19u) | (q.z << 24u);
     return normal | rgb | (exponent << 29u) | select(0u, PHOTON_SHADOW, shadow);

@@ -1,4 +1,4 @@
-// The points to be shaded: one for each sample of a tile's pixels, and the surfaces they lie on.
+// Shading points, one for each sample of a tile's pixels, and the surfaces that they lie on.
 
 import package::lib::bsdf::surface::PackedSurface;
 @if(specular_chains) import package::lib::math::oct_decode16;
@@ -6,7 +6,7 @@ import package::lib::bsdf::surface::PackedSurface;
 @if(specular_chains) import package::lib::constants::INVALID_POINT;
 
 struct Point {
-    // Where rays leave from.
+    // Origin of rays.
     position: vec3f,
     // The surface's geometric normal on the viewer's side (oct_encode16), or INVALID_POINT.
     normal: u32,
@@ -15,20 +15,20 @@ struct Point {
 // The surface that a point lies on.
 struct VisibleSurface {
     packed: PackedSurface,
-    // Throughput of the chain that led here, and the direction back along it (oct_encode16); INVALID_POINT there where
-    // the camera sees the point itself.
+    // Throughput of the specular chain that leads here, and the direction back along it (oct_encode16), or
+    // INVALID_POINT if the camera sees the point directly.
     @if(specular_chains) chain: vec4f,
-    // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16): `points` has those of the
-    // smooth surface that it stands for, which may be farther from the triangle than a disc of photons is high.
+    // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16). `points` holds those of
+    // the smooth surface, which may be farther from the triangle than the height of a search ellipsoid.
     @if(smooth_normals && (photon_map || caustics)) triangle: vec4f,
 }
 
-// The chain that led to a point: what passes along it, and where it comes from.
+// The specular chain that leads to a point: its throughput, and the direction back along it.
 @if(specular_chains)
 struct Chain {
     throughput: vec3f,
     view: vec3f,
-    // It has no link: the camera sees the point itself.
+    // The chain has no link: the camera sees the point directly.
     none: bool,
 }
 

@@ -1,7 +1,7 @@
 // Procedural objects: intersection with rays, and surface attributes. docs/procedurals.md specifies their functions;
 // the host composes those of the scene into `package::lib::procedural_functions` (src/procedural). In:
 // `procedural_texels`, PROCEDURAL_TEXELS of each object in the order of PROCEDURAL_TO_OBJECT and following. Out: hits,
-// in scene units after normalisation. Rays that were given up are counted in `procedural_misses`.
+// in scene units after normalisation. `procedural_misses` counts the rays that exceeded their budget.
 //
 // A hit of an object has in `triangle` the bit PROCEDURAL and the object's number, and in `u` and `v` the octahedral
 // code of its outer normal.
@@ -32,25 +32,26 @@ fn is_procedural(triangle: u32) -> bool {
     return (triangle & PROCEDURAL) != 0u && triangle != NO_HIT;
 }
 
-// A texel of the object that `triangle` of a hit, or the object's number itself, names.
+// A texel of an object; `triangle` is that of a hit, or the object's number.
 fn object_texel(triangle: u32, texel: u32) -> vec4f {
     return load_procedural_texel((triangle & PROCEDURAL_INDEX_MASK) * PROCEDURAL_TEXELS + texel);
 }
 
 // The part of a ray within an object's box, in the object's space.
 struct Inside {
-    // Where the ray enters the box: functions then work with small numbers, however far away the ray began.
+    // The point where the ray enters the box. Functions then compute with small numbers, however far away the ray
+    // began.
     origin: vec3f,
     // Unit vector.
     direction: vec3f,
-    // Length from the ray's origin to `origin`, and from there to where the ray leaves the box.
+    // Length from the ray's origin to `origin`, and from `origin` to the point where the ray leaves the box.
     enter: f32,
     length: f32,
     // Length of the ray's direction in the object's space.
     scale: f32,
     parameters: vec4f,
     function: u32,
-    // Positions nearer to each other than this length are taken as the same.
+    // Positions closer to each other than this length count as the same.
     epsilon: f32,
 }
 
@@ -178,7 +179,7 @@ fn procedural_double_sided(triangle: u32) -> bool {
     return object_texel(triangle, PROCEDURAL_TRAITS).w != 0.0;
 }
 
-// Distance from the hit, along the normal, at which rays leave: more than the error of the hit's position.
+// Offset along the normal of the origin of rays that leave the hit: more than the error of the hit's position.
 fn procedural_clearance(triangle: u32) -> f32 {
     return object_texel(triangle, PROCEDURAL_TRAITS).y;
 }

@@ -28,10 +28,10 @@ fn nonzero_direction(d: vec3f) -> vec3f {
     return select(d, select(vec3f(smallest), vec3f(-smallest), d < vec3f(0.0)), abs(d) < vec3f(smallest));
 }
 
-// The origin of rays that leave a surface at p on the side of the normal n, clear of the surface itself. Each
-// coordinate moves by a number of representable steps, so by more where floats are coarser, and near 0, where steps
-// shrink below the error of the point, by a fixed distance (after Waechter and Binder 2019; positions are of unit
-// size).
+// The origin of rays that leave a surface at p on the side of the normal n, offset so that they do not hit the surface
+// itself (after Waechter and Binder 2019). Each coordinate moves by a number of ULPs, which is farther where floats are
+// coarser. Near 0, where ULPs are smaller than the error of the point, it moves by a fixed distance. Positions are of
+// unit size.
 fn offset_origin(p: vec3f, n: vec3f) -> vec3f {
     let near_zero = 1.0 / 32.0;
     let steps = vec3i(256.0 * n);
@@ -40,7 +40,7 @@ fn offset_origin(p: vec3f, n: vec3f) -> vec3f {
     return select(by_steps, p + n * (1.0 / 65536.0), abs(p) < vec3f(near_zero));
 }
 
-// A ray in the frame where it is the z axis (Woop, Benthin and Wald 2013).
+// A ray with its shear to the frame in which it is the z axis (Woop, Benthin and Wald 2013).
 struct ShearedRay {
     origin: vec3f,
     // The direction's largest component, which becomes z: x or y, else z.
@@ -67,17 +67,17 @@ fn to_ray_frame(ray: ShearedRay, p: vec3f) -> vec3f {
     return vec3f(q.xy - ray.shear.xy * q.z, ray.shear.z * q.z);
 }
 
-// a * b - c * d with the right sign, or 0, whether or not the device fuses products and sums. Unfused, rounding keeps
-// the order, so the difference of the rounded products has the sign of the exact one or is 0. Fused, this is Kahan's
-// algorithm, exact to two units in the last place. Two triangles therefore agree on which side of their common edge a
-// ray passes, and no ray passes between them.
+// a * b - c * d with the right sign, or 0, whether or not the device fuses products and sums. Unfused, rounding is
+// monotonic, so the difference of the rounded products has the sign of the exact difference or is 0. Fused, this is
+// Kahan's algorithm, exact to 2 ULP. So two triangles agree on which side of their common edge a ray passes, and no ray
+// slips between them.
 fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
     let product = c * d;
     return fma(a, b, -product) + fma(-c, d, product);
 }
 
-// Where the ray's line meets a triangle, from either side: t, and the barycentric coordinates of corners 1 and 2. t is
-// MISSED where it does not meet it, and never NaN.
+// Intersects the ray's line with both sides of a triangle: t, and the barycentric coordinates of corners 1 and 2. t is
+// MISSED if there is no intersection, and never NaN.
 fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_2: vec3f) -> vec3f {
     let a = to_ray_frame(ray, corner_0);
     let b = to_ray_frame(ray, corner_1);
@@ -94,17 +94,17 @@ fn intersect_triangle(ray: ShearedRay, corner_0: vec3f, corner_1: vec3f, corner_
 }
 
 // Corrects the distance t of a hit of a needle (a triangle far longer than wide); corners are in the ray's frame. Where
-// products are not fused, the corner weights of a needle are off in proportion to its length over its width. Their
-// point then lies beside the ray, along the needle, and, if the needle is inclined to the ray, at another distance.
-// This moves the point along the needle's plane back to the ray. The plane's inclination is off by the same proportion,
-// so the error that remains is the square of the first one.
+// products are not fused, the error of a needle's barycentric weights is proportional to its length over its width. The
+// point of these weights then lies beside the ray, displaced along the needle; if the needle is inclined to the ray,
+// its distance is wrong too. This moves the point within the needle's plane back to the ray. The plane's inclination
+// has the same relative error, so the error that remains is of second order.
 @if(needles)
 fn on_plane(a: vec3f, b: vec3f, c: vec3f, weights: vec3f, t: f32) -> f32 {
     let offset = weights.x * a.xy + weights.y * b.xy + weights.z * c.xy;
     let normal = cross(b - a, c - a);
     let moved = t + dot(normal.xy, offset) / normal.z;
-    // A needle that is parallel to the ray has no certain inclination, but its points lie between its corners. (`moved`
-    // is NaN where the ray lies in the plane, and comparisons with NaN are false.)
+    // The inclination of a needle parallel to the ray is uncertain, but its points lie between its corners. (`moved` is
+    // NaN if the ray lies in the plane, and comparisons with NaN are false.)
     let nearest_corner = min(a.z, min(b.z, c.z));
     let farthest_corner = max(a.z, max(b.z, c.z));
     return select(t, clamp(moved, nearest_corner, farthest_corner), abs(moved) < MISSED);

@@ -8,9 +8,9 @@ import package::lib::constants::RECORD_HEAD_TEXELS;
 @if(smooth_normals || normal_maps) import package::lib::constants::RECORD_VALUE_TEXELS_CURVED;
 @if(!(smooth_normals || normal_maps)) import package::lib::constants::RECORD_VALUE_TEXELS_FLAT;
 
-// A head has RECORD_HEAD_TEXELS: position and radius (from pass `gather`: the size of a pixel there); normal and
-// harmonic mean distance. Texels of the values: for each channel the translational gradient and the irradiance, then
-// for each channel the rotational gradient.
+// A head has RECORD_HEAD_TEXELS texels: position and radius (as pass `gather` writes it, the size of a pixel there);
+// normal and harmonic mean distance. The values have a texel per channel for the translational gradient and the
+// irradiance, then a texel per channel for the rotational gradient.
 @if(smooth_normals || normal_maps) const RECORD_VALUE_TEXELS = RECORD_VALUE_TEXELS_CURVED;
 @if(!(smooth_normals || normal_maps)) const RECORD_VALUE_TEXELS = RECORD_VALUE_TEXELS_FLAT;
 
@@ -45,11 +45,12 @@ fn load_block_record(i: u32) -> u32 {
     @else { return block_records[i >> 2u][i & 3u]; }
 }
 
-// Offsets along the normal count ten times their length (1 + 99 = 10 squared): a record is not used for a surface above
-// or below its own.
+// Weight of the squared offset along the normal, added to the squared distance. Such offsets count ten times (1 + 99 =
+// 10 squared), so that a record is not used for a surface above or below its own.
 const OFF_PLANE = 99.0;
 
-// A record is not used for normals more than 20 degrees from its own: 1 over the length of the difference of two such.
+// 1 over the length of the difference of unit normals 20 degrees apart: a record is not used for normals farther from
+// its own.
 const PER_NORMAL = 1.0 / 0.34729636;
 
 struct Interpolated {
@@ -58,8 +59,8 @@ struct Interpolated {
     weight: f32,
 }
 
-// The irradiance at a visible point in a block of the image, from the records that reach the block. The weight of a
-// record falls to 0 at its radius (Tabellion and Lamorlette 2004), so that its rim does not show.
+// Interpolates the irradiance at a visible point from the records that reach its block of the image. The weight of a
+// record falls to 0 at its radius (Tabellion and Lamorlette 2004), so that no rim is visible.
 fn interpolate_records(block: u32, position: vec3f, normal: vec3f) -> Interpolated {
     var sum = vec3f(0.0);
     var weight = 0.0;
@@ -71,7 +72,7 @@ fn interpolate_records(block: u32, position: vec3f, normal: vec3f) -> Interpolat
         let offset = position - centre.xyz;
         let off_plane = dot(offset, 0.5 * (normal + side.xyz));
         let distance = sqrt(dot(offset, offset) + OFF_PLANE * off_plane * off_plane) / centre.w;
-        // Not 1 minus the cosine: that keeps only three digits for normals that differ by 1e-3.
+        // Not by 1 minus the cosine, which keeps only three digits for normals that differ by 1e-3.
         let normal_distance = length(normal - side.xyz) * PER_NORMAL;
         let w = max(1.0 - max(distance, normal_distance), 0.0);
         let base = id * RECORD_VALUE_TEXELS;
@@ -88,7 +89,7 @@ fn interpolate_records(block: u32, position: vec3f, normal: vec3f) -> Interpolat
                 dot(load_value(base + 5u).xyz, axis),
             );
         }
-        // Where the first-order change is larger than the irradiance itself, the gradient does not hold.
+        // Where the first-order change exceeds the irradiance itself, the gradient is not valid.
         sum += w * (irradiance + clamp(change, -irradiance, irradiance));
         weight += w;
     }

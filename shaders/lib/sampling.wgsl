@@ -3,11 +3,11 @@
 import package::lib::math::{PI, angle_of, safe_sqrt};
 import package::lib::rng::{hash1, hash2, uniform_from_bits};
 
-// By bit of the index, the direction numbers of the first four dimensions.
+// For each bit of the index, the direction numbers of the first four dimensions.
 @group(1) @binding(12) var<uniform> sobol_directions: array<vec4u, 32>;
 
-// Permutes so that each bit depends on the lower ones only: an Owen scramble of the reversed bits (Laine and
-// Karras 2011; the constants are Vegdahl's, of less bias).
+// An Owen scramble of the reversed bits: a permutation in which each bit depends only on lower bits (Laine and
+// Karras 2011, with Vegdahl's constants, which have less bias).
 fn scramble_reversed(bits: u32, seed: u32) -> u32 {
     var x = bits;
     x ^= x * 0x3d20adeau;
@@ -22,11 +22,11 @@ fn owen_scramble(bits: u32, seed: u32) -> u32 {
     return reverseBits(scramble_reversed(reverseBits(bits), seed));
 }
 
-// Point `index` of the Owen-scrambled Sobol sequence's first two dimensions. The order is shuffled by the seed
-// too, so that points of different seeds can be paired (Burley 2020).
+// Point `index` of the Owen-scrambled Sobol sequence's first two dimensions. The seed also shuffles the order,
+// so that points of different seeds can be paired (Burley 2020).
 fn sobol2(index: u32, seed: u32) -> vec2f {
     let i = owen_scramble(index, hash1(seed));
-    // The second dimension multiplies the index by Pascal's triangle modulo 2, which is its own square of squares.
+    // The generator matrix of the second dimension is Pascal's triangle modulo 2, applied in steps of powers of two.
     var y = i ^ (i >> 16u);
     y ^= (y & 0xff00ff00u) >> 8u;
     y ^= (y & 0xf0f0f0f0u) >> 4u;
@@ -65,14 +65,13 @@ fn sample_disc(u: vec2f) -> vec2f {
     return p.y * vec2f(cos(phi), sin(phi));
 }
 
-// About +z, of density z / pi.
+// A direction about +z with density z / pi.
 fn sample_cosine(u: vec2f) -> vec3f {
     let p = sample_disc(u);
     return vec3f(p, safe_sqrt(1.0 - dot(p, p)));
 }
 
-// Uniform over the directions whose cosine to +z is no more than `height` below 1: a cap of that height, however
-// narrow, or of height 2 the whole sphere.
+// Uniform over the spherical cap about +z of the given height, however small. Height 2 is the whole sphere.
 fn sample_cap(u: vec2f, height: f32) -> vec3f {
     let below = u.x * height;
     let radius = safe_sqrt(below * (2.0 - below));
@@ -86,7 +85,7 @@ fn sample_triangle(u: vec2f) -> vec2f {
     return vec2f(u.x - 0.5 * u.y, 0.5 * u.y);
 }
 
-// A triangle as it is seen from the origin.
+// A triangle projected to the unit sphere about the origin.
 struct SphericalTriangle {
     // Unit vectors to the corners, and one over their distances.
     a: vec3f,
@@ -98,13 +97,13 @@ struct SphericalTriangle {
     radius: f32,
 }
 
-// A corner that is nearer, in a scene of unit size, is taken for one as far as this: its cube, and one over it, are
-// numbers.
+// Minimum distance of a corner, in a scene of unit size. Nearer corners count as at this distance, so that its cube and
+// the inverse of that are finite and above 0.
 const NEAREST_CORNER = 1e-12;
 
-// The triangle of corner `a` and edges `e1` and `e2` from there, `across` being e1 x e2: the formula of Van Oosterom
-// and Strackee (1983). The volume is made of edges and not of the ways to the corners, so that small triangles keep
-// their digits.
+// The spherical triangle of corner `a`, edges `e1` and `e2` from `a`, and `across`, which is e1 x e2 (Van Oosterom and
+// Strackee 1983). It computes the volume from the edges, not from the corners' positions, so that small triangles lose
+// no precision.
 fn spherical_triangle(a: vec3f, e1: vec3f, e2: vec3f, across: vec3f) -> SphericalTriangle {
     let b = a + e1;
     let c = a + e2;
@@ -113,25 +112,25 @@ fn spherical_triangle(a: vec3f, e1: vec3f, e2: vec3f, across: vec3f) -> Spherica
     let to_a = a * nearness.x;
     let to_b = b * nearness.y;
     let to_c = c * nearness.z;
-    // On an edge both are 0, and no angle is theirs.
+    // With the origin on an edge, `volume` and `rest` would both be 0, and the angle undefined.
     let volume = max(abs(dot(to_a, across)) * nearness.y * nearness.z, 1e-37);
     let rest = 1.0 + dot(to_a, to_b) + dot(to_a, to_c) + dot(to_b, to_c);
     return SphericalTriangle(to_a, to_b, to_c, nearness, angle_of(volume, rest), length(vec2f(volume, rest)));
 }
 
-// One plus the cosine between unit vectors; of nearly opposite ones, too, with most of its digits.
+// One plus the cosine between unit vectors, precise even for nearly opposite ones.
 fn opening(a: vec3f, b: vec3f) -> f32 {
     let sum = a + b;
     return 0.5 * dot(sum, sum);
 }
 
-// Barycentric coordinates of b and c of a point, uniform over the directions in which the triangle is triangle.
+// Barycentric coordinates, of corners b and c, of a point sampled uniformly over the solid angle of the triangle.
 //
-// As Arvo (1995): u.x cuts off a triangle of that share of the solid angle, by an arc from b to a point of the opposite
-// edge, and u.y chooses a point of the arc. The former in the form of Peters (2021, section 4), by half vectors, where
-// nothing needs an inverse cosine: the point p a + q c, where tan(half the angle) = q volume / (p (1 + ab) + q (ac +
-// bc)), halves the way from a to it. Here all that would cancel is gone: p - q = radius sin((1 - u.x) half_angle). So
-// triangles of any size and shape have all their directions; what is left are roundings of the barycentric coordinates.
+// After Arvo (1995): u.x cuts off a sub-triangle of that share of the solid angle, by an arc from b to a point of the
+// opposite edge; u.y samples a point of the arc. The end of the arc follows Peters (2021, section 4), who uses half
+// vectors and needs no inverse cosine: it is the mirror image of a in the half vector p a + q c, where tan(half the
+// angle) = q volume / (p (1 + ab) + q (ac + bc)). With p - q = radius sin((1 - u.x) half_angle) nothing cancels. So the
+// sampling covers triangles of any size and shape; the only errors are roundings of the barycentric coordinates.
 fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
     let ahead = triangle.radius * sin((1.0 - u.x) * triangle.half_angle);
     let behind = opening(triangle.a, triangle.b) * sin(u.x * triangle.half_angle);
@@ -139,9 +138,10 @@ fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
     let q = behind / (ahead + behind);
     let m = ahead / (ahead + behind);
     let wide = opening(triangle.a, triangle.c);
-    // The end of the arc, by unit vectors: so much of a and of c.
+    // The end of the arc as weights of the unit vectors to a and c.
     let end = vec2f(m * (1.0 + q), 2.0 * q * (m + q * wide)) / max(m * m + 2.0 * q * wide, 1e-20);
-    // One plus the cosine of the arc, and one less it. Seen from near a triangle's plane arcs are half circles.
+    // One plus and one minus the cosine of the arc. From a position near the triangle's plane, arcs are almost half
+    // circles.
     let back = max(opening(triangle.b, end.x * triangle.a + end.y * triangle.c), 1e-12);
     let arc = max(2.0 - back, 0.0);
     let along = sqrt(u.y * (2.0 - u.y * arc) / back);
@@ -150,7 +150,7 @@ fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
     return weights.yz / (weights.x + weights.y + weights.z);
 }
 
-// The weight of a way of sampling of density p against another of density q (Veach's power heuristic).
+// The weight of a sampling strategy of density p against another of density q (Veach's power heuristic).
 fn mis_weight(p: f32, q: f32) -> f32 {
     let r = q / p;
     return 1.0 / (1.0 + r * r);

@@ -3,8 +3,7 @@
 @if(normal_maps || coat_normals) import package::lib::attributes::tangent_frame;
 @if(normal_maps || coat_normals) import package::lib::ray::Hit;
 
-// The normal that a normal map's texel stands for. It and `normal` are on the viewer's side, which may be the outer
-// one.
+// The normal of a normal map's texel. It and `normal` are on the viewer's side, which is the outer one if `front`.
 @if(normal_maps || coat_normals)
 fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool) -> vec3f {
     let outer = select(-normal, normal, front);
@@ -15,8 +14,8 @@ fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool)
     return select(-mapped, mapped, front);
 }
 
-// A shading normal whose half-space does not contain the viewer is bent towards the view as far as needed (Schuessler
-// et al. 2017 discuss the choices).
+// Bends a shading normal that faces away from the viewer towards the view, just as far as needed (Schuessler et al.
+// 2017 discuss the choices).
 fn bent_to(normal: vec3f, view: vec3f) -> vec3f {
     let behind = dot(normal, view);
     if behind >= 1e-3 { return normal; }

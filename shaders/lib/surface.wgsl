@@ -1,5 +1,5 @@
-// What a ray meets: material and normals at a hit (glTF 2.0, 3.9 and appendix B; KHR_materials_unlit,
-// _emissive_strength). The lobes of a material are read in lib/bsdf/.
+// The surface at a ray's hit: material and normals (glTF 2.0, 3.9 and appendix B; KHR_materials_unlit,
+// _emissive_strength). The files of lib/bsdf/ read the lobes of a material.
 
 import package::lib::attributes::{material_index, surface_texel_of};
 @if(vertex_colours) import package::lib::attributes::vertex_colour_at;
@@ -25,32 +25,34 @@ import package::lib::ray::{Hit, Ray};
 @if(normal_maps && textures) import package::lib::shading_normal::mapped_normal;
 @if(smooth_normals || normal_maps) import package::lib::shading_normal::bent_to;
 
-// A point of a surface as a ray meets it.
+// A surface at the hit of a ray.
 struct SurfaceHit {
-    // Where rays leave from; on the triangle, or over it where that stands for a piece of a smooth surface.
+    // Origin of rays that leave: on the triangle, or above it where the triangle approximates a smooth surface.
     position: vec3f,
-    // The same point on the triangle, to the last bits, and the triangle's normal on the side of the ray's origin.
+    // The hit on the triangle, exact to the last bits, and the triangle's normal on the side of the ray's origin.
     triangle_position: vec3f,
     triangle_normal: vec3f,
     // Radiance emitted (or shown, where unlit) towards the ray's origin.
     emission: vec3f,
-    // The surface reflects nothing: it is unlit.
+    // The surface is unlit: it reflects nothing.
     unlit: bool,
     // Base colour, for the albedo AOV.
     base_colour: vec3f,
-    // What the volume that the ray came through has left of its light.
+    // Transmittance of the volume through which the ray came.
     @if(transmission) transmittance: vec3f,
     surface: Surface,
 }
 
-// Corners' normals beyond 45 degrees from the triangle's make no smooth surface of it: photons so far apart are of two
-// surfaces as well, and a cube whose corners' normals are averaged would cast the shadows of a ball.
+// A triangle is part of a smooth surface only if its corners' normals are within 45 degrees of its own. Photons whose
+// normals differ by more belong to two surfaces as well, and a cube with averaged normals would cast the shadows of a
+// ball.
 @if(smooth_normals) const SMOOTH_COSINE = 0.70710678;
 
-// The offset from a point of a triangle, of those weights, to the smooth surface that the triangle stands for: towards
-// the planes through the corners across their normals, where those are over it. From the triangle itself rays to a
-// light near the horizon would meet its neighbours, and shadows have its edges (Hanika 2021, Ray Tracing Gems II,
-// chapter 4, whose offsets from the planes come, summed with weights whose moments about the point are 0, to this).
+// The offset from a point of a triangle, with the given barycentric weights, to the smooth surface that the triangle
+// approximates: towards the tangent planes at the corners, where these are above the point. Rays from the triangle
+// itself towards a light near the horizon would hit neighbouring triangles, and shadows would show the triangle's
+// edges. (Hanika 2021, Ray Tracing Gems II, chapter 4. Hanika's offsets from the tangent planes, summed with weights
+// whose moments about the point are 0, give the same.)
 @if(smooth_normals)
 fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, normals: array<vec3f, 3>) -> vec3f {
     return weights.x * min(dot(position - corners[0], normals[0]), 0.0) * -normals[0]
@@ -58,7 +60,7 @@ fn smooth_offset(position: vec3f, weights: vec3f, corners: array<vec3f, 3>, norm
         + weights.z * min(dot(position - corners[2], normals[2]), 0.0) * -normals[2];
 }
 
-// The ray that goes straight on through the surface.
+// The ray that continues straight on through the surface.
 @if(negative_photons)
 fn ray_behind(found: SurfaceHit, direction: vec3f, t_max: f32) -> Ray {
     return Ray(offset_origin(found.triangle_position, -found.triangle_normal), 0.0, direction, t_max);
@@ -66,12 +68,12 @@ fn ray_behind(found: SurfaceHit, direction: vec3f, t_max: f32) -> Ray {
 
 // ---- Geometry
 
-// Where a ray met a triangle or a procedural object.
+// The hit of a ray with a triangle or a procedural object.
 struct Met {
     position: vec3f,
     // The geometric normal on the outer side.
     outward: vec3f,
-    // Of a triangle, which for a procedural object is the first one: what it says is then not used.
+    // Primitive index. For a procedural object it is 0, and the attributes read by it are not used.
     triangle: u32,
     corners: array<vec3f, 3>,
     // The corners' shading normals, and the material with SURFACE_FLAT.
@@ -79,7 +81,7 @@ struct Met {
     procedural: bool,
 }
 
-// The position on the triangle is computed from the corners and not along the ray.
+// The position on the triangle is computed from the corners, not along the ray.
 fn met_at(hit: Hit, ray: Ray) -> Met {
     var met: Met;
     met.triangle = hit.triangle;
@@ -103,16 +105,16 @@ fn met_at(hit: Hit, ray: Ray) -> Met {
     return met;
 }
 
-// The smooth surface that a triangle stands for: where rays leave from it, and its normals on the side of the ray's
-// origin.
+// The smooth surface that a triangle approximates: the origin of rays that leave it, and its normals on the side of the
+// ray's origin.
 struct SmoothSurface {
     position: vec3f,
     geometric_normal: vec3f,
     shading_normal: vec3f,
 }
 
-// The surface's own normal is the corners', interpolated: by the triangle's, whole triangles along the terminator would
-// be black.
+// The geometric normal is interpolated from the corners'. With the triangle's own, whole triangles along the terminator
+// would be black.
 fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> SmoothSurface {
     var surface = SmoothSurface(met.position, triangle_normal, triangle_normal);
     @if(smooth_normals) {
@@ -139,7 +141,7 @@ fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> Sm
 
 // ---- Colour
 
-// The base colour factor of a material, times the vertices' colours or the object's.
+// The base colour factor of a material, times the vertex colours or the object's colour.
 fn base_colour(material: u32, met: Met, hit: Hit) -> vec3f {
     var base = bitcast<vec3f>(load_material_texel(material + BASE_COLOUR_TEXEL).xyz);
     @if(vertex_colours && !procedurals) { base *= vertex_colour_at(hit.triangle, hit.u, hit.v).xyz; }
@@ -155,7 +157,7 @@ fn base_colour(material: u32, met: Met, hit: Hit) -> vec3f {
     return base;
 }
 
-// The shading normal as the material's normal map has it.
+// The shading normal by the material's normal map.
 @if(normal_maps && textures)
 fn with_normal_map(material: u32, texel: vec3f, hit: Hit, normal: vec3f, front: bool) -> vec3f {
     if texture_info(material, NORMAL_TEXTURE) == 0u { return normal; }
@@ -206,7 +208,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     @if(transmission) {
         found.transmittance = vec3f(1.0);
         if !front { found.transmittance = volume_transmittance(material, hit.t); }
-        // Light that passes leaves from the other side of the triangle itself, not from over it.
+        // Transmitted light leaves from the other side of the triangle itself, not from the smooth surface above it.
         if is_transmissive(found.surface.transmission) {
             found.position = met.position;
             found.surface.geometric_normal = triangle_normal;

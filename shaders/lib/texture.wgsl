@@ -7,7 +7,7 @@ import package::lib::constants::{
     TEXTURE_INFO_TEXELS, TEXTURE_NEAREST, TEXTURE_SRGB, TEXTURE_UV1, LAYER_TEXELS_LOG2,
 };
 
-// By texture info: the matrix; offset and flags; first texel of the image, its width and its height.
+// For each texture info: the matrix; offset and flags; first texel of the image, its width and its height.
 @if(texture_loads) @group(1) @binding(4) var texture_infos: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(4) var<storage, read> texture_infos: array<vec4u>;
 @group(1) @binding(5) var colour_texels: texture_2d_array<f32>;
@@ -18,12 +18,12 @@ fn load_texture_info_texel(i: u32) -> vec4u {
     @if(!texture_loads) { return texture_infos[i]; }
 }
 
-// A texel coordinate brought into 0 .. size - 1 by the wrap mode: 0 repeat, 1 mirror, 2 clamp.
+// Wraps a texel coordinate to 0 .. size - 1 by the mode: 0 repeat, 1 mirror, 2 clamp.
 fn wrap_texel(coordinate: i32, size: i32, mode: u32) -> u32 {
     if mode == 2u { return u32(clamp(coordinate, 0, size - 1)); }
     let period = select(size, 2 * size, mode == 1u);
-    // Not by %, which software devices do lane by lane. Coordinates are from -2 to twice the size and some, so the
-    // quotient is too small for its rounding to reach the half that keeps it off whole numbers.
+    // Not by %, which software devices compute lane by lane. Coordinates lie between -2 and slightly above twice the
+    // size, so the quotient is too small for its rounding error to reach the 0.5 that keeps it away from integers.
     let inside = coordinate - period * i32(floor((f32(coordinate) + 0.5) / f32(period)));
     return u32(select(inside, period - 1 - inside, inside >= size));
 }
@@ -49,7 +49,8 @@ fn texture_at(number: u32, uv: Uv) -> vec4f {
     let size = vec2i(image.yz);
     let srgb = (flags & TEXTURE_SRGB) != 0u;
     let wrap = vec2u(flags & 3u, (flags >> 2u) & 3u);
-    // Far outside the image only the position within the tile counts: keep it where integers and floats are exact.
+    // Far outside the image only the position within the repeated tile counts: reduce it to a range where integers and
+    // floats are exact.
     let texel = (coordinate - select(vec2f(0.0), 2.0 * floor(0.5 * coordinate), wrap != vec2u(2u))) * vec2f(size);
     let bounded = clamp(texel, vec2f(-1.0), 2.0 * vec2f(size) + 1.0);
     if (flags & TEXTURE_NEAREST) != 0u {

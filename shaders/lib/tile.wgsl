@@ -1,5 +1,5 @@
 // Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, with several samples of each
-// pixel: the samples are layers of `pixel_count` points, one after the other.
+// pixel. Each sample is a layer of `pixel_count` points; the layers follow one another.
 
 import package::lib::rng::hash2;
 
@@ -15,7 +15,7 @@ struct Tile {
     // Sample index of the first layer, and the render's seed.
     first_sample: u32,
     seed: u32,
-    // 1: through the middle of the pixel (a render of one sample), 0: anywhere in it (box filter).
+    // 1: rays go through the centre of the pixel (a render of one sample), 0: anywhere in it (box filter).
     centred: u32,
 }
 

@@ -1,5 +1,5 @@
-// The points of a tile that the camera sees, as pass `primary` left them. In: `points` and packed `surfaces`
-// (lib/point). Out: surfaces and specular chains.
+// The visible points of a tile, as pass `primary` stored them. In: `points` and packed `surfaces` (lib/point). Out:
+// surfaces and specular chains.
 
 import package::lib::bsdf::surface::{Surface, unpack_surface};
 @if(glossy && !specular_chains) import package::lib::camera::view_direction;
@@ -15,7 +15,7 @@ fn visible_chain(i: u32) -> Chain {
     return unpack_chain(surfaces[i].chain, points[i].position);
 }
 
-// The surface at point i, with the direction towards the viewer; Lambertian surfaces need none.
+// The surface at point i, with the direction towards the viewer, which Lambertian surfaces do not need.
 fn visible_surface(i: u32) -> Surface {
     var view = vec3f(0.0);
     @if(glossy && !specular_chains) { view = view_direction(points[i].position); }

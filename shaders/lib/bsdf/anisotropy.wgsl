@@ -1,5 +1,5 @@
-// Anisotropy of the specular lobe: its width along a tangent differs from that across (KHR_materials_anisotropy). Its
-// parameters are read in src/scene/material/anisotropy.rs.
+// Anisotropy of the specular lobe: different widths along and across a tangent (KHR_materials_anisotropy).
+// src/scene/material/anisotropy.rs reads its parameters.
 
 @if(anisotropy) import package::lib::attributes::tangent_frame;
 @if(anisotropy) import package::lib::constants::ANISOTROPY_TEXEL;
@@ -10,13 +10,13 @@
 
 @if(anisotropy)
 struct Anisotropy {
-    // Unit, or 0 where the surface reflects alike in all directions.
+    // Unit vector, or 0 for an isotropic surface.
     tangent: vec3f,
     // The width of the GGX distribution along it.
     alpha_along: f32,
 }
 
-// What stands for no texture: along the tangent, and all of the strength.
+// The value without a texture: direction along the tangent, full strength.
 @if(anisotropy) const ANISOTROPY_UNTEXTURED = vec3f(1.0, 0.5, 1.0);
 
 @if(anisotropy && textures)
@@ -57,7 +57,7 @@ fn is_anisotropic(lobe: Anisotropy) -> bool {
     return any(lobe.tangent != vec3f(0.0));
 }
 
-// A tangent of length 0 has no code: its width is negative.
+// A tangent of length 0 has no code; a negative width marks it.
 @if(anisotropy)
 fn pack_anisotropy(lobe: Anisotropy) -> vec4f {
     let width = select(-1.0, lobe.alpha_along, is_anisotropic(lobe));

@@ -1,5 +1,5 @@
-// The clear coat: a second GGX lobe, of a dielectric layer over everything else (KHR_materials_clearcoat). Its
-// parameters are read in src/scene/material/clearcoat.rs.
+// The clear coat: a second GGX lobe, that of a dielectric layer over everything else (KHR_materials_clearcoat).
+// src/scene/material/clearcoat.rs reads its parameters.
 
 @if(clearcoat) import package::lib::bsdf::microfacet::{
     LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, visible_density,
@@ -19,7 +19,7 @@ struct Clearcoat {
     factor: f32,
     // Width of its GGX distribution.
     alpha: f32,
-    // Its own shading normal; without one, it has the base's.
+    // The coat's own shading normal. Without it, the coat has the base's.
     @if(coat_normals) normal: vec3f,
 }
 
@@ -57,8 +57,8 @@ fn clearcoat_lobe(material: u32, factors: vec2f) -> Clearcoat {
     return lobe;
 }
 
-// The coat's normal over a surface whose normal without any map is `unmapped`. Without a map of its own the coat is
-// smooth, whatever its base is.
+// The coat's normal over a surface whose normal without any map is `unmapped`. A coat without a normal map is smooth,
+// whatever its base.
 @if(coat_normals)
 fn coat_normal_at(material: u32, texel: vec3f, hit: Hit, unmapped: vec3f, front: bool, view: vec3f) -> vec3f {
     var normal = unmapped;
@@ -88,8 +88,8 @@ fn unpack_clearcoat(packed: vec4f) -> Clearcoat {
     @else { return Clearcoat(packed.x, packed.y); }
 }
 
-// Heights of light and view over the coat, for light that comes to the base from outside of it or leaves it inside.
-// `pair` is about the base's normal; `direction` and `view` are the same in the scene's axes.
+// Cosines of light and view to the coat's normal, for light that reaches the base from outside or leaves it on the
+// inside. `pair` is in the frame of the base's normal; `direction` and `view` are the same in scene space.
 @if(clearcoat)
 fn coat_heights(lobe: Clearcoat, pair: LocalPair, direction: vec3f, view: vec3f) -> vec2f {
     @if(coat_normals) {
@@ -105,13 +105,13 @@ fn coat_view_height(lobe: Clearcoat, pair: LocalPair, view: vec3f) -> f32 {
     @else { return pair.view.z; }
 }
 
-// The part of light that the coat lets through to what lies below it, by the heights of light and view over it.
+// The share of light that the coat transmits to the layers below, by the cosines of light and view to its normal.
 @if(clearcoat)
 fn through_coat(lobe: Clearcoat, heights: vec2f) -> f32 {
     return 1.0 - lobe.factor * (1.0 - through_layer(COAT_REFLECTANCES, lobe.alpha, heights.x, heights.y));
 }
 
-// What the coat reflects; `pair` is about its own normal.
+// The BSDF of the coat; `pair` is in the frame of its own normal.
 @if(clearcoat)
 fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> f32 {
     let h = normalize(pair.view + pair.light);
@@ -119,21 +119,21 @@ fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> f32 {
     return lobe.factor * fresnel * microfacets(pair, h);
 }
 
-// The density of directions that the coat reflects, of those sampled from it.
+// The density of directions sampled from the coat.
 @if(clearcoat)
 fn clearcoat_density(pair: LocalPair) -> f32 {
     return visible_density(pair, normalize(pair.view + pair.light));
 }
 
-// How often the coat is sampled where what lies below would reflect `below` straight back; `through` is what the coat
-// lets through there.
+// The probability of sampling the coat, if the layers below reflect `below` straight back. `through` is the share that
+// the coat transmits there.
 @if(clearcoat)
 fn clearcoat_chance(lobe: Clearcoat, through: f32, below: f32) -> f32 {
     let coat = 3.0 * (1.0 - through);
     return select(0.0, clamp(coat / (coat + through * below), 0.1, 0.9), lobe.factor > 0.0);
 }
 
-// The mean over all directions of what the coat reflects, over its factor, and of what it lets through.
+// Means over all directions of the coat's reflectance, over its factor, and of its transmittance.
 @if(clearcoat)
 fn clearcoat_means(lobe: Clearcoat) -> vec2f {
     let means = lobe_means(lobe.alpha);

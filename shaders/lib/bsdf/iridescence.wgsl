@@ -13,11 +13,12 @@ struct Iridescence {
     factor: f32,
     // Index of refraction, at least 1.
     ior: f32,
-    // In nanometres.
+    // Thickness in nanometres.
     thickness: f32,
 }
 
-// The factors of the textures so far, of the factor and from the least thickness to the largest, and those of one more.
+// The values of the textures so far, for the factor and for the thickness from minimum to maximum; and those of one
+// more texture.
 @if(iridescence && textures)
 fn iridescence_texture(factors: vec2f, texel: vec4f, texture: u32) -> vec2f {
     let of_thickness = texture == IRIDESCENCE_THICKNESS_TEXTURE;
@@ -45,13 +46,13 @@ fn unpack_iridescence(packed: vec4f) -> Iridescence {
     return Iridescence(packed.x, packed.y, packed.z);
 }
 
-// The Fourier transform of the eye's sensitivity at that difference of optical paths, in linear sRGB: Gaussians fitted
-// to the CIE's functions (Belcour and Barla 2017, appendix), with the numbers of KHR_materials_iridescence. `shift` is
-// that of the phase.
+// The Fourier transform of the eye's sensitivity at an optical path difference, in linear sRGB: Gaussians fitted to the
+// CIE's functions (Belcour and Barla 2017, appendix), with the constants of KHR_materials_iridescence. `shift` is the
+// phase shift.
 @if(iridescence)
 fn film_sensitivity(path: f32, shift: vec3f) -> vec3f {
     let phase = 2.0 * PI * path * 1e-9;
-    // Normalised, and by the Gaussians' width.
+    // Normalised, and multiplied by the Gaussians' widths.
     let amplitude = vec3f(0.8465900023, 1.0002218936, 1.0011224857);
     let position = vec3f(1.6810e6, 1.7953e6, 2.2084e6);
     let variance = vec3f(4.3278e9, 9.3046e9, 6.6121e9);
@@ -64,11 +65,11 @@ fn film_sensitivity(path: f32, shift: vec3f) -> vec3f {
     ) * xyz;
 }
 
-// Reflectance of film and base for light at that cosine, outside, to their normal. `f0` is that of the base at normal
-// incidence, without the film.
+// Reflectance of film and base for light at the given cosine, outside the film, to their normal. `f0` is the
+// reflectance of the base at normal incidence, without the film.
 @if(iridescence)
 fn film_reflectance(lobe: Iridescence, f0: vec3f, cosine: f32) -> vec3f {
-    // A film that is thinner than any has the index of what is around it: the base is left.
+    // As the thickness goes to 0, the film's index goes to that of the medium outside, which leaves the base alone.
     let index = mix(1.0, lobe.ior, smoothstep(0.0, 0.03, lobe.thickness));
     let inner = safe_sqrt(1.0 - (1.0 - cosine * cosine) / (index * index));
     let outer_f0 = (index - 1.0) / (index + 1.0);
@@ -79,12 +80,12 @@ fn film_reflectance(lobe: Iridescence, f0: vec3f, cosine: f32) -> vec3f {
     let base_index = (1.0 + root) / (1.0 - root);
     let base_f0 = (base_index - index) / (base_index + index);
     let base = mix(base_f0 * base_f0, vec3f(1.0), schlick(inner));
-    // Half a wave where light is reflected by the higher index: within the film at the air it is not, at the base it
-    // may be.
+    // Reflection at a higher index shifts the phase by half a wave. Within the film this does not happen at the air,
+    // but may happen at the base.
     let shift = PI + select(vec3f(0.0), vec3f(PI), base_index < vec3f(index));
     let path = 2.0 * index * lobe.thickness * inner;
 
-    // Airy's sum over the times that light crosses the film, by the cosines of the path: two of them are enough.
+    // Airy's sum over the orders of reflection in the film, as a cosine series: two terms are enough.
     let both = clamp(outer * base, vec3f(1e-5), vec3f(0.9999));
     let returned = passed * passed * base / (1.0 - both);
     let ratio = sqrt(both);
@@ -93,20 +94,20 @@ fn film_reflectance(lobe: Iridescence, f0: vec3f, cosine: f32) -> vec3f {
     reflected += amplitude * 2.0 * film_sensitivity(path, shift);
     amplitude *= ratio;
     reflected += amplitude * 2.0 * film_sensitivity(2.0 * path, 2.0 * shift);
-    // The spectrum's colours lie partly outside of sRGB: below 0, and above 1, where light would be made.
+    // Spectral colours lie partly outside sRGB. Clamp components below 0, and those above 1, which would create light.
     return clamp(reflected, vec3f(0.0), vec3f(1.0));
 }
 
-// The largest of its components: what is reflected of any colour does not reach what lies below.
+// The largest component: light that the film reflects in any colour does not reach the layers below.
 @if(iridescence)
 fn film_kept(lobe: Iridescence, f0: vec3f, cosine: f32) -> f32 {
     let reflected = film_reflectance(lobe, f0, cosine);
     return max(reflected.x, max(reflected.y, reflected.z));
 }
 
-// The part of light that film and base let through at both of two angles, those to the surface's normal. The film's
-// reflectance does not grow steadily towards grazing angles, so that the larger of the two counts, not that at the
-// lower angle. As for a layer without a film, a rough one reflects less at grazing angles.
+// The share of light that film and base transmit at both of two angles to the surface's normal. The film's reflectance
+// is not monotonic towards grazing angles, so the larger of the two reflectances counts, not that at the lower angle.
+// As without a film, a rough layer reflects less at grazing angles.
 @if(iridescence)
 fn through_film(lobe: Iridescence, f0: vec3f, alpha: f32, light_z: f32, view_z: f32) -> f32 {
     let of_light = film_kept(lobe, f0, light_z) * (1.0 - 0.9 * alpha * schlick(light_z));

@@ -1,5 +1,5 @@
-// Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017). Its
-// parameters and the table of its albedo are made in src/scene/material/sheen.rs.
+// Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017).
+// src/scene/material/sheen.rs makes its parameters and the table of its albedo.
 
 @if(sheen) import package::lib::bsdf::microfacet::LocalPair;
 @if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS, SHEEN_TEXEL};
@@ -8,7 +8,8 @@
 @if(sheen) import package::lib::math::PI;
 @if(sheen) import package::lib::sampling::sample_cap;
 
-// By cell of the cubic root of the cosine and the logarithm of the roughness: the four corners' entries.
+// The entries at the four corners of each cell of a grid over the cube root of the cosine and the logarithm of the
+// roughness.
 @if(sheen) @group(1) @binding(22) var<uniform> sheen_albedos: array<vec4f, SHEEN_COLUMNS * SHEEN_ROWS>;
 @if(sheen) override min_sheen_roughness: f32;
 
@@ -51,9 +52,9 @@ fn sheen_roughness(lobe: Sheen) -> f32 {
     return clamp(lobe.roughness, min_sheen_roughness, 1.0);
 }
 
-// How fibres reflect light from one direction: how much they mask there (lambda of Estevez and Kulla 2017, equation 3,
-// as KHR_materials_sheen has it), and how much light from there they would reflect if white: their directional albedo,
-// which by the extension's formula is more than 1 at grazing angles where they are less rough than 0.3.
+// Properties of the fibres for one direction. `lambda` is their masking (Estevez and Kulla 2017, equation 3, in the
+// form of KHR_materials_sheen). `albedo` is the directional albedo of white fibres. By the extension's formula it
+// exceeds 1 at grazing angles if the roughness is below 0.3.
 @if(sheen)
 struct FibreSide {
     lambda: f32,
@@ -84,14 +85,14 @@ fn fibre_side(roughness: f32, height: f32) -> FibreSide {
     return FibreSide(lambda, exp2(found) / (4.0 * cosine * (1.0 + lambda)));
 }
 
-// The part of light that fibres of that albedo let through to what lies below them.
+// The share of light that fibres of the given albedo transmit to the layers below.
 @if(sheen)
 fn through_fibres(lobe: Sheen, albedo: f32) -> f32 {
     return 1.0 - max(lobe.colour.x, max(lobe.colour.y, lobe.colour.z)) * min(albedo, 1.0);
 }
 
-// The part that they let through from one direction to another: that at the less favourable of the two angles, as the
-// extension's albedo scaling has it.
+// The share that they transmit from one direction to another: the smaller of the shares at the two angles, as in the
+// extension's albedo scaling.
 @if(sheen)
 fn through_sheen(lobe: Sheen, pair: LocalPair) -> f32 {
     let roughness = sheen_roughness(lobe);
@@ -99,8 +100,8 @@ fn through_sheen(lobe: Sheen, pair: LocalPair) -> f32 {
     return through_fibres(lobe, max(light, fibre_side(roughness, pair.view.z).albedo));
 }
 
-// What the fibres reflect: the extension's formula, divided by what keeps their albedo from either side within 1. So it
-// is reciprocal, makes no light, and is the formula as it is wherever that does so.
+// The BSDF of the fibres: the extension's formula, divided by the larger of the two directional albedos if that exceeds
+// 1. This conserves energy, stays reciprocal, and leaves the formula unchanged where it conserves energy already.
 @if(sheen)
 fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
     let roughness = sheen_roughness(lobe);
@@ -108,13 +109,13 @@ fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
     let view = fibre_side(roughness, pair.view.z);
     let across = cross(normalize(pair.view + pair.light), vec3f(0.0, 0.0, 1.0));
     let inverse_alpha = 1.0 / (roughness * roughness);
-    // sin^(1 / alpha), of the squared sine.
+    // sin^(1 / alpha), computed from the squared sine.
     let distribution = (2.0 + inverse_alpha) / (2.0 * PI) * pow(max(dot(across, across), 1e-30), 0.5 * inverse_alpha);
     let masked = (1.0 + light.lambda + view.lambda) * 4.0 * max(pair.light.z, 1e-4) * pair.view.z;
     return lobe.colour * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
 }
 
-// How often the fibres are sampled, what they reflect straight back, and what they let through there.
+// The probability of sampling the fibres, and their reflectance and transmittance straight back.
 @if(sheen)
 struct SheenChance {
     chance: f32,
@@ -122,7 +123,7 @@ struct SheenChance {
     below: f32,
 }
 
-// `below` is what lies under the fibres reflects straight back.
+// `below` is the reflectance of the layers below, straight back.
 @if(sheen)
 fn sheen_chance(lobe: Sheen, view_z: f32, below: f32) -> SheenChance {
     let albedo = fibre_side(sheen_roughness(lobe), view_z).albedo;
@@ -132,7 +133,7 @@ fn sheen_chance(lobe: Sheen, view_z: f32, below: f32) -> SheenChance {
     return SheenChance(select(0.0, chance, any(lobe.colour > vec3f(0.0))), reflected, through);
 }
 
-// Fibres are sampled alike in all directions, as Estevez and Kulla (2017) found best for lobes so wide.
+// Fibres are sampled uniformly over the hemisphere, as Estevez and Kulla (2017) found best for such wide lobes.
 @if(sheen)
 fn sample_sheen(u: vec2f) -> vec3f {
     return sample_cap(u, 1.0);
@@ -143,8 +144,8 @@ fn sheen_density(chance: f32) -> f32 {
     return chance / (2.0 * PI);
 }
 
-// Albedo of fibres over a base of albedo `base`: means over the cosine-weighted hemisphere of the fibres' albedo, and
-// of the larger of two; fits, 0.001 and 0.003 off at most.
+// Albedo of fibres over a base of albedo `base`. It uses fits of two means over the cosine-weighted hemisphere: of the
+// fibres' albedo (error at most 0.001), and of the larger of two such albedos (0.003).
 @if(sheen)
 fn mean_with_sheen(lobe: Sheen, base: vec3f) -> vec3f {
     let r = sheen_roughness(lobe);

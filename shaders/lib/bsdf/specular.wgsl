@@ -1,5 +1,5 @@
 // The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
-// KHR_materials_specular, KHR_materials_ior). Its parameters are read in src/scene/material/specular.rs.
+// KHR_materials_specular, KHR_materials_ior). src/scene/material/specular.rs reads its parameters.
 
 @if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick, through_layer};
 @if(iridescence) import package::lib::bsdf::iridescence::{
@@ -14,9 +14,9 @@ struct Specular {
     // Reflectance at normal and at grazing incidence, metal and dielectric mixed.
     f0: vec3f,
     f90: f32,
-    // The same of the dielectric layer over the diffuse base: what it reflects, the base does not get.
+    // The same for the dielectric layer over the diffuse base, which receives only what the layer does not reflect.
     dielectric: vec2f,
-    // Width of the GGX distribution: roughness squared; across the tangent where the surface is anisotropic.
+    // Width of the GGX distribution, roughness squared; for an anisotropic surface, the width across the tangent.
     alpha: f32,
     @if(iridescence) film: Iridescence,
 }
@@ -27,7 +27,7 @@ fn specular_factors(material: u32) -> vec4f {
     return bitcast<vec4f>(load_material_texel(material + SPECULAR_TEXEL));
 }
 
-// The factors of the textures so far, and those of one more.
+// The product of the textures' factors so far, and the factors of one more texture.
 @if(glossy && textures)
 fn specular_texture(factors: vec4f, texel: vec4f, texture: u32) -> vec4f {
     return select(
@@ -37,7 +37,7 @@ fn specular_texture(factors: vec4f, texel: vec4f, texture: u32) -> vec4f {
     );
 }
 
-// The lobe of a base colour, `normal_reflectance` being that of the index of refraction at normal incidence.
+// The lobe for a base colour. `normal_reflectance` is that of the index of refraction at normal incidence.
 @if(glossy)
 fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance: f32, factors: vec4f) -> Specular {
     let dielectric = min(normal_reflectance * factors.xyz, vec3f(1.0)) * factors.w;
@@ -73,7 +73,7 @@ fn unpack_specular(packed: PackedSpecular) -> Specular {
     return lobe;
 }
 
-// Reflectance of the microfacets for light at that cosine to their normal, on the side of the lower index of
+// Reflectance of the microfacets for light at the given cosine to their normal, on the side of the lower index of
 // refraction.
 @if(glossy)
 fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
@@ -84,7 +84,7 @@ fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
     return bare;
 }
 
-// What the dielectric layer reflects of light at that cosine, which does not pass to what lies behind it.
+// Reflectance of the dielectric layer for light at the given cosine. What it reflects does not reach the layers below.
 @if(glossy)
 fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
     let bare = mix(lobe.dielectric.x, lobe.dielectric.y, schlick(cosine));
@@ -94,7 +94,7 @@ fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
     return bare;
 }
 
-// The part of light that the dielectric layer lets through to the diffuse base and out again.
+// The share of light that the dielectric layer transmits to the diffuse base and out again.
 @if(glossy)
 fn through_specular(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
     let bare = through_layer(lobe.dielectric, lobe.alpha, light_z, view_z);
@@ -106,11 +106,12 @@ fn through_specular(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
     return bare;
 }
 
-// Largest specular reflectance of what counts as a dielectric where a path ends: glass has 0.04, diamond 0.17.
+// Maximum specular reflectance of a surface that counts as a dielectric where a path ends: glass has 0.04, diamond
+// 0.17.
 @if(glossy) const DIELECTRIC = 0.2;
 
-// Whether the lobe reflects as a metal does, so that its reflection must be traced. A film's colours depend on the
-// direction, and have no mean that stands for them.
+// Whether the lobe reflects as a metal does, so that its reflection must be traced. So must a thin film's, whose
+// colours depend on the direction: a mean cannot represent them.
 @if(glossy)
 fn is_metallic(lobe: Specular) -> bool {
     var metallic = max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
@@ -118,7 +119,7 @@ fn is_metallic(lobe: Specular) -> bool {
     return metallic;
 }
 
-// Albedo of a diffuse base and the lobe over it, the means over all directions.
+// Albedo of a diffuse base and the lobe over it: means over all directions.
 @if(glossy)
 fn mean_with_specular(lobe: Specular, albedo: vec3f) -> vec3f {
     let means = lobe_means(lobe.alpha);

@@ -1,5 +1,4 @@
-// What a surface is composed of: its lobes, how they are read from a material and its textures, and how they are
-// packed.
+// The lobes of a surface: reading them from a material and its textures, and packing them.
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::ray::Hit;
@@ -43,24 +42,24 @@ import package::lib::ray::Hit;
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
-    // Reflectance of the diffuse base: base colour times (1 - metallic), and times (1 - transmission).
+    // Reflectance of the diffuse base: base colour times (1 - metallic) times (1 - transmission).
     albedo: vec3f,
     @if(glossy) specular: Specular,
     @if(anisotropy) anisotropy: Anisotropy,
     @if(transmission) transmission: Transmission,
     @if(clearcoat) clearcoat: Clearcoat,
     @if(sheen) sheen: Sheen,
-    // The surface's own: the triangle's, or the corners', interpolated, where that stands for a piece of a smooth
+    // The surface's own normal: the triangle's, or the corners' interpolated, where the triangle approximates a smooth
     // surface.
     geometric_normal: vec3f,
     shading_normal: vec3f,
-    // Unit, towards the viewer.
+    // Unit vector towards the viewer.
     view: vec3f,
 }
 
 // ---- Textures
 
-// The factors by which a material's textures multiply it at a point; ones where there is no texture.
+// The factors by which textures multiply a material at a point; 1 without a texture.
 @if(textures)
 struct TextureFactors {
     base: vec3f,
@@ -93,7 +92,7 @@ fn untextured() -> TextureFactors {
     return factors;
 }
 
-// A bit for each texture that may change what is rendered.
+// A bit for each texture that may change the image.
 @if(textures)
 fn read_textures() -> u32 {
     var read = (1u << BASE_COLOUR_TEXTURE) | (1u << EMISSION_TEXTURE);
@@ -107,9 +106,9 @@ fn read_textures() -> u32 {
     return read;
 }
 
-// The material's textures at a hit, one iteration for each that there is: software devices run the body of an if for
-// every lane, whatever its condition, and six texture look-ups one after the other would be done for materials that
-// have one.
+// Looks up the material's textures at a hit, one loop iteration for each texture. With an `if` per texture instead,
+// software devices would do six look-ups for materials with one texture, as they run the body of an `if` for every
+// lane.
 @if(textures)
 fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
     let uv = uv_at(hit.triangle, hit.u, hit.v);
@@ -139,19 +138,19 @@ fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
 
 // ---- Lobes of a material
 
-// Where a ray met a surface, and what is known of the surface there.
+// The hit of a ray, and facts about the surface there.
 struct HitContext {
     hit: Hit,
-    // The ray came from outside.
+    // Whether the ray came from outside.
     front: bool,
-    // The material's metallic factor, which lies beside its emission.
+    // The material's metallic factor, which the table stores beside its emission.
     @if(glossy) metallic: f32,
     // The shading normal without any map.
     @if(coat_normals) unmapped: vec3f,
     @if(textures) factors: TextureFactors,
 }
 
-// Adds the lobes of a material of that base colour to a surface whose normals and view are known.
+// Adds the lobes of a material with a base colour to a surface that has its normals and view.
 fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> Surface {
     var s = bare;
     s.albedo = base;
@@ -194,7 +193,7 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
     return s;
 }
 
-// A surface that reflects nothing and lets nothing pass diffusely: an unlit one.
+// The surface without diffuse reflection and transmission, for unlit materials.
 fn without_light(lit: Surface) -> Surface {
     var s = lit;
     s.albedo = vec3f(0.0);
@@ -242,7 +241,7 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
     return s;
 }
 
-// Whether the surface sends on light other than its diffuse base does.
+// Whether the surface has a lobe besides its diffuse base.
 @if(glossy)
 fn reflects_beyond_diffuse(p: PackedSurface) -> bool {
     var beyond = any(p.specular.reflectance != vec4f(0.0));

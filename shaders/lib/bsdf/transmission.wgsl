@@ -1,5 +1,5 @@
-// Light that passes through the surface: by a thin wall, or bent into a volume (KHR_materials_transmission,
-// KHR_materials_volume). Its parameters are read in src/scene/material/transmission.rs and volume.rs.
+// Transmission: light that passes through a thin wall, or is refracted into a volume (KHR_materials_transmission,
+// KHR_materials_volume). src/scene/material/transmission.rs and volume.rs read its parameters.
 
 @if(transmission) import package::lib::bsdf::microfacet::{LocalPair, microfacets, visible_density};
 @if(transmission) import package::lib::bsdf::specular::{Specular, layer_reflectance};
@@ -10,10 +10,11 @@
 
 @if(transmission)
 struct Transmission {
-    // The part of the light not reflected by the dielectric layer that passes: base colour times (1 - metallic) times
-    // factor.
+    // The share of light transmitted, of that which the dielectric layer does not reflect: base colour times (1 -
+    // metallic) times factor.
     tint: vec3f,
-    // Index of refraction on the viewer's side over that on the other; 1 where light passes straight on (a thin wall).
+    // Index of refraction on the viewer's side over that on the other; 1 for a thin wall, which light crosses straight
+    // on.
     eta: f32,
 }
 
@@ -27,14 +28,14 @@ fn transmission_texture(factor: f32, texel: vec4f, texture: u32) -> f32 {
     return select(factor, texel.x, texture == TRANSMISSION_TEXTURE);
 }
 
-// What the surface lets pass of that tint; the volume lies behind its back face.
+// The transmission of a surface with a tint. The volume lies behind its back face.
 @if(transmission)
 fn transmission_lobe(material: u32, tint: vec3f, front: bool) -> Transmission {
     let index = bitcast<f32>(load_material_texel(material + VOLUME_TEXEL).w);
     return Transmission(tint, select(index, 1.0 / index, front));
 }
 
-// What is left of light after a way through the volume.
+// Transmittance of the volume over a distance.
 @if(transmission)
 fn volume_transmittance(material: u32, way: f32) -> vec3f {
     return exp(-bitcast<vec3f>(load_material_texel(material + VOLUME_TEXEL).xyz) * way);
@@ -55,7 +56,8 @@ fn unpack_transmission(packed: vec4f) -> Transmission {
     return Transmission(packed.xyz, packed.w);
 }
 
-// The cosine that Schlick's term is for: that on the side of the lower index of refraction. -1 where all is reflected.
+// The cosine for Schlick's term, which is on the side of the lower index of refraction; -1 for total internal
+// reflection.
 @if(transmission)
 fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
     if lobe.eta <= 1.0 { return cosine; }
@@ -63,7 +65,7 @@ fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
     return select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
 }
 
-// The part of light at that cosine to their normal that passes the microfacets.
+// The share of light that the microfacets transmit, at the given cosine to their normal.
 @if(transmission)
 fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
     let outer = fresnel_cosine(lobe, cosine);
@@ -71,9 +73,9 @@ fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
     return lobe.tint * (1.0 - layer_reflectance(specular, outer));
 }
 
-// The microfacet normal by which light from `pair.light`, below the surface, passes towards the viewer, and how densely
-// directions lie about it: the normal's density times this is the direction's (Walter et al. 2007, equations 16 and
-// 17). 0 where there is none. A thin wall bends no light: it spreads it as its mirror image is spread.
+// The microfacet normal that transmits light from `pair.light`, below the surface, towards the viewer; and the Jacobian
+// by which the normal's density becomes the direction's (Walter et al. 2007, equations 16 and 17). 0 if there is no
+// such normal. A thin wall does not refract: it spreads light as the mirror image of reflection.
 @if(transmission)
 struct Passing {
     normal: vec3f,
@@ -96,7 +98,7 @@ fn passing(lobe: Transmission, pair: LocalPair) -> Passing {
     return Passing(h, -light_h / (root * root));
 }
 
-// The BSDF for light that passes from the other side. Radiance is denser where the index of refraction is higher.
+// The BSDF for light transmitted from the other side. Radiance is higher where the index of refraction is higher.
 @if(transmission)
 fn transmission_value(lobe: Transmission, specular: Specular, pair: LocalPair) -> vec3f {
     let found = passing(lobe, pair);
@@ -105,13 +107,13 @@ fn transmission_value(lobe: Transmission, specular: Specular, pair: LocalPair) -
     return transmittance(lobe, specular, view_h) * density;
 }
 
-// The density of directions that pass by the visible normals, over the share of normals that let light pass.
+// The density of transmitted directions by the visible normals, over the probability that a normal transmits.
 @if(transmission)
 fn passing_density(found: Passing, pair: LocalPair) -> f32 {
     return 4.0 * dot(pair.view, found.normal) * found.jacobian * visible_density(pair, found.normal);
 }
 
-// The direction of light that passes by a sampled microfacet normal; `reflected` is the one that is reflected by it.
+// The direction of light transmitted by a sampled microfacet normal. `reflected` is the direction reflected by it.
 @if(transmission)
 fn passed_direction(lobe: Transmission, view: vec3f, h: vec3f, reflected: vec3f) -> vec3f {
     if lobe.eta == 1.0 { return vec3f(reflected.xy, -reflected.z); }

@@ -10,7 +10,7 @@ fn directional_at(light: u32) -> PunctualLight {
     return PunctualLight(-light_texel_f32(light, LIGHT_AXIS_TEXEL).xyz, FAR_DISTANCE, irradiance);
 }
 
-// A ray through a disc as wide as the scene.
+// Samples a ray through a disc as wide as the scene.
 fn directional_emit(light: u32, u: vec2f) -> EmittedRay {
     let direction = light_texel_f32(light, LIGHT_AXIS_TEXEL).xyz;
     return distant_ray(light, direction, light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz, u);

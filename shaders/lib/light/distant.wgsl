@@ -5,11 +5,11 @@ import package::lib::light::table::{EmittedRay, NO_EMITTER, light_texel_f32};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_disc;
 
-// A ray along a direction through the disc that the scene's bounding sphere is across it, of a distant light;
-// `irradiance` over the density with which the direction is sampled.
+// A ray of a distant light along a direction, through the disc that is the scene's bounding sphere seen along it.
+// `irradiance` is that perpendicular to the direction, over the density with which the direction is sampled.
 fn distant_ray(light: u32, direction: vec3f, irradiance: vec3f, u: vec2f) -> EmittedRay {
     let sphere = light_texel_f32(light, LIGHT_DISC_TEXEL);
-    // Some more, so that no rounding leaves out the rim.
+    // Slightly wider, so that rounding does not cut off the rim.
     let reach = sphere.w * 1.001;
     let offset = basis(direction) * vec3f(reach * sample_disc(u), -2.0 * reach);
     return EmittedRay(sphere.xyz + offset, direction, direction, NO_EMITTER, irradiance * (PI * reach * reach));

@@ -1,4 +1,4 @@
-// Emitter triangles, which mesh lights are made of: which of them a position samples, and with which probability.
+// Emitter triangles, the parts of mesh lights: how a position samples one of them, and with which probability.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::constants::{EMITTER_SAMPLING_TEXEL, EMITTER_TEXELS};
@@ -34,7 +34,7 @@ struct EmitterTriangle {
     e2: vec3f,
     // e1 x e2: along the normal, twice the area long.
     across: vec3f,
-    // By area, of points chosen by power: as much as its radiance is of the light's.
+    // Density by area of points sampled by power; proportional to the triangle's radiance.
     density: f32,
     // Its primitive index.
     index: u32,
@@ -56,14 +56,14 @@ fn emitter_power(emitter: u32) -> f32 {
     return bitcast<f32>(load_emitter_texel(emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).y);
 }
 
-// A sampled emitter triangle, and the rest of the random number, which is uniform again.
+// A sampled emitter triangle, and the remainder of the random number, which is uniform again.
 struct SampledEmitter {
     emitter: u32,
     probability: f32,
     u: f32,
 }
 
-// The position of u, 0 to 1, within the share of the probability that ends at `cumulative`.
+// The relative position of u, 0 to 1, within the interval of length `share` that ends at `cumulative`.
 fn left_of(u: f32, cumulative: f32, share: f32) -> f32 {
     return clamp(1.0 - (cumulative - u) / share, 0.0, 1.0 - 1.0 / 16777216.0);
 }
@@ -85,8 +85,8 @@ fn emitter_faces(triangle: EmitterTriangle, position: vec3f) -> bool {
     return dot(triangle.across, position - triangle.a) > 0.0;
 }
 
-// Whether the position is so near to a light that the projected areas of its triangles depend on the position, and not
-// only on the direction.
+// Whether the position is so near to a light that the projected areas of its triangles depend on the position, not only
+// on the direction.
 @if(many_emitters)
 fn is_near_light(light: u32, position: vec3f) -> bool {
     let sphere = light_texel_f32(light, LIGHT_SPHERE_TEXEL);
@@ -94,8 +94,8 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
     return dot(offset, offset) < f32(NEAR_LIGHT_SQUARED) * sphere.w * sphere.w;
 }
 
-// From afar, the projected areas of a convex lamp's triangles depend only on the direction. For each of some directions
-// a view has cumulative probabilities by power times cosine, so that all samples contribute about the same.
+// From afar, the projected areas of a convex lamp's triangles depend only on the direction. A view holds, for one of a
+// set of directions, cumulative probabilities by power times cosine, so that all samples contribute about the same.
 @if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
 // The first texel of the probabilities for a position, or NO_VIEW.
@@ -108,7 +108,7 @@ fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
     return light_texel(light, LIGHT_CONTOUR_TEXEL).y + (cell.y * VIEW_SIDE + cell.x) * ((header.z + 3u) / 4u);
 }
 
-// Cumulative probability of a view's emitter triangle `i`, those before it included.
+// Cumulative probability up to and including a view's emitter triangle `i`.
 @if(emitter_pairs)
 fn view_cumulative(view: u32, i: u32) -> f32 {
     return load_light_vertex(view + i / 4u)[i & 3u];
@@ -123,7 +123,7 @@ fn view_share(view: u32, i: u32) -> f32 {
 
 @if(emitter_pairs)
 fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
-    // The first texel with a cumulative probability above u, and that one of it.
+    // Finds the first texel with a cumulative probability above u, and the component in it.
     var first = 0u;
     var last = (header.z + 3u) / 4u - 1u;
     while first < last {
@@ -136,14 +136,14 @@ fn sample_viewed_emitter(header: vec4u, view: u32, u: f32) -> SampledEmitter {
     return SampledEmitter(header.y + i, share, left_of(u, view_cumulative(view, i), share));
 }
 
-// The emitter triangles that may be sampled for a position: one, with that probability, or all, by what they send to
-// it.
+// The emitter triangles that may be sampled for a position: a single one with its probability, or all of them by what
+// they send to the position.
 struct EmitterRange {
     first: u32,
     end: u32,
     all: bool,
     probability: f32,
-    // The rest of the random number.
+    // The remainder of the random number.
     u: f32,
 }
 
@@ -151,8 +151,8 @@ fn all_emitters(header: vec4u, u: f32) -> EmitterRange {
     return EmitterRange(header.y, header.y + header.z, true, 1.0, u);
 }
 
-// Whether all triangles of a light are evaluated at a position. Lights of few triangles, as a square, always are;
-// lights of more triangles where they are near, as their triangles differ there.
+// Whether a position evaluates all triangles of a light. It does for lights of few triangles, such as a square; for
+// others only nearby, where the contributions of their triangles differ.
 fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
     @if(many_emitters) {
         return header.z <= FEW_EMITTERS || (header.z <= FEW_NEAR_EMITTERS && is_near_light(light, position));
@@ -160,9 +160,10 @@ fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
     @else { return true; }
 }
 
-// The probability with which `emitter_range` samples an emitter triangle, where it does not evaluate all. In closed
-// lights that are near or have few triangles, a triangle that faces away is replaced by its partner, which faces nearly
-// the other way. So a triangle that faces the position is sampled for itself, and for its partner if that faces away.
+// The probability with which `emitter_range` samples an emitter triangle, unless it evaluates all. In closed lights
+// that are near or have few triangles, a sampled triangle that faces away is replaced by its partner, which faces
+// nearly the opposite way. So the probability of a triangle that faces the position includes that of its partner if the
+// partner faces away.
 @if(many_emitters)
 fn emitter_probability(light: u32, header: vec4u, emitter: u32, position: vec3f) -> f32 {
     @if(emitter_pairs) {
@@ -202,8 +203,8 @@ fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterR
     return EmitterRange(chosen.emitter, chosen.emitter + 1u, false, chosen.probability, chosen.u);
 }
 
-// What an emitter triangle sends to a position, in the same units for all triangles of the light: its solid angle,
-// times its radiance where all triangles are evaluated; 0 where it faces away.
+// The contribution of an emitter triangle to a position, in the same units for all triangles of the light: its solid
+// angle, times its radiance if all triangles are evaluated; 0 if it faces away.
 fn emitter_sends(
     header: vec4u,
     triangle: EmitterTriangle,

@@ -14,7 +14,7 @@ fn environment_light_sample(u: vec2f) -> LightSample {
     return LightSample(sampled.direction, FAR_DISTANCE, sampled.radiance, sampled.pdf, vec3f(0.0), false);
 }
 
-// A ray through a disc as wide as the scene, across a direction sampled by radiance.
+// Samples a direction by radiance, and a ray along it through a disc as wide as the scene.
 fn environment_emit(light: u32, u: vec4f) -> EmittedRay {
     let sampled = environment_sample(u.xy);
     return distant_ray(light, -sampled.direction, sampled.radiance / sampled.pdf, u.zw);

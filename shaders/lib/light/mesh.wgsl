@@ -21,7 +21,7 @@ import package::lib::sampling::{SphericalTriangle, sample_spherical_triangle, sa
 // A point of a mesh light.
 struct MeshPoint {
     position: vec3f,
-    // Unit, on the front.
+    // Unit normal on the front.
     normal: vec3f,
     // Emitted radiance.
     radiance: vec3f,
@@ -65,12 +65,12 @@ fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool 
     return true;
 }
 
-// Minimum of the cosine at the emitter that a potential counts, as MIN_COSINE at the surface.
+// Minimum cosine at the emitter in a potential, as MIN_COSINE is at the surface.
 const MIN_EMITTED_COSINE = 0.02;
-// An emitter's normal is rounded to 16 bits a coordinate.
+// Margin below the emitter's plane, because normals are rounded to 16 bits per coordinate.
 const BEHIND_EMITTER = -1e-3;
 
-// About the irradiance that the light brings to the surface; see `light_potential`.
+// Approximate irradiance of the surface from the light; see `light_potential`.
 fn mesh_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
     let emission = light_texel(light, LIGHT_SAMPLING_TEXEL).zw;
     let strength = bitcast<f32>(emission.x);
@@ -113,7 +113,8 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
         left = min(left, 1.0 - 1.0 / 16777216.0);
     }
     let pdf = select(range.probability, triangle.density, range.all) / sum;
-    // Nothing faces the position, or it is on the light's plane; or grazing beyond what the numbers hold.
+    // No triangle faces the position, the position lies in the light's plane, or the density overflows at a grazing
+    // angle.
     if sum <= 0.0 || !(pdf < 1e30) { return no_light_sample(); }
     let point = mesh_point(light, header, triangle, sample_spherical_triangle(spherical, vec2f(left, u.y)));
     let offset = point.position - position;
@@ -124,15 +125,15 @@ fn mesh_sample(light: u32, header: vec4u, position: vec3f, u: vec2f) -> LightSam
     return LightSample(offset / distance, distance, point.radiance, pdf, normal, false);
 }
 
-// The light of an emitter triangle, and the density by solid angle with which its points are sampled; 0 for a triangle
-// that is no emitter.
+// The light of an emitter triangle, and the density by solid angle with which its points are sampled; density 0 if the
+// triangle does not emit.
 struct Emitter {
     light: u32,
     pdf: f32,
 }
 
-// The light that a triangle is a part of, and the density by solid angle with which `light_sample` samples its points
-// for a position that it faces; a density of 0 where it is none.
+// The light to which a triangle belongs, and the density by solid angle with which `light_sample` samples its points
+// for a position that it faces; density 0 if the triangle does not emit.
 fn emitter_of(triangle: u32, position: vec3f) -> Emitter {
     let header = load_light_texel(0u);
     // The list of emitters by primitive index lies behind their texels.
@@ -169,7 +170,7 @@ fn emitter_pdf(light: u32, emitter: u32, position: vec3f) -> f32 {
     return select(0.0, min(probability / sum, 1e30), sum > 0.0);
 }
 
-// A ray sampled by emitted power and the cosine; within the cone of the receivers where that is narrower.
+// Samples a ray by emitted power and the cosine law, within the cone of the receiver bounds where that is narrower.
 fn mesh_emit(light: u32, u: vec4f) -> EmittedRay {
     let header = light_texel(light, LIGHT_KIND_TEXEL);
     let chosen = sample_emitter(header, u.x);

@@ -6,14 +6,15 @@ import package::lib::light::table::{EmittedRay, NO_EMITTER, light_texel_f32};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cap;
 
-// What a punctual light sends to a point: `direction` towards the light, irradiance across it.
+// The light that a punctual light sends to a point: `direction` towards the light, and the irradiance perpendicular to
+// it.
 struct PunctualLight {
     direction: vec3f,
     distance: f32,
     irradiance: vec3f,
 }
 
-// KHR_lights_punctual: the window that takes the light to 0 at its range; infinite range gives 1.
+// The window of KHR_lights_punctual that takes the light to 0 at its range; 1 for an infinite range.
 fn range_window(distance: f32, range: f32) -> f32 {
     let relative = distance / range;
     let relative2 = relative * relative;
@@ -25,13 +26,13 @@ fn point_at(light: u32, position: vec3f) -> PunctualLight {
     let own = light_texel_f32(light, LIGHT_POSITION_TEXEL);
     let offset = own.xyz - position;
     let distance2 = dot(offset, offset);
-    // At the light itself there is no direction: nothing arrives.
+    // At the light itself there is no direction, and no light arrives.
     if distance2 < 1e-30 { return PunctualLight(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0)); }
     let distance = sqrt(distance2);
     return PunctualLight(offset / distance, distance, intensity * (range_window(distance, own.w) / distance2));
 }
 
-// A ray uniform over the sphere, or over the cone of the receivers where that is narrower.
+// Samples a ray uniformly over the sphere, or over the cone of the receiver bounds if that is narrower.
 fn point_emit(light: u32, u: vec2f) -> EmittedRay {
     let position = light_texel_f32(light, LIGHT_POSITION_TEXEL).xyz;
     let intensity = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz;

@@ -1,5 +1,5 @@
-// Emission towards receiver bounds: lights emit photons into the cone of directions that contains everything they can
-// light.
+// Emission towards receiver bounds: lights emit photons only into the cone of directions that contains all surfaces
+// that receive light.
 
 import package::lib::constants::LIGHT_RECEIVERS_TEXEL;
 import package::lib::light::table::load_light_texel;
@@ -9,9 +9,10 @@ import package::lib::light::table::load_light_texel;
 // The cone of directions from a position to the sphere that bounds all surfaces that receive light.
 struct ReceiverCone {
     axis: vec3f,
-    // Of the angle between the axis and the rim; 1 where the position is within the bounds, or there are none.
+    // Squared sine of the angle between the axis and the rim; 1 if the position is within the bounds, or there are
+    // none.
     squared_sine: f32,
-    // 1 less the cosine of that angle; 2, all directions, there.
+    // 1 minus the cosine of that angle; in those cases 2, which is all directions.
     height: f32,
 }
 
@@ -26,12 +27,13 @@ fn receiver_cone(position: vec3f) -> ReceiverCone {
 @if(mesh_lights)
 struct BoundedDirection {
     direction: vec3f,
-    // Of the directions about the normal, by the cosine law.
+    // Share of the cosine-weighted hemisphere.
     share: f32,
 }
 
-// By the cosine law about the normal, and within the cone where that is over the horizon: such directions are the even
-// points of the unit disc under the hemisphere (Nusselt), and its rim is an ellipse there.
+// Samples a direction by the cosine law about the normal, within the cone if the whole cone is above the horizon. By
+// Nusselt's analogue, such directions project to uniform points of the unit disc, and the rim of the cone to an
+// ellipse.
 @if(mesh_lights)
 fn sample_bounded_cosine(normal: vec3f, cone: ReceiverCone, u: vec2f) -> BoundedDirection {
     let cosine = dot(cone.axis, normal);
@@ -40,7 +42,7 @@ fn sample_bounded_cosine(normal: vec3f, cone: ReceiverCone, u: vec2f) -> Bounded
     let along = cone.axis - cosine * normal;
     let sine = length(along);
     var radial = frame[0];
-    // Straight above, the ellipse is a circle.
+    // With the cone along the normal, the ellipse is a circle.
     if sine > 1e-4 { radial = along / sine; }
     let p = sqrt(cone.squared_sine) * sample_disc(u);
     let below = along * (1.0 - cone.height) + radial * (cosine * p.x) + cross(normal, radial) * p.y;

@@ -6,7 +6,7 @@ import package::lib::light::table::{EmittedRay, NO_EMITTER, light_texel_f32};
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cap;
 
-// The part of its intensity that a spot light sends along a direction.
+// The fraction of its intensity that a spot light emits along a direction.
 fn spot_falloff(light: u32, direction: vec3f) -> f32 {
     // The axis, and the cosine of the outer cone angle.
     let axis = light_texel_f32(light, LIGHT_AXIS_TEXEL);
@@ -16,7 +16,7 @@ fn spot_falloff(light: u32, direction: vec3f) -> f32 {
     return falloff * falloff;
 }
 
-// A ray uniform over the outer cone, or over the cone of the receivers where that is narrower.
+// Samples a ray uniformly over the outer cone, or over the cone of the receiver bounds if that is narrower.
 fn spot_emit(light: u32, u: vec2f) -> EmittedRay {
     let position = light_texel_f32(light, LIGHT_POSITION_TEXEL).xyz;
     let intensity = light_texel_f32(light, LIGHT_EMISSION_TEXEL).xyz;

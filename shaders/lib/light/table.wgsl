@@ -1,4 +1,4 @@
-// The table of lights, which src/gpu_scene/lights/ makes, and what every kind of light gives.
+// The table of lights, which src/gpu_scene/lights/ makes, and the structs that every kind of light returns.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::constants::{
@@ -29,7 +29,7 @@ fn light_texel_f32(light: u32, texel: u32) -> vec4f {
     return bitcast<vec4f>(light_texel(light, texel));
 }
 
-// Which of LIGHT_MESH, LIGHT_POINT and so on a light is.
+// The kind of a light: LIGHT_MESH, LIGHT_POINT and so on.
 fn light_kind(light: u32) -> u32 {
     return light_texel(light, LIGHT_KIND_TEXEL).x & LIGHT_KIND_MASK;
 }
@@ -42,13 +42,13 @@ struct LightSample {
     // Unit vector from the position to the light.
     direction: vec3f,
     distance: f32,
-    // Emitted towards the position; of punctual lights the irradiance across the direction.
+    // Radiance emitted towards the position; for punctual lights the irradiance perpendicular to the direction.
     radiance: vec3f,
-    // By solid angle, 0 where nothing arrives; 1 of punctual lights.
+    // Density by solid angle, 0 if no light arrives; 1 for punctual lights.
     pdf: f32,
-    // Geometric normal of the emitter on the side of the position; 0 of lights without a surface.
+    // Geometric normal of the emitter on the side of the position; 0 for lights without a surface.
     normal: vec3f,
-    // The light arrives from one direction only: sampling the BSDF cannot find it.
+    // Light arrives from a single direction, so sampling the BSDF cannot hit it.
     delta: bool,
 }
 
@@ -56,21 +56,21 @@ fn no_light_sample() -> LightSample {
     return LightSample(vec3f(0.0, 0.0, 1.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), false);
 }
 
-// Minimum of the cosine at the surface that the potential of a light counts, where any light may arrive: the light is
-// wider than its middle, and normals are rounded. No light that arrives may have a probability near 0.
+// Minimum cosine at the surface in the potential of a light. The potential takes the cosine towards the light's centre,
+// but the light is wider than that and normals are rounded. No light that contributes may have a probability near 0.
 const MIN_COSINE = 0.1;
 
 struct EmittedRay {
     origin: vec3f,
     // Unit.
     direction: vec3f,
-    // Geometric normal on the side that the ray leaves; the direction of punctual lights.
+    // Geometric normal on the side that the ray leaves; for punctual lights the ray's direction.
     normal: vec3f,
     // Primitive index of the emitter triangle, or NO_EMITTER.
     triangle: u32,
-    // Power over the density with which the ray is sampled: the mean over rays is the light's power.
+    // Power over the density with which the ray is sampled. Its mean over rays is the light's power.
     flux: vec3f,
 }
 
-// The triangle of an emitted ray that starts on none.
+// Marks an emitted ray that starts on no triangle.
 const NO_EMITTER = 0xffffffffu;
