@@ -17,7 +17,7 @@ pub use groups::{
 
 pub use technique::Technique;
 
-/// The lights used at a point where direct light is a pass of its own, and the probabilities by which a path samples a
+/// The lights that a point uses if direct light is a separate pass, and the probabilities with which a path samples a
 /// light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -28,8 +28,8 @@ pub enum LightSampling {
     Uniform,
     /// A few lights: with probability 1/2 by power, else with equal probability.
     Power,
-    /// A few of the lights that reach the point's zone, by the light that they send there: the paper's proposal for
-    /// many lights.
+    /// A few of the lights that reach the point's zone, in proportion to the light that they send there: the paper's
+    /// proposal for many lights.
     Zones,
 }
 

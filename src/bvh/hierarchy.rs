@@ -90,8 +90,8 @@ impl Bvh {
         loop {
             let tree = binary::build(&mut items, max_depth);
             let bvh = flatten(&tree, &items, positions);
-            // The loop ends: a balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level
-            // but the last needs at most one entry on the stack.
+            // The loop ends, because a balanced tree has at most 28 levels of nodes, as many as the binary tree, and
+            // each level but the last needs at most one entry on the stack.
             const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
             if bvh.nodes.len() / NODE_TEXELS as usize > node::MAX_NODES {
                 return Err(too_large("bvh_nodes", bvh.nodes.len() / NODE_TEXELS as usize, node::MAX_NODES));

@@ -121,7 +121,7 @@ pub struct RenderOptions {
     )]
     pub spp: Option<u32>,
 
-    /// Channels beside the picture, for .exr: a list with commas, or all [default: none]
+    /// Channels besides the image, for .exr: names separated by commas, or all [default: none]
     #[arg(long, value_name = "LIST", long_help = AovList::help())]
     aov: Option<AovList>,
 
@@ -154,12 +154,12 @@ impl RenderOptions {
         self.complete(self.settings.settings_of_aspect(1.0)).is_unbiased()
     }
 
-    /// The user wants channels beside the picture.
+    /// The user requests channels besides the image.
     pub fn has_aovs(&self) -> bool {
         self.aov.is_some()
     }
 
-    /// The user wants this group of channels.
+    /// The user requests this group of channels.
     pub fn has_aov(&self, aov: Aov) -> bool {
         self.aov.as_ref().is_some_and(|list| list.0.contains(&aov))
     }
@@ -250,7 +250,7 @@ impl SettingsOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Indirect light")]
 struct IndirectOptions {
-    /// Maximum number of bounces of indirect light; 0 for direct light alone
+    /// Maximum number of bounces of indirect light; 0 for direct light only
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
@@ -306,12 +306,12 @@ struct VisibilityMapOptions {
     #[arg(long, value_name = "PIXELS")]
     dilate: Option<u32>,
 
-    /// Probability that a lit or shadowed point traces a shadow ray all the same, which keeps the image unbiased; 0 is
-    /// the paper's method, which is biased
+    /// Probability that a lit or shadowed point still traces a shadow ray, which keeps the image unbiased; 0 is the
+    /// paper's method, which is biased
     #[arg(long, value_name = "P", default_value_t = Settings::default().visibility_map.audit)]
     audit: f32,
 
-    /// Count photons whatever their normals, as the paper does
+    /// Count photons regardless of their normals, as the paper does
     #[arg(long)]
     paper_counting: bool,
 }
@@ -350,7 +350,7 @@ impl LightSamplingOptions {
     }
 }
 
-/// Options of the methods before the paper's.
+/// Options of the methods that preceded the paper.
 #[derive(Args)]
 #[command(next_help_heading = "Earlier methods")]
 struct EarlierOptions {
@@ -362,8 +362,8 @@ struct EarlierOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().cells.rays_per_light)]
     cell_rays: u32,
 
-    /// Share of a point's light below which the remaining lights are estimated without shadow rays, for ward-adaptive;
-    /// 0 tests all lights
+    /// Share of a point's light below which the remaining lights trace no shadow rays and their visibility is
+    /// estimated, for ward-adaptive; 0 tests all lights
     #[arg(long, value_name = "X", default_value_t = Settings::default().ward.tolerance)]
     shadow_tolerance: f32,
 }
@@ -395,7 +395,7 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
     PossibleValuesParser::new(values).try_map(|name| name.parse())
 }
 
-/// A list of groups of channels, with commas.
+/// A list of groups of channels, separated by commas.
 #[derive(Clone, Default)]
 struct AovList(Vec<Aov>);
 

@@ -5,18 +5,19 @@ use glam::Vec3;
 use crate::scene::{Camera, Projection};
 
 kernel_kit::shared_struct! {
-    /// A camera. The ray of position (x, y) on the unit square of the image starts at `position` (offset by `right` and
-    /// `up` where orthographic) and goes along `-backward` + (2 x - 1) `right` + (1 - 2 y) `up`.
+    /// A camera. The ray through (x, y) of the image's unit square starts at `position` and has the direction
+    /// `-backward` + (2 x - 1) `right` + (1 - 2 y) `up`. For an orthographic camera, `right` and `up` offset the origin
+    /// instead.
     pub struct CameraUniform {
         /// Position, normalised.
         pub position: [f32; 3],
-        /// 1 where orthographic.
+        /// 1 if orthographic.
         pub orthographic: u32,
-        /// Half the width of the view: at unit distance where perspective.
+        /// Half the width of the view; at unit distance if perspective.
         pub right: [f32; 3],
         /// Near plane distance.
         pub near: f32,
-        /// Half the height of the view: at unit distance where perspective.
+        /// Half the height of the view; at unit distance if perspective.
         pub up: [f32; 3],
         /// Far plane distance; infinite planes are 1e30, far outside the unit-size scene.
         pub far: f32,
@@ -28,8 +29,8 @@ kernel_kit::shared_struct! {
 }
 
 impl CameraUniform {
-    /// The camera for an image of that size. Where the camera states an aspect ratio that is not the image's, the
-    /// vertical field of view is kept, as glTF viewers do.
+    /// The camera for an image of the given size. If the camera's aspect ratio differs from the image's, the vertical
+    /// field of view is kept, as in glTF viewers.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let aspect = width as f32 / height as f32;
         let (half_width, half_height, orthographic) = match camera.projection {
@@ -52,7 +53,7 @@ impl CameraUniform {
         }
     }
 
-    /// The camera's own ratio of width to height, 1 where it has none.
+    /// The camera's own ratio of width to height, 1 if it has none.
     pub fn aspect(camera: &Camera) -> f32 {
         match camera.projection {
             Projection::Perspective { aspect, .. } => aspect.unwrap_or(1.0),

@@ -1,8 +1,9 @@
 //! The environment as `shaders/lib/environment.wgsl` reads it: a table by which directions are sampled, and the texels.
 //!
-//! Radiance is interpolated between the middles of four texels: over a *patch*. The sampling table is made of the same
-//! patches, so that it has a probability wherever there is radiance, and none elsewhere. There is one row of patches
-//! more than of texels, as the first and the last are half as high, from the pole to the middle of the texels there.
+//! A *patch* is the rectangle between the centres of four texels, over which radiance is interpolated. The cells of the
+//! sampling table consist of whole patches, so that the probability is positive exactly where there is radiance. There
+//! is one more row of patches than of texels: the first and the last row are half as high, from a pole to the centres
+//! of the nearest texels.
 
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
@@ -14,15 +15,15 @@ use crate::Result;
 use crate::kernels::scene_texels::ENVIRONMENT_HEADER;
 use crate::scene::Panorama;
 
-/// Maximum number of cells along the width and, but for one, along the height: a table of 2 MiB, and twenty steps to
-/// search it.
+/// Maximum number of cells along the width, and along the height without one extra row: a table of 2 MiB, searched in
+/// twenty steps.
 const MAX_CELLS: [u32; 2] = [1024, 512];
 
-/// Maximum number of texels on the device: half a GiB, a panorama of 8192 x 4096.
+/// Maximum number of texels on the device: 8192 x 4096, half a GiB.
 const MAX_TEXELS: u64 = 1 << 25;
 
-/// Minimum probability of what has any within its row, and of a row: 16 steps of the cumulative probabilities, which
-/// are f32, so that their rounding leaves nothing out.
+/// Minimum probability of a row that has radiance, and of a cell within its row. It is 16 ULP of the f32 cumulative
+/// probabilities, so that rounding gives no such cell the probability 0.
 const MIN_PROBABILITY: f64 = 1.0 / (1 << 20) as f64;
 
 /// The panorama on the device.
@@ -33,17 +34,17 @@ pub struct GpuEnvironment {
     pub(super) irradiance: f64,
     /// Bytes of the table.
     pub bytes: u64,
-    /// Width and height that it was reduced to, where the device has no room for all its texels.
+    /// The width and height to which the panorama was reduced, if the device has no room for all texels.
     pub reduced: Option<[u32; 2]>,
 }
 
 impl GpuEnvironment {
-    /// Uploads a panorama, rotated by `turn`, in whole rotations.
+    /// Uploads a panorama, rotated by `turn` full rotations.
     ///
     /// # Errors
     /// As [`Gpu::table`].
     pub fn new(gpu: &Gpu, panorama: &Panorama, turn: f32, strength: f32) -> Result<GpuEnvironment> {
-        // What the sampling table may take beside the texels.
+        // The maximum size of the sampling table, besides the texels.
         let others = u64::from(ENVIRONMENT_HEADER + (MAX_CELLS[0] / 4 + 1) * (MAX_CELLS[1] + 2));
         let fitting = fitting(panorama, MAX_TEXELS.min(gpu.max_table_records().saturating_sub(others)).max(1));
         let EnvironmentTexels { texels, irradiance } = EnvironmentTexels::new(&fitting, turn, strength);
@@ -54,7 +55,7 @@ impl GpuEnvironment {
     }
 }
 
-/// The panorama, or one of at most so many texels that has the same means over solid angle.
+/// The panorama, or a smaller one of at most `max_texels` texels with the same means over solid angle.
 fn fitting(panorama: &Panorama, max_texels: u64) -> Cow<'_, Panorama> {
     let [width, height] = [panorama.width, panorama.height].map(f64::from);
     let scale = (max_texels as f64 / (width * height)).sqrt();
@@ -81,7 +82,7 @@ fn fitting(panorama: &Panorama, max_texels: u64) -> Cow<'_, Panorama> {
     Cow::Owned(Panorama { width: columns, height: rows, texels })
 }
 
-/// The texels out of `size` that the `i`-th of `count` even parts covers, and from where to where.
+/// The texels out of `size` that the `i`-th of `count` equal parts covers, each with the covered interval.
 fn covered(i: usize, count: u32, size: u32) -> impl Iterator<Item = (usize, [f64; 2])> {
     let end = |i: usize| i as f64 * f64::from(size) / f64::from(count);
     let (low, high) = (end(i), end(i + 1));
@@ -126,13 +127,13 @@ impl EnvironmentTexels {
             vec![[*width as f32, *height as f32, step as f32, turn], [columns as f32, rows as f32, strength, 0.0]];
         for (row, cumulative) in (0..rows).zip(cumulative(&row_weights)) {
             let ends = [angle(row * step), angle(((row + 1) * step).min(height + 1))];
-            // Heights below the nearer pole, where the digits are: of the zenith in rows above the horizon.
+            // Heights below the nearer pole, which are precise: the zenith for rows above the horizon.
             let above = ends[0] + ends[1] <= PI;
             let [first, last] = ends.map(|end| match above {
                 true => 2.0 * (end / 2.0).sin().powi(2),
                 false => 2.0 * (end / 2.0).cos().powi(2),
             });
-            // One over the solid angle of one column of patches; its sign says from which pole heights are.
+            // One over the solid angle of one column of patches. Its sign tells from which pole heights are measured.
             let density = f64::from(*width) / (TAU * (last - first).abs());
             let density = if above { density } else { -density };
             table.push([cumulative, first as f32, (last - first) as f32, density as f32]);
@@ -144,7 +145,7 @@ impl EnvironmentTexels {
     }
 }
 
-/// Cumulative probabilities by weight, the last being 1; all alike where nothing weighs anything.
+/// Cumulative probabilities by weight, the last being 1; uniform if all weights are 0.
 fn cumulative(weights: &[f64]) -> Vec<f32> {
     let min = weights.iter().sum::<f64>() * MIN_PROBABILITY;
     let raised = |weight: &f64| match *weight {

@@ -131,8 +131,8 @@ fn pack(
     }
 }
 
-/// Adds the probability with which each light is sampled, and what the kernels' `light_potential` reads. The
-/// probability is half by power and half uniform: by power alone, a weak light near by would get rare samples of great
+/// Adds the probability with which each light is sampled, and the data of the kernels' `light_potential`. The
+/// probability is half by power and half uniform: by power alone, a weak light nearby would get rare samples of large
 /// weight.
 fn add_sampling(texels: &mut [LightTexels], lights: &[LightInfo]) {
     let count = lights.len() as f64;
@@ -143,7 +143,7 @@ fn add_sampling(texels: &mut [LightTexels], lights: &[LightInfo]) {
     let unit = lights.iter().map(|light| light.emission.strength).fold(f64::MIN_POSITIVE, f64::max);
     for (i, light) in lights.iter().enumerate() {
         cumulative += if total > 0.0 { 0.5 * light.power / total + 0.5 / count } else { 1.0 / count };
-        // Kernels compare with the rounded cumulative probabilities, so the probabilities are their differences.
+        // Kernels compare with the rounded cumulative probabilities, so each probability is a difference of these.
         let end = if i + 1 == lights.len() { 1.0 } else { cumulative as f32 };
         let Emission { strength, axis } = light.emission;
         let strength = if light.punctual { 1.0 / unit } else { strength / unit };

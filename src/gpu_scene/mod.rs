@@ -35,8 +35,8 @@ pub struct GpuScene {
     camera: Buffer,
     procedurals: Table,
     procedural_count: usize,
-    /// Rays that passed through a procedural object since the counts were last read: those whose function took too many
-    /// iterations, and those whose function returned an invalid result.
+    /// Numbers of rays that passed through a procedural object since they were last read: because its function took too
+    /// many iterations, and because it returned an invalid result.
     pub procedural_misses: Buffer,
     sheen_albedos: Option<Buffer>,
     /// Bytes on the device, padding not counted.
@@ -68,8 +68,8 @@ impl GpuScene {
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
         let texels =
             procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
-        // Equation 1 compares numbers of photons, so that each must represent the same part of its light: emission is
-        // not narrowed to the receivers.
+        // Equation 1 compares numbers of photons, so each must represent the same share of its light: emission is not
+        // restricted to the receiver bounds.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
         let lights = GpuLights::new(gpu, scene, receivers)?;
         let panorama = lights.environment.as_ref().map_or(0, |environment| environment.bytes);

@@ -1,6 +1,6 @@
-//! Emission towards receiver bounds. A lamp over a single object would lose nineteen of twenty photons past it, so
-//! lights emit only towards one sphere around everything that receives light. (Jensen 1996 uses projection maps, which
-//! need a search.)
+//! Emission towards receiver bounds. Of the photons of a lamp over a single object, nineteen of twenty would miss it.
+//! So lights emit only towards one sphere around everything that receives light. (Jensen 1996 uses projection maps,
+//! which need a search.)
 
 use glam::{DVec3, Vec3};
 
@@ -16,7 +16,7 @@ pub struct ReceiverBounds {
     pub radius: f32,
 }
 
-/// Margin: rays start 2^-16 of the scene's radius off their surfaces, and directions are rounded.
+/// Margin, because rays start 2^-16 of the scene's radius off their surfaces and directions are rounded.
 const SPARE: f32 = 1e-4;
 
 impl ReceiverBounds {

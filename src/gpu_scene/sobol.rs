@@ -8,7 +8,7 @@ use crate::Result;
 /// odd numbers m (Joe and Kuo 2008, new-joe-kuo-6).
 const PRIMITIVES: [(usize, u32, &[u32]); 3] = [(1, 0, &[1]), (2, 1, &[1, 3]), (3, 1, &[1, 3, 1])];
 
-/// By bit of the index, the direction numbers of the first four dimensions; their highest bit stands for 1/2.
+/// For each bit of the index, the direction numbers of the first four dimensions; their highest bit is 1/2.
 pub fn directions() -> [[u32; 4]; 32] {
     let mut directions = [[0; 4]; 32];
     for (bit, numbers) in directions.iter_mut().enumerate() {

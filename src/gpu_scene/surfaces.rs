@@ -1,4 +1,4 @@
-//! The attributes of a hit beside the triangle's corners: normals, texture coordinates, colours, tangents, materials.
+//! The attributes of a hit besides the triangle's corners: normals, texture coordinates, colours, tangents, materials.
 
 use glam::{Vec3, Vec4};
 use kernel_kit::{Gpu, Table, TableFormat};
@@ -12,14 +12,14 @@ use crate::specialisation::features::{Feature, Features};
 
 /// The tables behind `surface_texels` and `material_texels`.
 pub struct GpuSurfaces {
-    /// Texels of the triangles: as many each as the scene requires.
+    /// Texels of the triangles: as many per triangle as the scene requires.
     pub surfaces: Table,
-    /// Texels of the materials: a fixed number each.
+    /// Texels of the materials: a fixed number per material.
     pub materials: Table,
     layout: Layout,
 }
 
-/// Which texels a triangle has: only those that the scene needs.
+/// The texels of a triangle: only those that the scene needs.
 #[derive(Clone, Copy, Debug)]
 struct Layout {
     uv: Option<u32>,
@@ -119,8 +119,8 @@ fn push_triangle(texels: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle,
     }
 }
 
-/// The direction of growing u over the triangle, and the handedness of u and v: as glTF requires where a file
-/// has no tangents, without MikkTSpace's averaging between triangles.
+/// The tangent for files without tangents: the direction of increasing u over the triangle, and the handedness of
+/// u and v. Unlike MikkTSpace, which glTF names, it does not average between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];
     let set = [material.normal_texture, material.clearcoat.normal_texture, material.anisotropy.texture];
@@ -130,7 +130,7 @@ fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let (d1, d2) = (b.uv[set] - a.uv[set], c.uv[set] - a.uv[set]);
     let determinant = d1.x * d2.y - d2.x * d1.y;
     let tangent = (e1 * d2.y - e2 * d1.y) * determinant.signum();
-    // Texture coordinates that do not span a plane: any direction in the triangle will do.
+    // If the texture coordinates do not span a plane, any direction in the triangle will do.
     let tangent = tangent.try_normalize().or_else(|| e1.try_normalize()).unwrap_or(Vec3::X);
     tangent.extend(if determinant < 0.0 { -1.0 } else { 1.0 })
 }

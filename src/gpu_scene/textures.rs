@@ -8,7 +8,7 @@ use crate::scene::{ColourSpace, Filter, Material, Scene, TEXTURE_USES, TextureIn
 
 /// The tables behind `texture_infos`, `colour_texels` and `data_texels`.
 pub struct GpuTextures {
-    /// Three texels a texture info; see `shaders/lib/texture.wgsl`.
+    /// Three texels per texture info; see `shaders/lib/texture.wgsl`.
     pub infos: Table,
     /// sRGB texels, decoded by the device.
     pub colour: wgpu::TextureView,
@@ -74,7 +74,7 @@ fn info_texels(scene: &Scene, atlas: &mut Atlas, info: &TextureInfo) -> [[u32; 4
     ]
 }
 
-/// Images one after the other, a list for each colour space.
+/// The images in sequence, in a list for each colour space.
 #[derive(Default)]
 struct Atlas {
     placed: Vec<(u32, ColourSpace, u32)>,

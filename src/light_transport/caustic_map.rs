@@ -37,7 +37,7 @@ impl CausticKernels {
 /// The map of 8 samples, bound to a tile.
 pub(crate) struct CausticMap {
     number: u32,
-    /// None where no photon arrived.
+    /// None if no photon was stored.
     show: Option<BoundShow>,
 }
 

@@ -106,7 +106,7 @@ fn points_of_cell(pieces: &[Piece], rays: u32, seed: u32) -> impl Iterator<Item 
     })
 }
 
-/// The parts of a triangle by cell: cut into slabs along x, those along y, those along z.
+/// The parts of a triangle by cell: cut into slabs along x, these along y, and these along z.
 fn pieces(scene: &Scene, shape: &GridShape, triangle: usize) -> Vec<Piece> {
     let mut found = Vec::new();
     let corners = scene.triangle_positions(triangle).map(|p| p.as_dvec3());
@@ -230,8 +230,8 @@ mod tests {
             }
         }
 
-        // All in one cell: strata give each triangle the rays of its share of the area, to within one at either end,
-        // and the middle of its points is its own within five standard errors of independent ones.
+        // All in one cell: stratification gives each triangle rays in proportion to its area, to within one at either
+        // end. The mean of its points is its centroid, within five standard errors of independent points.
         let rays = 4000;
         let surfaces = Surfaces::new(&scene, &GridShape::over_scene(&scene, 1));
         let total: f64 = surfaces.0.iter().map(Piece::area).sum();

@@ -29,8 +29,9 @@ const CHUNK_WORDS: u32 = 1 << 24;
 /// without an error, after 65,535 of them. Ten thousand lights in one chunk lost half of their light.
 const SHADE_ITERATIONS: u32 = 32_768;
 
-/// A light wider than this share of the scene's radius has penumbrae so wide that faint ones would be missed without
-/// dilation; the boundaries of a narrower one are too wide already (the two scenes of the paper: 0.33 and 0.02).
+/// Lights wider than this share of the scene's radius get dilation: faint parts of their wide penumbrae would be missed
+/// without it. The boundaries of narrower lights are too wide already. (The lights of the paper's two scenes: 0.33 and
+/// 0.02.)
 const WIDE_LIGHT: f32 = 0.05;
 
 /// Maximum number of points of a tile. Adaptive shadow testing holds all lights of a point at once, and counts per
@@ -95,7 +96,7 @@ pub(crate) struct DirectLight {
     repair_capacity: u32,
 }
 
-/// How much of the lights the passes work on at once.
+/// The size of a chunk of lights.
 #[derive(Clone, Copy)]
 struct Sizes {
     /// Lights that each point considers.
@@ -112,7 +113,7 @@ impl Sizes {
         let light_samples = settings.shadow_rays.samples;
         let visibility_words = light_samples.div_ceil(32);
         let fitting = (CHUNK_CANDIDATES / points).min(CHUNK_WORDS / (points * visibility_words));
-        // For a light `shade` iterates over the light points, and over the edges of the closed form.
+        // For each light, `shade` iterates over the light points and over the edges of the closed form.
         let edges = shared.gpu_scene.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
         let fitting = fitting.min(SHADE_ITERATIONS / (2 + light_samples + 2 * edges)).clamp(1, lights.max(1));
         let lights_in_chunk = if all_at_once { lights } else { fitting };

@@ -20,7 +20,7 @@ use crate::statistics::totals::Totals;
 /// other's records, so the steps are small: a factor f makes up to f squared times as many records as needed.
 const SPACINGS: [u32; 9] = [32, 22, 16, 11, 8, 6, 4, 3, 2];
 
-/// Largest radius of a record in pixels: farther away gradients miss what lies between.
+/// Maximum radius of a record in pixels. Farther away, gradients miss detail between the records.
 const MAX_RADIUS_PIXELS: f32 = 20.0;
 
 pub(crate) struct CacheKernels {
@@ -41,7 +41,7 @@ pub(crate) struct IrradianceCache {
     bound: BoundCache,
 }
 
-/// What filling the cache needs of the render.
+/// The parts of the render that filling the cache needs.
 pub(crate) struct Filling<'a> {
     pub gpu: &'a Gpu,
     pub kernels: &'a CacheKernels,

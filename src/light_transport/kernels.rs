@@ -27,7 +27,7 @@ pub(crate) struct DirectKernels {
 }
 
 impl DirectKernels {
-    /// Those that the features say.
+    /// The kernels that the features require.
     pub fn new(
         gpu: &Gpu,
         features: &Features,
@@ -67,8 +67,8 @@ impl DirectKernels {
     }
 }
 
-/// The kernels of indirect light, and of all light that paths or the shown map bring. They are used again when the
-/// render makes new photons and records.
+/// The kernels of indirect light, and those of techniques in which paths or the shown map carry all light. The render
+/// uses them again when it makes new photons and records.
 pub(crate) struct IndirectKernels {
     pub global_map: Option<GlobalMapKernels>,
     pub caustics: Option<CausticKernels>,
@@ -78,7 +78,7 @@ pub(crate) struct IndirectKernels {
 }
 
 impl IndirectKernels {
-    /// Those that the specialisation says.
+    /// The kernels that the specialisation requires.
     pub fn new(gpu: &Gpu, specialisation: &Specialisation, constants: &[(&str, f64)]) -> Result<IndirectKernels> {
         let features = &specialisation.features;
         let has = |name| features.has(name);

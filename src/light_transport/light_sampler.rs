@@ -18,7 +18,7 @@ use crate::statistics::totals::Totals;
 /// Number of rays of all lights together for zones.
 const ZONE_RAYS: u32 = 1 << 20;
 
-/// Maximum number of rays of a light, and of shadow photons of a ray: their product is what half a word counts.
+/// Maximum number of rays of a light. Half a word must count this times the maximum number of shadow photons per ray.
 const RAYS_PER_LIGHT: u32 = 6553;
 const SHADOW_PHOTONS: u32 = 10;
 
@@ -125,7 +125,7 @@ fn zone_table(
     totals.photons = photons_by_light(scene, &traced);
     let (bounds, area) = extent(scene);
     let shape = zone_shape(bounds, area, traced.count, lights);
-    // The keys of the sort are zones alone.
+    // The photons are sorted by zone only.
     let sorted = kernels.grid.sort(gpu, &traced.photons, traced.count, 1, shape)?;
     let powers: Vec<f64> = gpu_scene.lights.lights[..lights as usize].iter().map(|light| light.power).collect();
     let table = kernels.zones.list(gpu, &sorted, &powers, scene.environment().is_some())?;

@@ -1,5 +1,5 @@
-//! What techniques share: light sampler, visibility map, cells, adaptive shadow testing, direct light, global map,
-//! irradiance cache, caustic map; and the first and the second pass that they write their steps into.
+//! The parts that techniques share: light sampler, visibility map, cells, adaptive shadow testing, direct light, global
+//! map, irradiance cache and caustic map; and the steps of the first and the second pass.
 
 pub(crate) mod adaptive_testing;
 pub(crate) mod caustic_map;

@@ -27,8 +27,8 @@ pub(crate) struct SecondPass<'a, 'g> {
 }
 
 impl SecondPass<'_, '_> {
-    /// Traces a camera ray for each sample, also over mirrors and through clear glass, to the point that is to be lit
-    /// (pass `primary`).
+    /// Traces a camera ray for each sample, also over mirrors and through clear glass, to the shading point (pass
+    /// `primary`).
     pub fn trace_camera_rays(&mut self) {
         self.primary.record(self.frame, self.tile);
     }
@@ -45,8 +45,8 @@ impl SecondPass<'_, '_> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its cell for each light, if photons have decided it. Without a visibility map
-    /// every point that does not face away from the light is unknown (pass `classify`).
+    /// Gives each point the class of its cell for each light, if the cell has one. Without a visibility map every point
+    /// that does not face away from the light is unknown (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }

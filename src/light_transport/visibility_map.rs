@@ -13,15 +13,15 @@ use crate::statistics::Counter;
 use crate::statistics::totals::Totals;
 
 /// Maximum number of photons that audits add between two sortings of the map. One in 64 points is audited, and a few in
-/// a thousand audits contradict the map. If there are more, which of them fit would be a matter of chance, so none is
-/// added. They still count as wrong, and are found again.
+/// a thousand audits contradict the map. If there are more, it would be random which of them fit, so none is added.
+/// They still count as wrong, and later audits find them again.
 const REPAIR_BATCH: u32 = 1 << 16;
 
 /// Maximum number of photons that audits add to a map in total.
 const REPAIR_ROOM: u32 = 1 << 18;
 
-/// Maximum number of rays of all lights together: what a map of the smallest storage binding that devices offer (128
-/// MiB, eight million photons) holds where rays hit two surfaces on average.
+/// Maximum number of rays of all lights together. If rays hit two surfaces on average, their photons fill the smallest
+/// storage binding that devices offer (128 MiB, eight million photons).
 const MAX_RAYS: u32 = 1 << 22;
 
 pub(crate) struct MapKernels {
@@ -63,7 +63,7 @@ pub(crate) struct MapState {
     pub left: u32,
     /// Those of them that fit in the buffer.
     pub kept: Vec<Photon>,
-    /// [`PhotonGrid::requested_cells_state`], empty where no cell was requested yet; or what was seen of each light
+    /// [`PhotonGrid::requested_cells_state`], empty if no cell was requested yet; or the visible share of each light
     /// ([`super::adaptive_testing`]).
     pub rest: Vec<u32>,
 }

@@ -15,7 +15,7 @@ use crate::settings::Aov;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
 
-/// Depth where the ray left the scene: Blender's number, as some EXR readers fail on infinities.
+/// Depth of rays that leave the scene: Blender's value, because some EXR readers fail on infinities.
 const NO_DEPTH: f64 = 1e10;
 
 impl Renderer<'_> {

@@ -94,7 +94,7 @@ fn another(open: &impl Fn() -> Result<Gpu>, error: Error, losses: u64) -> Result
         return Err(Error::DeviceLost { at, problem });
     }
     open().map_err(|none| {
-        let problem = format!("{problem}; and no other is to be had: {none}");
+        let problem = format!("{problem}; no other device is available: {none}");
         Error::DeviceLost { at, problem }
     })
 }

@@ -40,7 +40,7 @@ pub struct VisibilityMapSettings {
     /// Probability that a lit or shadowed point is audited by a shadow ray, 0 to 1. 0 is the paper's method, which is
     /// biased; zones are then not audited either.
     pub audit: f32,
-    /// Count photons whatever their normals, as the paper does.
+    /// Count photons regardless of their normals, as the paper does.
     pub paper_counting: bool,
 }
 
@@ -63,7 +63,7 @@ impl Default for VisibilityMapSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct ShadowRaySettings {
-    /// Light points sampled, with a shadow ray each, by a boundary point: 1 to [`Settings::MAX_SHADOW_SAMPLES`].
+    /// Light points, each with a shadow ray, that a boundary point samples: 1 to [`Settings::MAX_SHADOW_SAMPLES`].
     #[serde(rename = "shadow_samples")]
     pub samples: u32,
 }
@@ -74,7 +74,7 @@ impl Default for ShadowRaySettings {
     }
 }
 
-/// The choice of lights at a point of a scene of many lights.
+/// Light sampling in scenes of many lights.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct LightSamplingSettings {
@@ -162,8 +162,8 @@ impl Default for CellSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct WardSettings {
-    /// Lights are tested until those left could contribute less than this share of the point's light, 0 to 1. 0 tests
-    /// all.
+    /// Lights are tested until the remaining ones could contribute less than this share of the point's light, 0 to 1. 0
+    /// tests all.
     #[serde(rename = "shadow_tolerance")]
     pub tolerance: f32,
 }
@@ -178,8 +178,8 @@ impl Default for WardSettings {
 impl Settings {
     /// Largest side of an image.
     pub const MAX_SIDE: u32 = 16_384;
-    /// Samples per pixel of a render that its time ends: never reached. A power of two keeps the samples of a pixel
-    /// well stratified.
+    /// Samples per pixel of a render that ends by time: never reached. A power of two keeps the samples of a pixel well
+    /// stratified.
     pub const UNLIMITED_SPP: u32 = 1 << 24;
     /// Largest k: a class word has room for no more.
     pub const MAX_NEAREST: u32 = 511;
@@ -196,7 +196,7 @@ impl Settings {
     pub const MAX_PHOTONS: u32 = 1 << 26;
     /// Maximum number of cells along a side: 2^24 cells in all.
     pub const MAX_CELLS: u32 = 256;
-    /// Maximum number of rays from a cell to a light: they are counted in half a word.
+    /// Maximum number of rays from a cell to a light, as half a word counts them.
     pub const MAX_CELL_RAYS: u32 = 4096;
     /// Largest ratio of a record's radius to the distance of the surfaces around it.
     pub const MAX_ACCURACY: f32 = 10.0;

@@ -9,7 +9,7 @@ use serde::{Serialize, Serializer};
 #[derive(Clone, Copy)]
 pub struct Technique(&'static Description);
 
-/// What there is to know of a technique before a scene is known.
+/// The description of a technique, independent of any scene.
 pub struct Description {
     /// The name on the command line, in files and in reports.
     pub name: &'static str,
@@ -26,18 +26,19 @@ pub struct Description {
 pub struct Requirements {
     /// How light gets from the lights to the camera.
     pub transport: Transport,
-    /// How direct light finds out what a shading point sees of a light.
+    /// How direct light determines the visibility of a light from a shading point.
     pub visibility: Visibility,
-    /// How many of the lights a shading point considers.
+    /// How many lights a shading point considers.
     pub lights: ConsideredLights,
 }
 
 /// How light gets from the lights to the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
-    /// Paths from the camera bring all light.
+    /// Paths from the camera carry all light.
     Paths,
-    /// Direct light is computed apart. Indirect light comes from paths and final gathers that end in the global map.
+    /// Direct light is computed separately. Indirect light comes from paths and final gathers that end in the global
+    /// map.
     TwoPass,
     /// The global map is shown directly, by density estimation.
     ShownMap,
@@ -45,7 +46,7 @@ pub enum Transport {
     ShownMapWithNegativePhotons,
 }
 
-/// How direct light finds out what a shading point sees of a light. Only [`Transport::TwoPass`] reads it.
+/// How direct light determines the visibility of a light from a shading point. Only [`Transport::TwoPass`] uses it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visibility {
     /// By shadow rays alone.
@@ -54,24 +55,25 @@ pub enum Visibility {
     Photons,
     /// By the visibility map alone: equation 1 of the paper.
     PhotonsAlone,
-    /// By shadow rays to the lights that may contribute most; the other lights are guessed.
+    /// By shadow rays to the lights that may contribute most. The visibility of the other lights is estimated.
     Adaptive,
-    /// By rays from the cells of a grid: no shadow rays leave a cell from which no ray reached the light.
+    /// By rays from the cells of a grid. Points in a cell from which no ray reached the light trace no shadow rays.
     Cells,
-    /// By rays from the cells of a grid: shadow rays leave only cells that are neither lit nor shadowed as a whole.
+    /// By rays from the cells of a grid. Only points in cells that are neither completely lit nor completely shadowed
+    /// trace shadow rays.
     Voxels,
 }
 
-/// How many of the lights a shading point considers.
+/// How many lights a shading point considers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConsideredLights {
     /// One at each vertex of a path.
     OneAtVertex,
     /// All of them.
     All,
-    /// All of them, or a few where the settings ask for that.
+    /// All of them, or a few if the settings request that.
     AllOrSampled,
-    /// A few where there are many, sampled by what photons say of the point's zone.
+    /// A few if there are many, sampled from the lights that reach the point's zone according to photons.
     SampledByZones,
 }
 
@@ -101,42 +103,42 @@ impl Technique {
         self.0.requirements
     }
 
-    /// Paths from the camera bring all light: there is no other pass for it.
+    /// Whether paths from the camera carry all light, without another pass.
     pub fn is_path_tracing(self) -> bool {
         self.requirements().transport == Transport::Paths
     }
 
-    /// Its direct light is a pass of its own, and indirect light another.
+    /// Whether separate passes compute direct and indirect light.
     pub fn is_two_pass(self) -> bool {
         self.requirements().transport == Transport::TwoPass
     }
 
-    /// It shows the global map directly.
+    /// Whether it visualises the global map directly.
     pub fn shows_map(self) -> bool {
         matches!(self.requirements().transport, Transport::ShownMap | Transport::ShownMapWithNegativePhotons)
     }
 
-    /// It queries the visibility map.
+    /// Whether it queries the visibility map.
     pub fn uses_visibility_map(self) -> bool {
         matches!(self.requirements().visibility, Visibility::Photons | Visibility::PhotonsAlone)
     }
 
-    /// Rays from the cells of a grid tell, before the first sample, what its points see.
+    /// Whether rays from the cells of a grid determine visibility before the first sample.
     pub fn uses_cells(self) -> bool {
         matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)
     }
 
-    /// Photons or cells tell, before a shadow ray is traced, whether a point is lit, shadowed or neither.
+    /// Whether photons or cells classify points as lit, shadowed or neither before shadow rays are traced.
     pub fn classifies(self) -> bool {
         self.uses_visibility_map() || self.uses_cells()
     }
 
-    /// Photons can tell it which lights reach a zone.
+    /// Whether it can use zones, for which photons determine the lights that reach them.
     pub fn uses_zones(self) -> bool {
         self.requirements().lights == ConsideredLights::SampledByZones
     }
 
-    /// Its direct light may sample a few of many lights.
+    /// Whether its direct light may sample a few of many lights.
     pub fn samples_lights(self) -> bool {
         matches!(self.requirements().lights, ConsideredLights::AllOrSampled | ConsideredLights::SampledByZones)
     }

@@ -6,35 +6,35 @@ use serde::{Serialize, Serializer};
 use super::features::{Feature, Features};
 use crate::scene::Scene;
 
-/// What was decided for a scene and its settings.
+/// The decisions for a scene and its settings.
 #[derive(Clone, Debug, Serialize)]
 pub struct Specialisation {
-    /// What the kernels are composed with.
+    /// The features with which kernels are composed.
     #[serde(skip)]
     pub features: Features,
-    /// Pass `path` runs: for all light, for indirect light, or for what the shown map leaves.
+    /// Whether pass `path` runs: for all light, for indirect light, or for the light that the shown map lacks.
     #[serde(skip)]
     pub traces_paths: bool,
-    /// What is there, and why.
+    /// The items that the render has, and why.
     pub kept: Vec<Item>,
-    /// What was left out, and why.
+    /// The items that were left out, and why.
     pub left_out: Vec<Item>,
 }
 
-/// Something that a render can have or do without.
+/// An optional part of a render.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Item {
-    /// What it is.
+    /// Its name.
     #[serde(rename = "name", serialize_with = "by_name")]
     pub feature: Feature,
-    /// Why it is kept or left out.
+    /// The reason for keeping it or leaving it out.
     pub reason: String,
-    /// What it costs, or would.
+    /// Its cost, or what it would cost.
     pub cost: String,
 }
 
 impl Specialisation {
-    /// Decides on one feature. `kept_for` is the reason where it is on, `left_out_for` where it is off.
+    /// Decides on one feature. `kept_for` is the reason if it is on, `left_out_for` if it is off.
     pub(super) fn decide(&mut self, feature: Feature, on: bool, kept_for: String, left_out_for: &str, cost: &str) {
         self.features.set(feature, on);
         let reason = if on { kept_for } else { left_out_for.to_owned() };
@@ -59,12 +59,12 @@ pub(super) fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Whether there is a surface to be lit, and a light.
+/// Whether the scene has both a surface and a light.
 pub(super) fn is_lit(scene: &Scene) -> bool {
     !scene.lights.is_empty() && !scene.is_empty()
 }
 
-/// A number of bytes as people read it.
+/// A number of bytes with a unit, for users.
 pub fn bytes_text(bytes: u64) -> String {
     match bytes {
         0..10_000 => format!("{bytes} B"),

@@ -3,8 +3,8 @@
 use crate::procedural::Functions;
 
 kernel_kit::features! {
-    /// What a kernel has only where a scene, a setting or a device needs it. Kernels name a feature in snake case:
-    /// `@if(visibility_map)`. The module [`crate::specialisation`] decides each of them.
+    /// Code that a kernel contains only if a scene, a setting or a device needs it. Kernels name a feature in snake
+    /// case: `@if(visibility_map)`. The module [`crate::specialisation`] decides on each feature.
     pub enum Feature {
         /// Device: lookup tables are textures, which software devices read several times faster than storage buffers.
         TextureLoads,
@@ -68,7 +68,7 @@ kernel_kit::features! {
         LightTags,
         /// Method: photons are counted without regard to their normals, as in the paper.
         PaperCounting,
-        /// Method: rays from the cells of a grid estimate what the points in them see.
+        /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.
         VoxelTags,
@@ -78,13 +78,14 @@ kernel_kit::features! {
         LightSampling,
         /// Method: all lights are sampled with the same probability, not by power.
         UniformLightSampling,
-        /// Method: photons tell which lights reach a zone, and points sample lights of their zone.
+        /// Method: points sample the lights that reach their zone, according to photons.
         Zones,
-        /// Method: points that photons decide are audited.
+        /// Method: some of the points that photons classify as lit or shadowed are audited.
         Audit,
-        /// Method: few points need light samples, because every light has a closed form and photons decide the rest.
+        /// Method: few points need light samples, because every light has a closed form and photons classify most
+        /// points.
         FewSampled,
-        /// Method: paths end in the irradiance that photons brought.
+        /// Method: paths end at irradiance estimated from photons.
         GlobalMap,
         /// Method: the photon map is shown directly.
         PhotonMap,
@@ -124,30 +125,30 @@ impl Features {
         Features { set: kernel_kit::Features::all(), functions: Functions::default() }
     }
 
-    /// With `feature` in or out.
+    /// These features with `feature` on or off.
     #[must_use]
     pub fn with(mut self, feature: Feature, on: bool) -> Self {
         self.set.set(feature, on);
         self
     }
 
-    /// Puts `feature` in or takes it out.
+    /// Turns `feature` on or off.
     pub fn set(&mut self, feature: Feature, on: bool) {
         self.set.set(feature, on);
     }
 
-    /// With the functions that [`Feature::Procedurals`] is for.
+    /// These features with the functions of procedural objects.
     #[must_use]
     pub fn with_functions(self, functions: Functions) -> Self {
         Features { functions, ..self }
     }
 
-    /// Whether `feature` is in.
+    /// Whether `feature` is on.
     pub fn has(&self, feature: Feature) -> bool {
         self.set.has(feature)
     }
 
-    /// The features that are in, in the order of [`Feature`].
+    /// The features that are on, in the order of [`Feature`].
     pub fn iter(&self) -> impl Iterator<Item = Feature> + '_ {
         self.set.iter()
     }

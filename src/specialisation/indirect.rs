@@ -1,4 +1,4 @@
-//! What indirect light needs: paths, the global map, caustics, the irradiance cache.
+//! Decisions on indirect light: paths, the global map, caustics, the irradiance cache.
 
 use super::decisions::{Specialisation, bytes_text, count, is_lit};
 use super::surfaces::Facts;
@@ -11,7 +11,7 @@ impl Specialisation {
     pub(super) fn of_indirect_light(&mut self, scene: &Scene, settings: &Settings, m: &Facts) {
         let lit = is_lit(scene);
         let technique = settings.technique;
-        // Without bounces a path's first ray is left, for the highlights of lights that rays can hit.
+        // Without bounces, only the first ray of a path remains, for the highlights of lights that rays can hit.
         let highlights = self.features.has(Feature::Glossy) && (m.mesh_lights > 0 || scene.environment().is_some());
         let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
         let on = technique.is_two_pass() && lit && (reflected || highlights);
@@ -20,27 +20,24 @@ impl Specialisation {
             bounces => format!("up to {bounces} bounces"),
         };
         let unneeded = match settings.indirect.max_bounces {
-            _ if technique.is_path_tracing() => "paths bring all light",
-            _ if technique.shows_map() => "the map brings all light",
+            _ if technique.is_path_tracing() => "paths carry all light",
+            _ if technique.shows_map() => "the map holds all light",
             0 => "`indirect.max_bounces` is 0",
             _ if lit => "every surface is black",
-            _ => "there is nothing to be lit",
+            _ => "there is no surface or no light",
         };
-        let cost = "pass path: a path from every glossy point, and where no irradiance record is; 16 B a point";
+        let cost = "pass path: a path from every glossy point, and where no irradiance record is valid; 16 B per point";
         self.decide(Feature::Indirect, on, why, unneeded, cost);
         let bounces = on && reflected;
         self.of_global_map(settings, lit, bounces);
         self.of_caustics(settings, m, lit, bounces);
-        let unneeded = if bounces {
-            "`indirect.irradiance_cache.enabled` is false"
-        } else {
-            "no light of more bounces is asked for"
-        };
+        let unneeded =
+            if bounces { "`indirect.irradiance_cache.enabled` is false" } else { "no bounces are requested" };
         let why = format!(
             "records of {} rays hold the diffuse part of the indirect light",
             settings.indirect.irradiance_cache.gather_rays
         );
-        let cost = "passes gather, cache; about 100 B a record";
+        let cost = "passes gather, cache; about 100 B per record";
         self.decide(
             Feature::IrradianceCache,
             bounces && settings.indirect.irradiance_cache.enabled,
@@ -48,44 +45,44 @@ impl Specialisation {
             unneeded,
             cost,
         );
-        // The shown map has all that Lambertian surfaces reflect, and nothing else.
+        // The shown map holds all light that Lambertian surfaces reflect, and nothing else.
         let rest = self.features.has(Feature::PhotonMap) && self.features.has(Feature::Glossy);
         self.traces_paths = technique.is_path_tracing() || on || rest;
     }
 
-    /// `bounces`: gathers and paths end in the map.
+    /// `bounces`: whether gathers and paths end in the map.
     fn of_global_map(&mut self, settings: &Settings, lit: bool, bounces: bool) {
         let shown = lit && settings.technique.shows_map();
         self.decide(
             Feature::PhotonMap,
             shown,
             "the technique shows it".into(),
-            "its light is gathered, not shown",
-            "a search and 32 short rays a point",
+            "the technique does not show the map directly",
+            "a search and 32 short rays per point",
         );
         let negative = settings.technique.requirements().transport == Transport::ShownMapWithNegativePhotons;
-        let why = "shadow photons subtract the energy of the light that they lack".to_owned();
-        let cost = "a ray on from every first hit";
-        self.decide(Feature::NegativePhotons, shown && negative, why, "no point is taken as lit", cost);
-        let why = format!("{} rays leave photons that tell irradiance", settings.indirect.photons);
+        let why = "shadow photons subtract the energy of occluded light".to_owned();
+        let cost = "a ray onwards from every first hit";
+        self.decide(Feature::NegativePhotons, shown && negative, why, "the technique does not subtract light", cost);
+        let why = format!("{} rays store photons that estimate irradiance", settings.indirect.photons);
         let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.indirect.photons) * 48));
-        self.decide(Feature::GlobalMap, shown || bounces, why, "no light of more bounces is asked for", &cost);
+        self.decide(Feature::GlobalMap, shown || bounces, why, "no bounces are requested", &cost);
     }
 
     fn of_caustics(&mut self, settings: &Settings, m: &Facts, lit: bool, bounces: bool) {
         let paths = settings.technique.is_path_tracing();
-        let why = format!("{} that is a mirror or clear glass", count(m.clear, "material"));
+        let why = format!("{} like a mirror or clear glass", count(m.clear, "material"));
         let unneeded = match settings.indirect.max_bounces {
-            _ if paths => "paths go on there",
+            _ if paths => "paths continue there",
             0 => "`indirect.max_bounces` is 0",
             _ => "no material is a mirror or clear glass",
         };
         let continued = !paths && settings.indirect.max_bounces > 0 && lit && m.clear > 0;
-        let cost = "rays on from such surfaces, to where photons are; 16 B a point";
+        let cost = "rays onwards from such surfaces to surfaces with photons; 16 B per point";
         self.decide(Feature::SpecularChains, continued, why, unneeded, cost);
-        let why = format!("{} that light is focused by", count(m.focusing, "material"));
-        let unneeded = if bounces { "no material focuses light" } else { "no light of more bounces is asked for" };
-        let cost = "a map for every 8 samples: four times the rays of the global map, a search a point";
+        let why = format!("{} that may focus light", count(m.focusing, "material"));
+        let unneeded = if bounces { "no material focuses light" } else { "no bounces are requested" };
+        let cost = "a map for every 8 samples: four times the rays of the global map, a search per point";
         self.decide(Feature::Caustics, bounces && m.focusing > 0, why, unneeded, cost);
     }
 }

@@ -1,4 +1,4 @@
-//! What the lights of a scene need, and which of them a shading point samples.
+//! Decisions on the lights of a scene, and on how shading points sample them.
 
 use glam::Vec3;
 
@@ -10,7 +10,7 @@ use crate::settings::technique::ConsideredLights;
 use crate::settings::{Aov, LightSampling, Settings};
 use crate::specialisation::features::Feature;
 
-/// Maximum number of triangles of a light whose contributions are all worked out, at any distance. A square has two.
+/// Lights of at most this number of triangles evaluate all of them, at any distance. A square has two.
 pub(crate) const FEW_EMITTERS: u32 = 4;
 
 impl Specialisation {
@@ -27,9 +27,9 @@ impl Specialisation {
         }
         let panorama = scene.environment();
         let why = panorama
-            .map_or(String::new(), |p| format!("a panorama of {} x {} texels is all around", p.width, p.height));
+            .map_or(String::new(), |p| format!("a panorama of {} x {} texels surrounds the scene", p.width, p.height));
         let unneeded = "the scene has no environment";
-        let cost = "look-ups where rays leave the scene and at every light point; 16 B a texel";
+        let cost = "look-ups where rays leave the scene and at every light point; 16 B per texel";
         self.decide(Feature::Environment, panorama.is_some(), why, unneeded, cost);
         let (on, why) = some_lights(m.textured_lights);
         self.decide(
@@ -44,7 +44,7 @@ impl Specialisation {
             Feature::DarkPoints,
             !scene.placed_lights().is_empty(),
             "points that face away from a light need no ray".into(),
-            "there is no light that a point could face away from",
+            "no point can face away from a light",
             "a test at every point and light",
         );
         let many = |light: &&Light| has_many_emitters(light);
@@ -58,21 +58,21 @@ impl Specialisation {
             on,
             why,
             "no light of many triangles is a closed mesh",
-            "two table look-ups at every light point; 1 kB a triangle",
+            "two table look-ups at every light point; 1 kB per triangle",
         );
     }
 
     pub(super) fn of_light_sampling(&mut self, scene: &Scene, settings: &Settings) {
         let (sampling, why) = light_sampling(scene, settings);
         let few = !matches!(sampling, LightSampling::All) && !settings.technique.is_path_tracing();
-        let cost = format!("pass sample_lights; {} B a point", 8 * settings.light_sampling.sampled_lights);
+        let cost = format!("pass sample_lights; {} B per point", 8 * settings.light_sampling.sampled_lights);
         self.decide(Feature::LightSampling, few, why.clone(), &why, &cost);
         let uniform = sampling == LightSampling::Uniform;
         self.decide(
             Feature::UniformLightSampling,
             uniform,
-            "asked for".into(),
-            "not asked for",
+            "requested".into(),
+            "not requested",
             "much noise where lights differ",
         );
         let zones = sampling == LightSampling::Zones;
@@ -97,7 +97,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
         return few_enough();
     }
     if settings.image.aovs.contains(&Aov::Shadow) {
-        return all("the AOV shadow is of all lights".into());
+        return all("the AOV shadow covers all lights".into());
     }
     let evaluates_all = || all(format!("the technique {technique} evaluates all lights"));
     if !technique.samples_lights() {
@@ -113,7 +113,7 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
         None if technique.requirements().lights == ConsideredLights::AllOrSampled => evaluates_all(),
         None if lights <= Settings::MANY_LIGHTS as usize => few_enough(),
         _ if placed > 0 && placed <= MAX_LIGHTS as usize => {
-            let why = format!("points sample {sampled} of {lights} lights, by what reaches their zone");
+            let why = format!("points sample {sampled} of {lights} lights, by the light that reaches their zone");
             (LightSampling::Zones, why)
         }
         _ => {
@@ -125,20 +125,20 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     }
 }
 
-/// Whether a light has so many triangles that points sample one by power before they know what it contributes to them.
+/// Whether a light has so many triangles that points sample one by power, without evaluating the contribution of each.
 pub fn has_many_emitters(light: &Light) -> bool {
     matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > FEW_EMITTERS as usize)
 }
 
-/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any point:
-/// its area vectors sum to nothing.
+/// Whether a light is a closed mesh that emits outwards, so that half of its triangles face away from any point:
+/// its area vectors sum to 0.
 pub fn is_closed(scene: &Scene, light: &Light) -> bool {
     let LightKind::Mesh { material, emitters } = &light.kind else { return false };
     let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();
     is_closed_mesh(&triangles, scene.materials[*material as usize].double_sided)
 }
 
-/// As [`is_closed`], of triangles.
+/// As [`is_closed`], for triangles.
 pub(crate) fn is_closed_mesh(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
     let mut sum = Vec3::ZERO;
     let mut area = 0.0;
@@ -147,6 +147,6 @@ pub(crate) fn is_closed_mesh(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
         sum += across;
         area += across.length();
     }
-    // A hundredth: a mesh with a small hole for a socket counts as closed.
+    // The tolerance of a hundredth lets a mesh with a small hole for a socket count as closed.
     !two_sided && sum.length() < 0.01 * area
 }

@@ -1,6 +1,6 @@
-//! What a render needs: the one place that decides which modules and branches the kernels are composed of, which
-//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], which is
-//! all that a plan knows), by hierarchy and device, by the light tables, and by the pilot samples.
+//! The specialisation of a render: the only place that decides which modules and branches the kernels contain, which
+//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], all that a
+//! plan uses), by hierarchy and device, by the light tables, and by the pilot samples.
 
 mod decisions;
 pub mod features;
@@ -50,16 +50,16 @@ impl Specialisation {
             (Feature::AovShadow, aov(Aov::Shadow)),
         ] {
             let cost = format!("{} of film", bytes_text(pixels * 32));
-            self.decide(feature, on, "asked for".into(), "not asked for", &cost);
+            self.decide(feature, on, "requested".into(), "not requested", &cost);
         }
     }
 
-    /// Decides what depends on the hierarchy, which a plan does not build.
+    /// Decides what depends on the hierarchy. A plan does not build one.
     pub(crate) fn of_hierarchy(&mut self, bvh: &Bvh) {
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
     }
 
-    /// Decides what depends on the device, which a plan does not open.
+    /// Decides what depends on the device. A plan does not open one.
     pub(crate) fn of_device(&mut self, gpu: &Gpu) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
     }

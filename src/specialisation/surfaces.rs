@@ -1,4 +1,4 @@
-//! What the surfaces of a scene need, and the facts about its materials and lights.
+//! Decisions on the surfaces of a scene, and facts about its materials and lights.
 
 use crate::specialisation::features::{Feature, Features};
 use glam::Vec3;
@@ -12,7 +12,7 @@ use super::decisions::{Specialisation, bytes_text, count};
 impl Specialisation {
     pub(super) fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
         let triangles = scene.triangles.len() as u64;
-        let per_triangle = |bytes: u64| format!("{bytes} B a triangle, {} in all", bytes_text(bytes * triangles));
+        let per_triangle = |bytes: u64| format!("{bytes} B per triangle, {} in all", bytes_text(bytes * triangles));
         let materials = |n: usize, what: &str| (n > 0, format!("{} {what}", count(n, "material")));
         let (on, why) = materials(m.textured, "with textures");
         self.decide(
@@ -40,16 +40,16 @@ impl Specialisation {
             on,
             why,
             "every surface is opaque",
-            "a test at every alpha triangle that a ray meets",
+            "a test at every alpha triangle that a ray hits",
         );
         let (on, why) = materials(m.unlit, "unlit");
         self.decide(Feature::Unlit, on, why, "no material is unlit", "a branch in every surface");
         let vertices = |on: bool| (on, "some vertices have them".to_owned());
         let (on, why) = vertices(m.vertex_colours);
         self.decide(Feature::VertexColours, on, why, "every vertex is white", &per_triangle(32));
-        let (on, why) = (m.needles > 0, format!("{}, the distance along which rounds", count(m.needles, "needle")));
+        let (on, why) = (m.needles > 0, format!("{} with inexact hit distances", count(m.needles, "needle")));
         let unneeded = "no triangle is much longer than wide";
-        self.decide(Feature::Needles, on, why, unneeded, "a plane at every triangle that a ray is tested with");
+        self.decide(Feature::Needles, on, why, unneeded, "a plane for every ray and triangle test");
         let (on, why) = vertices(m.smooth_normals);
         self.decide(
             Feature::SmoothNormals,
@@ -66,30 +66,30 @@ impl Specialisation {
             objects > 0,
             format!("{} described by functions", count(objects, "object")),
             "no object is a function",
-            "a box test a ray and object, and the functions in every kernel that traces; 128 B an object",
+            "a box test per ray and object, and the functions in every kernel that traces; 128 B per object",
         );
     }
 }
 
-/// A lobe of surfaces that not every scene needs.
+/// A lobe that not every scene needs.
 struct LobeFeature {
-    /// What the kernels have it by.
+    /// The feature that puts it in the kernels.
     feature: Feature,
     /// Whether a material needs it.
     has: fn(&Material) -> bool,
-    /// Vectors that it takes in a packed surface.
+    /// Number of vectors that it takes in a packed surface.
     vectors: u32,
-    /// What the materials are that need it, after their number.
+    /// Description of the materials that need it, which follows their number.
     materials: &'static str,
-    /// Why it is left out.
+    /// The reason for leaving it out.
     unneeded: &'static str,
-    /// What it costs.
+    /// Its cost.
     cost: &'static str,
-    /// What it costs beside, in bytes a triangle.
+    /// Its cost in bytes per triangle.
     triangle_bytes: u64,
 }
 
-/// All of them. A packed surface has a vector more, its albedo and normal.
+/// All lobes. A packed surface has one more vector, for albedo and normal.
 const LOBES: &[LobeFeature] = &[
     LobeFeature {
         feature: Feature::Glossy,
@@ -97,15 +97,15 @@ const LOBES: &[LobeFeature] = &[
         vectors: Specular::VECTORS,
         materials: "not Lambertian",
         unneeded: "every material is Lambertian",
-        cost: "specular terms at every light point; 32 B a point",
+        cost: "specular terms at every light point; 32 B per point",
         triangle_bytes: 0,
     },
     LobeFeature {
         feature: Feature::Transmission,
         has: |m| !m.unlit && m.transmission.is_present(),
         vectors: Transmission::VECTORS,
-        materials: "that light passes through",
-        unneeded: "no light passes through any material",
+        materials: "that may transmit light",
+        unneeded: "no material transmits light",
         cost: LOBE_COST,
         triangle_bytes: 0,
     },
@@ -132,8 +132,8 @@ const LOBES: &[LobeFeature] = &[
         has: |m| !m.is_lambertian() && m.anisotropy.is_present(),
         vectors: Anisotropy::VECTORS,
         materials: "with anisotropic reflections",
-        unneeded: "every material reflects alike along and across",
-        cost: "a tangent at every surface; 16 B a point and a triangle",
+        unneeded: "every material is isotropic",
+        cost: "a tangent at every surface; 16 B per point and per triangle",
         triangle_bytes: 0,
     },
     LobeFeature {
@@ -142,7 +142,7 @@ const LOBES: &[LobeFeature] = &[
         vectors: Sheen::VECTORS,
         materials: "with a sheen of fibres",
         unneeded: "no material has a sheen",
-        cost: "a lobe more at every glossy surface; a table of 31 kB; 16 B a point",
+        cost: "one more lobe at every glossy surface; a table of 31 kB; 16 B per point",
         triangle_bytes: 0,
     },
     LobeFeature {
@@ -151,15 +151,15 @@ const LOBES: &[LobeFeature] = &[
         vectors: Iridescence::VECTORS,
         materials: "with iridescence",
         unneeded: "no material is iridescent",
-        cost: "the reflectance of a thin film at every glossy surface; 16 B a point",
+        cost: "the reflectance of a thin film at every glossy surface; 16 B per point",
         triangle_bytes: 0,
     },
 ];
 
-/// What most lobes cost.
-const LOBE_COST: &str = "a lobe more at every glossy surface; 16 B a point";
+/// The cost of most lobes.
+const LOBE_COST: &str = "one more lobe at every glossy surface; 16 B per point";
 
-/// Vectors that a point's surface takes with those features: `VisibleSurface` of `shaders/lib/point.wgsl`.
+/// Number of vectors of a point's surface: `VisibleSurface` of `shaders/lib/point.wgsl`.
 pub fn surface_vectors(features: &Features) -> u32 {
     let lobes: u32 = LOBES.iter().filter(|lobe| features.has(lobe.feature)).map(|lobe| lobe.vectors).sum();
     let chain = u32::from(features.has(Feature::SpecularChains));
@@ -168,11 +168,11 @@ pub fn surface_vectors(features: &Features) -> u32 {
     1 + lobes + chain + triangle
 }
 
-/// A triangle that is so much longer than wide that rounding moves the point where a ray meets it farther along it
-/// than rays are kept clear of surfaces: by up to 0.13 units of f32 for each time that it is as long as wide, times
-/// its length (`tests/kernels/precision.rs`), where rays begin 8 units or more off (`offset_origin` in
-/// `shaders/lib/ray.wgsl`). Of floors of needles as long as the scene the first ray is stopped between aspects of 100
-/// and 1000.
+/// A needle: a triangle so long and thin that rounding displaces hit points by more than the offset of ray origins, so
+/// that it stops rays that leave it. The displacement along the triangle is up to 0.13 ULP times its aspect ratio times
+/// its length (`tests/kernels/precision.rs`); origins are at least 8 ULP above the surface (`offset_origin` in
+/// `shaders/lib/ray.wgsl`). On floors of needles as long as the scene, the first rays are stopped at an aspect ratio
+/// between 100 and 1000.
 fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     const LONG: f32 = 100.0;
     let longest2 = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
@@ -180,22 +180,22 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
     longest2 > LONG * height
 }
 
-/// A material some part of which light passes through, or is reflected by as by a metal that is not rough, or as by a
-/// thin film: its factors leave room for it, as textures multiply them.
+/// Whether a material may focus light: it transmits light, or is a smooth metal or a thin film. This is decided by its
+/// factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
     let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || m.iridescence.is_present();
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
     !m.unlit && (m.transmission.is_present() || (metal && smooth))
 }
 
-/// Roughness factor of surfaces that are mirrors or clear glass to the eye: its square is the least alpha of the
+/// Maximum roughness factor of surfaces that look like mirrors or clear glass. Its square is the minimum alpha of the
 /// kernels.
 const CLEAR_ROUGHNESS: f32 = 0.032;
 
-/// Widest lobes of metals that count as focusing, as alpha: roughness 0.3. Wider ones show no caustics.
+/// Maximum alpha of metals that count as focusing: roughness 0.3. Wider lobes show no caustics.
 pub(crate) const FOCUSING_ALPHA: f32 = 0.09;
 
-/// Numbers of materials and lights that have some property, counting only materials that a triangle or an object uses.
+/// Numbers of materials and lights with certain properties. Only materials that a triangle or an object uses count.
 #[derive(Default)]
 pub(super) struct Facts {
     pub(super) textured: usize,
@@ -205,7 +205,7 @@ pub(super) struct Facts {
     lobes: [usize; LOBES.len()],
     pub(super) focusing: usize,
     pub(super) clear: usize,
-    /// All but black ones.
+    /// Materials that are not black.
     pub(super) reflecting: usize,
     pub(super) alpha: usize,
     pub(super) unlit: usize,

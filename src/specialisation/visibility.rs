@@ -1,4 +1,4 @@
-//! What tells a shading point whether it sees a light: photons, cells, shadow rays, audits.
+//! Decisions on visibility: photons, cells, shadow rays, audits.
 
 use super::decisions::{Item, Specialisation, bytes_text, is_lit};
 use crate::kernels::{GridShape, MAX_LIGHTS};
@@ -7,12 +7,12 @@ use crate::settings::Settings;
 use crate::settings::technique::Visibility;
 use crate::specialisation::features::Feature;
 
-/// Why the environment has no visibility photons.
-const NO_PHOTONS: &str = "nearly every point sees a part of it, so that photons would find boundaries everywhere";
+/// The reason why the environment has no visibility photons.
+const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
 
-/// The visibility map is left out if more points than this share are boundary or unknown after the first sample of each
-/// pixel: photons are then too sparse for what the scene hides, and queries cost more than the rays that they save.
-/// Measured on the still life (0.57): 42 s with the map, 17 s without.
+/// The visibility map is left out if more than this share of the points are boundary or unknown after the first sample
+/// of each pixel. Photons are then too sparse for the shadows of the scene, and queries cost more than the rays that
+/// they save. Measured on the still life (0.57): 42 s with the map, 17 s without.
 const PILOT_SHARE: f64 = 0.5;
 
 impl Specialisation {
@@ -23,7 +23,7 @@ impl Specialisation {
         self.of_audits(settings, mapped, estimated);
     }
 
-    /// Decides on the visibility map and how its photons are counted; whether there is one.
+    /// Decides on the visibility map, and on how its photons are counted. Returns whether there is a map.
     fn of_visibility_map(&mut self, scene: &Scene, settings: &Settings) -> bool {
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
@@ -31,8 +31,8 @@ impl Specialisation {
         let many = placed > MAX_LIGHTS as usize;
         let few_sampled = self.features.has(Feature::LightSampling);
         let unneeded = if few_sampled {
-            // Of 64 lights of scenes/lamps.glb it left half of the candidates to shadow rays.
-            "points sample few of many lights: it costs more than it saves".to_owned()
+            // With 64 lights of scenes/lamps.glb it left half of the candidates to shadow rays.
+            "points sample a few of many lights: the map costs more than it saves".to_owned()
         } else if many {
             format!("a photon's word has room for {MAX_LIGHTS} lights")
         } else if !map {
@@ -42,10 +42,10 @@ impl Specialisation {
         } else if scene.lights.is_empty() {
             "there is no light".to_owned()
         } else {
-            "there is nothing to be lit".to_owned()
+            "there is no surface".to_owned()
         };
         let wanted = map && !many && !few_sampled && placed > 0 && !scene.is_empty();
-        let mut why = format!("{photons} photons tell lit and shadowed points apart");
+        let mut why = format!("{photons} photons distinguish lit from shadowed points");
         if scene.environment().is_some() {
             why += &format!("; none are of the environment: {NO_PHOTONS}");
         }
@@ -55,20 +55,21 @@ impl Specialisation {
             Feature::LightTags,
             wanted && placed > 1,
             format!("{placed} lights"),
-            "there is one light at most",
-            "a key and a comparison a photon",
+            "there is at most one light",
+            "a key and a comparison per photon",
         );
         self.decide(
             Feature::PaperCounting,
             wanted && settings.visibility_map.paper_counting,
-            "asked for".into(),
+            "requested".into(),
             "photons are counted by their normals",
             "false shadows beside objects",
         );
         wanted
     }
 
-    /// Decides on the techniques whose visibility may be a guess: equation 1, cells, and adaptive shadow testing.
+    /// Decides on the techniques that may estimate visibility without shadow rays: equation 1, cells, and adaptive
+    /// shadow testing.
     fn of_guessed_visibility(&mut self, scene: &Scene, settings: &Settings, estimated: bool) {
         let visibility = settings.technique.requirements().visibility;
         let lit = is_lit(scene);
@@ -76,53 +77,53 @@ impl Specialisation {
         let adaptive = visibility == Visibility::Adaptive;
         let ward = lit && !many && scene.lights.len() > 1 && adaptive;
         let why = match ward {
-            true => "lights that are not tested are guessed",
-            false => "the photons' own visibility is shown (equation 1)",
+            true => "the visibility of lights that are not tested is estimated",
+            false => "visibility is estimated from the photons (equation 1)",
         };
         let unneeded = "shadow rays decide at boundaries";
         self.decide(Feature::VisibilityEstimate, estimated || ward, why.to_owned(), unneeded, "blurred shadows");
 
         let unused = format!("the technique {} does not use it", settings.technique);
         let cells = lit && settings.technique.uses_cells();
-        let why = format!("{} rays a cell and light tell what its points see", settings.cells.rays_per_light);
+        let why = format!("{} rays per cell and light determine visibility", settings.cells.rays_per_light);
         let grid = u64::from(GridShape::over_scene(scene, settings.cells.resolution).cells());
         // A count and a class word for each cell and light.
         let cost = format!("pass cells; about {}", bytes_text(8 * scene.lights.len() as u64 * grid));
         self.decide(Feature::Cells, cells, why, &unused, &cost);
         let tags = cells && visibility == Visibility::Voxels;
-        let why = "voxels that agree with their neighbours need no shadow ray".to_owned();
-        self.decide(Feature::VoxelTags, tags, why, &unused, "a look at 26 neighbours a cell");
+        let why = "voxels that agree with their neighbours need no shadow rays".to_owned();
+        self.decide(Feature::VoxelTags, tags, why, &unused, "26 neighbours per cell");
 
         let why = format!("lights are tested until the rest is below {} of a point's light", settings.ward.tolerance);
         let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
         let unneeded = match (adaptive, many) {
             (true, true) => too_many.as_str(),
-            (true, false) => "there is one light at most, which is always tested",
+            (true, false) => "there is at most one light, which is always tested",
             (false, _) => &unused,
         };
-        self.decide(Feature::Ward, ward, why, unneeded, "pass ward: a round of tests a light; 4 B a point and light");
+        self.decide(Feature::Ward, ward, why, unneeded, "pass ward: a round per light; 4 B per point and light");
     }
 
     fn of_audits(&mut self, settings: &Settings, mapped: bool, estimated: bool) {
         let unneeded = match (mapped, estimated) {
             (true, true) => "the technique traces no shadow rays",
             (true, false) => "`visibility_map.audit` is 0: the result may be biased",
-            (false, _) => "nothing is decided by photons",
+            (false, _) => "photons classify no points",
         };
-        let why = format!("{:.3} of the decided points trace a shadow ray all the same", settings.visibility_map.audit);
+        let why = format!("{:.3} of lit and shadowed points still trace a shadow ray", settings.visibility_map.audit);
         let audited = mapped && !estimated && settings.visibility_map.audit > 0.0;
         self.decide(Feature::Audit, audited, why, unneeded, "a shadow ray for each audited point");
     }
 
-    /// Decides what depends on the light tables: where photons decide, every light has a closed form and no surface is
-    /// glossy, most points need no light point. (Light points tell all that glossy surfaces reflect.)
+    /// Decides what depends on the light tables. Most points need no light points if photons classify them, every light
+    /// has a closed form and no surface is glossy. (Glossy reflection always needs light points.)
     pub(crate) fn of_closed_forms(&mut self, all_lights_have_one: bool) {
         let decided = self.features.has(Feature::VisibilityMap) && !self.features.has(Feature::LightSampling);
         self.features.set(Feature::FewSampled, decided && !self.features.has(Feature::Glossy) && all_lights_have_one);
     }
 
-    /// Why the pilot samples, with this share of boundary and unknown points, say that the visibility map does not pay;
-    /// none where it pays, or must stay because the settings ask for what it alone tells.
+    /// The reason to leave out the visibility map after the pilot samples, given their share of boundary and unknown
+    /// points. None if the map pays, or if the settings request output that only the map provides.
     pub(crate) fn of_pilot(&self, settings: &Settings, boundary_share: f64) -> Option<String> {
         let shown = settings.technique.requirements().visibility == Visibility::PhotonsAlone
             || self.features.has(Feature::AovShadow);
@@ -133,7 +134,7 @@ impl Specialisation {
         })
     }
 
-    /// Leaves out the visibility map, and what exists for it alone.
+    /// Leaves out the visibility map and the features that only it uses.
     pub(crate) fn leave_map_out(&mut self, reason: &str) {
         for feature in [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::Audit] {
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {

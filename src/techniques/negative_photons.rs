@@ -1,4 +1,4 @@
-//! As `photon-map`, but with direct light as if everything were lit, minus the energy of shadow photons (Jensen and
+//! As `photon-map`, but direct light counts as unoccluded, and shadow photons subtract their energy (Jensen and
 //! Christensen 1995: "adding the negative energy").
 
 use super::passes::Implementation;
@@ -12,7 +12,7 @@ impl Technique {
     /// As [`Technique::PHOTON_MAP`], but direct light counts as unoccluded, and shadow photons subtract their energy.
     pub const NEGATIVE_PHOTONS: Technique = Technique::new(&Description {
         name: "negative-photons",
-        help: "everything taken as lit, shadow photons take their energy away",
+        help: "direct light without occlusion, from which shadow photons subtract energy",
         source: "Jensen and Christensen 1995, \"adding the negative energy\"",
         requirements: Requirements {
             transport: Transport::ShownMapWithNegativePhotons,
@@ -33,7 +33,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
     frame.trace_camera_rays();
     frame.show_global_map();
-    // The light of glossy points.
+    // The light that glossy surfaces reflect.
     frame.trace_paths();
     frame.add_to_film();
 }

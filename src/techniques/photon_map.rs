@@ -34,7 +34,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
     frame.trace_camera_rays();
     frame.show_global_map();
-    // The light of glossy points.
+    // The light that glossy surfaces reflect.
     frame.trace_paths();
     frame.add_to_film();
 }

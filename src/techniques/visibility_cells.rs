@@ -14,11 +14,11 @@ use crate::settings::Technique;
 use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
 
 impl Technique {
-    /// The two-pass method without shadow rays from cells of space from which no ray reached the light (Zimmerman and
-    /// Shirley 1995).
+    /// The two-pass method without shadow rays in grid cells from which no ray reached the light (Zimmerman and Shirley
+    /// 1995).
     pub const VISIBILITY_CELLS: Technique = Technique::new(&Description {
         name: "visibility-cells",
-        help: "no shadow rays where no ray from the cell saw the light (Zimmerman and Shirley 1995)",
+        help: "no shadow rays in grid cells from which no ray reached the light (Zimmerman and Shirley 1995)",
         source: "Zimmerman and Shirley 1995, A Two-Pass Solution to the Rendering Equation with a Source Visibility \
                  Preprocess",
         requirements: Requirements {
@@ -40,7 +40,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 }
 
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    // Nothing is to be lit.
+    // The scene has no surface or no light.
     if !frame.has_cells() {
         return two_pass::second_pass(frame);
     }

@@ -2,8 +2,8 @@
 //! tagged lit, shadowed or neither, and only points in voxels of the last kind trace shadow rays.
 //!
 //! The original rasterises the shadow volumes of single polygons into the grid, which misses shadows that several
-//! polygons cast together. Here rays set the tags. They miss what is between them, so a tag counts only if the 26
-//! voxels around have the same tag.
+//! polygons cast together. Here rays set the tags. Occluders may lie between the rays, so a tag counts only if the 26
+//! neighbouring voxels have the same tag.
 
 use super::passes::{Implementation, indirect_light};
 use super::two_pass;
@@ -18,7 +18,7 @@ impl Technique {
     /// Amanatides 1990).
     pub const VOXEL_TAGS: Technique = Technique::new(&Description {
         name: "voxel-tags",
-        help: "shadow rays only in voxels neither lit nor shadowed as a whole (Woo and Amanatides 1990)",
+        help: "shadow rays only in voxels neither completely lit nor in shadow (Woo and Amanatides 1990)",
         source: "Woo and Amanatides 1990, Voxel Occlusion Testing",
         requirements: Requirements {
             transport: Transport::TwoPass,
@@ -40,7 +40,7 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
 }
 
 fn second_pass(frame: &mut SecondPass<'_, '_>) {
-    // Nothing is to be lit.
+    // The scene has no surface or no light.
     if !frame.has_cells() {
         return two_pass::second_pass(frame);
     }

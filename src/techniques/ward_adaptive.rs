@@ -15,7 +15,7 @@ impl Technique {
     /// estimated (Ward 1991).
     pub const WARD_ADAPTIVE: Technique = Technique::new(&Description {
         name: "ward-adaptive",
-        help: "shadow rays to the lights that matter most, the rest guessed (Ward 1991)",
+        help: "shadow rays to the lights that contribute most, estimates for the rest (Ward 1991)",
         source: "Ward 1991, Adaptive Shadow Testing for Ray Tracing",
         requirements: Requirements {
             transport: Transport::TwoPass,
@@ -53,7 +53,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         }
         frame.guess_untested_lights(&lights);
         frame.learn_visibility(&lights);
-        // For the counts of the classes; the shadow rays are already traced.
+        // Counts the classes; the shadow rays are already traced.
         frame.queue_shadow_rays(&lights);
         frame.shade(&lights);
         frame.add_classes_to_film(&lights);

@@ -4,11 +4,11 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-/// Maximum number of contour edges of a light that has a closed form: beyond them the formula costs more than the
-/// shadow ray that a sample would need anyway.
+/// Maximum number of contour edges of a light with a closed form. With more, the formula costs more than the shadow ray
+/// that a light sample needs.
 const MAX_CONTOUR_EDGES: usize = 64;
 
-/// How far corners may lie from their contour's plane or edge, relative to the light's radius, to count as in it:
+/// Maximum distance, relative to the light's radius, at which a corner counts as in a plane or on an edge:
 /// a few roundings of f32 coordinates of a scene of unit size.
 const COPLANAR: f64 = 2e-6;
 
@@ -18,11 +18,11 @@ pub(super) struct Contour {
     pub vertices: Vec<Vec3>,
 }
 
-/// The contours of the triangles, those in one plane that face the same way merged; none where there are more than
+/// The contours of the triangles. Triangles in one plane that face the same way are merged. None if there are more than
 /// [`MAX_CONTOUR_EDGES`] edges.
 pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Contour>> {
     let mut planes: Vec<(DVec3, DVec3, Vec<usize>)> = Vec::new();
-    // Large triangles first: their planes are the most exact.
+    // Large triangles first, because their planes are the most accurate.
     let normal = |[a, b, c]: [Vec3; 3]| (b - a).as_dvec3().cross((c - a).as_dvec3());
     let mut order: Vec<usize> = (0..triangles.len()).collect();
     order.sort_by(|&i, &j| normal(triangles[j]).length_squared().total_cmp(&normal(triangles[i]).length_squared()));
@@ -34,7 +34,7 @@ pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Conto
         };
         match planes.iter().position(within) {
             Some(plane) => planes[plane].2.push(i),
-            // Each plane has three edges at least.
+            // Each plane has at least three edges.
             None if planes.len() * 3 >= MAX_CONTOUR_EDGES => return None,
             None => planes.push((n, triangles[i][0].as_dvec3(), vec![i])),
         }
@@ -55,8 +55,8 @@ pub(super) fn contours(triangles: &[[Vec3; 3]], radius: f64) -> Option<Vec<Conto
 
 type Corner = [u32; 3];
 
-/// The edges of triangles that no other triangle runs along the other way, joined to closed chains. Any way to join
-/// them will do: the closed form sums over edges.
+/// The boundary edges of the triangles, joined to closed chains. An edge is interior if another triangle has it in the
+/// opposite direction. Any way to join the edges will do, because the closed form sums over edges.
 fn boundary(triangles: impl Iterator<Item = [Vec3; 3]>) -> Vec<Vec<Vec3>> {
     // Adding zero makes -0 and 0 the same corner.
     let key = |v: Vec3| (v + Vec3::ZERO).to_array().map(f32::to_bits);
@@ -87,7 +87,7 @@ fn boundary(triangles: impl Iterator<Item = [Vec3; 3]>) -> Vec<Vec<Vec3>> {
     for start in starts {
         let mut chain = Vec::new();
         let mut at = start;
-        // Every corner has as many edges that leave as arrive, so that a chain ends where it began.
+        // Every corner has as many outgoing as incoming edges, so a chain ends where it began.
         while let Some(to) = next.get_mut(&key(at)).and_then(Vec::pop) {
             chain.push(at);
             at = to;
@@ -103,7 +103,7 @@ fn boundary(triangles: impl Iterator<Item = [Vec3; 3]>) -> Vec<Vec<Vec3>> {
 fn without_straight_corners(mut chain: Vec<Vec3>, tolerance: f64) -> Vec<Vec3> {
     let mut i = 0;
     let mut kept = 0;
-    // Once around without a corner to drop, and it is done.
+    // Ends after one round without a corner to drop.
     while chain.len() >= 3 && kept < chain.len() {
         let n = chain.len();
         let [a, b, c] = [(i + n - 1) % n, i % n, (i + 1) % n].map(|k| chain[k].as_dvec3());

@@ -7,8 +7,8 @@ use glam::{DVec3, Vec3};
 
 use super::layout::VIEW_SIDE;
 
-/// Whether the triangles are a closed mesh that shines outwards, so that half of them face away from any position:
-/// their area vectors sum to nothing.
+/// Whether the triangles are a closed mesh that emits outwards, so that half of them face away from any position. The
+/// area vectors of a closed mesh sum to 0.
 pub(super) fn is_closed(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
     let mut sum = Vec3::ZERO;
     let mut area = 0.0;
@@ -17,7 +17,7 @@ pub(super) fn is_closed(triangles: &[[Vec3; 3]], two_sided: bool) -> bool {
         sum += across;
         area += across.length();
     }
-    // A hundredth: a mesh with a small hole for a socket counts as closed.
+    // The tolerance of a hundredth lets a mesh with a small hole for a socket count as closed.
     !two_sided && sum.length() < 0.01 * area
 }
 
@@ -30,14 +30,14 @@ pub(super) fn is_convex(triangles: &[[Vec3; 3]], radius: f64) -> bool {
     })
 }
 
-/// The cumulative probabilities of a light's triangles by what they show, power times cosine, in each direction of the
-/// octahedral map, row by row; four to a texel, the last ones 1.
+/// The cumulative probabilities of a light's triangles by power times cosine, for each direction of the octahedral map,
+/// row by row; four to a texel, padded with 1.
 pub(super) fn cumulative_views(triangles: &[[Vec3; 3]], powers: &[f64]) -> Vec<[f32; 4]> {
-    /// Directions of a cell a side, its border included, over which cosines are averaged.
+    /// Directions along a side of a cell of the map, borders included, over which cosines are averaged.
     const DIRECTIONS: u32 = 5;
-    /// A triangle that shows in some direction of the cell has this for a cosine at least.
+    /// Minimum cosine of a triangle that is visible from some direction of the cell.
     const MIN: f64 = 1.0 / 64.0;
-    // For directions between those that are tried.
+    // Margin for directions between the sampled ones.
     let turned = -0.25 / f64::from(VIEW_SIDE);
     let normals: Vec<DVec3> =
         triangles.iter().map(|[a, b, c]| (*b - *a).cross(*c - *a).as_dvec3().normalize_or_zero()).collect();
@@ -75,17 +75,17 @@ pub(super) fn cumulative_views(triangles: &[[Vec3; 3]], powers: &[f64]) -> Vec<[
     texels
 }
 
-/// The direction of a position in the octahedral map, -1 to 1 each way: as the kernels have it.
+/// The direction of a position in the octahedral map, -1 to 1 each way, as in the kernels.
 fn oct_unwrap(x: f64, y: f64) -> DVec3 {
     let z = 1.0 - x.abs() - y.abs();
     let fold = (-z).max(0.0);
     DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
 }
 
-/// The partner of each triangle: one that faces nearly the other way and has this one as its partner; the triangle
-/// itself where none is left.
+/// The partner of each triangle: one that faces nearly the opposite way. Partners are mutual. A triangle for which none
+/// is left is its own partner.
 pub(super) fn partners(triangles: &[[Vec3; 3]]) -> Vec<u32> {
-    /// Steps of a normal's coordinates that make a bucket: about 15 degrees.
+    /// Buckets per unit of a normal's coordinates: about 15 degrees each.
     const STEPS: f32 = 4.0;
     let bucket = |n: Vec3| (n * STEPS).round().as_ivec3().to_array();
     let normals: Vec<Vec3> = triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();

@@ -6,7 +6,7 @@ use super::layout::{self, Emission, LightInfo, Packed, bits, texels};
 use crate::gpu_scene::bounds::bounding_sphere;
 use crate::scene::Scene;
 
-/// `irradiance` is the radiance of the panorama, mean of the three channels, times solid angle.
+/// `irradiance` is the integral of the panorama's radiance, mean of the three channels, over solid angle.
 pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
     let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
     Packed {
@@ -17,7 +17,7 @@ pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
         info: LightInfo {
             power: irradiance * PI * f64::from(radius).powi(2),
             received_share: 1.0,
-            // A surface gets about half of what comes across all directions.
+            // A surface receives about half of the light from all directions.
             emission: Emission { strength: irradiance / 2.0, axis: None },
             closed_form: false,
             contour_edges: 0,

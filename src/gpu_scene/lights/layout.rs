@@ -4,16 +4,16 @@ use glam::Vec3;
 
 pub(crate) use crate::kernels::light_texels::*;
 
-/// The texels of a light. What its sampling needs is added once all lights are known.
+/// The texels of a light. The data for sampling it is added once all lights are known.
 pub(super) type LightTexels = [[u32; 4]; TEXELS as usize];
 
-/// A light as it is packed.
+/// A packed light.
 pub(super) struct Packed {
     pub texels: LightTexels,
     pub info: LightInfo,
 }
 
-/// Packs texels by their offsets; the others are zero.
+/// Puts texels at their offsets; the others are zero.
 pub(super) fn texels<const N: usize>(of: [(u32, [u32; 4]); N]) -> LightTexels {
     let mut texels = [[0; 4]; TEXELS as usize];
     for (offset, texel) in of {
@@ -34,31 +34,31 @@ pub(super) fn mean(v: Vec3) -> f64 {
 /// The facts of a light that the host keeps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightInfo {
-    /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. Of a
-    /// directional light and of the environment: through the disc that covers the scene.
+    /// Emitted power, mean of the three channels, in the units of the file over normalised lengths squared. For a
+    /// directional light and the environment, it is the power through the disc that covers the scene.
     pub power: f64,
-    /// The share of the power that photons carry: the emission towards the receiver bounds, where there are any.
+    /// The share of the power that photons carry: the share of emission towards the receiver bounds, or 1.
     pub received_share: f64,
     /// Approximate emission by direction.
     pub emission: Emission,
     /// [`crate::scene::LightKind::Mesh`] of uniform radiance and few edges, or a punctual light.
     pub closed_form: bool,
-    /// Edges of its contours; 0 where there is no closed form and of punctual lights.
+    /// Number of edges of its contours; 0 for punctual lights and lights without a closed form.
     pub contour_edges: usize,
-    /// Both sides emit.
+    /// Whether both sides emit.
     pub two_sided: bool,
-    /// A point, spot or directional light: one shadow ray finds its visibility.
+    /// Whether it is a point, spot or directional light, whose visibility one shadow ray determines.
     pub punctual: bool,
-    /// All its emitter triangles lie in one plane and face the same way.
+    /// Whether all its emitter triangles lie in one plane and face the same way.
     pub planar: bool,
-    /// Centre of a sphere around the light; of a directional light around the scene.
+    /// Centre of a bounding sphere of the light; for a directional light, of the scene.
     pub centre: Vec3,
-    /// Radius of that sphere; 0 of point and spot lights, and of the environment.
+    /// Radius of that sphere; 0 for point lights, spot lights and the environment.
     pub radius: f32,
 }
 
 impl LightInfo {
-    /// That of a punctual light.
+    /// The facts of a punctual light.
     pub(super) fn punctual(power: f64, strength: f64, centre: Vec3, radius: f32) -> LightInfo {
         LightInfo {
             power,
@@ -78,9 +78,9 @@ impl LightInfo {
 /// Approximate emission of a light by direction, mean of the three channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Emission {
-    /// Largest radiant intensity, or the mean over all directions where there is no axis; of directional lights and the
-    /// environment irradiance.
+    /// Maximum radiant intensity, or without an axis the mean over all directions; for directional lights and the
+    /// environment, irradiance.
     pub strength: f64,
-    /// The normal of a light that lies in a plane and shines from one side, by the cosine law.
+    /// The normal of a planar light that emits from one side, by the cosine law.
     pub axis: Option<Vec3>,
 }

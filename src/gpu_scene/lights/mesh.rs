@@ -11,22 +11,22 @@ use crate::gpu_scene::bounds::bounding_sphere;
 use crate::gpu_scene::receivers::{ReceiverBounds, ReceiverCone};
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Material, Scene};
 
-/// Numbers of triangles for which a light gets views. With fewer, only the triangles that face away matter; with more,
-/// the views would take more than 4 MB.
+/// Numbers of triangles for which a light gets views. With fewer, it is enough to exclude triangles that face away;
+/// with more, the views would take more than 4 MB.
 const VIEWED_TRIANGLES: std::ops::RangeInclusive<usize> = layout::FEW_NEAR_EMITTERS as usize + 1..=1 << 12;
 
-/// What mesh lights have beside their texels in the table of lights.
+/// The data of mesh lights besides their texels in the table of lights.
 #[derive(Default)]
 pub(super) struct MeshTexels {
     /// Emitter triangles, [`EMITTER_TEXELS`] each.
     pub emitters: Vec<[u32; 4]>,
-    /// Of each emitter triangle its primitive index, its light, and its index among the emitter triangles.
+    /// For each emitter triangle, its primitive index, its light, and its index among the emitter triangles.
     pub primitives: Vec<[u32; 4]>,
     /// Contours and views.
     pub vertices: Vec<[f32; 4]>,
 }
 
-/// A mesh light while it is packed.
+/// A mesh light during packing.
 struct MeshLight<'s> {
     material: &'s Material,
     emitters: &'s [EmitterTriangle],
@@ -46,10 +46,10 @@ impl MeshLight<'_> {
         MeshLight { material: &scene.materials[material as usize], emitters, triangles, powers, total }
     }
 
-    /// Adds its emitter triangles, and gives the index of the first.
+    /// Adds its emitter triangles, and returns the index of the first.
     fn push_emitters(&self, tables: &mut MeshTexels, light: u32) -> u32 {
         let first = tables.emitters.len() as u32 / EMITTER_TEXELS;
-        // Both sides of a double-sided triangle shine: none faces away.
+        // Both sides of a double-sided triangle emit, so none faces away.
         let partners = match self.material.double_sided {
             true => (0..self.emitters.len() as u32).collect(),
             false => partners(&self.triangles),
@@ -59,7 +59,7 @@ impl MeshLight<'_> {
         for (i, (emitter, triangle)) in self.emitters.iter().zip(&self.triangles).enumerate() {
             let [a, b, c] = *triangle;
             cumulative += self.powers[i];
-            // The kernels compare with the rounded numbers: the probabilities are made of them too.
+            // Kernels compare with the rounded cumulative probabilities, so each probability is a difference of these.
             let end = if i + 1 == self.emitters.len() { 1.0 } else { (cumulative / self.total) as f32 };
             let density = f64::from(end - below) / area(triangle);
             tables.primitives.push([emitter.triangle, light, first + i as u32, 0]);
@@ -74,7 +74,7 @@ impl MeshLight<'_> {
         first
     }
 
-    /// Adds the views of the light, where it gets any.
+    /// Adds the views of the light, if it gets any.
     fn push_views(&self, tables: &mut MeshTexels, radius: f32) -> bool {
         let viewed = emitter::is_closed(&self.triangles, self.material.double_sided)
             && VIEWED_TRIANGLES.contains(&self.emitters.len())
@@ -86,7 +86,7 @@ impl MeshLight<'_> {
         viewed
     }
 
-    /// The share of its photons that are emitted towards the receivers: the mean over the middles of its triangles.
+    /// The share of its emission towards the receiver bounds: the mean over the centroids of its triangles.
     fn received_share(&self, bounds: ReceiverBounds) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for (emitter, [a, b, c]) in self.emitters.iter().zip(&self.triangles) {
@@ -110,7 +110,7 @@ fn area([a, b, c]: &[Vec3; 3]) -> f64 {
 fn push_contours(tables: &mut MeshTexels, contours: &[Contour]) {
     for contour in contours {
         tables.vertices.push(contour.normal.extend(contour.vertices.len() as f32 + 1.0).to_array());
-        // Closed: the kernels need not remember the first vertex.
+        // The first vertex is repeated at the end, so that kernels need not remember it.
         let closed = contour.vertices.iter().chain(&contour.vertices[..1]);
         tables.vertices.extend(closed.map(|v| v.extend(0.0).to_array()));
     }
@@ -157,7 +157,7 @@ pub(super) fn pack(
         info: LightInfo {
             power,
             received_share: receivers.map_or(1.0, |bounds| mesh.received_share(bounds)),
-            // Along the axis the radiance times the area; without one, the mean over all directions.
+            // With an axis, radiance times area along it; without one, the mean over all directions.
             emission: Emission { strength: axis.map_or(power / (4.0 * PI), |_| mesh.total), axis },
             closed_form: contours.is_some(),
             contour_edges: contours.iter().flatten().map(|contour| contour.vertices.len()).sum(),
@@ -170,12 +170,12 @@ pub(super) fn pack(
     }
 }
 
-/// Whether a light has so many triangles that points sample one by power, without evaluating each of them.
+/// Whether a light has so many triangles that points sample one by power, without evaluating the contribution of each.
 pub fn has_many_emitters(light: &Light) -> bool {
     matches!(&light.kind, LightKind::Mesh { emitters, .. } if emitters.len() > layout::FEW_EMITTERS as usize)
 }
 
-/// Whether a light is a closed mesh that shines outwards, so that half of its triangles face away from any position.
+/// Whether a light is a closed mesh that emits outwards, so that half of its triangles face away from any position.
 pub fn is_closed(scene: &Scene, light: &Light) -> bool {
     let LightKind::Mesh { material, emitters } = &light.kind else { return false };
     let triangles: Vec<_> = emitters.iter().map(|e| scene.triangle_positions(e.triangle as usize)).collect();

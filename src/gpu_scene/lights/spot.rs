@@ -22,7 +22,7 @@ pub(super) fn pack(cone: Cone, intensity: Vec3, range: f32, receivers: Option<Re
     let height = height(f64::from(cos_inner), f64::from(cos_outer));
     let share = |bounds: ReceiverBounds| {
         let receivers = bounds.cone_from(position).filter(|cone| cone.height < 1.0 - f64::from(cos_outer));
-        // As if they were in the brightest part.
+        // As if the receivers were in the brightest part of the cone.
         receivers.map_or(1.0, |cone| (cone.height / height).min(1.0))
     };
     let steradians = 2.0 * PI * height;
@@ -43,6 +43,6 @@ pub(super) fn pack(cone: Cone, intensity: Vec3, range: f32, receivers: Option<Re
 
 /// Height of the spherical cap into which a spot light of full intensity sends the same power.
 fn height(cos_inner: f64, cos_outer: f64) -> f64 {
-    // The falloff is the square of a ramp in the cosine: a third of it counts between the cones.
+    // The falloff is the square of a linear ramp in the cosine, so the cap between the cones counts a third.
     (1.0 - cos_inner) + (cos_inner - cos_outer) / 3.0
 }
