@@ -70,14 +70,14 @@ impl Film {
         Film { factor, ior, thickness }
     }
 
-    /// Airy's reflectance of film and base where the phase between two reflections is that, from the amplitudes that
-    /// each interface reflects, which are negative towards a higher index.
+    /// Airy's reflectance of film and base for a phase between two reflections, from the amplitudes that each interface
+    /// reflects. These are negative towards a higher index.
     fn airy(outer: f64, base: f64, phase: f64) -> f64 {
         let both = 2.0 * outer * base * phase.cos();
         (outer * outer + base * base + both) / (1.0 + outer * outer * base * base + both)
     }
 
-    /// The eye's response, in linear sRGB, to a spectrum that is a cosine of the wave number, by that path in
+    /// The eye's response, in linear sRGB, to a spectrum that is a cosine of the wave number times a path in
     /// nanometres: the Gaussians of the extension.
     fn response(path: f64) -> DVec3 {
         let gaussian = |value: f64, position: f64, variance: f64| {
@@ -92,8 +92,8 @@ impl Film {
         DVec3::new(red, green, row(0.0556434, -0.2040259, 1.0572252))
     }
 
-    /// Reflectance of the film over a base of that reflectance at normal incidence: the mean of Airy's over all phases
-    /// and its first two harmonics, by quadrature, with the eye's response to each.
+    /// Reflectance of the film over a base of reflectance `f0` at normal incidence: the mean of Airy's reflectance over
+    /// all phases and its first two harmonics, by quadrature, with the eye's response to each.
     fn reflectance(&self, f0: f64, cosine: f64) -> DVec3 {
         const PHASES: usize = 2048;
         let interface = |from: f64, to: f64, cosine: f64| {
@@ -144,7 +144,7 @@ impl Fibres {
         d / ((1.0 + self.lambda(view.z) + self.lambda(light.z)) * 4.0 * view.z * light.z)
     }
 
-    /// Its directional albedo, by midpoints that crowd at the horizon.
+    /// Its directional albedo, by midpoints that are denser near the horizon.
     fn albedo(&self, cosine: f64) -> f64 {
         const N: usize = 48;
         let view = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
@@ -196,7 +196,8 @@ impl Tested {
         })
     }
 
-    /// What the specular lobe lets through to the base: with a film, at both angles; its largest colour is kept.
+    /// The share that the specular lobe transmits to the base. With a film it is that at both angles, after the largest
+    /// colour component is reflected.
     fn through_specular(&self, light_z: f64) -> f64 {
         let bare = Self::through(DIELECTRIC, self.roughness, light_z, self.view.z);
         self.lobes.film.map_or(bare, |film| {
@@ -217,19 +218,19 @@ impl Tested {
         d * 0.5 / (light.z.abs() * root(view) + view.z * root(light))
     }
 
-    /// What a layer with those reflectances at normal incidence lets through, at the lower of the angles to the normal.
+    /// The share that a layer of reflectance `f0` at normal incidence transmits, at the lower of the two directions.
     fn through(f0: f64, roughness: f64, light_z: f64, view_z: f64) -> f64 {
         let grazing = (1.0 - 0.9 * roughness.powi(2)).max(f0);
         1.0 - (f0 + (grazing - f0) * (1.0 - light_z.min(view_z)).powi(5))
     }
 
-    /// About the coat's normal.
+    /// A direction in the frame of the coat's normal.
     fn about_coat(&self, v: DVec3) -> DVec3 {
         DQuat::from_rotation_y(-self.lobes.coat_tilt) * v
     }
 
-    /// The share of light that the coat transmits. The base may face light from behind the coat's horizon; the coat
-    /// transmits it as at the horizon: a smooth coat nothing.
+    /// The share of light that the coat transmits. The base may face light that is below the coat's horizon. The coat
+    /// transmits it as at the horizon; a smooth coat transmits nothing.
     fn through_coat(&self, light: DVec3) -> f64 {
         let [light_z, view_z] = [light, self.view].map(|v| self.about_coat(v).z);
         let light_z = (light_z * light.z.signum()).max(0.0);
@@ -299,12 +300,12 @@ impl Tested {
         base + self.lobes.coat * fresnel * Self::microfacets(view, h, light, alpha) * light.z
     }
 
-    /// Its red, which is grey but for films.
+    /// The red component; only films are not grey.
     fn value(&self, light: DVec3) -> f64 {
         self.values(light).x
     }
 
-    /// What base and fibres reflect.
+    /// The light reflected by base and fibres.
     fn reflected(&self, light: DVec3) -> DVec3 {
         let h = (light + self.view).normalize();
         let fresnel = self.fresnel(self.f0(), self.view.dot(h));
@@ -325,7 +326,7 @@ impl Tested {
         across.extend(-(1.0 - across.length_squared()).sqrt())
     }
 
-    /// The specular lobe, were its reflectance 1, times the cosine.
+    /// The specular lobe with reflectance 1, times the cosine.
     fn lobe(&self, light: DVec3) -> f64 {
         let h = (light + self.view).normalize();
         Self::microfacets(self.view, h, light, self.alpha()) * light.z.abs()
@@ -427,7 +428,7 @@ fn all_tested(base: f64) -> Vec<Tested> {
     all
 }
 
-/// Roughness, and cosine of the view, of each kind of lobes.
+/// Roughness and cosine of the view for each kind of surface.
 const ROUGHNESS_AND_VIEW: [(f64, f64); 6] = [(0.3, 0.95), (0.3, 0.4), (0.7, 0.95), (0.7, 0.4), (0.0, 0.95), (0.0, 0.4)];
 
 /// Surfaces with more lobes: glass from outside and inside, thin walls, coats, brushed metal, velvets, films, and
@@ -498,7 +499,7 @@ fn all_tilted_coats(base: f64) -> Vec<Tested> {
     kinds.into_iter().flat_map(|kind| [0.9, 0.5].map(|cosine| tested(kind, cosine))).collect()
 }
 
-/// Directions over the hemispheres that light comes from, and near the main direction.
+/// Directions of light over both hemispheres, and near the main direction.
 fn some_directions(tested: &Tested) -> Vec<DVec3> {
     let mut random = Random(5);
     let main = tested.main_direction();
@@ -527,13 +528,14 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
         let got = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
         for (direction, got) in directions.iter().zip(got.chunks_exact(2)) {
             // The kernel's directions are f32, 6e-8 off: a lobe as narrow as alpha changes by 4 * 6e-8 / alpha.
-            // The fibres' albedo is 1.5e-3 off, and what they leave to the base by more, relative to what is left.
+            // The error of the fibres' albedo is 1.5e-3. Relative to the little light that fibres leave to the base, it
+            // is larger.
             let table = if tested.lobes.sheen > 0.0 { 2e-3 / (1.0 - tested.lobes.sheen).max(0.1) } else { 0.0 };
             let allowed = 1e-4 + 1e-6 / tested.narrowest() + table;
-            // Near total reflection transmission goes with the root of the distance to it: 1e-7 in f32 is 3e-4 of the
-            // lobe.
+            // Near total reflection, transmission is proportional to the square root of the distance to it: 1e-7 in f32
+            // is 3e-4 of the lobe.
             let floor = if tested.lobes.eta > 1.0 { 3e-6 } else { 1e-9 };
-            // A film's colours are what is left of waves that cancel each other.
+            // A film's colours are differences of waves that nearly cancel.
             let left = if tested.lobes.film.is_some() { 2e-5 * tested.lobe(*direction) } else { 0.0 };
             let off = |v: f32, exact: f64| (f64::from(v) - exact).abs() / ((exact * allowed).max(floor) + left);
             let exact = tested.values(direction.as_vec3().as_dvec3()).to_array();
@@ -578,7 +580,7 @@ fn transmission_is_reciprocal(gpu: &Gpu) {
         let directions: Vec<DVec3> = some_directions(&tested).into_iter().filter(below).take(4).collect();
         let there = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
         for (direction, there) in directions.iter().zip(there.chunks_exact(2)) {
-            // Seen from the other side: the normal turns round.
+            // Seen from the other side, with the normal reversed.
             let turned = |d: DVec3| d * DVec3::new(1.0, 1.0, -1.0);
             let lobes = Lobes { eta: 1.0 / tested.lobes.eta, coat_tilt: -tested.lobes.coat_tilt, ..tested.lobes };
             let other = Tested { view: turned(*direction), lobes, ..tested };
@@ -623,7 +625,7 @@ fn reflection_is_reciprocal(gpu: &Gpu) {
         }
     }
     assert!(swapped_of_base > 0.1, "the base's cosines instead of the coat's: {swapped_of_base}");
-    // A Fresnel term of one angle alone, as many renderers have it, would be found.
+    // The planted fault: a Fresnel term of one angle only, as in many renderers.
     let tested =
         Tested { base: 0.7, roughness: 1.0, metallic: 0.0, view: view(0.95), tilt: 0.0, glossy: true, lobes: NO_LOBES };
     let one_sided = |t: &Tested, l: DVec3| t.value(l) * (1.0 - (1.0 - t.view.z).powi(5));
@@ -698,8 +700,8 @@ fn no_surface_makes_light(gpu: &Gpu) {
     assert!((albedo(&white) - 1.0).abs() < 1e-6);
 }
 
-/// A film makes no light in any colour, whatever its index and thickness: of all colours it clamps what lies outside of
-/// sRGB, and of the largest the base gets the rest. Without the clamp some would be reflected more than once.
+/// A film conserves energy in every colour, for any index and thickness: colours are clamped to sRGB, and the base
+/// receives 1 minus the largest component. Without the clamp some reflectances would exceed 1.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn films_make_no_light(gpu: &Gpu) {
     const N: usize = 1 << 11;
@@ -721,11 +723,11 @@ fn films_make_no_light(gpu: &Gpu) {
         }
     }
     println!("a white surface under a film returns {largest} at most");
-    // What the extension's formula gives before it is held to 1: the sum of all waves, of a constructive film.
+    // The extension's formula exceeds 1 before it is clamped: the sum of all waves, for constructive interference.
     assert!(Film::response(0.0).x > 1.2);
 }
 
-/// A film of factor 0 leaves every surface as it is, and so does one without thickness; one of factor 1 does not.
+/// A film of factor 0 changes no surface, nor does a film of thickness 0; a film of factor 1 does.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn no_film_changes_nothing(gpu: &Gpu) {
     let mut random = Random(3);
@@ -757,8 +759,9 @@ fn paths_end_with_the_mean_reflectance(gpu: &Gpu) {
     let layers =
         [NO_LOBES, Lobes { coat: 1.0, coat_roughness: 0.7, ..NO_LOBES }, velvet(0.1), velvet(0.4), velvet(1.0)];
     for (roughness, lobes) in [0.2, 0.5, 0.7, 1.0].into_iter().flat_map(|r| layers.map(|lobes| (r, lobes))) {
-        // The error of the fits, 0.004 of f0 and 0.0005, and of the views, none of which is lower than 10 degrees. The
-        // fits of fibres are 0.003 off, and fibres leave least to the base where its layer reflects most.
+        // The error of the fits (0.004 of f0 and 0.0005), and of the views, none of which is lower than 10 degrees. The
+        // fits of fibres have an error of 0.003, and fibres transmit the smallest share where the layer below reflects
+        // most.
         let allowed = if lobes.sheen > 0.0 { 0.008 } else { 0.004 };
         let tested = Tested { base: 0.3, roughness, metallic: 0.0, view: DVec3::Z, tilt: 0.0, glossy: true, lobes };
         let mean = (0..VIEWS).map(|i| {
@@ -788,8 +791,8 @@ fn samples_follow_their_density(gpu: &Gpu) {
     const N: usize = 1 << 14;
     const RADII: usize = 16;
     const SECTORS: usize = 8;
-    // Midpoints each way in a cell: the horizon that cuts a cell leaves an error of 1 / 24 of it at most, below the
-    // spread of its count.
+    // Midpoints along each side of a cell. In a cell cut by the horizon the error is at most 1 / 24, below the spread
+    // of its count.
     const POINTS: usize = 24;
     let min_angle = 1e-4f64;
     let steps = (PI / min_angle).ln();
@@ -797,7 +800,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
     all.push(Tested { tilt: 0.4, ..all[12] });
     all.push(Tested { tilt: 0.4, ..all[13] });
     all.push(Tested { glossy: false, metallic: 0.0, ..all[20] });
-    // The cells resolve one round narrow lobe: smooth glass has two, and that of brushed metal is flat.
+    // The cells resolve a single, circular narrow lobe. Smooth glass has two lobes, and that of brushed metal is flat.
     all.extend(all_lobes(0.7).into_iter().filter(|t| t.roughness > 0.0));
     all.extend(all_tilted_coats(0.7));
     let family = all.len() as u32;
@@ -814,7 +817,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
         let mut midpoints = Vec::new();
         let mut solid_angles = Vec::new();
         for r in 0..RADII {
-            // The innermost cells go down to 0: their solid angle is in proportion.
+            // The innermost cells begin at 0, and their solid angles follow from that.
             let edge = |k: f64| {
                 if r == 0 {
                     min_angle * (steps / RADII as f64).exp() * k

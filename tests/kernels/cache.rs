@@ -1,4 +1,4 @@
-//! Pass `cache` against interpolation in f64 over all records that reach the block of the image that a point is in.
+//! Pass `cache` against interpolation in f64 over all records that reach the point's block of the image.
 
 use std::f64::consts::PI;
 
@@ -33,7 +33,7 @@ struct Record {
 }
 
 struct Setup {
-    /// Of the image that blocks are cut from.
+    /// Size of the image that is divided into blocks.
     size: [u32; 2],
     tile: Tile,
     points: Vec<Point>,
@@ -85,7 +85,7 @@ fn setup(size: [u32; 2], tile: Tile, record_count: usize, features: Features, ra
     Setup { size, tile, points, albedos, records, features: features.with(Feature::Indirect, true) }
 }
 
-/// The point's shading normal, which is not its geometric one.
+/// The point's shading normal, which differs from its geometric normal.
 fn shading_normal(i: usize) -> DVec3 {
     let angle = i as f64 * 0.37;
     DVec3::new(0.2 * angle.cos(), 0.2 * angle.sin(), 1.0).normalize()
@@ -149,7 +149,7 @@ impl Setup {
         Outcome { wanted: wanted(gpu, &buffers).unwrap(), path_points, radiance }
     }
 
-    /// Irradiance and weight at a point, and how far rounding may take either.
+    /// Irradiance and weight at a point, and the maximum rounding error of each.
     fn expected(&self, i: usize) -> (DVec3, f64, f64, f64) {
         let Tile { width, height, first_row, pixel_count, .. } = self.tile;
         let pixel = i as u32 % pixel_count;
@@ -204,7 +204,7 @@ impl Setup {
         (mean, weight, off, error)
     }
 
-    /// Numbers of points whose light or lists are wrong, and of points that rounding leaves undecided.
+    /// Numbers of points whose light or lists are wrong, and of points whose result depends on rounding.
     fn compare(&self, outcome: &Outcome) -> (usize, usize) {
         let (mut wrong, mut doubtful) = (0, 0);
         for i in 0..self.points.len() {
@@ -232,7 +232,7 @@ impl Setup {
     }
 }
 
-/// Which points reflect more than their diffuse part, where surfaces are glossy.
+/// Which points are glossy.
 fn is_glossy(i: usize) -> bool {
     i.is_multiple_of(3)
 }
@@ -261,9 +261,9 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
         .collect()
 }
 
-/// Images whose sides are no multiple of a block's, tiles of a part of them, coarser images over the same blocks,
-/// several samples a pixel, no point and sizes about a workgroup, few and many records: light, and both lists, are
-/// those of brute force, with and without rotational gradients and glossy surfaces.
+/// Light and both lists equal brute force, with and without rotational gradients and glossy surfaces. The cases: images
+/// whose sides are no multiple of a block's, tiles, coarser images over the same blocks, several samples per pixel, no
+/// points and numbers of points around the size of a workgroup, few and many records.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
     let plain = device_features(gpu);
@@ -296,8 +296,8 @@ fn light_is_that_of_all_records_in_reach(gpu: &Gpu) {
     assert!(doubts * 20 < checked && queued > 100 && queued + 100 < listed && listed + 1000 < checked);
 }
 
-/// The comparison finds records that are moved, that are turned, whose gradients are left out or not bounded, that
-/// reach farther or are missing.
+/// The comparison finds records that are moved, rotated, missing or too far-reaching, and gradients that are left out
+/// or not bounded.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn the_comparison_sees_planted_faults(gpu: &Gpu) {
     let features = device_features(gpu).with(Feature::SmoothNormals, true);
@@ -326,7 +326,8 @@ fn the_comparison_sees_planted_faults(gpu: &Gpu) {
     }
 }
 
-/// More points than 65,535 workgroups have, and no record: each wants one, and each is queued, once.
+/// With more points than fit in 65,535 workgroups and no record, each point requests a record and is queued exactly
+/// once.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn every_point_is_listed_past_the_dispatch_limit(gpu: &Gpu) {
     let size = [2050, 2049];

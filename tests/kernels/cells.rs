@@ -1,4 +1,5 @@
-//! Pass `cells` against f64 lines from the same points, and the rules of the two methods on what these see.
+//! Pass `cells` against f64 lines from the same points, and the two methods' classes against the visibility of these
+//! lines.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +17,7 @@ use crate::path::{camera, scene, surface};
 use crate::stage::{LightPoint, Stage, crossings, oct_encode, whole};
 use crate::statistics::Random;
 
-/// Cells along the longest side, and rays of each.
+/// Cells along the longest side, and rays per cell.
 const CELLS: u32 = 9;
 const RAYS: u32 = 24;
 
@@ -50,7 +51,7 @@ fn cell_of(shape: &GridShape, position: [f32; 3]) -> usize {
     ((cell.z * shape.size[1] + cell.y) * shape.size[0] + cell.x) as usize
 }
 
-/// Points on the three panels, `RAYS` in each of the cells that many were thrown in.
+/// Points on the three panels, `RAYS` in each cell that received at least as many random points.
 fn points(scene: &Scene, shape: &GridShape) -> Vec<CellPoint> {
     let mut random = Random(3);
     let mut cells: BTreeMap<usize, Vec<CellPoint>> = BTreeMap::new();
@@ -77,7 +78,7 @@ fn is_visible(scene: &Scene, light: usize, point: &CellPoint) -> Option<bool> {
     LightPoint { origin, pdf: 1.0, direction, distance, radiance: DVec3::ONE }.visible(scene)
 }
 
-/// By light and cell: visible and blocked rays that are certain, and those in doubt.
+/// For each light and cell: rays that are certainly visible, certainly blocked, and undecided.
 fn expected(scene: &Scene, shape: &GridShape, points: &[CellPoint]) -> Vec<[u32; 3]> {
     let cells = shape.cells() as usize;
     let mut counts = vec![[0; 3]; cells * LIGHTS];
@@ -105,8 +106,8 @@ fn classified(gpu: &Gpu, stage: &Stage, shape: GridShape, points: &[CellPoint], 
     (table.words(gpu, LIGHTS as u32).unwrap().into_iter().map(Classified::new).collect(), table.rays)
 }
 
-/// Rays of punctual lights reach what f64 lines reach, one for each point. A cell is shadowed where none reaches the
-/// light, else a boundary whose visibility is the share that does. Light from elsewhere would be noticed.
+/// Rays to punctual lights, one for each point, agree with f64 lines. A cell is shadowed if no ray reaches the light,
+/// else it is a boundary whose visibility is the share of rays that do. Results of another cell are detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn rays_reach_what_lines_reach(gpu: &Gpu) {
     let stage = stage(gpu, Technique::VISIBILITY_CELLS);
@@ -147,7 +148,7 @@ fn rays_reach_what_lines_reach(gpu: &Gpu) {
     assert!(rays >= punctual && rays <= punctual + points.len() as u64);
 }
 
-/// A voxel's tag stands where all around it have it too; the cells' method goes by each cell alone.
+/// A voxel keeps its tag only if all its neighbours have the same tag; `visibility-cells` uses each cell alone.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn tags_stand_where_neighbours_agree(gpu: &Gpu) {
     let [cells_stage, tags_stage] =
@@ -187,7 +188,7 @@ fn tags_stand_where_neighbours_agree(gpu: &Gpu) {
     assert!(counts[1..].iter().all(|n| *n > 5) && alone_differs > 10, "{counts:?}, {alone_differs}: no test");
 }
 
-/// The share of a cell's rays that reach a light with a surface is what f64 lines between random points of both give.
+/// The share of a cell's rays that reach an area light is that of f64 lines between random points of both.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn shares_are_visibilities(gpu: &Gpu) {
     let stage = stage(gpu, Technique::VISIBILITY_CELLS);
@@ -229,7 +230,7 @@ fn shares_are_visibilities(gpu: &Gpu) {
     );
 }
 
-/// Points get the word of their cell; those that face away from the light are dark, and so is what lies nowhere.
+/// Points get the word of their cell. Points that face away from the light are dark, and so are invalid points.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn points_have_the_class_of_their_cell(gpu: &Gpu) {
     let stage = stage(gpu, Technique::VOXEL_TAGS);

@@ -83,8 +83,7 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// Compares every `step`-th candidate with brute force. Those whose answer depends on rounding are left out, and
-    /// are few.
+    /// Compares every `step`-th candidate with brute force. It leaves out the few whose answer depends on rounding.
     fn compare(&self, gpu: &Gpu, step: usize) -> [usize; 5] {
         let outcome = self.run(gpu);
         let (mut checked, mut doubtful, mut counts) = (0, 0, [0; 5]);
@@ -115,7 +114,7 @@ impl<'a> Setup<'a> {
                 && self.exact_counts
             {
                 assert_eq!((got.n_i as usize, got.n_s as usize), (n_i, n_s), "candidate {candidate}, {point:?}");
-                // Half a step of eleven bits; a whole one marks a decided point near a boundary.
+                // Half a step of eleven bits; a whole step marks a lit or shadowed point near a boundary.
                 let step = if got.class == Class::Boundary { 0.6 } else { 1.1 };
                 assert!((f64::from(got.visibility) - n_i as f64 / k as f64).abs() < step / 2047.0);
             }
@@ -147,7 +146,7 @@ fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
         setup.exact_counts = exact_counts;
         let counts = setup.compare(gpu, 7);
         println!("k {nearest}, paper {paper_counting}: {counts:?}");
-        // Of 200 photons few neighbourhoods are all in the shadow.
+        // Few neighbourhoods of 200 photons are completely in shadow.
         let min_count = if nearest <= 50 { 20 } else { 1 };
         assert!([Class::Lit, Class::Shadowed].iter().all(|c| counts[*c as usize] >= min_count), "{counts:?}");
     }
@@ -220,7 +219,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     }
 }
 
-/// Where the photons' own visibility is shown, boundaries trace no shadow rays: only points without any photon do.
+/// If visibility is estimated from the photons, boundaries trace no shadow rays: only points without photons do.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn the_estimate_traces_only_where_there_are_no_photons(gpu: &Gpu) {
     let room = Room::new(0.05);

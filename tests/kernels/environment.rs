@@ -73,8 +73,8 @@ fn radiance(panorama: &Panorama, rotation: f64, direction: DVec3) -> DVec3 {
     row(y).lerp(row(y + 1), part.y)
 }
 
-/// The error that f32 may leave: a position in the panorama is off by 1e-6 of its width, and the radiance by that times
-/// the differences of the texels around it.
+/// The maximum error in f32: that of a position in the panorama is 1e-6 of its width, and that of the radiance follows
+/// from the differences between the texels around it.
 fn rounding(panorama: &Panorama, rotation: f64, direction: DVec3) -> f64 {
     let corner = (texel_of(panorama, rotation, direction) - 0.5).floor();
     let near = (0..16).map(|i| texel(panorama, corner.x as i64 + i % 4 - 1, corner.y as i64 + i / 4 - 1).max_element());
@@ -138,15 +138,15 @@ fn look_ups_interpolate(gpu: &Gpu) {
                 directions.iter().zip(got.as_chunks::<2>().0).filter(off).count()
             };
             assert_eq!(wrong(0.0), 0, "{width} x {height}, rotation {rotation}");
-            // The planted fault: half a texel aside. A panorama of one column is the same when it is moved.
+            // The planted fault: a shift by half a texel. It does not change a panorama of one column.
             let aside = wrong(180.0 / f64::from(width));
             assert!(width == 1 || aside > 20, "{width} x {height}: {aside} wrong in a panorama that is moved");
         }
     }
 }
 
-/// The cells of the sampling table, computed here: their size in patches, and of each cell its share of radiance times
-/// solid angle and its solid angle.
+/// The cells of the sampling table, computed independently: their size in patches, and for each cell its share of
+/// radiance times solid angle, and its solid angle.
 struct Cells {
     step: u32,
     columns: u32,
@@ -206,7 +206,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
         let mut counts = vec![0u64; cells.share.len()];
         // Quarters of a cell: halves by azimuth and by height.
         let mut quarters = [0u64; 4];
-        // Probabilities are f32, and the smallest are raised to a millionth of their row.
+        // Probabilities are f32, and the smallest ones are raised to a millionth of their row.
         let right = |pdf: f32, cell: usize| {
             let expected = cells.share[cell] / cells.solid_angle[cell];
             (f64::from(pdf) - expected).abs() <= 2e-3 * expected + 2e-5
@@ -268,7 +268,7 @@ fn samples_follow_their_density(gpu: &Gpu) {
     }
 }
 
-/// An even panorama is sampled evenly over the sphere, and a black one still has a positive density.
+/// A uniform panorama is sampled uniformly over the sphere, and a black one still has a positive density.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn even_panoramas_are_sampled_evenly(gpu: &Gpu) {
     for light in [0.0, 1.0] {

@@ -1,4 +1,4 @@
-//! Features: every set that scenes ask for composes, and what a scene does not need changes no image.
+//! Features: every set that scenes require composes, and unneeded features change no image.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -22,12 +22,12 @@ use crate::path::{camera, render_with, scene, surface};
 use crate::procedurals::{self, Object};
 use crate::stage::hash1;
 
-/// A selection for each of some thirty properties of a scene, its settings and the device.
+/// A random selection of some thirty properties of a scene, its settings and the device.
 #[derive(Clone, Copy)]
 struct Selection(u64);
 
-/// Choices by chance: of two properties each of the four combinations is in one of four, so that 192 leave one out of
-/// the two thousand with a probability of 2e-13.
+/// Random selections. A combination of two properties occurs in one of four selections, so 192 selections miss one of
+/// the two thousand combinations with a probability of 2e-13.
 fn selections() -> impl ParallelIterator<Item = Selection> {
     (0..192u32).into_par_iter().map(|i| Selection(u64::from(hash1(i)) | u64::from(hash1(!i)) << 32))
 }
@@ -136,14 +136,14 @@ impl Selection {
             s.visibility_map.paper_counting = self.has(19);
             s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
             s.indirect.irradiance_cache.enabled = self.has(21);
-            // The last, of the classes, leaves no selection of lights.
+            // The last one, the AOV of classes, excludes light sampling.
             s.image.aovs =
                 aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect();
         });
         let specialisation = Specialisation::new(&self.scene(), &settings);
         let features =
             specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
-        // Renders of glossy scenes leave it out, but so few sets are of scenes that are not.
+        // Renders of glossy scenes leave it out, but too few of the sets are of scenes without glossy surfaces.
         let few_sampled = self.has(61) && features.has(Feature::VisibilityMap) && !features.has(Feature::LightSampling);
         features.with(Feature::ShallowBvh, self.has(60)).with(Feature::FewSampled, few_sampled)
     }
@@ -163,8 +163,8 @@ fn runs(kernel: &str, features: &Features) -> bool {
     }
 }
 
-/// Every kernel composes to what naga takes, without a device, for sets of features that scenes and settings ask for by
-/// chance; each feature is in some of them and out of others. An error where two features meet would be seen.
+/// Every kernel composes to valid WGSL (by naga, without a device) for random sets of features that scenes and settings
+/// require. Each feature is on in some sets and off in others, so errors of any two features together are found.
 #[test]
 fn reachable_features_compose() {
     let sets: BTreeSet<Features> = selections().map(Selection::features).collect();
@@ -190,8 +190,8 @@ fn reachable_features_compose() {
     assert!(found > 0 && found < sets.len(), "a fault where two features meet is in {found} of {} sets", sets.len());
 }
 
-/// A scene that needs hardly anything, rendered with the code for all that scenes can have, is the same image: colours
-/// within the few roundings by which the longer sums of unused terms differ, paths that hang on these aside.
+/// A simple scene rendered with the code of all features gives the same image, except for roundings of the longer sums
+/// with unused terms, and for the few paths that take another way because of them.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
     const FORCED: [Feature; 22] = [
@@ -242,7 +242,7 @@ fn features_that_are_not_needed_change_nothing(gpu: &Gpu) {
     let forced = differing(&image(&FORCED));
     println!("{forced} of {} samples differ", trimmed.len());
     assert!(trimmed.len() == 24 * 24 * 16 && trimmed.iter().any(|sample| *sample > 0.1));
-    // Roundings that turn a path are some in a hundred thousand; another sequence of random numbers turns nearly all.
+    // Roundings change some paths in a hundred thousand; another sequence of random numbers would change nearly all.
     assert!(forced * 1000 < trimmed.len(), "{forced} of {} samples differ", trimmed.len());
     let shifted: Vec<f64> = trimmed.iter().map(|sample| sample * 1.001).collect();
     assert!(differing(&shifted) * 2 > trimmed.len(), "a tenth of a percent is not seen");

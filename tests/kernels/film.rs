@@ -51,7 +51,7 @@ fn error(got: &[DVec4], expected: &[DVec4]) -> f64 {
     got.iter().zip(expected).map(relative).fold(0.0, nan_max)
 }
 
-/// The larger, and a NaN before all.
+/// The larger number, or NaN if either is NaN.
 fn nan_max(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
@@ -102,8 +102,8 @@ fn sums_of_65536_samples_lose_nothing(gpu: &Gpu) {
     assert!(error(&got, &means(batches.iter().flatten(), PIXELS)) > 1e-6, "a lost sample is not found");
 }
 
-/// Samples with a NaN or an infinity in any component are left out of all four and counted, each once; the others
-/// are not touched, at the edges of the workgroup and past 65,535 groups.
+/// Samples with a NaN or an infinity in any component are left out completely and counted once. Other samples are not
+/// affected, also at the edges of workgroups and beyond 65,535 workgroups.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn samples_that_are_not_finite_are_left_out_and_counted(gpu: &Gpu) {
     let film = film(gpu);
@@ -208,7 +208,8 @@ fn sums_near_overflow_are_counted(gpu: &Gpu) {
     let buffer = gpu.upload("test/samples", &samples).unwrap();
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
     let plane = film(gpu).plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
-    // Above after the first batch: 129. After the second: 64, 65 and 129; 3 has come to 0.8. After the third: all four.
+    // Pixels above the limit: after the first batch 129; after the second 64, 65 and 129, while pixel 3 is at 0.8 of
+    // it; after the third all four.
     for expected in [1, 1 + 3, 1 + 3 + 4] {
         add(gpu, &plane, &tile(PIXELS as u32, 1), 0);
         let mut counts = [0u32; Counter::COUNT];

@@ -1,4 +1,4 @@
-//! Pass `flux`: photons bring all of the lights' power to the surfaces, and no more, in words that keep its mean.
+//! Pass `flux`: photons carry exactly the power of the lights to the surfaces, and their encoding keeps the mean.
 
 use std::f64::consts::PI;
 
@@ -22,7 +22,7 @@ fn stage(gpu: &Gpu, scene: Scene) -> Stage {
     Stage::new(gpu, scene, &camera(DVec3::ZERO, DVec3::X, 1.0), [1, 1], Technique::SHADOW_PHOTONS, |features| features)
 }
 
-/// A room of edge 1 whose walls reflect the share `albedo`.
+/// A room of edge 1 with walls of the given albedo.
 fn room(albedo: f32) -> (Vec<Corners>, Material) {
     (inside_out(cube(DVec3::ZERO, 0.5)), surface(albedo, 0.0))
 }
@@ -59,7 +59,8 @@ impl Traced {
         photons.map(|p| steps(p.word)).sum::<DVec3>() * self.step
     }
 
-    /// Standard error of a sum by the rounding of words: at most half a step, of 8 where a channel has up to 8 units.
+    /// Standard error of a sum by the rounding of flux: at most half a step, where steps are 8 times larger for up to 8
+    /// units.
     fn rounding(&self) -> f64 {
         (self.photons.len() as f64).sqrt() * 4.0 * self.step
     }
@@ -72,7 +73,7 @@ impl Traced {
 fn closed_rooms_keep_their_energy(gpu: &Gpu) {
     let ball = |albedo, emission| (inside_out(sphere(DVec3::ZERO, 0.5, 8)), surface(albedo, emission));
     let light = || vec![point_light(Vec3::new(0.1, 0.2, -0.1), Vec3::ONE)];
-    // With albedo 0.99 a ray takes a hundred bounces: fewer rays.
+    // With albedo 0.99 a ray has a hundred bounces, so fewer rays are enough.
     for (albedo, rays) in [(0.5, 1 << 15), (0.9, 1 << 15), (0.99, 1 << 13)] {
         let glowing = (room(albedo).0, surface(albedo, 0.3));
         for (name, scene) in [
@@ -96,8 +97,8 @@ fn closed_rooms_keep_their_energy(gpu: &Gpu) {
     }
 }
 
-/// The walls have another albedo in each channel. Each channel keeps its energy, though the strongest one decides how
-/// far a photon goes. The flux of a channel of albedo 0 is all in the first photons.
+/// Walls with a different albedo in each channel. Each channel keeps its energy, although the strongest one decides
+/// Russian roulette. All flux of a channel of albedo 0 is in the first photons.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn colours_keep_their_energy(gpu: &Gpu) {
     let albedo = Vec3::new(0.0, 0.5, 0.9);
@@ -136,8 +137,8 @@ fn black_and_unlit_walls_store_nothing(gpu: &Gpu) {
     }
 }
 
-/// There are at most `max_bounces` bounces before a photon: with 0, one photon for each ray; in total a ray leaves the
-/// sum of a^k.
+/// There are at most `max_bounces` bounces before a photon: with 0, one photon per ray; in general, a ray stores the
+/// sum of a^k photons on average.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn bounces_are_bounded(gpu: &Gpu) {
     const ALBEDO: f32 = 0.9;
@@ -160,7 +161,7 @@ fn bounces_are_bounded(gpu: &Gpu) {
     }
 }
 
-/// Three lights of one colour each, with powers in the ratio of 1 to 40: the first hits bring each light's power by its
+/// Three lights of one colour each, with powers in the ratio of 1 to 40: the first hits carry each light's power by its
 /// closed form, and each side of a mesh half of that.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn every_light_sends_its_power(gpu: &Gpu) {
@@ -202,8 +203,8 @@ fn every_light_sends_its_power(gpu: &Gpu) {
     }
 }
 
-/// A point light in the middle of a room whose corners are out of its range: what arrives is its windowed irradiance,
-/// summed over the walls.
+/// A point light in the middle of a room whose corners are out of its range: the flux is its windowed irradiance,
+/// integrated over the walls.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn ranges_take_their_part(gpu: &Gpu) {
     let range = 0.7;
@@ -237,8 +238,8 @@ fn suns_send_their_irradiance(gpu: &Gpu) {
     z_test(traced.power(|_| true).y * 1.05, error, expected, 1).expect_err("five percent too much");
 }
 
-/// Photons of a square light lie on the floor as the irradiance by Lambert's formula, and none on the ceiling behind
-/// it.
+/// Photons of a square light are distributed over the floor as the irradiance by Lambert's formula. There are none on
+/// the ceiling behind it.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn photons_lie_as_light_does(gpu: &Gpu) {
     let panel = square(DVec3::new(0.1, 0.3, 0.0), DVec3::X * 0.15, DVec3::Z * 0.1);
@@ -280,8 +281,8 @@ struct Request {
     room: usize,
 }
 
-/// Runs the kernel on a scene of one light of `rays` rays: photons behind those stored before, in poisoned room, and
-/// counts.
+/// Runs the kernel with `rays` rays on a scene of one light: photons, appended to earlier ones in a poisoned buffer,
+/// and counts.
 fn run(gpu: &Gpu, stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>, [u32; 5]) {
     let composed = compose("flux", &stage.features).unwrap();
     let constants = composed.overrides(&stage.gpu_scene.constants());
@@ -301,13 +302,13 @@ fn run(gpu: &Gpu, stage: &Stage, rays: u32, request: &Request) -> (Vec<[u32; 4]>
     (gpu.read(&photons, request.room).unwrap(), counts)
 }
 
-/// The photons depend only on their rays: batches of no ray, of one and about a workgroup, each behind the photons of
-/// earlier ones, bring the same photons as the pass's own batches, for which it has to grow its buffer. Nothing else is
+/// Photons depend only on their rays. Batches of no rays, one ray and about a workgroup of rays, each appended to
+/// earlier photons, give the same photons as the pass's own batches, for which it must grow its buffer. Nothing else is
 /// written.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn batches_do_not_show(gpu: &Gpu) {
     let stage = stage(gpu, scene(&[room(0.9)], vec![point_light(Vec3::new(0.2, 0.1, 0.3), Vec3::ONE)]));
-    // Two batches of the pass, and room at first for four photons a ray where there are ten.
+    // Two batches of the pass. The first buffer has room for four photons per ray, but there are ten.
     let rays = (1 << 15) + 77;
     let traced = Traced::new(gpu, &stage, rays, 64);
     assert!(traced.photons.len() > 8 * rays as usize);
@@ -337,14 +338,14 @@ fn batches_do_not_show(gpu: &Gpu) {
     assert!(by_pass != collected, "a photon that is lost");
 }
 
-/// More rays than 65,535 workgroups have are all traced. Photons without room are counted, and so are those whose flux
-/// is clipped to what a word holds, and those whose flux is not finite.
+/// All rays are traced, also more than fit in 65,535 workgroups. The kernel counts photons that do not fit, photons
+/// whose flux is clipped to the range of the word, and photons whose flux is not finite.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn what_has_no_room_is_counted(gpu: &Gpu) {
     let stage = stage(gpu, scene(&[room(0.5)], vec![point_light(Vec3::ZERO, Vec3::ONE)]));
     let count = 65_535 * 64 + 65;
     let power = stage.gpu_scene.lights.lights[0].power;
-    // A thousand units a photon.
+    // A thousand units per photon.
     let inverse_unit = (1000.0 * f64::from(count) / power) as f32;
     let request = Request { first: 0, count, max_bounces: 0, inverse_unit, stored: 0, room: 1000 };
     let (photons, counts) = run(gpu, &stage, count, &request);
@@ -360,8 +361,8 @@ fn what_has_no_room_is_counted(gpu: &Gpu) {
     assert!(photons.iter().flatten().all(|word| *word == POISON));
 }
 
-/// A word's steps are the flux in 31sts of the smallest power of 8 that holds it, rounded up at random so that the mean
-/// over xi is the flux itself; normal and sign are unchanged.
+/// A word holds the flux in steps of 1/31 of the smallest power of 8 that is large enough, rounded at random so that
+/// the mean over xi is the flux itself. Normal and sign are unchanged.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn words_keep_the_mean_of_flux(gpu: &Gpu) {
     const RANDOM_NUMBERS: usize = 64;
@@ -391,7 +392,7 @@ fn words_keep_the_mean_of_flux(gpu: &Gpu) {
     frame.run(&bound, items as u32, &[0u32; 0]);
     frame.submit().unwrap();
     let words: Vec<[u32; 4]> = gpu.read(&words, items).unwrap();
-    // Half of the step between values of xi, and sums of up to 32 in f32, which err by 2e-6.
+    // Half of the step between values of xi, and sums of up to 32 in f32, with an error of 2e-6.
     const MAX_ERROR: f64 = 0.5 / RANDOM_NUMBERS as f64 + 4e-6;
     let mut blind = 0;
     for (flux, (words, marks)) in fluxes.iter().zip(words.chunks(RANDOM_NUMBERS).zip(marks.chunks(RANDOM_NUMBERS))) {

@@ -1,5 +1,5 @@
-//! Pass `gather`: records whose rays look up irradiance that the test supplies, against closed forms of the light, of
-//! its gradients and of the distances; and rays that paths continue, in furnaces.
+//! Pass `gather`: records whose rays look up irradiance supplied by the test, against closed forms of irradiance,
+//! gradients and distances; and rays continued by paths, in furnace tests.
 
 use std::f64::consts::PI;
 
@@ -25,7 +25,7 @@ use crate::statistics::{Random, mean_and_error, z_test};
 /// Approximate number of rays of a record.
 const RAYS: u32 = 256;
 
-/// Height of the image: a pixel's size, which bounds distances from below, is a few ten-thousandths.
+/// Height of the image. The size of a pixel, the lower bound of distances, is then a few ten-thousandths.
 const HEIGHT: u32 = 8192;
 
 /// Irradiance points with values that the test supplies.
@@ -36,7 +36,8 @@ struct Known {
 }
 
 impl Known {
-    /// Irradiance points at positions with normals, all with this irradiance in every channel and this radius.
+    /// Irradiance points at the given positions with normals, all with the same irradiance in every channel and the
+    /// same radius.
     fn new(gpu: &Gpu, stage: &Stage, points: &[(DVec3, DVec3)], irradiance: f32, radius: f32) -> Known {
         let photons: Vec<Photon> = points.iter().map(|(p, n)| carrying(p.as_vec3(), n.as_vec3(), [0; 3])).collect();
         let shape = irradiance_point_grid(((Vec3::splat(-1.0), Vec3::splat(1.0)), 1.0), photons.len() as u32);
@@ -85,7 +86,7 @@ fn positions_on(triangles: &[Corners], count: usize, random: &mut Random) -> Vec
 
 /// A scene for gathers; with `bent` records have rotational gradients.
 fn stage(gpu: &Gpu, meshes: &[(Vec<Corners>, Material)], bent: bool) -> Stage {
-    // A far light, too weak to count: a scene without lights gathers nothing.
+    // A distant light, too weak to matter, because a scene without lights gathers nothing.
     let dim = LightKind::Point { position: Vec3::splat(50.0), intensity: Vec3::splat(1e-9), range: f32::INFINITY };
     let scene: Scene = scene(meshes, vec![dim]);
     let view = camera(DVec3::new(0.0, 0.3, 1.0), DVec3::NEG_Z, 1.0);
@@ -133,8 +134,7 @@ impl<'a> Gathering<'a> {
         Gathering { stage, known, max_bounces: 64, before: 0 }
     }
 
-    /// Gathers at the points `wanted` of those given, with each seed; the records, and the number of rays that paths
-    /// continued.
+    /// Gathers at the points `wanted` with each seed. Returns the records, and the number of rays that paths continued.
     fn run(
         &self,
         gpu: &Gpu,
@@ -192,9 +192,9 @@ fn from_ceiling(position: DVec3, normal: DVec3) -> f64 {
 }
 
 /// A floor under a bright ceiling: irradiance by Lambert's formula, and both gradients by its central differences. The
-/// translational gradient may be off by a tenth of the largest: strata are a ninth of the way to the horizon, and an
-/// edge of the ceiling moves as if it were between two of them. The rotational gradient has no such edge, and may be
-/// off by a fiftieth.
+/// tolerance of the translational gradient is a tenth of the largest one: rings of strata are a ninth of the way to the
+/// horizon wide, and an edge of the ceiling moves as if it lay between two of them. The rotational gradient does not
+/// depend on such edges, and has a tolerance of a fiftieth.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
     let mut random = Random(1);
@@ -237,7 +237,7 @@ fn records_are_closed_forms_of_a_ceiling(gpu: &Gpu) {
             (at(STEP) - at(-STEP)) / (2.0 * STEP)
         });
         let size = |values: [f64; 2]| values[0].hypot(values[1]);
-        // In the middle both gradients are 0; the scale there is a tenth of the irradiance, over the distance.
+        // In the middle both gradients are 0. Their scale there is a tenth of the irradiance over the distance.
         let scales = [size(slopes).max(expected / 3.0), size(rotations).max(expected * 0.1)];
         for k in 0..2 {
             let (slope, slope_error) = of(i, &|record| record.along(axes[k]));
@@ -267,7 +267,7 @@ fn distances_are_harmonic_means(gpu: &Gpu) {
     let mut random = Random(2);
     let ball = inside_out(sphere(DVec3::ZERO, 0.4, 40));
     let planes = square(DVec3::Y * 0.01, DVec3::X * 0.5, DVec3::Z * 0.5);
-    // The planes are nearer to each other than irradiance points elsewhere are.
+    // The planes are closer to each other than irradiance points are in other tests.
     for (name, mesh, expected, count, radius) in
         [("sphere", ball, 0.4, 40_000, NEAR), ("planes", planes, 0.015, 400_000, 0.3 * NEAR)]
     {
@@ -292,9 +292,9 @@ fn distances_are_harmonic_means(gpu: &Gpu) {
     }
 }
 
-/// In a closed room that emits 1 and has albedo a, indirect light brings pi (a + a^2 + ...) to a wall, up to a^m for m
-/// bounces: by look-ups; by paths where there is no irradiance point; and by paths where the discs are wider than the
-/// rays are long.
+/// In a closed room that emits 1 and has albedo a, the indirect irradiance of a wall is pi (a + a^2 + ...), up to a^m
+/// for m bounces. It comes from look-ups; from paths if there are no irradiance points; and from paths if discs are
+/// wider than rays are long.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn furnaces_are_white(gpu: &Gpu) {
     const ALBEDO: f32 = 0.6;
@@ -328,7 +328,7 @@ fn furnaces_are_white(gpu: &Gpu) {
     }
 }
 
-/// A ray ends in a look-up where its length is at least the radius of the disc; otherwise a path continues it.
+/// A ray ends in a look-up if its length is at least the radius of the disc; otherwise a path continues it.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn near_points_are_not_looked_up(gpu: &Gpu) {
     let mut random = Random(4);
@@ -338,7 +338,8 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
     for (radius, looked_up) in [(0.395, true), (0.405, false)] {
         let known = Known::new(gpu, &stage, &positions, 3.0, radius);
         let (by_seed, rays) = Gathering::new(&stage, &known).run(gpu, &[(DVec3::ZERO, DVec3::Y)], &[0], 0..1);
-        // The path that continues a ray comes to more distant irradiance points, and looks up at its next vertex.
+        // The path that continues a ray reaches more distant irradiance points, and ends in a look-up at its next
+        // vertex.
         assert_eq!(rays == 0, looked_up, "radius {radius}: {rays} rays");
         let measured = by_seed[0][0].irradiance();
         // pi times 3 a / pi; half of it after one bounce more.
@@ -347,8 +348,8 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
     }
 }
 
-/// A record depends only on its point: any selection of the points, about a workgroup, more than a dispatch's rays, and
-/// after earlier records, gives the same bits.
+/// A record depends only on its point. Any selection of points gives the same bits: around the size of a workgroup,
+/// with more rays than a dispatch, and after earlier records.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn records_depend_on_their_points_alone(gpu: &Gpu) {
     let mut random = Random(5);

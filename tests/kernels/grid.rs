@@ -94,7 +94,8 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
         .collect()
 }
 
-/// No photon is lost or moved to a wrong cell: none, one, counts about a workgroup, many lights.
+/// No photon is lost or put in a wrong cell: no photons, one photon, numbers around the size of a workgroup, many
+/// lights.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn photons_are_sorted_by_light_and_cell(gpu: &Gpu) {
     let mut random = Random(1);
@@ -141,7 +142,7 @@ fn crowded_cells_keep_every_photon(gpu: &Gpu) {
     }
 }
 
-/// The check above sees a photon of another light, a photon that was dropped, and two cells exchanged.
+/// The check above detects a photon of another light, a dropped photon, and two exchanged cells.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn the_check_sees_planted_faults(gpu: &Gpu) {
     let photons = scattered(3000, 2, &mut Random(4));

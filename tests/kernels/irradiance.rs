@@ -1,5 +1,5 @@
-//! Pass `irradiance`: density estimates against brute force over photons that the test supplies, and against the
-//! irradiance that they represent; and the look-up of the nearest irradiance point.
+//! Pass `irradiance`: density estimates against brute force over photons supplied by the test, and against the
+//! irradiance that these represent; and the look-up of the nearest irradiance point.
 
 use std::f64::consts::{PI, TAU};
 
@@ -23,7 +23,7 @@ use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal
 use crate::stage::{Crossing, Stage, crossings, hash};
 use crate::statistics::{mean_and_error, z_test};
 
-/// The radius that the kernel writes where there is no estimate.
+/// The radius that the kernel writes if there is no estimate.
 const FAR: f32 = 1e30;
 
 /// Probes of a disc.
@@ -55,7 +55,7 @@ fn stage(gpu: &Gpu, rectangles: &[Rectangle], shown: Option<Feature>) -> Stage {
     })
 }
 
-/// The kernels, and the scene that probes meet.
+/// The kernels, and the scene that probes hit.
 struct Bench {
     stage: Stage,
     grid: Grid,
@@ -66,7 +66,7 @@ struct Bench {
 struct Estimates {
     points: Vec<Photon>,
     irradiances: Vec<[f32; 4]>,
-    /// As the kernel counts them.
+    /// The kernel's counts.
     not_finite: u32,
 }
 
@@ -89,7 +89,7 @@ impl Bench {
         self.grid.sort(gpu, &buffer, photons.len() as u32, 1, shape).unwrap()
     }
 
-    /// Runs only the kernel, on poisoned output: behind the irradiance points the poison must stay.
+    /// Runs only the kernel, on poisoned output. The poison beyond the irradiance points must remain.
     fn estimate(&self, gpu: &Gpu, map: &SortedPhotons, irradiance_points: &SortedPhotons, step: f32) -> Estimates {
         const BEYOND: usize = 5;
         let count = irradiance_points.count as usize;
@@ -144,7 +144,7 @@ impl Bench {
     }
 }
 
-/// Immediates: a step of flux, and the radius of a disc over that of one with k photons.
+/// Immediates: a step of flux, and the radius of a disc over that of a disc with k photons.
 fn parameters(map: &SortedPhotons, count: u32, [step, shrink]: [f32; 2]) -> [u32; 12] {
     let mut parameters = [0; 12];
     parameters[..8].copy_from_slice(&bytemuck::cast::<GridShape, [u32; 8]>(map.shape));
@@ -156,7 +156,7 @@ const BOUNDS: (Vec3, Vec3) = (Vec3::splat(-0.5), Vec3::splat(0.5));
 
 /// The estimate by brute force.
 struct Expected {
-    /// Steps over the disc's area, not yet divided by the share of the disc that is surface.
+    /// Steps of flux over the disc's area, not yet divided by the share of the disc that is surface.
     density: DVec3,
     radius: f64,
     /// Whether rounding decides which photons count.
@@ -170,8 +170,8 @@ fn cell_at(shape: &GridShape, position: Vec3) -> [i64; 3] {
     })
 }
 
-/// The disc would hold k photons at the density of 27 cells, nine of them on a surface, and is no wider than a cell.
-/// Photons count within an ellipsoid a quarter as high as wide, with normals within 45 degrees.
+/// The disc would hold k photons at the mean density of 27 cells, nine of which are on a surface. Its radius is at most
+/// a cell. Photons count within an ellipsoid a quarter as high as wide, with normals within 45 degrees.
 fn brute_force(photons: &[Photon], shape: &GridShape, irradiance_point: &Photon) -> Expected {
     density(photons, shape, Vec3::from(irradiance_point.position), photon_normal(irradiance_point.word), 1.0)
 }
@@ -233,7 +233,8 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
         let half = height * (1.0 - part).sqrt();
         let ways = [(&there, 0.0, length), (&down, height - half, height + half)];
         let hits = ways.map(|(all, start, end)| {
-            // Undecided near an end of the segment, and near an edge of a triangle, which is at least a tenth wide.
+            // Undecided near an end of the segment, and near an edge of a triangle. Triangles are at least a tenth
+            // wide.
             let at_end = |c: &Crossing| (c.t - start).abs().min((c.t - end).abs()) < 1e-5;
             let doubtful = |c: &Crossing| at_end(c) || (c.inside.abs() < 1e-4 && c.t > start && c.t < end);
             let first = all.iter().find(|c| c.t > start && c.t < end && c.inside > 0.0);
@@ -249,9 +250,9 @@ fn covered_about(stage: &Stage, position: Vec3, n: DVec3, radius: f64) -> Option
             slant += 1.0 / cosine;
         }
     }
-    // Unbiased for 1 over the share.
+    // An unbiased estimate of 1 over the share.
     let share = slant / f64::from(found.max(1)) * f64::from(found + 1) / f64::from(PROBES + 1);
-    // The part of the radius at which a straight edge cuts off as much as the missing probes, and one more.
+    // The relative radius at which a straight edge cuts off as much as the missing probes and one more.
     let missing = f64::from(PROBES - found + 1) / f64::from(PROBES);
     let clear = if found == PROBES { 0.8 } else { (1.0 - (2.0 * missing).powf(0.63)).max(0.0) };
     Some(if found == 0 { (0.0, 0.0) } else { (share, clear) })
@@ -292,7 +293,7 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
     let mut random = Random(4);
     let mut lying = |flux: bool| {
         let photon = photon(on(&floor[0], &mut random), Vec3::Y, 0, false);
-        // All of one sign: differences have larger relative errors.
+        // All photons have one sign, because differences have larger relative errors.
         Photon { word: photon.word | if flux { random.word() & 0x7fff_c000 } else { 0 }, ..photon }
     };
     let photons: Vec<Photon> = (0..20_000).map(|_| lying(true)).collect();
@@ -314,9 +315,9 @@ pub fn rounding(gpu: &Gpu) -> Vec<f64> {
     estimates.points.iter().zip(&estimates.irradiances).filter_map(error).collect()
 }
 
-/// The kernel's estimates are those of brute force: flux of all words and signs, normals of all directions, numbers of
-/// irradiance points about a workgroup, on surfaces, at edges and corners and in the open, in grids of full and of
-/// sparse cells.
+/// The kernel's estimates equal brute force. The cases: flux of all words and signs, normals of all directions, numbers
+/// of irradiance points around the size of a workgroup, positions on surfaces, at edges, in corners and off surfaces,
+/// grids of full and of sparse cells.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     let rectangles = corner_and_cube();
@@ -366,7 +367,7 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
                 continue;
             }
             let right = expected.density * f64::from(step) / share;
-            // Sums are whole numbers: only a square and some quotients are rounded.
+            // Sums are integers: only a square and some quotients are rounded.
             let agrees = |right: DVec3| (value - right).abs().max_element() <= 2e-5 * right.abs().max_element();
             assert!(agrees(right), "{irradiance_point:?}: {value}, expected {right}");
             // The last eight bits hold the clear part.
@@ -385,21 +386,21 @@ fn estimates_are_those_of_brute_force(gpu: &Gpu) {
     assert!(doubts * 5 < checked && partly > 50);
 }
 
-/// A surface that photons cover evenly, and irradiance points on it.
+/// A surface uniformly covered with photons, and irradiance points on it.
 struct Lit {
     name: &'static str,
     /// The whole scene; photons lie where `lit` accepts a rectangle's number and a position.
     rectangles: Vec<Rectangle>,
     lit: fn(usize, Vec3) -> bool,
-    /// Where irradiance points are, on the first rectangle.
+    /// The part of the first rectangle where irradiance points lie.
     within: fn(Vec3) -> bool,
     /// Whether a part of their discs is missing.
     cut: bool,
 }
 
 /// The mean estimate of photons of a uniform irradiance is that irradiance: in the open, at an edge, in a corner,
-/// beside a cube, and on a thin wall, also where the disc hangs over the edge. Without the share of the disc that is
-/// surface it would not be.
+/// beside a cube, and on a thin wall, also where the disc reaches over the edge. Without the correction for the share
+/// of the disc that is surface, it would not be.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn even_light_is_even(gpu: &Gpu) {
     let v = Vec3::new;
@@ -491,7 +492,7 @@ fn even_light_is_even(gpu: &Gpu) {
     }
 }
 
-/// The other side of a thin wall is dark: no light of the lit side comes through.
+/// The other side of a thin wall is dark: no light leaks through.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn thin_walls_let_nothing_through(gpu: &Gpu) {
     let v = Vec3::new;
@@ -635,8 +636,8 @@ fn points_beyond_an_axis_of_groups_are_shown(gpu: &Gpu) {
     }
 }
 
-/// A look-up gives the table's value for the nearest irradiance point of the same surface, if that is within half a
-/// cell; otherwise the value of one of that surface less than two cells away, or none. The table holds what the kernel
+/// A look-up returns the value of the nearest irradiance point of the same surface if that is within half a cell;
+/// otherwise the value of some point of that surface less than two cells away, or none. The table holds what the kernel
 /// wrote.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
@@ -702,7 +703,7 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
             .filter(|estimates| estimates[3] == FAR)
             .for_each(|estimates| *estimates = [0.0, 0.0, 0.0, FAR]);
         let cell = f64::from(shape.cell);
-        // The value of an irradiance point for a position: none beyond the clear part of its disc; both where rounding
+        // The value of an irradiance point for a position, or none beyond the clear part of its disc; both if rounding
         // decides.
         let reached = |(counted, _, estimates): &(f64, f64, [f32; 4])| -> Vec<[f32; 4]> {
             let clear = f64::from(estimates[3]) * f64::from(estimates[3].to_bits() & 255) / 255.0;
@@ -713,7 +714,7 @@ fn look_ups_find_the_nearest_irradiance_point(gpu: &Gpu) {
                 vec![if *counted < clear { *estimates } else { nothing }]
             }
         };
-        // The values that a point may get.
+        // The permitted values of a point.
         let allowed = |point: &Point| -> Vec<[f32; 4]> {
             let (x, n) = (Vec3::from(point.position).as_dvec3(), point_normal(point.normal));
             let mut near: Vec<(f64, f64, [f32; 4])> = irradiance_points

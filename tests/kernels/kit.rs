@@ -1,10 +1,10 @@
-//! What kernel tests share: the device, its features, and kernels with Penumbra's structs.
+//! Code that kernel tests share: the device, its features, and kernels with Penumbra's structs.
 
 use kernel_kit::{Composed, Declared, Gpu, Host, Kernel};
 use penumbra::internal::passes::SHARED;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
-/// What the device adds to a kernel's features; and light tags, which serve one light as well as several.
+/// The features that the device adds, and light tags, which work for one light as well as for several.
 pub fn device_features(gpu: &Gpu) -> Features {
     Features::default()
         .with(Feature::TextureLoads, gpu.texture_loads)

@@ -67,7 +67,7 @@ fn features(gpu: &Gpu, scene: &Scene) -> Features {
         )
 }
 
-/// A position and a normal, as the kernel gets them, and the index of the light.
+/// A position and a normal in the kernel's format, and the index of the light.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub position: Vec3,
@@ -271,8 +271,8 @@ fn solid_angle(triangles: &[Corners], two_sided: bool, position: DVec3) -> f64 {
     .sum()
 }
 
-/// Random places for each light, and the hard ones: touching it at 1e-4, on its plane beside it and under its
-/// middle, with normals along its plane, at its horizon, in the scene's far corner.
+/// Random positions for each light, and difficult ones: at a distance of 1e-4, in its plane beside it and under its
+/// centre, with normals parallel to its plane, at its horizon, in the far corner of the scene.
 fn places(scene: &Scene) -> Vec<Place> {
     let mut random = Random(7);
     let mut places = Vec::new();
@@ -304,10 +304,10 @@ fn places(scene: &Scene) -> Vec<Place> {
     places
 }
 
-/// The largest difference between kernel and oracle over all places with a closed form, in units of what f32 allows:
-/// coordinates of unit size carry 2^-24 each, so that a position is off by about 1e-7; irradiance over radiance
-/// changes by at most 1 / h for each such step at the height h over the light's plane (its gradient is bounded by
-/// that of the half-plane's), and the sums over edges round at 1e-6 of the angle, at most pi.
+/// The largest difference between kernel and oracle over all positions with a closed form, in units of the tolerance of
+/// f32. Coordinates of unit size have a rounding error of 2^-24, so the error of a position is about 1e-7. At height h
+/// over the light's plane, irradiance over radiance changes by at most 1 / h per length (the gradient for a half-plane
+/// is a bound). The sums over edges have an error of 1e-6 of the angle, which is at most pi.
 fn worst(gpu: &Gpu, scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec3) -> f64) -> (f64, Place) {
     let places = places(scene);
     let got = run(gpu, scene, "closed", &places, places.len(), 1, 0);
@@ -319,7 +319,7 @@ fn worst(gpu: &Gpu, scene: &Scene, oracle: impl Fn(&[Corners], bool, DVec3, DVec
         }
         let (position, normal) = (place.position.as_dvec3(), place.normal.as_dvec3());
         let height = triangles.iter().map(|t| height_over(t, position).abs()).fold(f64::INFINITY, f64::min);
-        // On the plane itself the answer jumps from 0 to pi: either is right.
+        // In the plane itself the answer jumps from 0 to pi; both are right.
         if height < 1e-6 {
             continue;
         }
@@ -358,7 +358,7 @@ fn the_oracle_is_the_integral() {
             let (position, normal) = (random.point() - DVec3::Y, random.direction());
             let exact = form_factor(&triangles, false, position, normal, true);
             let summed = form_factor_by_sum(&triangles, position, normal, 200);
-            // The horizon cuts through cells of 1/200 of a side: that much of the cells along it is off.
+            // The horizon cuts cells of 1/200 of a side. The error is that of the cells along it.
             assert!((exact - summed).abs() < 2e-3 * exact + 1e-5, "{name}: {exact} {summed}");
         }
     }
@@ -374,7 +374,7 @@ fn contours_are_those_of_the_shape(gpu: &Gpu) {
     assert_eq!(closed, [true, true, true, true, true, true, true, false]);
     let planar: Vec<bool> = gpu_scene.lights.iter().map(|l| l.planar).collect();
     assert_eq!(planar, [true, true, true, true, true, false, true, false]);
-    // Power: pi times area times radiance for each emitting side. 7/3 is the mean of the channels.
+    // Power is pi times area times radiance for each emitting side. 7/3 is the mean of the channels.
     let square = 0.6 * 0.8 * PI * 7.0 / 3.0;
     assert!((gpu_scene.lights[0].power - square).abs() < 1e-6 * square);
     let [a, b, c] = meshes()[1].1[0];
@@ -420,7 +420,7 @@ fn dark_is_exact(gpu: &Gpu) {
 /// 1 / pdf is the solid angle of the light.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn samples_converge_to_the_closed_form(gpu: &Gpu) {
-    // A search among 512 triangles takes some ten of the 65,535 iterations that lavapipe grants to all loops.
+    // A search among 512 triangles takes some ten of the 65,535 iterations that lavapipe allows for all loops together.
     const SAMPLES: u32 = 2048;
     let scene = mesh_scene();
     let mut random = Random(99);
@@ -431,7 +431,8 @@ fn samples_converge_to_the_closed_form(gpu: &Gpu) {
             let (position, normal) = (random.point(), random.direction());
             let exact = form_factor(&triangles, two_sided, position, normal, true);
             let near = triangles.iter().any(|t| t.iter().any(|v| v.distance(position) < 0.3));
-            // Near the light the samples' distribution has long tails; a test of their mean would need many more.
+            // Near the light the distribution of samples has long tails. A test of their mean would need many more
+            // samples.
             if exact > 1e-5 && !near {
                 places.push(Place::new(position, normal, light));
             }
@@ -467,9 +468,9 @@ fn samples_converge_to_the_closed_form(gpu: &Gpu) {
     }
 }
 
-/// From afar all sampled points of a sphere contribute about the same: 1 / pdf (by solid angle) spreads by a tenth
-/// about the solid angle. Points sampled by power alone contribute the cosine at the sphere, which spreads by 58 %
-/// about its mean.
+/// From afar all sampled points of a sphere contribute about the same: the standard deviation of 1 / pdf (by solid
+/// angle) is a tenth of the solid angle. With points sampled by power alone, contributions vary as the cosine at the
+/// sphere, with a deviation of 58 % of the mean.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn points_of_a_lamp_bring_the_same_light(gpu: &Gpu) {
     const N: usize = 1 << 12;
@@ -545,7 +546,7 @@ fn densities_are_those_of_the_sampler(gpu: &Gpu) {
         let position = query.position.as_dvec3();
         let own = scene.triangle_positions(triangle).map(|v| v.as_dvec3());
         let height = height_over(&own, position);
-        // So near the plane, rounding decides the side and changes the angle.
+        // This close to the plane, rounding decides the side and changes the angle.
         if height.abs() < 1e-3 {
             continue;
         }
@@ -615,8 +616,8 @@ fn rays_have_the_density_of_light_points(gpu: &Gpu) {
     assert!(compared > 1500, "{compared}");
 }
 
-/// All sampled points of a square, and of a cube from near, contribute the same: 1 / pdf is the solid angle of the
-/// light. A cube from afar is sampled by power, and its points differ.
+/// All sampled points of a square, and of a nearby cube, contribute the same: 1 / pdf is the solid angle of the light.
+/// A distant cube is sampled by power, and the contributions of its points differ.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn points_of_few_triangles_bring_the_same_light(gpu: &Gpu) {
     const N: usize = 1 << 10;
@@ -641,7 +642,7 @@ fn points_of_few_triangles_bring_the_same_light(gpu: &Gpu) {
     }
 }
 
-/// Photons leave a mesh light evenly over its area and by the cosine law, and on both sides if it is two-sided.
+/// A mesh light emits photons uniformly over its area and by the cosine law, on both sides if it is two-sided.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn emission_follows_power_and_cosine(gpu: &Gpu) {
     const N: usize = 1 << 14;
@@ -669,7 +670,7 @@ fn emission_follows_power_and_cosine(gpu: &Gpu) {
             by_side[usize::from(front > 0.0)] += 1;
             let cosine = v(1).dot(v(2));
             assert!(cosine >= 0.0 && (v(1).length() - 1.0).abs() < 1e-5);
-            // By the cosine law the squared cosine is uniform. Of the azimuth only the half is counted: the sign along
+            // By the cosine law the squared cosine is uniform. Only the half of the azimuth is counted: the sign along
             // an edge.
             let quadrant = usize::from(v(1).dot((t[1] - t[0]).normalize()) > 0.0);
             by_cosine[((cosine * cosine * 32.0) as usize).min(31) * 2 + quadrant] += 1;
@@ -683,8 +684,8 @@ fn emission_follows_power_and_cosine(gpu: &Gpu) {
     }
 }
 
-/// Which quarter of the triangle's area the point is in: on which side of the parallel to the edge opposite the first
-/// corner that halves the area, and of the median through that corner.
+/// The quarter of the triangle's area that contains the point. The quarters are divided by the median through the first
+/// corner, and by the parallel to the opposite edge that halves the area.
 fn quarter(t: &Corners, p: DVec3) -> usize {
     let across = (t[1] - t[0]).cross(t[2] - t[0]);
     let second = (p - t[0]).cross(t[2] - t[0]).dot(across) / across.length_squared();
@@ -750,7 +751,7 @@ fn punctual_lights_follow_the_extension(gpu: &Gpu) {
             let axis = direction.as_dvec3();
             let side = axis.cross(DVec3::Z).normalize();
             let azimuth = |p: DVec3| (p.dot(axis.cross(side)).atan2(p.dot(side)) / TAU).rem_euclid(1.0);
-            // Coordinates in which the right distribution is uniform.
+            // Coordinates in which the expected distribution is uniform.
             let (a, b) = match light {
                 0 | 1 => ((1.0 - v(1).dot(axis)) / 2.0, azimuth(v(1))),
                 2 => ((1.0 - v(1).dot(axis)) / (1.0 - f64::from(cos_outer)), azimuth(v(1))),

@@ -1,5 +1,5 @@
-//! Pass `path` against results that are known without rendering: furnaces, the closed sphere, a rectangle's irradiance,
-//! and the images of an independent renderer.
+//! Pass `path` against known results (furnace tests, the closed sphere, a rectangle's irradiance) and against the
+//! images of an independent renderer.
 
 use std::f64::consts::PI;
 
@@ -47,7 +47,7 @@ fn render(gpu: &Gpu, scene: Scene, camera: &Camera, size: u32, spp: u32, max_bou
     render_with(gpu, scene, camera, size, spp, max_bounces, |features| features)
 }
 
-/// As [`render`], with features that `changed` makes of the scene's own.
+/// As [`render`], with the scene's features modified by `changed`.
 pub fn render_with(
     gpu: &Gpu,
     mut scene: Scene,
@@ -154,8 +154,8 @@ fn the_closed_sphere_has_its_known_radiance(gpu: &Gpu) {
     );
     let expected = 0.5 / PI * 4.0 * PI * PI / 0.5 / area;
     let (mean, error) = mean_and_error(rendered.all());
-    // The facets are nearer to the light in their middles: sagitta (pi / 32)^2 / 8 of the radius, twice that in
-    // irradiance, and as much again for the tilt at their rims.
+    // The centres of facets are nearer to the light, by a sagitta of (pi / 32)^2 / 8 of the radius. Irradiance changes
+    // by twice that, and by as much again for the tilt at the rims.
     let error = error + 0.005 * expected / 3.0;
     z_test(mean, error, expected, 1).unwrap();
     z_test(mean, error, expected * 1.05, 1).expect_err("a twentieth too much");
@@ -197,8 +197,8 @@ fn a_floor_under_a_rectangle_has_lamberts_irradiance(gpu: &Gpu) {
             (0..N * N).map(|k| form_factor(&light, false, at(midpoint(k / N), midpoint(k % N)), DVec3::Y, true));
         let expected = 3.0 / PI * values.sum::<f64>() / (N * N) as f64;
         let (mean, error) = mean_and_error(rendered.pixel(pixel, pixels));
-        // In a pixel next to the light the irradiance changes by a few times itself: the midpoints are off by a few
-        // thousandths.
+        // In a pixel next to the light the irradiance changes by a factor of a few: the error of the midpoint rule is a
+        // few thousandths.
         let error = error + 2e-3 * expected;
         z_test(mean, error, expected, pixels as u32).unwrap_or_else(|e| panic!("pixel {column}, {row}: {e}"));
         tested += 1;
@@ -227,7 +227,7 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
         let reference = Image::read_exr(folder.join(file)).unwrap();
         let [reference, _, _] = reference.rgb().unwrap();
         let rendered = render(gpu, box_scene.clone(), &view, SIZE as u32, SPP, max_bounces);
-        // Number of blocks that differ when the reference is moved by that many pixels.
+        // Number of blocks that differ if the reference is shifted by some pixels.
         let outside = |shift: usize| {
             let differs = |block: &usize| {
                 let corner = block / (SIZE / BLOCK) * BLOCK * SIZE + block % (SIZE / BLOCK) * BLOCK;
@@ -242,8 +242,8 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
             };
             (0..BLOCKS).filter(differs).count()
         };
-        // A block is outside three standard errors by chance once in 370. Twice as many, and two, are allowed, as the
-        // tails are longer than those of a normal distribution.
+        // By chance one block in 370 deviates by more than three standard errors. The test allows twice as many plus
+        // two, as the tails are longer than those of a normal distribution.
         let found = outside(0);
         assert!(found <= 2 + 2 * BLOCKS / 370, "{file}: {found} of {BLOCKS} blocks differ");
         assert!(outside(2) > BLOCKS / 20, "a reference that is moved by two pixels");

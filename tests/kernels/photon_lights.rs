@@ -1,5 +1,5 @@
-//! Pass `photons` for every kind of light, with counts of rays around the size of a workgroup, against f64 lines
-//! through all triangles along the same rays; and the probability with which the cap keeps a shadow photon.
+//! Pass `photons` for every kind of light, with numbers of rays around the size of a workgroup, against f64 lines
+//! through all triangles along the same rays; and the probability with which the limit per ray keeps a shadow photon.
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -26,19 +26,19 @@ struct Expected {
     normal: DVec3,
     light: u32,
     shadow: bool,
-    /// Error of the position by rounding; larger where the ray grazes the surface.
+    /// Rounding error of the position, which is larger if the ray grazes the surface.
     tolerance: f64,
-    /// Rounding decides whether it is stored, or its kind.
+    /// Whether rounding decides if it is stored, or its kind.
     doubtful: bool,
 }
 
-/// Planted faults that the comparison must find.
+/// Planted faults that the comparison must detect.
 #[derive(Clone, Copy, PartialEq)]
 enum Fault {
     None,
     /// The backs of single-sided surfaces store photons.
     Backs,
-    /// A coplanar twin of a hit stores a photon, too.
+    /// A coplanar twin of a hit also stores a photon.
     Twins,
     /// All photons are illumination photons.
     Kinds,
@@ -133,7 +133,7 @@ fn follow(scene: &Scene, light: u32, [origin, direction]: [DVec3; 2], fault: Fau
             normal: if front || fault == Fault::Normals { crossing.normal } else { -crossing.normal },
             light,
             shadow: rank > 0 && fault != Fault::Kinds,
-            // A few roundings of coordinates of unit size across the ray, longer along a surface that it grazes.
+            // A few roundings of coordinates of unit size across the ray; more along a surface that the ray grazes.
             tolerance: 2e-6 / crossing.normal.dot(direction).abs().max(1e-3),
             doubtful,
         });
@@ -141,7 +141,7 @@ fn follow(scene: &Scene, light: u32, [origin, direction]: [DVec3; 2], fault: Fau
     photons
 }
 
-/// The number of photons that are stored and should not be, or should be and are not.
+/// The number of photons that are stored but not expected, or expected but not stored.
 fn differences(got: &[Photon], expected: &[Expected]) -> usize {
     // Sorted along a direction that no surface is perpendicular to.
     let along = |p: DVec3| p.dot(DVec3::new(0.531, 0.713, 0.458));
@@ -181,7 +181,7 @@ fn differences(got: &[Photon], expected: &[Expected]) -> usize {
 /// Compares all photons of all lights, and their counts by kind. Returns the photons, and the rays of each light.
 fn compare(gpu: &Gpu, stage: &Stage, rays: u32) -> (Vec<Photon>, Vec<Vec<[DVec3; 2]>>) {
     let lights = stage.scene.lights.len() as u32;
-    // No ray of these scenes reaches this cap.
+    // No ray of these scenes reaches this limit.
     let (traced, photons) = trace(gpu, stage, lights, rays, 32, SEED);
     let by_light: Vec<_> = (0..lights).map(|light| emitted(gpu, stage, light, rays)).collect();
     let expected = expected(stage, &by_light, Fault::None);
@@ -240,8 +240,8 @@ fn rays_that_hit_nothing_leave_no_photons(gpu: &Gpu) {
     }
 }
 
-/// A ray through 10,000 layers keeps exactly as many shadow photons as the cap allows, from all depths with the same
-/// probability, and their weight compensates for the others.
+/// A ray through 10,000 layers stores exactly the maximum number of shadow photons, from all depths with the same
+/// probability. Their weights compensate for the others.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_ray_through_ten_thousand_layers_keeps_its_cap(gpu: &Gpu) {
     const LAYERS: usize = 10_000;
@@ -257,7 +257,7 @@ fn a_ray_through_ten_thousand_layers_keeps_its_cap(gpu: &Gpu) {
         assert_eq!([shadowed, photons.len() as u32], [cap * lit, (cap + 1) * lit]);
         let mut rays = std::collections::BTreeMap::<[u32; 2], [u32; 2]>::new();
         let mut depths = [0u64; 10];
-        // The hits that each one stands for, rounded to a power of the fourth root of two.
+        // The number of hits that each photon represents, rounded to a power of 2^(1/4).
         let exponent = (4.0 * (f64::from(LAYERS as u32 - 1) / f64::from(cap)).log2()).round() as u32;
         for photon in &photons {
             let shadow = photon.word >> 31;

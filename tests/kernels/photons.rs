@@ -148,8 +148,8 @@ fn trace(gpu: &Gpu, scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Trace
     }
 }
 
-/// What a ray should leave: position, normal, shadow photon; nothing where a hit is within 1e-5 of an edge, where
-/// rounding decides.
+/// The photons that a ray should store: position, normal, whether a shadow photon. None if a hit is within 1e-5 of an
+/// edge, where rounding decides.
 fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>> {
     let (origin, direction) = (ray[0].as_dvec3(), ray[1].as_dvec3());
     let mut hits: Vec<(f64, bool, DVec3)> = Vec::new();
@@ -166,7 +166,7 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
         let v = n.dot(e1.cross(p)) / n.length_squared();
         let u = n.dot(p.cross(e2)) / n.length_squared();
         let inside = u.min(v).min(1.0 - u - v);
-        // The diagonal of a rectangle is no edge: both sides of it are the same surface.
+        // The diagonal of a rectangle is not an edge: both sides belong to the same surface.
         let diagonal = (u.min(v) < 1e-5) as u32 + ((1.0 - u - v) < 1e-5) as u32 > 0;
         if inside.abs() < 1e-5 && diagonal {
             return None;
@@ -188,7 +188,7 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
             hits.push((t, faces || double_sided, n.normalize() * if faces { 1.0 } else { -1.0 }));
         }
     }
-    // Procedural objects are spheres of radius 1 of their own space.
+    // Procedural objects are spheres of radius 1 in their own space.
     for object in &scene.procedurals {
         let o = object.to_own.transform_point3(origin);
         let d = object.to_own.transform_vector3(direction);
@@ -208,7 +208,7 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
         }
     }
     hits.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // One of coplanar twins, the side that stores before the other.
+    // Of coplanar twins, the one that stores the photon comes first.
     hits.dedup_by(|twin, kept| {
         let same = twin.0 - kept.0 < 1e-6;
         if same && !kept.1 {
@@ -220,7 +220,7 @@ fn expected(scene: &Scene, ray: &[Vec3; 2]) -> Option<Vec<(DVec3, DVec3, bool)>>
     Some(hits.iter().enumerate().filter(|(_, hit)| hit.1).map(photon).collect())
 }
 
-/// Photons of `traced` without their like among those expected, expected ones without their like, and rays in doubt.
+/// Photons of `traced` that match no expected one, expected photons that match none of `traced`, and undecided rays.
 fn compare(scene: &Scene, traced: &Traced) -> (usize, usize, usize) {
     let mut left: Vec<Photon> = traced.photons.clone();
     left.sort_by(|a, b| a.position[0].total_cmp(&b.position[0]));
@@ -266,9 +266,8 @@ fn room_scene(more: Vec<LightKind>) -> (Scene, Bvh) {
     scene(&rectangles, more)
 }
 
-/// A room with a double-sided shelf and coplanar twins, three kinds of lights: every photon is where a loop over all
-/// triangles has one, and no other is; the counts say so. A photon that is lost, moved, or of another light is
-/// detected.
+/// A room with a double-sided shelf, coplanar twins and three kinds of lights: photons and counts equal those of a loop
+/// over all triangles. A photon that is lost, moved, or of another light is detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn photons_are_those_of_a_loop_over_all_triangles(gpu: &Gpu) {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };
@@ -277,7 +276,7 @@ fn photons_are_those_of_a_loop_over_all_triangles(gpu: &Gpu) {
     let mut traced = trace(gpu, &scene, bvh, 3001, 10);
     let (extra, missing, doubtful) = compare(&scene, &traced);
     assert_eq!(missing, 0);
-    // Rays in doubt left photons too, none of them more than it meets rectangles.
+    // Undecided rays store photons too, at most one for each rectangle.
     assert!(doubtful < 30 && extra <= doubtful * 8, "{doubtful} in doubt, {extra} more");
     assert_eq!(traced.emitted, [3001; 3]);
     for (light, stored) in traced.stored.iter().enumerate() {
@@ -298,8 +297,8 @@ fn photons_are_those_of_a_loop_over_all_triangles(gpu: &Gpu) {
     }
 }
 
-/// Through the holes of a mask photons pass as if nothing were there, and the rest of it stops them: what is behind is
-/// lit here and shadowed there. A mask that stops all, and one that stops nothing, are detected.
+/// Photons pass through the holes of a mask, and the rest of the mask stops them: the surface behind is partly lit and
+/// partly shadowed. A mask that stops all photons, and one that stops none, are detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn holes_of_masks_let_photons_through(gpu: &Gpu) {
     let v = Vec3::new;
@@ -322,7 +321,7 @@ fn holes_of_masks_let_photons_through(gpu: &Gpu) {
     }
 }
 
-/// One triangle pair and its light: each ray leaves one photon or none, and no shadow photon (case 14).
+/// A rectangle and its light: each ray stores one photon or none, and no shadow photon.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn one_rectangle_takes_no_shadow_photons(gpu: &Gpu) {
     let v = Vec3::new;
@@ -332,12 +331,12 @@ fn one_rectangle_takes_no_shadow_photons(gpu: &Gpu) {
     let traced = trace(gpu, &scene, bvh, 5000, 10);
     assert_eq!(traced.stored[0][1], 0);
     assert_eq!(traced.stored[0][0] as usize, traced.photons.len());
-    // A square, from half its edge above the middle is a sixth of all directions.
+    // From half its edge above its centre, a square covers a sixth of all directions.
     assert!((traced.photons.len() as f64 - 5000.0 / 6.0).abs() < 5000.0 * 0.01, "{}", traced.photons.len());
 }
 
-/// A wall 1e-5 thick has illumination photons on the lit side only and shadow photons on none of its own: its other
-/// side faces away from the light (case 22).
+/// A wall 1e-5 thick has illumination photons on the lit side only, and no shadow photons: its other side faces away
+/// from the light.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn thin_walls_are_lit_on_one_side(gpu: &Gpu) {
     let v = Vec3::new;
@@ -352,8 +351,8 @@ fn thin_walls_are_lit_on_one_side(gpu: &Gpu) {
     }
 }
 
-/// Ten thousand layers: ten shadow photons a ray, each standing for a tenth of the hits, spread over the layers
-/// (case 29).
+/// Ten thousand layers: ten shadow photons per ray, each of which represents a tenth of the hits, spread over the
+/// layers.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn layers_beyond_the_cap_are_weighted(gpu: &Gpu) {
     let v = Vec3::new;
@@ -369,12 +368,13 @@ fn layers_beyond_the_cap_are_weighted(gpu: &Gpu) {
         // Quarter powers of two are within 9.1 %.
         assert!((weight / 999.9).ln().abs() < 0.091, "{weight}");
     }
-    // The mean depth of n uniform choices among layers of depth 0 to 1 is within 5 standard errors of 1/2.
+    // The mean depth of n layers sampled uniformly from depths 0 to 1 is within 5 standard errors of 1/2.
     let mean = shadows.iter().map(|p| -f64::from(p.position[1])).sum::<f64>() / shadows.len() as f64;
     assert!((mean - 0.5).abs() < 5.0 / (12.0 * shadows.len() as f64).sqrt(), "{mean}");
 }
 
-/// More rays than a batch, more photons than the first buffer holds: none is lost, and the set is that of another run.
+/// With more rays than a batch and more photons than the first buffer holds, no photon is lost, and another run gives
+/// the same set.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn batches_lose_nothing(gpu: &Gpu) {
     let v = Vec3::new;
@@ -392,9 +392,8 @@ fn batches_lose_nothing(gpu: &Gpu) {
     assert!(sets[0] == sets[1]);
 }
 
-/// Spheres and an ellipsoid that functions describe, single- and double-sided, one within the other: photons go
-/// straight on through them, and leave their like at every crossing, as in closed form. One a hundredth larger is
-/// detected.
+/// Nested procedural spheres and an ellipsoid, single- and double-sided: photons are stored at every crossing of a
+/// straight line, by closed form. An object that is a hundredth larger is detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn photons_meet_every_crossing_of_procedural_objects(gpu: &Gpu) {
     let point = LightKind::Point { position: Vec3::new(0.2, 0.3, 0.3), intensity: Vec3::ONE, range: f32::INFINITY };

@@ -1,5 +1,5 @@
-//! Rounding errors of the kernels that matter for an image: their f32 arithmetic against double precision on the same
-//! numbers, for random and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
+//! Rounding errors of the kernels that matter for an image: f32 arithmetic against double precision on the same random
+//! and adversarial input. `cargo bench --bench precision` prints the table of `docs/stability.md`.
 
 use std::f64::consts::PI;
 
@@ -39,7 +39,7 @@ impl Row {
         Row { kernel, family: family.into(), scale, errors, bound }
     }
 
-    /// The error that this share of all errors does not exceed.
+    /// The quantile of the errors at the given share.
     pub fn quantile(&self, share: f64) -> f64 {
         self.errors[((self.errors.len() - 1) as f64 * share) as usize]
     }
@@ -52,7 +52,7 @@ pub fn rows(gpu: &Gpu) -> Vec<Row> {
 
 // ---- Intersection and offset
 
-/// A ray and a triangle that it meets.
+/// A ray and a triangle that it hits.
 type Meeting = [Vec3; 5];
 
 fn run(gpu: &Gpu, entry: &str, items: &[Meeting], needles: bool) -> Vec<[[f32; 4]; 3]> {
@@ -77,8 +77,8 @@ pub fn fma_is_fused(gpu: &Gpu) -> bool {
     run(gpu, "fused", &[[x; 5]], false)[0][0][0] != 0.0
 }
 
-/// Rays towards a point inside of triangles with edges about `size` and, across the first, `size / aspect`; that meet
-/// them at an angle of that cosine.
+/// Rays towards a point inside triangles with edges of about `size` and a height of `size / aspect`, at the given
+/// cosine to the normal.
 fn meetings(size: f64, aspect: f64, cosine: f64) -> Vec<Meeting> {
     let mut random = Random(31);
     (0..20_000)
@@ -108,8 +108,8 @@ fn intersection(gpu: &Gpu) -> Vec<Row> {
         ("triangles of unit size", 1.0, 1.0, 0.7, 6.0, false),
         ("of size 1e-3", 1e-3, 1.0, 0.7, 6.0, false),
         ("slivers, 1 to 1e3", 1.0, 1e3, 0.7, 500.0, false),
-        // Where a scene has needles, t is corrected along their planes: the remaining error is that of any triangle,
-        // until the squares of the weights' errors reach it.
+        // In scenes with needles, t is corrected along their planes. The remaining error is that of any triangle, until
+        // the squares of the weights' errors exceed it.
         ("slivers, 1 to 1e3, as needles", 1.0, 1e3, 0.7, 6.0, true),
         ("slivers, 1 to 1e4, as needles", 1.0, 1e4, 0.7, 6.0, true),
         ("slivers, 1 to 1e5, as needles", 1.0, 1e5, 0.7, 100.0, true),
@@ -214,9 +214,9 @@ fn families() -> Vec<Lit> {
         let across = tilted.cross(x).normalize();
         square(0.1 * x + 0.3 * y, tilted * 0.5 * size, across * 0.5 * size)
     };
-    // Far from the light's plane its terms have similar size: a dozen roundings for each of four edges. Near the plane
-    // the edges may be in line with the position, whose distance from their line rounds as the vertices do: 2e-5 at
-    // worst.
+    // Far from the light's plane the terms have similar size: a dozen roundings for each of four edges. Near the plane
+    // an edge may be in line with the position, whose distance from the edge's line is rounded as the vertices are:
+    // 2e-5 at most.
     let of = |family, bound, size, receiver| Lit { family, scale: "irradiance", bound, light: about(size), receiver };
     vec![
         of("light of size 1", 40.0, 1.0, afar),
@@ -230,7 +230,7 @@ fn families() -> Vec<Lit> {
         of("at 1e-4", 200.0, 1.0, |r, l| before(r, l, 1e-4)),
         Lit {
             family: "horizon across the light",
-            // Any part of the light may be over the horizon, however small: its digits cannot be kept.
+            // An arbitrarily small part of the light may be above the horizon, so a relative error has no bound.
             scale: "irradiance of the whole light, facing it",
             bound: 40.0,
             light: square(0.9 * y, 0.3 * x, 0.4 * z),
@@ -278,7 +278,7 @@ fn closed_form(gpu: &Gpu) -> Vec<Row> {
 
 fn photons_and_records(gpu: &Gpu) -> Vec<Row> {
     vec![
-        // Sums of flux are whole numbers: only a square, two products and two quotients are rounded.
+        // Sums of flux are integers: only a square, two products and two quotients are rounded.
         Row::new("density estimate", "open floor, 20,000 photons", "irradiance", 6.0, irradiance::rounding(gpu)),
         // The record's weight contains the length of the normals' difference, whose terms cancel where they agree to
         // 1e-3.

@@ -1,4 +1,4 @@
-//! Pass `primary` against f64 rays through the pixels' centres, and glTF's rules for the surfaces that they hit.
+//! Pass `primary` against f64 rays through the centres of pixels, and glTF's rules for the surfaces that they hit.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, kernel_test};
@@ -141,7 +141,7 @@ fn cameras() -> [Camera; 2] {
 /// The visible surface of a pixel.
 struct Visible {
     position: DVec3,
-    /// Origin of rays that leave it, and how far roundings of normals may move that.
+    /// Origin of rays that leave it, and its maximum error by the rounding of normals.
     leaving: DVec3,
     moved: f64,
     distance: f64,
@@ -153,7 +153,7 @@ struct Visible {
     emission: DVec3,
     base: DVec3,
     unlit: bool,
-    /// How far roundings may move a colour.
+    /// Maximum rounding error of a colour.
     colour: f64,
     material: usize,
 }
@@ -191,7 +191,7 @@ impl Oracle<'_> {
         let (near, far) = (f64::from(self.camera.near) / cosine, f64::from(self.camera.far) / cosine);
         let mut found: Option<Crossing> = None;
         for crossing in crossings(self.scene, origin, direction) {
-            // Only surfaces at the same distance matter behind the one found.
+            // Behind the surface found, only surfaces at the same distance matter.
             if found.is_some_and(|f| crossing.t > f.t + 1e-5) {
                 break;
             }
@@ -392,7 +392,7 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
 /// texture coordinates is far less.
 const TEXEL: f64 = 2e-3;
 
-/// Error of other colours: those of vertices have 16 bits, and the weights of corners a few roundings.
+/// Error of other colours: vertex colours have 16 bits, and barycentric weights a few roundings.
 const COLOUR: f64 = 2e-5;
 
 /// An octahedral code is within 7e-5 of its vector; shading normals pass through two.
@@ -555,7 +555,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let mut scene = scene(&[(quad, material.clone())], Vec::new());
     let image =
         |texels: Vec<[u8; 4]>| TextureImage { name: String::new(), width: texels.len() as u32, height: 1, texels };
-    // The first set of coordinates finds black, the second white.
+    // The first set of coordinates gives black, the second white.
     scene.images =
         vec![image(vec![[0, 0, 0, 255], [255; 4]]), image(vec![[7, 100, 150, 255]]), image(vec![[170, 70, 210, 255]])];
     let texture = |image, space| Texture { image, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, space };

@@ -23,7 +23,7 @@ struct Ray {
     t_max: f32,
 }
 
-/// Runs an entry point of `shaders/traverse.wgsl` on rays: its answers, and the counts of rays lost.
+/// Runs an entry point of `shaders/traverse.wgsl` on rays. Returns its answers, and the counts of lost rays.
 fn run(gpu: &Gpu, stage: &Stage, entry: &str, rays: &[Ray]) -> (Vec<[u32; 4]>, [u32; 2]) {
     let composed = compose_source("traverse", include_str!("shaders/traverse.wgsl"), &stage.features).unwrap();
     let mut constants = stage.gpu_scene.constants();
@@ -69,8 +69,8 @@ fn rays(count: usize) -> Vec<Ray> {
     (0..count).map(&mut ray).collect()
 }
 
-/// Both crossings of a ray's line with the unit sphere of an object's space, or none; and how far, in radii, the line
-/// is from touching the sphere.
+/// Both crossings of a ray's line with the unit sphere of an object's space, or none; and the distance, in radii, of
+/// the line from a tangent.
 fn crossings(world: &DAffine3, ray: &Ray) -> (Option<[f64; 2]>, f64) {
     let own = world.inverse();
     let o = own.transform_point3(ray.origin.as_dvec3());
@@ -81,7 +81,7 @@ fn crossings(world: &DAffine3, ray: &Ray) -> (Option<[f64; 2]>, f64) {
     ((offset < 1.0).then_some([along - half, along + half]), (1.0 - offset).abs())
 }
 
-/// Among the rays whose answer does not depend on rounding, how many answers are wrong, and how many rays there are.
+/// Of the rays whose answer does not depend on rounding, the number of wrong answers, and the number of rays.
 fn wrong(world: &DAffine3, rays: &[Ray], answers: &[[u32; 4]], occluded: &[[u32; 4]]) -> (usize, usize) {
     let (mut wrong, mut checked) = (0, 0);
     for ((ray, [t, u, v, id]), [stopped, ..]) in rays.iter().zip(answers).zip(occluded) {
@@ -143,7 +143,7 @@ fn ellipsoids_are_met_where_they_are(gpu: &Gpu) {
     }
 }
 
-/// The nearest of a triangle and several objects is hit, whichever it is; each object has its own function.
+/// Rays hit the nearest of a triangle and several objects, each with its own function.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn the_nearest_of_all_is_met(gpu: &Gpu) {
     let at = |z: f64| DAffine3::from_scale_rotation_translation(DVec3::splat(0.1), DQuat::IDENTITY, DVec3::Z * z);

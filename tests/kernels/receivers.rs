@@ -1,4 +1,4 @@
-//! Emission towards the bounds of the receivers, against emission in all directions.
+//! Emission towards the receiver bounds, against emission in all directions.
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
@@ -13,7 +13,7 @@ const RECEIVERS: ReceiverBounds = ReceiverBounds { centre: Vec3::new(0.1, -0.2, 
 fn lights() -> Scene {
     let over = DVec3::new(0.3, 0.9, 0.1);
     let meshes = [
-        // Facing down, tilted, wide against its distance, far, and with the receivers across its horizon.
+        // Facing down, tilted, wide compared with its distance, far away, and with the receivers across its horizon.
         (square(over, DVec3::X * 0.2, DVec3::Z * 0.2), false),
         (square(over, DVec3::new(0.2, 0.1, 0.0), DVec3::Z * 0.2), true),
         (square(DVec3::Y * 0.4, DVec3::X * 0.6, DVec3::Z * 0.6), false),
@@ -35,8 +35,8 @@ fn lights() -> Scene {
     scene(&meshes, &punctual)
 }
 
-/// The part of the receivers' sphere that a ray passes: the octant of its point nearest to the centre, and whether that
-/// point is in the inner or the outer half. None if the ray misses the sphere.
+/// The part of the receivers' sphere that a ray passes: the octant of the ray's point nearest to the centre, and
+/// whether that point is in the inner or the outer half. None if the ray misses the sphere.
 fn part(ray: &Emitted, spare: f64) -> Option<usize> {
     let (centre, radius) = (RECEIVERS.centre.as_dvec3(), f64::from(RECEIVERS.radius));
     let ahead = (centre - ray.origin).dot(ray.direction);
@@ -49,7 +49,7 @@ fn part(ray: &Emitted, spare: f64) -> Option<usize> {
     Some(octant + 8 * usize::from(beside.length() < radius * 0.5f64.sqrt()))
 }
 
-/// Of each part: the power that it receives, the variance of that estimate, and the number of rays.
+/// For each part: the power that it receives, the variance of that estimate, and the number of rays.
 fn powers(rays: &[Emitted]) -> Vec<[f64; 3]> {
     let n = rays.len() as f64;
     let mut sums = vec![[0.0; 3]; 16];
@@ -63,10 +63,10 @@ fn powers(rays: &[Emitted]) -> Vec<[f64; 3]> {
     sums.iter().map(|[sum, squares, met]| [sum / n, (squares / n - (sum / n).powi(2)) / n, *met]).collect()
 }
 
-/// Emission towards the receivers' bounds brings each part of them the same power as emission in all directions. A
-/// z-test compares the parts that a hundred rays of the latter reach (Sobol points have less error than the independent
-/// points that it assumes); it finds an excess of a tenth. No other ray is sent, and the share of power that the host
-/// states is the measured one.
+/// With emission towards the receiver bounds, each part of them receives the same power as with emission in all
+/// directions. A z-test compares the parts that at least a hundred rays of the latter reach (Sobol points have less
+/// error than the independent points that it assumes); it detects an excess of a tenth. No ray misses the bounds, and
+/// the share of power that the host states is the measured one.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn emission_towards_receivers_brings_the_same_power(gpu: &Gpu) {
     const RAYS: usize = 1 << 18;
@@ -89,8 +89,8 @@ fn emission_towards_receivers_brings_the_same_power(gpu: &Gpu) {
         let total = |rays: &[Emitted]| rays.iter().map(|ray| ray.flux).sum::<f64>();
         let share = total(&towards) / total(&anywhere);
         println!("light {light}: share {share}, as the host has it {}", info.received_share);
-        // The share only divides rays among lights, so it may be rough: it takes the centres of triangles, which are
-        // not the mean of a few near ones.
+        // The share only distributes rays among lights, so it may be approximate: it uses the centres of triangles,
+        // which differ from the mean for a few nearby triangles.
         assert!(
             (share / info.received_share).ln().abs() < 1.5f64.ln(),
             "light {light}: {share}, {}",

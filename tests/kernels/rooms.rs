@@ -1,4 +1,4 @@
-//! Photons and points for the tests of the photon map, made on the CPU: a room of rectangles under a square light,
+//! Photons and points for the tests of the photon map, computed on the CPU: a room of rectangles under a square light,
 //! and the brute-force answers.
 
 use glam::{DVec3, Vec2, Vec3};
@@ -93,7 +93,7 @@ impl Rectangle {
     }
 }
 
-/// The box of the paper, half its size: a room without its front, a turned cube, its light the square of half-width
+/// The box of the paper at half its size: a room without its front, a rotated cube, and a square light of half-width
 /// `light` below the ceiling.
 pub struct Room {
     pub rectangles: Vec<Rectangle>,
@@ -186,8 +186,8 @@ impl Room {
     }
 }
 
-/// What the nearest k photons of light `light` are: (n_i, n_s), None for fewer than k within `reach`; or nothing where
-/// the answer depends on rounding.
+/// The kinds of the nearest k photons of light `light`: (n_i, n_s), or None for fewer than k within `reach`; no answer
+/// if it depends on rounding.
 pub fn nearest_kinds(
     photons: &[Photon],
     point: &Point,
@@ -206,12 +206,12 @@ pub fn nearest_kinds(
             let v = Vec3::from(p.position).as_dvec3() - x;
             let d = v.length_squared() + stretch * v.dot(n).powi(2);
             let excess = if normals { photon_normal(p.word).dot(n) - 0.5f64.sqrt() } else { 1.0 };
-            // Decoded in f32 the cosine is within 1e-6.
+            // The cosine of decoded f32 normals is accurate to 1e-6.
             (d <= 2.0 * reach * reach && excess > -1e-5).then_some((d, p.word >> 31 != 0, excess < 1e-5))
         })
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // f32 differences of coordinates up to 1 err by 1e-7, squares and sums of them by a little more.
+    // f32 differences of coordinates up to 1 have an error of 1e-7, squares and sums of them slightly more.
     let close = |a: f64, b: f64| (a.sqrt() - b.sqrt()).abs() < 1e-6;
     let limit = reach * reach;
     if near.len() < k || near[k - 1].0 > limit {

@@ -1,5 +1,5 @@
-//! Pass `sample_lights`: the sampled lights estimate the sum over all lights; and the potentials that lights are
-//! sampled by.
+//! Pass `sample_lights`: the sampled lights estimate the sum over all lights; and the potentials by which lights are
+//! sampled.
 
 use std::collections::BTreeSet;
 
@@ -24,7 +24,7 @@ use crate::statistics::{Random, mean_and_error, z_test};
 
 const LIGHTS: usize = 90;
 const LIGHTS_PER_POINT: u32 = 8;
-/// Pixels, one more than a workgroup has, and samples of each.
+/// Number of pixels, one more than a workgroup has invocations, and samples per pixel.
 const PIXELS: u32 = 65;
 const SAMPLES: u32 = 1024;
 
@@ -38,7 +38,7 @@ fn lamps() -> Vec<Lamp> {
     let lamp = |i: usize| {
         let p = random.point();
         let position = DVec3::new(0.5 * p.x, 0.1 + 0.4 * p.y.abs(), 0.1 * p.z).as_vec3().as_dvec3();
-        // From one to a hundred; one sends nothing.
+        // Powers from one to a hundred; one light emits nothing.
         let intensity =
             if i == 30 { 0.0 } else { f64::from(100f64.powf((i * 37 % LIGHTS) as f64 / LIGHTS as f64) as f32) };
         Lamp { position, intensity }
@@ -59,15 +59,15 @@ fn room(lamps: &[Lamp]) -> Scene {
     scene(&[(floor, surface(0.5, 0.0))], lamps.iter().map(punctual).collect())
 }
 
-/// A row of ten zones. Photons are in the second, fifth and eighth of them, so that zones list 3, 40 and more than 64
-/// lights, and the last none.
+/// A row of ten zones. Photons are in the second, fifth and eighth zone, so that zones list 3, 40 and more than 64
+/// lights, and the last zone none.
 fn zones() -> (GridShape, Vec<Photon>) {
     let shape = GridShape { origin: [-0.5, -0.05, -0.1], cell: 0.1, size: [10, 1, 2], inverse_cell: 10.0 };
     let at = |zone: u32| Vec3::new(0.1 * zone as f32 - 0.45, 0.0, 0.0);
     let mut photons = Vec::new();
     for (zone, lights) in [(1, 3), (4, 40), (7, LIGHTS as u32)] {
         for light in 0..lights {
-            // A share of one in 1 to 4 arrived.
+            // The share of illumination photons is 1 to 1/4.
             let shadows = (0..light % 4).map(|_| photon(at(zone), Vec3::Y, light, true));
             photons.extend(std::iter::once(photon(at(zone), Vec3::Y, light, false)).chain(shadows));
         }
@@ -148,8 +148,7 @@ impl Setup {
         intensity * offset.y.max(0.0) / offset.length().powi(3)
     }
 
-    /// Whether the mean over the samples of the weighted lights that are `visible` is the sum over all lights of
-    /// `within`.
+    /// Whether the mean over the samples of the weighted lights that are `visible` equals their sum over `within`.
     fn sums_up(
         &self,
         sampled: &[(u32, f32)],
@@ -169,14 +168,14 @@ impl Setup {
         };
         let all: Vec<f64> = (0..SAMPLES).map(estimate).collect();
         let (mean, error) = mean_and_error(all.iter().copied());
-        // Floats, where there is no noise.
+        // Without noise, the rounding of floats.
         z_test(mean, error.max(1e-5 * exact.max(1e-9)), exact, 4 * PIXELS).map_err(|e| format!("pixel {pixel}: {e}"))
     }
 }
 
-/// By zones: the mean over a point's samples is the sum over all lights, whatever each of them is hidden from; without
-/// audits, over those that the zone lists. No light is sampled twice, each has a probability of at most one, and all
-/// lights of a short list are sampled. A weight that is off by an eighth is detected.
+/// By zones: the mean over a point's samples is the sum over all lights, whichever lights are visible; without audits,
+/// the sum over the lights that the zone lists. No light is sampled twice, each has a probability of at most one, and
+/// all lights of a short list are sampled. An error of an eighth in a weight is detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn lights_sampled_by_zone_estimate_all(gpu: &Gpu) {
     let setup = Setup::new(gpu, |features| features);
@@ -239,7 +238,7 @@ fn lights_sampled_by_zone_estimate_all(gpu: &Gpu) {
     }
 }
 
-/// By power and alike: the same of all lights, and no light twice.
+/// By power, and uniformly: the mean is the sum over all lights, and no light is sampled twice.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn lights_sampled_by_power_estimate_all(gpu: &Gpu) {
     for uniform in [false, true] {
@@ -263,8 +262,8 @@ fn lights_sampled_by_power_estimate_all(gpu: &Gpu) {
     }
 }
 
-/// The potential of a light is positive wherever it is not dark, and of lights that are small and not at the horizon
-/// their irradiance in one unit for all of them.
+/// The potential of a light is positive wherever the light is not dark. For small lights that are not at the horizon,
+/// it is the irradiance in a unit common to all lights.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn potentials_are_irradiances(gpu: &Gpu) {
     let panel = |at: DVec3, half: f64| square(at, DVec3::X * half, DVec3::Z * half);
@@ -297,7 +296,7 @@ fn potentials_are_irradiances(gpu: &Gpu) {
     let queries: Vec<[[f32; 4]; 2]> = (0..QUERIES)
         .map(|i| {
             let position = (random.point() * 0.5).as_vec3();
-            // Some exactly level with a panel, and in its plane.
+            // Some are exactly in the plane of a panel.
             let position = if i % 50 == 1 { position.with_y(0.4) } else { position };
             let normal = random.direction().as_vec3();
             [position.extend((i % lights) as f32).to_array(), normal.extend(0.0).to_array()]
@@ -340,7 +339,7 @@ fn potentials_are_irradiances(gpu: &Gpu) {
     let all: Vec<f64> = ratios.iter().flatten().copied().collect();
     let (smallest, largest) = all.iter().fold((f64::MAX, 0.0f64), |(a, b), r| (a.min(*r), b.max(*r)));
     println!("{smallest} to {largest} of {}", all.len());
-    // The potential takes all of a light to be at its nearest part: a radius of a fortieth of the distance over a
-    // cosine of a fourth.
+    // The potential treats a light as if all of it were at its nearest point: an error of a radius of 1/40 of the
+    // distance, over a cosine of 1/4.
     assert!(all.len() > 300 && largest < 1.12 * smallest, "{smallest} to {largest}");
 }

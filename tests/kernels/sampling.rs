@@ -1,4 +1,4 @@
-//! Sequences against the definition of a net; warps against their densities.
+//! Low-discrepancy sequences against the definition of a net; warps against their densities.
 
 use glam::DVec3;
 use kernel_kit::{Gpu, Resources, kernel_test};
@@ -66,7 +66,8 @@ fn elementary_intervals_hold_one_point_each(gpu: &Gpu) {
     }
 }
 
-/// Each dimension is stratified, and so is each pair of dimensions in cells as fine as Joe and Kuo's numbers allow.
+/// Each dimension is stratified, and so is each pair of dimensions in cells as small as Joe and Kuo's direction numbers
+/// allow.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn four_dimensions_are_stratified_each_and_in_pairs(gpu: &Gpu) {
     for seed in [3u32, 77] {
@@ -96,7 +97,7 @@ fn seeds_give_different_points(gpu: &Gpu) {
     let a = run(gpu, "two", 256, &[("seed", 5.0)], &[], 1);
     let b = run(gpu, "two", 256, &[("seed", 6.0)], &[], 1);
     assert!(a.iter().zip(&b).filter(|(a, b)| a == b).count() < 3);
-    // Points paired from two seeds fill the square like random ones: 16 x 16 cells.
+    // Points paired from two seeds fill the 16 x 16 cells of a square like random points.
     let a = run(gpu, "two", 1 << 14, &[("seed", 5.0)], &[], 1);
     let b = run(gpu, "two", 1 << 14, &[("seed", 6.0)], &[], 1);
     let mut counts = [0u64; 256];
@@ -106,7 +107,7 @@ fn seeds_give_different_points(gpu: &Gpu) {
     chi_square(&counts, &[64.0; 256], 1).unwrap();
 }
 
-/// The count of misplaced points finds one that was moved to another interval.
+/// The count of misplaced points detects a point that was moved to another interval.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_misplaced_point_is_found(gpu: &Gpu) {
     let mut points = run(gpu, "two", 1 << 10, &[], &[], 1);
@@ -118,8 +119,8 @@ fn a_misplaced_point_is_found(gpu: &Gpu) {
 #[kernel_test("PENUMBRA_DEVICE")]
 fn warps_follow_their_densities(gpu: &Gpu) {
     const N: u32 = 1 << 16;
-    // Each warp with coordinates in [0, 1)^2 in which its distribution is uniform. They follow from the density, not
-    // from the formula of the warp.
+    // Each warp, with coordinates in [0, 1)^2 in which its distribution is uniform. The coordinates follow from the
+    // density, not from the formula of the warp.
     type Uniform = fn([f64; 3]) -> [f64; 2];
     let warps: [(f64, f64, Uniform); 5] = [
         (0.0, 0.0, |p| [1.0 - p[2] * p[2], (p[1].atan2(p[0]) / std::f64::consts::TAU).rem_euclid(1.0)]),
@@ -130,7 +131,7 @@ fn warps_follow_their_densities(gpu: &Gpu) {
         (4.0, 0.0, |p| [1.0 - (1.0 - p[0]).powi(2), p[1] / (1.0 - p[0])]),
     ];
     for (warp, cos_max, uniform) in warps {
-        // Seed and index together give independent points: one of each of N sequences.
+        // Different seeds and indices give independent points: one from each of N sequences.
         let points = run(gpu, "warped", N, &[("warp", warp), ("cos_max", cos_max), ("seed", 11.0)], &[], 1);
         let cells = |fault: f64| {
             let mut counts = [0u64; 256];
@@ -193,16 +194,17 @@ fn holds(cell: &Cell, at: DVec3) -> bool {
     sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
 }
 
-/// Points sampled by solid angle are even over the solid angle of a triangle of any size and shape, from any position,
-/// and that solid angle is right. Points even over the area fail the same test.
+/// Points sampled by solid angle are uniform over the solid angle of a triangle of any size and shape, from any
+/// position, and that solid angle is right. Points uniform over the area fail the same test.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn triangles_are_seen_evenly(gpu: &Gpu) {
     const N: u32 = 1 << 14;
     const CELLS: usize = 64;
     let flat = |size: f64| [[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.3 * size, 0.0, size]];
     let moved = |triangle: [[f64; 3]; 3], by: [f64; 3]| triangle.map(|c| [c[0] + by[0], c[1] + by[1], c[2] + by[2]]);
-    // Name, corners, position, and the relative error that f32 leaves in the solid angle: coordinates of unit size and
-    // heights over the plane are off by 2^-24, and the angle, where it grows with the height, by that over the height.
+    // Name, corners, position, and the relative error of the solid angle in f32. Coordinates of unit size and heights
+    // over the plane have an error of 2^-24; where the solid angle is proportional to the height, its relative error is
+    // that over the height.
     let cases = [
         ("an octant", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 0.0], 1e-6),
         ("at its own size", flat(1.0), [0.4, 1.0, 0.3], 1e-6),
@@ -250,7 +252,7 @@ fn triangles_are_seen_evenly(gpu: &Gpu) {
         chi_square(&counts(0), &expected, family).unwrap_or_else(|e| panic!("{name}: {e}"));
         uneven += usize::from(chi_square(&counts(1), &expected, family).is_err());
     }
-    // The area differs from the solid angle in all cases but those from afar.
+    // Sampling by area differs from sampling by solid angle in all cases except the distant ones.
     assert!(uneven >= 8, "points even over the area are found in {uneven} cases only");
     // In the plane and at corners the triangle is invisible, but the results are still finite.
     for position in [[0.4, 0.0, 0.3], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [-1.0, 0.0, 0.0]] {

@@ -24,19 +24,19 @@ const SHADOWED: u32 = Class::Shadowed as u32;
 const BOUNDARY: u32 = Class::Boundary as u32;
 const UNKNOWN: u32 = Class::Unknown as u32;
 
-/// Defects that the comparison must find.
+/// Planted faults that the comparison must detect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
     /// Audits change nothing.
     Unaudited,
-    /// Audits near boundaries are weighed as those elsewhere.
+    /// Audits near boundaries have the same weights as elsewhere.
     Weight,
-    /// The closed form is taken as it is where light points correct it.
+    /// The closed form is used without the correction by light points.
     Uncorrected,
-    /// The closed form is taken where the light crosses the surface's own horizon.
+    /// The closed form is used where the light crosses the surface's own horizon.
     Horizon,
-    /// The light points of the next layer's sample.
+    /// The light points are those of the next layer's sample.
     Sample,
 }
 
@@ -50,7 +50,7 @@ struct Setup {
 struct Outcome {
     radiance: Vec<[f32; 4]>,
     shadow_samples: Vec<[f32; 4]>,
-    /// Points that were queued for light points, in order; none where there is no queue.
+    /// Points that were queued for light points, in order; none if there is no queue.
     sampled: Option<Vec<u32>>,
     /// Points that were counted as not finite.
     not_finite: u32,
@@ -69,7 +69,7 @@ impl Setup {
         let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
         tile.points = gpu.upload("test/points", &self.candidates.points).unwrap();
         tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
-        // One vector more, to see that it stays.
+        // One extra vector, which must not change.
         let radiance = [before, &[[f32::from_bits(POISON); 4]]].concat();
         tile.radiance_direct = gpu.upload("test/radiance", &radiance).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
@@ -97,7 +97,7 @@ impl Setup {
             padding: 0,
         };
         let mut frame = gpu.frame("test");
-        // As many workgroups as all points would need: what is not queued must be left alone.
+        // As many workgroups as all points would need. Points that are not queued must not change.
         let mut arranged = false;
         let arguments = gpu.upload("test/arguments", &[0, points.div_ceil(64), 1, 1]).unwrap();
         let arrange = |_: &mut Frame<'_>, group: u32| {
@@ -126,8 +126,8 @@ impl Setup {
         [self.candidates.points[i].normal, self.surfaces[i][3].to_bits()].map(|code| oct_decode(code, 16))
     }
 
-    /// Irradiance of a point from a light that has a closed form, nothing in between, and whether all of the light is
-    /// before the point's own surface.
+    /// Unoccluded irradiance of a point from a light with a closed form, and whether all of the light is above the
+    /// surface's own horizon.
     fn unshadowed(&self, light: u32, i: usize) -> (DVec3, bool) {
         let position = Vec3::from(self.candidates.points[i].position).as_dvec3();
         let [geometric, shading] = self.normals(i);
@@ -150,7 +150,7 @@ impl Setup {
         }
     }
 
-    /// Whether light points have a part in a candidate.
+    /// Whether a candidate uses light points.
     fn is_sampled(&self, candidate: usize, word: u32) -> bool {
         let i = candidate % self.candidates.points.len();
         let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;
@@ -164,20 +164,20 @@ impl Setup {
         !decided || (word & 7 == LIT && !closed) || self.is_audited(i, light, word, Fault::None)
     }
 
-    /// Whether a decided candidate is audited.
+    /// Whether a lit or shadowed candidate is audited.
     fn is_audited(&self, i: usize, light: u32, word: u32, fault: Fault) -> bool {
         let (seed, sample) = pixel_of(&self.candidates.tile, i);
         let uniform = f64::from(hash(&[seed, sample, constant("DIMENSION_AUDIT") + light]) >> 8) / 16_777_216.0;
         uniform < self.audit_chance(word, fault)
     }
 
-    /// Sixteen times as much near boundaries; certain, where that is above 1.
+    /// Sixteen times as large near boundaries, at most 1.
     fn audit_chance(&self, word: u32, fault: Fault) -> f64 {
         let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
         f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 }
     }
 
-    /// Radiance and visibility of a candidate, and the sum of the sizes of all terms.
+    /// Radiance and visibility of a candidate, and the sum of the magnitudes of all terms.
     fn estimate(
         &self,
         candidate: usize,
@@ -224,7 +224,7 @@ impl Setup {
             let taken = if closed && fault != Fault::Uncorrected { granted } else { 0.0 };
             add((visible - taken) * contribution(point) / f64::from(self.candidates.samples));
         }
-        // Of the light points that face the surface point, above its horizon.
+        // The visible share of the light points that face the surface point and are above its horizon.
         let could_be_visible = |p: &LightPoint| p.pdf > 0.0 && p.direction.dot(geometric) > 0.0;
         let facing: Vec<usize> = (0..points.len()).filter(|j| could_be_visible(&points[*j])).collect();
         let visible = facing.iter().map(|j| bit(*j)).sum::<f64>() / facing.len().max(1) as f64;
@@ -254,12 +254,12 @@ fn lights() -> Scene {
     scene(&meshes, vec![point])
 }
 
-/// A word of a class with counts of its photons.
+/// A class word with counts of photons.
 fn class_word(class: u32, illumination: u32, shadow: u32, visibility: u32) -> u32 {
     class | illumination << 3 | shadow << 12 | visibility << 21
 }
 
-/// A word of any class, and of all kinds that occur of it.
+/// A word of any class, in all variants that occur.
 fn any_word(random: &mut Random) -> u32 {
     let mut below = |n: f64| (random.uniform() * n) as u32;
     let class = below(5.0);
@@ -331,7 +331,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             assert!(count < 64 || sampled.len() < count, "a queue of all points is none");
         }
         let light_points = setup.candidates.light_points(gpu);
-        // Points, and candidates of the AOV, that differ.
+        // Numbers of points, and of candidates of the AOV, that differ.
         let differences = |fault: Fault| -> [usize; 2] {
             let mut sums: Vec<(DVec3, f64)> = vec![(DVec3::ZERO, 0.0); count];
             let mut wrong = [0, 0];
@@ -356,8 +356,8 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             for (i, (sum, size)) in sums.iter().enumerate() {
                 let [got, start] = [outcome.radiance[i], before[i]].map(|v| Vec4::from_array(v).as_dvec4());
                 let error = (got.truncate() - start.truncate() - sum).abs().max_element();
-                // Light points and the closed form come of differences of coordinates of unit size, whose last bits are
-                // 6e-8, over distances of a tenth; and f32 sums.
+                // Light points and the closed form use differences of coordinates of unit size, rounded by 6e-8, over
+                // distances of a tenth; and f32 sums.
                 wrong[0] += usize::from(!(error <= 5e-6 * (1.0 + size) && got.w == start.w));
             }
             wrong
@@ -373,8 +373,8 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
     }
 }
 
-/// A point whose light is not finite by the closed form, by light points, by both, by their sum, or was not before, is
-/// counted once or, in the last case, by the pass before.
+/// A point whose light is not finite is counted once, whether by the closed form, by light points, by both or by their
+/// sum. If it was not finite before, the earlier pass has counted it.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
     const POINTS: usize = 64;
@@ -405,13 +405,14 @@ fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
         let is_finite = |v: &[f32; 4]| v[..3].iter().all(|x| x.is_finite());
         let expected = outcome.radiance.iter().zip(&before).filter(|(now, then)| is_finite(then) && !is_finite(now));
         let expected = expected.count() as u32;
-        // A quarter of them, and what of another quarter was finite before.
+        // A quarter of the points, and those of another quarter that were finite before.
         assert_eq!(expected, 3 * POINTS as u32 / 8, "the test is blind");
         assert_eq!(outcome.not_finite, expected, "few_sampled {few_sampled}");
     }
 }
 
-/// Whatever the photons say, right or wrong, the mean is the true direct light (two-sided z-tests, Sidak's correction).
+/// The mean is the true direct light, whether the photons' classes are right or wrong (two-sided z-tests, Sidak's
+/// correction).
 #[kernel_test("PENUMBRA_DEVICE")]
 fn shading_is_unbiased(gpu: &Gpu) {
     const SIDE: u32 = 128;

@@ -15,13 +15,13 @@ use crate::path::{camera, scene, surface};
 use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
 use crate::statistics::Random;
 
-/// What counters hold before: kernels add to them.
+/// Initial value of the counters: kernels add to them.
 const BEFORE: u32 = 1000;
 
 const LIT: u32 = Class::Lit as u32;
 const SHADOWED: u32 = Class::Shadowed as u32;
 
-/// A floor, two panels over it, one above the lights, and lights of every kind.
+/// A floor, two panels over it, a panel above the lights, and lights of every kind.
 fn room() -> Scene {
     let level = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::Z * half, DVec3::X * half);
     let down = |x: f64, y: f64, z: f64, half: f64| square(DVec3::new(x, y, z), DVec3::X * half, DVec3::Z * half);
@@ -80,7 +80,7 @@ impl Setup {
     fn new(gpu: &Gpu, chunk: [u32; 2], samples: u32) -> Setup {
         let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
         let stage = Stage::new(gpu, room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
-        // Two layers, and not the first samples.
+        // Two layers of later samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);
         Setup { candidates: Candidates { stage, tile, points, chunk, samples }, repair_capacity: 0 }
@@ -143,8 +143,7 @@ fn counts(added: &[(Counter, u32)]) -> Vec<u32> {
     counters
 }
 
-/// Each candidate of the queue has the bits of its light points, no other candidate is touched, and the rays are
-/// counted one by one.
+/// Each queued candidate gets the bits of its light points, other candidates are not changed, and each ray is counted.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
     for (chunk, samples) in [([0, 4], 33), ([1, 2], 1), ([0, 1], 32), ([0, 2], 70)] {
@@ -170,7 +169,7 @@ fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
             let words = setup.candidates.words();
             let bit =
                 |candidate: u32, j: usize| outcome.visibility[candidate as usize * words + j / 32] >> (j % 32) & 1 == 1;
-            // Bits that differ from those of the candidate that `of` names.
+            // Number of bits that differ from those of the candidate given by `of`.
             let different = |of: &dyn Fn(u32) -> u32| -> usize {
                 let differing = |candidate: &u32| {
                     let differs =
@@ -213,8 +212,8 @@ fn visibility_bits_are_those_of_the_light_points(gpu: &Gpu) {
     }
 }
 
-/// An audit traces one light point; where it contradicts the class it is counted and leaves a photon of the other
-/// kind at the point, as long as there is room.
+/// An audit traces a ray to one light point. If the ray contradicts the class, it is counted and a photon of the other
+/// kind is stored at the point, as long as there is room.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
     let mut setup = Setup::new(gpu, [0, 4], 33);
@@ -245,7 +244,7 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
             let got = outcome.visibility[candidate * setup.candidates.words()] == 1;
             let sampled = light_points[candidate].last().unwrap();
             let traced = setup.traced(candidate, sampled);
-            // Where the light point faces away, the class stands.
+            // If the light point faces away, the class remains.
             let lit = classes[candidate] & 7 == LIT;
             let is_visible = if traced { sampled.visible(&setup.candidates.stage.scene).unwrap_or(got) } else { lit };
             let first = &light_points[candidate][0];
@@ -277,7 +276,7 @@ fn audits_find_wrong_classes_and_repair_the_map(gpu: &Gpu) {
             rest.iter().all(|p| p.word == POISON && p.position.iter().all(|x| x.to_bits() == POISON)),
             "past the capacity"
         );
-        // In no order, each of the expected ones at most once.
+        // In any order, each expected photon at most once.
         repaired.sort_unstable();
         let mut photons: Vec<_> = photons.iter().map(|p| (p.position.map(f32::to_bits), p.word)).collect();
         photons.sort_unstable();

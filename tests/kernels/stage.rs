@@ -1,4 +1,4 @@
-//! A small scene on the device as a render would have it, and f64 lines against all of its triangles.
+//! A small scene on the device, prepared as for a render, and f64 lines against all of its triangles.
 
 use glam::DVec3;
 use kernel_kit::{Gpu, Resources};
@@ -21,7 +21,7 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Uploads a scene for the passes of a technique; `changed` has the last word on the features.
+    /// Uploads a scene for the passes of a technique. `changed` may modify the features.
     pub fn new(
         gpu: &Gpu,
         mut scene: Scene,
@@ -45,14 +45,14 @@ impl Stage {
     }
 }
 
-/// A tile that is all of an image, `layers` samples a pixel.
+/// A tile that covers a whole image, with `layers` samples per pixel.
 pub fn whole([width, height]: [u32; 2], layers: u32) -> Tile {
     let pixel_count = width * height;
     let point_count = pixel_count * layers;
     Tile { width, height, first_row: 0, pixel_count, point_count, first_sample: 0, seed: 3, centred: 0 }
 }
 
-/// Where a line meets a triangle, or passes it by no more than [`EDGE`].
+/// The crossing of a line with a triangle, or one outside it by at most [`EDGE`].
 #[derive(Clone, Copy, Debug)]
 pub struct Crossing {
     pub triangle: usize,
@@ -60,18 +60,18 @@ pub struct Crossing {
     /// Barycentric coordinates of corners 1 and 2.
     pub u: f64,
     pub v: f64,
-    /// The smallest barycentric coordinate: negative outside.
+    /// The smallest barycentric coordinate, negative outside.
     pub inside: f64,
     /// Unit normal of the front.
     pub normal: DVec3,
 }
 
-/// Nearer to an edge, in barycentric coordinates, the answer depends on rounding: coordinates of unit size are off by
-/// 1e-7, the triangles of these tests are larger than a twentieth.
+/// Barycentric distance from an edge below which the answer depends on rounding: coordinates of unit size have an error
+/// of 1e-7, and the triangles of these tests are larger than a twentieth.
 pub const EDGE: f64 = 1e-5;
 
 impl Crossing {
-    /// Too near to an edge to tell.
+    /// Whether it is so near to an edge that rounding decides.
     pub fn doubtful(&self) -> bool {
         self.inside.abs() < EDGE
     }
@@ -118,7 +118,7 @@ pub fn oct_encode(n: DVec3) -> u32 {
 /// A sampled point of a light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightPoint {
-    /// Where its shadow ray starts.
+    /// Origin of its shadow ray.
     pub origin: DVec3,
     pub pdf: f64,
     pub direction: DVec3,
@@ -127,9 +127,9 @@ pub struct LightPoint {
 }
 
 impl LightPoint {
-    /// Whether nothing blocks the shadow ray; None where that depends on rounding.
+    /// Whether the shadow ray is unoccluded; None if that depends on rounding.
     pub fn visible(&self, scene: &Scene) -> Option<bool> {
-        // As the pass has it, short of the light's own surface.
+        // As in the pass, the ray ends before the light's own surface.
         let end = self.distance * (1.0 - 1e-4);
         let all = crossings(scene, self.origin, self.direction);
         let near: Vec<&Crossing> = all.iter().filter(|c| c.t > 0.0 && c.t < end + 1e-6).collect();
@@ -202,12 +202,12 @@ pub fn hash1(x: u32) -> u32 {
     (word >> 22) ^ word
 }
 
-/// Of several words, the first one outermost.
+/// The hash of several words, the first one outermost.
 pub fn hash(words: &[u32]) -> u32 {
     words.iter().rev().copied().reduce(|inner, word| word.wrapping_add(hash1(inner))).map_or(0, hash1)
 }
 
-/// A number that host and kernels share.
+/// A constant that host and kernels share.
 pub fn constant(name: &str) -> u32 {
     penumbra::internal::kernels::constant(name).unwrap()
 }

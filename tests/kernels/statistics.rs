@@ -1,11 +1,11 @@
-//! Tests of samples against what they should be, at a significance that holds for a whole family of tests.
+//! Statistical tests of samples, at a significance level that holds for a whole family of tests.
 
-/// Chance that a correct sampler fails one of the tests of a family. Seeds are fixed, so that a test that passed
-/// once passes always; the figure says how strange a pass or a failure would be.
+/// Probability that a correct sampler fails at least one test of a family. Seeds are fixed, so a test that passed once
+/// always passes.
 const SIGNIFICANCE: f64 = 1e-3;
 
-/// Checks counts against their expectation by Pearson's chi-square, cells of fewer than 5 expected ones pooled.
-/// `family` is the number of tests that the significance is shared by (Sidak).
+/// Checks counts against their expectation by Pearson's chi-square. Cells with an expectation below 5 are pooled.
+/// `family` is the number of tests that share the significance level (Sidak).
 pub fn chi_square(observed: &[u64], expected: &[f64], family: u32) -> Result<(), String> {
     assert_eq!(observed.len(), expected.len());
     let (mut statistic, mut cells, mut rest) = (0.0, 0u32, (0.0, 0.0));
@@ -76,7 +76,7 @@ fn normal_quantile(p: f64) -> f64 {
     low
 }
 
-/// The tests themselves tell a fair die from a loaded one.
+/// The tests distinguish a fair die from a loaded one.
 #[test]
 fn a_loaded_die_is_found() {
     assert!((normal_quantile(0.975) - 1.959964).abs() < 1e-5);

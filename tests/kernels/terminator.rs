@@ -1,5 +1,5 @@
-//! The shadow terminator: a coarse sphere with smooth normals darkens as the sphere that it approximates, without black
-//! triangles or the shadows of its edges (Hanika 2021).
+//! The shadow terminator: a coarse sphere with smooth normals is shaded like the sphere that it approximates, without
+//! black triangles or shadows of its edges (Hanika 2021).
 
 use std::f64::consts::PI;
 
@@ -15,10 +15,11 @@ use crate::stage::crossings;
 const RADIUS: f64 = 0.5;
 const ALBEDO: f32 = 0.5;
 const EYE: DVec3 = DVec3::new(0.0, 0.0, 2.0);
-/// Aside of the view, so that the terminator crosses the middle of the image, and aslant of the sphere's edges.
+/// Direction of the light: beside the view, so that the terminator crosses the middle of the image, and oblique to the
+/// sphere's edges.
 const LIGHT: DVec3 = DVec3::new(1.9, 1.1, 0.2);
 
-/// The sphere, of triangles that are 22 degrees wide, and either light.
+/// The sphere, of triangles that are 22 degrees wide, under either light.
 fn ball(area_light: bool) -> Scene {
     let ball = (sphere(DVec3::ZERO, RADIUS, 8), surface(ALBEDO, 0.0));
     let towards = -LIGHT.normalize();
@@ -53,8 +54,8 @@ fn render(gpu: &Gpu, area_light: bool, technique: Technique, spp: u32) -> Image 
     renderer.image().unwrap()
 }
 
-/// What a point of the sphere reflects: of the point light, or of 24 x 24 pieces of the square. `visible` says of a
-/// direction whether light comes from there at all.
+/// The light that a point of the sphere reflects, from the point light or from 24 x 24 pieces of the square. `visible`
+/// tells whether light arrives from a direction.
 fn reflected(area_light: bool, position: DVec3, normal: DVec3, visible: impl Fn(DVec3) -> bool) -> f64 {
     let from = |light: DVec3, intensity: f64| {
         let offset = light - position;
@@ -78,16 +79,16 @@ fn reflected(area_light: bool, position: DVec3, normal: DVec3, visible: impl Fn(
     (0..N * N).map(piece).sum()
 }
 
-/// Of the pixels that show the sphere, off its rim, where normals are bent: those that differ from what the smooth
-/// sphere reflects, from what the triangles would with black ones behind their own horizons, and how many there are.
+/// Numbers of pixels that show the sphere, without its rim, where normals are bent: those that differ from the smooth
+/// sphere; those that differ from triangles that are black below their own horizons; and all of them.
 fn differences(image: &Image, area_light: bool) -> [usize; 3] {
     let channel = |name: &str| image.channel(name).unwrap();
     let vector = |names: [&str; 3], i: usize| DVec3::from(names.map(|name| f64::from(channel(name)[i])));
     let triangles = ball(false);
     // At the sphere's brightest point.
     let brightest = reflected(area_light, LIGHT.normalize() * RADIUS, LIGHT.normalize(), |_| true);
-    // Rays leave from up to 0.02 over the triangles, a hundredth of the way to the light; the square's noise and its
-    // pieces are less.
+    // Rays start up to 0.02 above the triangles, a hundredth of the distance to the light. The errors by the square's
+    // noise and by its pieces are smaller.
     let differs = |got: f64, expected: f64| (got - expected).abs() > 0.02 * brightest;
     let mut found = [0; 3];
     for i in 0..image.pixels() {
@@ -107,8 +108,8 @@ fn differences(image: &Image, area_light: bool) -> [usize; 3] {
     found
 }
 
-/// By each technique that traces shadow rays, under a point light and under a square; and the comparison sees triangles
-/// that are cut off at their own horizons.
+/// Images agree for each technique that traces shadow rays, under a point light and under a square. The comparison
+/// detects triangles that are black below their own horizons.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_coarse_sphere_darkens_as_the_smooth_one(gpu: &Gpu) {
     for area_light in [false, true] {

@@ -96,7 +96,7 @@ fn answer([t, u, v, primitive]: [u32; 4]) -> Answer {
 /// Intersection of a ray with a triangle in double precision.
 struct Meeting {
     t: f64,
-    /// Distance of the ray from the nearest edge, measured across the ray; negative outside the triangle.
+    /// Distance of the ray from the nearest edge, measured perpendicular to the ray; negative outside the triangle.
     inside: f64,
     /// Maximum error of t, given that of points.
     t_slack: f64,
@@ -319,8 +319,8 @@ fn occlusion_and_lines_are_those_of_all_triangles(gpu: &Gpu) {
     assert!(checked > 3600 && (400..checked - 400).contains(&stopped), "{checked} rays checked, {stopped} stopped");
 }
 
-/// No ray leaves nested closed boxes from inside the innermost one, even towards corners, points of edges and points of
-/// the faces' diagonals, as exactly as floats allow (FIELD.md, case 21).
+/// No ray leaves nested closed boxes from inside the innermost one, even if it points, as exactly as floats allow, at
+/// corners, edges or the faces' diagonals.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn closed_boxes_are_watertight(gpu: &Gpu) {
     let inner = closed_box(0.5);
@@ -348,7 +348,7 @@ fn closed_boxes_are_watertight(gpu: &Gpu) {
 }
 
 /// Rays along the axes (other components 0 and -0) hit a grid of triangles at its corners and edges, rim included, and
-/// never if they run within its plane (FIELD.md, case 28).
+/// never if they run within its plane.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn rays_along_axes_meet_grids_at_their_corners(gpu: &Gpu) {
     let cells = 16i32;
@@ -385,8 +385,7 @@ fn rays_along_axes_meet_grids_at_their_corners(gpu: &Gpu) {
     }
 }
 
-/// Of coincident triangles the one with the lowest primitive index is hit, whichever the traversal reaches first
-/// (FIELD.md, case 5).
+/// Of coincident triangles the one with the lowest primitive index is hit, whichever the traversal reaches first.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn coplanar_duplicates_go_to_the_lowest_primitive_index(gpu: &Gpu) {
     let triangles: Vec<Triangle> = soup(40, 0.5).into_iter().flat_map(|triangle| [triangle; 9]).collect();
@@ -403,7 +402,7 @@ fn coplanar_duplicates_go_to_the_lowest_primitive_index(gpu: &Gpu) {
 }
 
 /// Slivers up to a million times as long as wide, side by side, leave no gaps: a ray between their ends hits one of
-/// them, with finite coordinates (FIELD.md, case 3).
+/// them, with finite coordinates.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn slivers_leave_no_gaps(gpu: &Gpu) {
     for width in [2f32.powi(-20), 2f32.powi(-10)] {
@@ -438,7 +437,8 @@ fn slivers_leave_no_gaps(gpu: &Gpu) {
             // sliver's length, which is 1. For the thinnest slivers this only bounds t between the corners.
             let slack = 2f64.powi(-21) / f64::from(width);
             assert!((f64::from(answer.t) - t).abs() < slack, "{ray:?}: {answer:?} instead of {t}");
-            // Moved along the plane, whose inclination is off by as much: the square of that, and a few roundings.
+            // With t moved along the plane, whose inclination has the same relative error, the square of that error and
+            // a few roundings remain.
             assert!(on_plane.primitive != NO_HIT, "{ray:?}");
             let slack = slack * slack + 2f64.powi(-20);
             assert!((f64::from(on_plane.t) - t).abs() < slack, "{ray:?}: {on_plane:?} instead of {t}");
@@ -446,7 +446,7 @@ fn slivers_leave_no_gaps(gpu: &Gpu) {
     }
 }
 
-/// Traversal gives right hits in a hierarchy of 100,000 triangles that share one centroid (FIELD.md, case 25).
+/// Traversal gives right hits in a hierarchy of 100,000 triangles that share one centroid.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn identical_centroids_are_traced(gpu: &Gpu) {
     let mut random = Random(11);
@@ -476,7 +476,8 @@ fn a_traversal_that_gives_up_says_so(gpu: &Gpu) {
     assert_eq!(lines[1], [0; 4]);
 }
 
-/// An offset origin clears its surface: on the normal's side, by at least the error of a hit point, and by little more.
+/// An offset origin is above its surface, on the normal's side, by at least the error of a hit point and by not much
+/// more.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn offset_origins_clear_their_surface(gpu: &Gpu) {
     let mut random = Random(23);

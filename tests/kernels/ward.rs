@@ -15,7 +15,7 @@ use crate::path::{camera, scene, surface};
 use crate::stage::{Stage, hash1, oct_encode, whole};
 use crate::statistics::Random;
 
-/// More than `order` takes at once.
+/// More lights than one dispatch of `order` processes.
 const LIGHTS: usize = 70;
 const SAMPLES: u32 = 2;
 const ALBEDO: f32 = 0.6;
@@ -52,14 +52,14 @@ fn room(lamps: &[Lamp]) -> Scene {
     scene(&[(floor, surface(ALBEDO, 0.0))], lamps.iter().map(punctual).collect())
 }
 
-/// The visibility bits of a candidate: random, with a probability of its own for each light.
+/// The visibility bits of a candidate: random, with a different probability for each light.
 fn bits(candidate: u32, points: u32) -> u32 {
     let (light, word) = (candidate / points, hash1(candidate));
     (0..SAMPLES).filter(|j| (word >> (8 * j) & 255) < 40 + 3 * light).map(|j| 1 << j).sum()
 }
 
-/// The procedure's result at one point: the lights that are tested, the estimates of others, and whether a decision or
-/// the order depends on rounding.
+/// The procedure's result at one point: the tested lights, the estimates for the others, and whether a decision or the
+/// order depends on rounding.
 struct Expected {
     tested: Vec<bool>,
     guess: Vec<f64>,
@@ -83,7 +83,7 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
     for (rank, (p, light)) in list.iter().enumerate() {
         doubtful |= rest > 0.0 && (rest - tolerance * found).abs() < 2e-3 * rest;
         if rest < tolerance * found {
-            // Keys keep twelve bits of a potential: the order of two that are alike is not tested.
+            // Keys keep twelve bits of a potential, so the order of two similar potentials is not tested.
             doubtful |= list[rank - 1].0 < p * (1.0 + 1e-3);
             break;
         }
@@ -100,8 +100,8 @@ fn by_hand(point: &Point, index: u32, points: u32, lamps: &[Lamp], rates: &[[f64
     Expected { guess: (0..lamps.len()).map(guess).collect(), tested, doubtful }
 }
 
-/// Two tiles, one after the other: at every point the lights that Ward's procedure tests are, no others, and the rest
-/// is guessed as it guesses; the second tile goes by what the first has learnt. Another tolerance is told apart.
+/// Two tiles in sequence: at every point the pass tests exactly the lights that Ward's procedure tests, and estimates
+/// the rest as it does. The second tile uses the statistics of the first. Another tolerance is detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn lights_are_tested_as_ward_does(gpu: &Gpu) {
     let lamps = lamps();
@@ -181,7 +181,7 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
                 let other = of(tolerance * 1.5);
                 blind += usize::from(other.tested.iter().filter(|tested| **tested).count() == number);
             }
-            // What was tested is learnt, whether we were in doubt or not.
+            // The statistics include all tests, also those of undecided points.
             for (light, rate) in rates.iter_mut().enumerate() {
                 for i in (0..points.len()).filter(|i| is_tested(light, *i)) {
                     rate[0] += f64::from(bits(light as u32 * count + i as u32, count).count_ones());

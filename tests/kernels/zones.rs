@@ -10,19 +10,19 @@ use penumbra::internal::specialisation::kernels::sorting_grid;
 use crate::kit::device_features;
 use crate::rooms::{Random, photon};
 
-/// Defects that the comparison must find.
+/// Planted faults that the comparison must detect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
-    /// Zones around a zone do not count.
+    /// Neighbouring zones do not count.
     Alone,
-    /// Lights that have only shadow photons are listed.
+    /// Lights with only shadow photons are listed.
     Shadowed,
-    /// The lights that are listed are those with the most photons, whatever their power.
+    /// The listed lights are those with the most photons, regardless of power.
     Powerless,
 }
 
-/// The list of one zone: (light, share in 65,535ths of which the root is listed).
+/// The list of one zone: (light, share in 65,535ths; the list holds its square root).
 fn expected(
     photons: &[Photon],
     shape: &GridShape,
@@ -44,7 +44,7 @@ fn expected(
     }
     let strength = |light: usize| {
         let power = if fault == Fault::Powerless { 1.0 } else { powers[light] };
-        // To two bits behind the binary point of a float's significand.
+        // To the upper two bits of a float's mantissa.
         (tallies[light][0].max(u32::from(fault == Fault::Shadowed)) as f32 * power).to_bits() >> 21
     };
     let reaches = |light: &usize| match fault {
@@ -52,7 +52,7 @@ fn expected(
         _ => tallies[*light][0] > 0,
     };
     let mut lights: Vec<usize> = (0..powers.len()).filter(reaches).collect();
-    // Stable: of equal ones the first.
+    // A stable sort: of equal lights the first.
     lights.sort_by_key(|light| std::cmp::Reverse(strength(*light)));
     lights.truncate(ZONE_LIGHTS as usize - usize::from(environment));
     lights.sort();
@@ -66,12 +66,13 @@ fn expected(
     words
 }
 
-/// The same light, and a share that differs by rounding alone.
+/// The same light, and a share that differs by rounding only.
 fn alike(a: u32, b: u32) -> bool {
     a & 0xffff == b & 0xffff && (a >> 16).abs_diff(b >> 16) <= 1
 }
 
-/// Photons in a cube about the origin, most of them of the first lights, and in clusters: lists of every length.
+/// Photons in a cube around the origin, most of them of the first lights, and in clusters, so that there are lists of
+/// every length.
 fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
     let one = |random: &mut Random| {
         let light = (random.unit().powi(2) * lights as f32) as u32;
@@ -82,9 +83,9 @@ fn scattered(count: usize, lights: u32, random: &mut Random) -> Vec<Photon> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Each zone lists the lights whose photons are there and around, the strongest where there are too many, with the
-/// share that arrived: no photon and one, lights around the length of a list and as many as there can be, and more
-/// zones than 65,535.
+/// Each zone lists the lights with photons in it and its neighbours, the strongest if there are too many, with their
+/// shares of illumination photons. The cases: no photons and one, numbers of lights around the length of a list and the
+/// maximum, and more than 65,535 zones.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn zones_list_the_lights_that_reach_them(gpu: &Gpu) {
     let mut random = Random(5);
