@@ -54,7 +54,7 @@ fn environment_density(shape: EnvironmentShape, row: u32, column: u32) -> f32 {
     return of_row * of_cell * abs(own.w) / environment_cell_width(shape, column);
 }
 
-// The patch that a direction meets, and the position within it, 0 to 1.
+// The patch that contains a direction, and the position within it, 0 to 1.
 struct EnvironmentPatch {
     column: u32,
     row: u32,

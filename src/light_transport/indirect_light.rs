@@ -1,5 +1,5 @@
-//! Indirect light: the global map, the irradiance cache, and paths for the light that neither of them has. In
-//! techniques without separate direct light these bring all light.
+//! Indirect light: the global map, the irradiance cache, and paths for the light that neither of them holds. In
+//! techniques without separate direct light these compute all light.
 
 use kernel_kit::{Bindings, Frame};
 
@@ -15,7 +15,7 @@ use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
-/// What indirect light is made from.
+/// The inputs of indirect light.
 pub(crate) struct IndirectSetup<'a> {
     pub shared: Shared<'a>,
     pub kernels: &'a IndirectKernels,
@@ -25,17 +25,17 @@ pub(crate) struct IndirectSetup<'a> {
 }
 
 pub(crate) struct IndirectLight {
-    /// Paths and gather rays end in it, or it is shown directly.
+    /// The map in which paths and gather rays end, or which is shown directly.
     map: Option<GlobalMap>,
-    /// The diffuse part.
+    /// The cache of the diffuse part.
     cache: Option<IrradianceCache>,
-    /// Paths: for all light, or for what map and cache leave out.
+    /// Paths: for all light, or for the light that map and cache leave out.
     path: Option<BoundPath>,
 }
 
 impl IndirectLight {
-    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache, as far as there are
-    /// kernels.
+    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache. A part without kernels
+    /// is left out.
     pub fn new(setup: &IndirectSetup<'_>, totals: &mut Totals) -> Result<IndirectLight> {
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;

@@ -197,7 +197,7 @@ fn radius(distance: f32, pixel: f32, accuracy: f32) -> f32 {
 }
 
 /// Distances of the records such that none exceeds a neighbour's distance plus the distance to that neighbour
-/// (neighbour clamping, Krivanek et al. 2006): one record may have hit what another missed between its rays.
+/// (neighbour clamping, Krivanek et al. 2006): one record may have hit a surface that another missed between its rays.
 fn neighbour_distances(heads: &[RecordHead], accuracy: f32) -> Vec<f32> {
     let mut distances: Vec<f32> = heads.iter().map(|head| head.distance).collect();
     let radii: Vec<f32> = heads.iter().map(|head| radius(head.distance, head.size, accuracy)).collect();

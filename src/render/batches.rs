@@ -25,7 +25,7 @@ impl Renderer<'_> {
     /// Renders one or more samples of every pixel, and no more than the settings request until these are complete.
     ///
     /// # Errors
-    /// [`crate::Error::Computation`] if more than a thousandth of the rays met the loop budget, and those of
+    /// [`crate::Error::Computation`] if more than a thousandth of the rays exceeded the loop budget, and those of
     /// [`kernel_kit::Gpu::check`].
     pub fn render_batch(&mut self) -> Result<Progress> {
         self.render_up_to(u32::MAX)

@@ -1,5 +1,5 @@
 //! Renders that continue from a checkpoint, in another process or on another device, with the same bits as without the
-//! break.
+//! interruption.
 
 use std::path::Path;
 
@@ -58,8 +58,8 @@ impl Renderer<'_> {
         self.resume_from(&Checkpoint::read(path)?)
     }
 
-    /// Continues the render that wrote the checkpoint, with the same bits as without the break. Call it before the
-    /// first sample.
+    /// Continues the render that wrote the checkpoint, with the same bits as without the interruption. Call it before
+    /// the first sample.
     ///
     /// # Errors
     /// [`Error::Input`] if the checkpoint belongs to another scene, another camera or other settings, including seed

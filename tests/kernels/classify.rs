@@ -119,7 +119,7 @@ impl<'a> Setup<'a> {
                 assert!((f64::from(got.visibility) - n_i as f64 / k as f64).abs() < step / 2047.0);
             }
         }
-        // Photons of one k-th distance in 1e-6 of it: density times that is about k per million.
+        // Relative errors of 1e-6 in the k-th distance: about k candidates per million have a photon within them.
         assert!(doubtful * 100 <= checked, "{doubtful} of {checked} candidates are in doubt");
         counts
     }

@@ -342,7 +342,7 @@ fn near_points_are_not_looked_up(gpu: &Gpu) {
         // vertex.
         assert_eq!(rays == 0, looked_up, "radius {radius}: {rays} rays");
         let measured = by_seed[0][0].irradiance();
-        // pi times 3 a / pi; half of it after one bounce more.
+        // pi times 3 a / pi; half of it after one more bounce.
         let expected = if looked_up { 1.5 } else { 0.75 };
         assert!((measured - expected).abs() < 1e-4, "radius {radius}: {measured}");
     }

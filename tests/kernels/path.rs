@@ -170,7 +170,7 @@ fn the_closed_sphere_has_its_known_radiance(gpu: &Gpu) {
 fn a_floor_under_a_rectangle_has_lamberts_irradiance(gpu: &Gpu) {
     const SIZE: usize = 12;
     const SPP: u32 = 400;
-    // Upright, its foot 1e-3 over the floor, facing +z: the floor in front of it is lit down to grazing angles.
+    // Upright, its lower edge 1e-3 over the floor, facing +z: the floor in front of it is lit down to grazing angles.
     let light = square(DVec3::new(0.0, 0.151, -0.3), DVec3::X * 0.2, DVec3::Y * 0.15);
     let floor = square(DVec3::ZERO, DVec3::Z * 0.6, DVec3::X * 0.6);
     let all = scene(&[(floor, surface(1.0, 0.0)), (light.clone(), surface(0.0, 3.0))], Vec::new());

@@ -418,7 +418,7 @@ fn slivers_leave_no_gaps(gpu: &Gpu) {
         let mut random = Random(3);
         let rays: Vec<_> = (0..5000)
             .map(|_| {
-                // A sixteenth of the band clear of each rim: 32 slivers, far more than a target's rounding.
+                // A sixteenth of the band away from each rim: 32 slivers, far more than the rounding of a target.
                 let across = (0.0625 + 0.875 * random.number()) * count as f32 * width;
                 let target = vec3(across, 0.9 * random.number() - 0.45, 0.0);
                 let origin = vec3(random.number(), random.number(), 0.5 + random.number());

@@ -20,7 +20,7 @@ fn edge_term(a: vec3f, b: vec3f, n: vec3f) -> f32 {
 // for them.
 const SMALL_LIGHT = 8.0;
 
-// Lambert's term for an edge of a small light, over the squared length of `base`. `base` leads from the position to a
+// Lambert's term for an edge of a small light, times the squared length of `base`. `base` leads from the position to a
 // point of the contour's plane, `offset_a` and `offset_b` from there to the edge's ends.
 //
 // Lambert's terms are proportional to the width of the light, but their sum to its area: they cancel. For a light a

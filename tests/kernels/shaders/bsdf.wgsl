@@ -1,4 +1,4 @@
-// What the BSDF module answers, for a test to compare.
+// Evaluates and samples the BSDF module, for a test to compare.
 
 import package::kit::group_index;
 import package::lib::bsdf::surface::Surface;
@@ -9,7 +9,7 @@ import package::lib::sampling::sobol4;
 
 override count: u32;
 override seed: u32;
-// 1: the samples of one sequence; 0: a sequence each, so that they are independent.
+// 1: all samples are from one sequence; 0: each is from a sequence of its own, so that they are independent.
 override stratified: u32;
 
 // Albedo and alpha; f0 and f90; the dielectric's two, geometric normal's x and z; shading normal, coat normal's x;
@@ -85,7 +85,7 @@ fn sampled(
     results[2u * i + 1u] = vec4f(s.weight, flux);
 }
 
-// What the surface reflects where a path ends, as albedo.
+// The albedo of the surface where a path ends.
 @compute @workgroup_size(64)
 fn seen_afar(
     @builtin(workgroup_id) group: vec3u,

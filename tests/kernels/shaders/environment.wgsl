@@ -1,4 +1,4 @@
-// What the environment answers, for a test to compare.
+// Evaluates and samples the environment, for a test to compare.
 
 import package::kit::group_index;
 import package::lib::environment::{environment_met, environment_radiance, environment_sample};
@@ -15,7 +15,7 @@ fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
     return group_index(group, groups) * 64u + lane;
 }
 
-// Of a direction: radiance and density; radiance alone.
+// For each direction: radiance and density; radiance only.
 @compute @workgroup_size(64)
 fn met(
     @builtin(workgroup_id) group: vec3u,

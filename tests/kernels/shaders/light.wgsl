@@ -1,4 +1,4 @@
-// What the light module answers, for a test to compare.
+// Evaluates and samples the light module, for a test to compare.
 
 import package::kit::group_index;
 import package::lib::light::table::{light_count, light_has_closed_form};
@@ -19,7 +19,7 @@ fn item(group: vec3u, groups: vec3u, lane: u32) -> u32 {
     return group_index(group, groups) * 64u + lane;
 }
 
-// Irradiance, and bits: 1 dark, 2 closed form, 4 there is no such light.
+// Irradiance, and bits: 1 dark, 2 closed form, 4 no such light.
 @compute @workgroup_size(64)
 fn closed(
     @builtin(workgroup_id) group: vec3u,
@@ -36,7 +36,7 @@ fn closed(
     results[i] = vec4f(light_unshadowed_irradiance(light, place.xyz, normal), f32(bits));
 }
 
-// The mean over the samples of a place of radiance times cosine over density, and the mean square of its red.
+// The mean over a position's samples of radiance times cosine over density, and the mean square of its red.
 @compute @workgroup_size(64)
 fn sampled(
     @builtin(workgroup_id) group: vec3u,
@@ -49,7 +49,8 @@ fn sampled(
     let normal = places[2u * i + 1u].xyz;
     var sum = vec4f(0.0);
     for (var j = 0u; j < samples; j++) {
-        // A sequence each, so that the samples are independent and their spread tells the error.
+        // Each sample is from a sequence of its own, so that the samples are independent and their spread gives the
+        // error.
         let s = light_sample(u32(place.w), place.xyz, sobol2(j, seed + j));
         if s.pdf > 0.0 {
             let f = s.radiance * (max(dot(s.direction, normal), 0.0) / s.pdf);
@@ -59,7 +60,7 @@ fn sampled(
     results[i] = sum / f32(samples);
 }
 
-// Where single samples of one place go: direction and density, radiance and distance.
+// The samples of one position: direction and density, radiance and distance.
 @compute @workgroup_size(64)
 fn listed(
     @builtin(workgroup_id) group: vec3u,

@@ -13,7 +13,7 @@ override candidates: u32;
 override samples: u32;
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
-// Three vectors a light point: where a shadow ray starts and density, direction and distance, radiance.
+// Three vectors per light point: origin of the shadow ray and density, direction and distance, radiance.
 @group(0) @binding(1) var<storage, read_write> sampled: array<vec4f>;
 
 var<immediate> tile: Tile;

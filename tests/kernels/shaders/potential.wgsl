@@ -1,4 +1,4 @@
-// The potentials of lights at points, which lights are sampled by, beside their irradiance, for a test to compare.
+// The potentials of lights at points, by which lights are sampled, and their irradiance, for a test to compare.
 
 import package::kit::group_index;
 import package::lib::light::{light_dark, light_potential, light_unshadowed_irradiance};
@@ -7,7 +7,7 @@ override count: u32;
 
 // Position and light, normal.
 @group(0) @binding(0) var<storage, read> queries: array<vec4f>;
-// Potential, irradiance of a light that has a closed form, whether it is dark.
+// Potential, irradiance of a light with a closed form, whether it is dark.
 @group(0) @binding(1) var<storage, read_write> results: array<vec4f>;
 
 @compute @workgroup_size(64)

@@ -1,4 +1,4 @@
-// Points of the sequences, and warped ones, for a test to count.
+// Points of the sequences, and warped points, for a test to count.
 
 import package::kit::group_index;
 import package::lib::sampling::{
@@ -60,8 +60,8 @@ fn warped(
     points[i] = vec4f(p, 0.0);
 }
 
-// Barycentric coordinates of points of a triangle as it is seen, its solid angle, and points even over its area; the
-// corners and the position that sees it are the first four `directions`.
+// Barycentric coordinates of points uniform over a triangle's solid angle, the solid angle, and points uniform over the
+// area. The first four `directions` are the corners and the position.
 @compute @workgroup_size(64)
 fn seen(
     @builtin(workgroup_id) group: vec3u,
@@ -78,7 +78,7 @@ fn seen(
     points[i * 2u + 1u] = vec4f(sample_triangle(u), 0.0, 0.0);
 }
 
-// Of each direction: as 16-bit and as 7-bit octahedral coordinates give it back, and its basis.
+// For each direction: its vectors after 16-bit and 7-bit octahedral coding, and its basis.
 @compute @workgroup_size(64)
 fn coded(
     @builtin(workgroup_id) group: vec3u,
