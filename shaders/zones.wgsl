@@ -33,8 +33,8 @@ const BUCKET_SHIFT = 21u;
 // For each light: illumination photons in bits 0-15, shadow photons above.
 var<workgroup> tallies: array<atomic<u32>, MAX_LIGHTS>;
 var<workgroup> buckets: array<atomic<u32>, BUCKETS>;
-// For each invocation: in bits 0-15 its lights above the last bucket that is listed, from bit 16 those in that bucket;
-// later, the number of lights listed before its own.
+// For each invocation: in bits 0-15 its lights above the last bucket that is listed, from bit 16 those in that bucket.
+// `lane_firsts` holds the sums of these over earlier invocations.
 var<workgroup> lane_counts: array<u32, GROUP>;
 var<workgroup> lane_firsts: array<u32, GROUP>;
 var<workgroup> last_bucket: u32;
@@ -113,7 +113,7 @@ fn list_lights(zone: u32, first_light: u32, lights: u32, before: u32) {
     }
 }
 
-// One workgroup a zone.
+// One workgroup per zone.
 @compute @workgroup_size(64)
 fn list(
     @builtin(workgroup_id) group: vec3u,

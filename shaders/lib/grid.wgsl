@@ -143,8 +143,8 @@ fn row_photons(grid: GridShape, light: u32, row: vec2i, ball: SearchBall) -> vec
 // count.
 @if(!paper_counting)
 fn clip_to_plane(ends: vec2f, row_low: vec2f, ball: SearchBall) -> vec2f {
-    // Photon and query both lie in boxes. From the axes across the row, their offset along the normal has this middle
-    // and half range.
+    // Photon and query both lie in boxes. The part of their offset along the normal that comes from y and z has this
+    // middle and half range.
     let normal = ball.normal;
     let middle = dot(row_low + 0.5 - 0.5 * (ball.low.yz + ball.high.yz), normal.yz);
     let range = 0.5 * dot(vec2f(1.0) + ball.high.yz - ball.low.yz, abs(normal.yz)) + (0.25 + ball.tilt) * ball.reach;

@@ -146,7 +146,7 @@ const BEYOND_SCENE = 4.0;
 // The shadow ray from a surface to a light point, with t from 0 to 1; both ends are offset from their surfaces. It
 // leads to the light point itself, not along the sample's direction: from the offset origin, that direction would miss
 // the point by as much, and could hit a curved light before the ray ends. Where light and surface are closer than these
-// offsets, the ray would begin beyond the light or end beyond the surface. No occluder fits in between, and the ray is
+// offsets, the ray would begin beyond the light or end below the surface. No occluder fits in between, and the ray is
 // empty.
 fn shadow_ray(position: vec3f, normal: vec3f, sampled: LightSample) -> Ray {
     let origin = offset_origin(position, normal);

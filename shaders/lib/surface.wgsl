@@ -127,7 +127,7 @@ fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> Sm
                 side * oct_decode16(met.texel.z),
             );
             let n = w * normals[0] + hit.u * normals[1] + hit.v * normals[2];
-            // Opposite normals at the corners may sum to nothing.
+            // Opposite normals at the corners may sum to 0.
             if dot(n, n) > 1e-12 { surface.shading_normal = normalize(n); }
             let cosines = vec2f(dot(normals[1], triangle_normal), dot(normals[2], triangle_normal));
             if min(dot(normals[0], triangle_normal), min(cosines.x, cosines.y)) > SMOOTH_COSINE {
