@@ -61,7 +61,7 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RenderOptions,
 
-    /// Render for so long; --spp is then only an upper limit, without a default
+    /// Render for this time; --spp is then only an upper limit, without a default
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
@@ -82,7 +82,8 @@ fn budget(text: &str) -> std::result::Result<Duration, String> {
 /// Time between checkpoints: the maximum that a crash can lose.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 
-/// Minimum number of samples for an estimate of the error: the variance of fewer says little where light is rare.
+/// Minimum number of samples for an estimate of the error. The variance of fewer samples says little where light is
+/// rare.
 const MIN_SAMPLES: u32 = 8;
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
@@ -152,7 +153,7 @@ impl Session<'_> {
     fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
         let arguments = self.arguments;
         self.notes.say(renderer.notes());
-        // Before this there is nothing to save.
+        // Before this point there is nothing to save.
         self.interrupt.defer();
         let deadline = arguments.time.map(|time| self.started + time);
         if !arguments.quiet && !self.announced {

@@ -92,8 +92,8 @@ pub struct Arguments {
     device: DeviceOptions,
 }
 
-/// Default number of runs of each technique, where time allows: Student's factor on intervals falls by little from here
-/// on.
+/// Default number of runs of each technique, if time allows. With more runs, Student's factor on intervals hardly
+/// decreases.
 const REPEATS: usize = 5;
 
 /// Seconds that a report takes at most by default.
@@ -155,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     end
 }
 
-/// The runs that are to be made.
+/// The runs to make.
 struct Schedule {
     /// In the order of [`Technique::all()`], each once.
     techniques: Vec<Technique>,
@@ -214,7 +214,7 @@ impl Drop for Folder<'_> {
     }
 }
 
-/// What is measured, and the device: the one opened at the start, or one of the same name in its place.
+/// The subject of the measurements, and the device: the one opened at the start, or a replacement of the same name.
 struct Bench<'a> {
     arguments: &'a Arguments,
     scene: &'a Scene,
@@ -228,7 +228,7 @@ impl Bench<'_> {
         Subject { gpu: &self.gpu, scene: self.scene, camera: self.camera, settings: self.settings }
     }
 
-    /// Does `work`, again from its start on another device where one is lost.
+    /// Runs `work`. If the device is lost, runs it again from its start on another one.
     fn on<T>(&mut self, mut work: impl FnMut(&Subject<'_>) -> Result<T>) -> Result<T> {
         let Bench { arguments, scene, camera, settings, gpu } = self;
         let lost = gpu.info.clone();
@@ -273,7 +273,7 @@ impl Bench<'_> {
         Ok(reference)
     }
 
-    /// True visibility, where sweeps or techniques that classify points are compared with it.
+    /// True visibility, if sweeps or techniques that classify points are compared with it.
     fn truth(&mut self, schedule: &Schedule, folder: &Path) -> Result<Option<Truth>> {
         let sweeps = !self.arguments.sweep.is_empty();
         if !sweeps && !schedule.techniques.iter().any(|technique| technique.classifies()) {

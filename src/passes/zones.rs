@@ -56,7 +56,7 @@ pub struct ZoneTable {
 bindings! {
     /// What kernels read of the zones.
     pub struct ZoneListBindings {
-        /// [`ZONE_LIGHTS`] words a zone.
+        /// [`ZONE_LIGHTS`] words per zone.
         pub zone_lists: &Table,
     }
 }
