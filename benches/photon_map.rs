@@ -90,9 +90,9 @@ fn main() {
             Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
         for exact_counts in [true, false] {
-            let classify = Classify::new(gpu, &features, k, exact_counts).unwrap();
+            let classify = Classify::new(gpu, &features.clone().with(Feature::ExactCounts, exact_counts), k).unwrap();
             let bound = classify.bind(gpu, &buffers, Some(&built), &candidates, &Resources::new()).unwrap();
-            let label = format!("a million points, {}", if exact_counts { "exact counts" } else { "exact classes" });
+            let label = format!("a million points, {}", if exact_counts { "exact counts" } else { "cell classes" });
             measure(gpu, &label, || {
                 let mut frame = gpu.frame("bench");
                 bound.record(&mut frame, &candidates, &tile, &chunk, 64);

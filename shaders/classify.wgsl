@@ -4,20 +4,21 @@
 // "Extending the photon map": the three cases.
 //
 // `classify` looks up cell classes and requests those that are missing, `request_cells` notes the points that they are
-// for, `query` searches for the nearest photons where no cell class decides, `dilate` widens boundaries, `compact`
-// fills the queues.
+// for, `query` looks up the requested classes, `dilate` widens boundaries, `compact` fills the queues. A point that its
+// cell does not decide is a boundary: to search for the nearest photons of one point costs as much as tens of shadow
+// rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near, with_class};
-@if(visibility_map) import package::lib::class_word::near_word;
+@if(visibility_map) import package::lib::class_word::{boundary_word, near_word};
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
 import package::lib::cell_class::{
     COS_CLUSTER, CellClass, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, decode_cell_class, holds_at, load_cell_classes,
     no_cell_class, request_complement
 };
 import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest};
-import package::lib::photon_search::{boundary_word, class_by_search, exact_counts};
+@if(exact_counts) import package::lib::photon_search::class_by_search;
 @if(dark_points) import package::lib::light::light_dark;
 @if(visibility_map && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
@@ -64,7 +65,7 @@ var<immediate> classify_pass: ClassifyParameters;
 // Requested cells, those classified, those classified before the last ones.
 @if(visibility_map) @group(0) @binding(12) var<storage, read_write> request_counts: array<atomic<u32>, 3>;
 
-// No class: the cell classes decide nothing.
+// No class yet: `query` decides.
 const UNDECIDED = 0xffffffffu;
 const CLASSIFY_GROUP = 64u;
 
@@ -79,7 +80,7 @@ var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
 @if(visibility_estimate) var<workgroup> group_traced: atomic<u32>;
 
-// Classes by the cell classes; candidates that have none are queued for `query`.
+// The classes of candidates whose cell has one; the others are queued for `query`.
 @compute @workgroup_size(64)
 fn classify(
     @builtin(workgroup_id) group: vec3u,
@@ -129,7 +130,10 @@ fn class_by_cell(candidate: u32) -> u32 {
         // The environment has no photons.
         @if(environment) { if is_environment(light) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); } }
         let cell = cell_class_at(light, point.position, normal);
-        if cell.reach == 0.0 { request_cell(light, point.position, normal); }
+        if cell.reach == 0.0 {
+            request_cell(light, point.position, normal);
+            return UNDECIDED;
+        }
         return word_of_cell_class(cell);
     }
 }
@@ -185,14 +189,23 @@ fn in_cell(from_centre: vec3f) -> bool {
     return all(abs(from_centre) <= vec3f(0.5004 * classify_pass.grid.cell));
 }
 
-// The class word of a cell class, or UNDECIDED.
+// The class word of a cell class; UNDECIDED where the exact counts are to be found.
 @if(visibility_map)
 fn word_of_cell_class(cell: CellClass) -> u32 {
-    if cell.class_ == CLASS_LIT { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
-    if cell.class_ == CLASS_SHADOWED { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-    if cell.class_ == CLASS_BOUNDARY && !exact_counts { return boundary_word(cell.visibility); }
-    if cell.class_ == CLASS_UNKNOWN && !exact_counts { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
-    return UNDECIDED;
+    if cell.class_ == CLASS_LIT {
+        let word = class_word(CLASS_LIT, nearest, 0u, 1.0);
+        return select(word, near_word(word), cell.visibility < 1.0);
+    }
+    if cell.class_ == CLASS_SHADOWED {
+        let word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
+        return select(word, near_word(word), cell.visibility > 0.0);
+    }
+    @if(exact_counts) { return UNDECIDED; }
+    @if(!exact_counts) {
+        // Too few photons, or more than the visit budget is for.
+        if cell.class_ == CLASS_UNKNOWN || cell.reach == 0.0 { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
+        return boundary_word(cell.visibility, nearest);
+    }
 }
 
 // The class of the cell's own photons that holds at the point, or `no_cell_class`.
@@ -222,7 +235,7 @@ fn requested_class_at(light: u32, position: vec3f, normal: vec3f) -> CellClass {
     return no_cell_class();
 }
 
-// The exact search for the candidates that no cell class decides.
+// The classes of the candidates that `classify` left undecided.
 @if(visibility_map)
 @compute @workgroup_size(64)
 fn query(
@@ -236,11 +249,14 @@ fn query(
     let point = points[point_of(candidate)];
     let light = light_of(candidate);
     let normal = oct_decode16(point.normal);
-    var cell = cell_class_at(light, point.position, normal);
-    if cell.reach == 0.0 { cell = requested_class_at(light, point.position, normal); }
+    @if(!exact_counts) let cell = requested_class_at(light, point.position, normal);
+    @if(exact_counts) var cell = cell_class_at(light, point.position, normal);
+    @if(exact_counts) { if cell.reach == 0.0 { cell = requested_class_at(light, point.position, normal); } }
     var word = word_of_cell_class(cell);
-    if word == UNDECIDED {
-        word = near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
+    @if(exact_counts) {
+        if word == UNDECIDED {
+            word = near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
+        }
     }
     classes[candidate] = word;
 }

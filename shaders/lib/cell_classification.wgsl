@@ -3,7 +3,7 @@
 // cell, and the sorted photons, in normalised space. Out: a cell class in two words (lib/cell_class), 0 where nothing
 // is certain.
 
-import package::lib::cell_class::{CellClass, decode_cell_class, encode_cell_class};
+import package::lib::cell_class::{CellClass, VISIBILITY_STEPS, decode_cell_class, encode_cell_class};
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, FAR, GridShape, MAX_REACH, NORMAL_STRETCH, SearchBall, cell_centre, load_photon, nearest,
@@ -19,6 +19,10 @@ const VISITS_PER_NEAREST = 24u;
 // 65,535 iterations: in nested loops whose lengths differ, each lane waits for all others, and chance decides which
 // cells share a vector.
 const MAX_VISITS = 7168u;
+
+// Marks a decided cell with photons of the other kind in reach, though beyond the nearest k: a boundary is near. One
+// step of the packed visibility.
+const NEAR_STEP = 1.0 / VISIBILITY_STEPS;
 
 // Points of one surface in a cell: offsets from the cell's centre along the code's normal are between `low` and `high`,
 // cosines to that normal at least `cos_spread`.
@@ -244,8 +248,10 @@ fn classify_cluster(grid: GridShape, cluster: Cluster, visits: u32) -> vec2u {
         result.reach = 1.0001 * sqrt(bound);
         if counts.nearest_maybe_shadow > bound {
             result.class_ = CLASS_LIT;
+            result.visibility = select(1.0, 1.0 - NEAR_STEP, marks.counting);
         } else if counts.nearest_maybe_lit > bound {
             result.class_ = CLASS_SHADOWED;
+            result.visibility = select(0.0, NEAR_STEP, marks.counting);
         } else if !marks.counting {
             marks.counting = true;
             marks.a = marks.limit * vec4f(0.125, 0.25, 0.375, 0.5);

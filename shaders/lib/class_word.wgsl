@@ -15,6 +15,12 @@ fn class_word(class_: u32, illumination: u32, shadow: u32, visibility: f32) -> u
         | (steps << CLASS_VISIBILITY_SHIFT);
 }
 
+// The word of a boundary whose counts, of `nearest` photons, are made from its visibility.
+fn boundary_word(visibility: f32, nearest: u32) -> u32 {
+    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
+    return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
+}
+
 fn class_of(word: u32) -> u32 {
     return word & CLASS_MASK;
 }

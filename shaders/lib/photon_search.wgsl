@@ -10,25 +10,23 @@ import package::lib::grid::{
 };
 import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight_sixteenths};
 
-// n_i and n_s of boundary points are those of the nearest k, not those of photons about the point.
-override exact_counts: bool;
-
 // Visit budget of a query: photons and rows of cells, as a multiple of k between bounds. A point that needs more is
 // unknown. Where so many photons are not of its surface (foliage), the search costs more than the shadow rays that it
-// could save. Exact counts get as much again, within the same maximum.
+// could save. Counting gets as much again.
 const VISITS_PER_NEAREST = 64u;
-@if(!paper_counting) const MIN_VISITS = 3200u;
-// Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed.
-@if(paper_counting) const MIN_VISITS = 24000u;
-// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait.
-// Queries of the paper's counting are of neighbours, which visit the same rows: each has the budget of one lane.
-@if(texture_loads && !paper_counting) const MAX_VISITS = 8000u;
-@if(!texture_loads || paper_counting) const MAX_VISITS = 48000u;
+const MIN_VISITS = 3200u;
+// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. Half
+// of an eighth each for the search and for the counting.
+@if(texture_loads) const MAX_VISITS = 4000u;
+@if(!texture_loads) const MAX_VISITS = 24000u;
 
 var<private> visits_left: u32;
 
 fn visit_budget() -> u32 {
-    return clamp(VISITS_PER_NEAREST * nearest, MIN_VISITS, select(MAX_VISITS, MAX_VISITS / 2u, exact_counts));
+    // Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed,
+    // and queries of neighbours visit the same rows: each has more than its share of the vector's iterations.
+    @if(paper_counting) { return 24000u; }
+    @if(!paper_counting) { return clamp(VISITS_PER_NEAREST * nearest, MIN_VISITS, MAX_VISITS); }
 }
 
 // Margins for the rounding of cells' borders.
@@ -40,23 +38,13 @@ struct Found {
     // Photons, and illumination photons of them.
     all: u32,
     lit: u32,
-    // Sixteenths of hits that the shadow photons represent beyond one each.
-    excess: u32,
-    // Squared distances of the nearest of each kind.
-    nearest_lit: f32,
-    nearest_shadow: f32,
     // The visit budget was enough.
     complete: bool,
 }
 
-// n_i / (n_s + n_i) of what a search found.
-fn found_visibility(found: Found) -> f32 {
-    return f32(found.lit) / (f32(found.all) + f32(found.excess) / 16.0);
-}
-
 // Counts the photons within the squared distance `limit`.
 fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
-    var result = Found(0u, 0u, 0u, FAR, FAR, false);
+    var result = Found(0u, 0u, false);
     let units = (position - grid.origin) * grid.inverse_cell;
     let ball = point_ball(units, sqrt(limit) * grid.inverse_cell * REACH_FACTOR + REACH_MARGIN, normal);
     let rows = rows_about(grid, ball);
@@ -68,15 +56,9 @@ fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f3
             visits_left -= visits;
             for (var p = row.x; p < row.y; p++) {
                 let photon = load_photon(p);
-                let d = counted_distance(photon, position, normal);
-                let shadow = photon_is_shadow(photon.w);
-                result.all += u32(d <= limit);
-                result.lit += u32(d <= limit && !shadow);
-                result.nearest_lit = min(result.nearest_lit, select(d, FAR, shadow));
-                result.nearest_shadow = min(result.nearest_shadow, select(FAR, d, shadow));
-                if photon_has_weight(photon.w) && d <= limit {
-                    result.excess += photon_weight_sixteenths(photon.w) - 16u;
-                }
+                let within = counted_distance(photon, position, normal) <= limit;
+                result.all += u32(within);
+                result.lit += u32(within && !photon_is_shadow(photon.w));
             }
         }
     }
@@ -84,65 +66,26 @@ fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f3
     return result;
 }
 
-// First search of a point whose reach is known: this share of the squared reach, which holds slightly fewer than k.
-const SHORT_SHARE = 0.35;
-
-// The class word of a point. The nearest k, and perhaps more, are within `known_reach` where that is not 0.
+// The class word of a point with its exact n_i and n_s. The nearest k, and perhaps more, are within `known_reach` where
+// that is not 0.
 fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, known_reach: f32) -> u32 {
     visits_left = visit_budget();
     let farthest = MAX_REACH * grid.cell;
-    let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
     var reach = known_reach;
     if reach == 0.0 {
         reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
     }
     reach = min(reach, farthest);
-    // Where there surely are k, a few of both kinds nearby are enough to tell a boundary.
-    let short = known_reach > 0.0 && !exact_counts;
-    var limit = reach * reach * select(1.0, SHORT_SHARE, short);
-    var visibility = 0.0;
-    var deciding = false;
     loop {
-        let found = search(grid, light, position, normal, limit);
-        if !found.complete { return unknown; }
-        if deciding {
-            // Both kinds are among the nearest k where the nearest of the farther kind is.
-            if found.all <= nearest { break; }
-            if found.nearest_lit < found.nearest_shadow { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
-            return class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
-        }
-        if short && found.all <= nearest && max(found.nearest_lit, found.nearest_shadow) <= limit {
-            visibility = found_visibility(found);
-            break;
-        }
-        if found.all < nearest {
-            if limit < reach * reach {
-                limit = reach * reach;
-                continue;
-            }
-            if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
-            let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
-            reach = min(reach * clamp(more, 1.25, 2.0), farthest);
-            limit = reach * reach;
-            continue;
-        }
-        if found.nearest_shadow > limit { return class_word(CLASS_LIT, nearest, 0u, 1.0); }
-        if found.nearest_lit > limit { return class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-        visibility = found_visibility(found);
-        limit = max(found.nearest_lit, found.nearest_shadow);
-        deciding = true;
+        let found = search(grid, light, position, normal, reach * reach);
+        if !found.complete { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
+        if found.all >= nearest { break; }
+        if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
+        let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
+        reach = min(reach * clamp(more, 1.25, 2.0), farthest);
     }
-    if exact_counts {
-        visits_left += visit_budget();
-        return class_by_counts(grid, light, position, normal, reach);
-    }
-    return boundary_word(visibility);
-}
-
-// The class word of a boundary whose counts are made of its visibility.
-fn boundary_word(visibility: f32) -> u32 {
-    let lit = clamp(u32(round(visibility * f32(nearest))), 1u, nearest - 1u);
-    return class_word(CLASS_BOUNDARY, lit, nearest - lit, visibility);
+    visits_left += visit_budget();
+    return class_by_counts(grid, light, position, normal, reach);
 }
 
 // Counts of photons within eight marks of squared distance: `floor_` plus eighths of `span`.

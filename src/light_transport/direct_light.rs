@@ -17,7 +17,6 @@ use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
-use crate::specialisation::kernels::has_exact_counts;
 
 /// Maximum number of shadow-ray candidates (point and light) in a chunk of several lights.
 const CHUNK_CANDIDATES: u32 = 1 << 21;
@@ -62,7 +61,7 @@ impl DirectLightKernels {
         settings: &Settings,
     ) -> Result<DirectLightKernels> {
         let (classify, (shadow, shade)) = rayon::join(
-            || Classify::new(gpu, features, settings.visibility_map.nearest, has_exact_counts(features)),
+            || Classify::new(gpu, features, settings.visibility_map.nearest),
             || rayon::join(|| Shadow::new(gpu, features, constants), || Shade::new(gpu, features, constants)),
         );
         Ok(DirectLightKernels {

@@ -100,8 +100,8 @@ pub struct Classify {
 pub struct BoundClassify {
     shape: GridShape,
     classify: BoundKernel,
-    /// Searches for the nearest photons, for points that no cell class decides; none without a visibility map.
-    search: Option<Search>,
+    /// For the points whose cell has no class yet; none without a visibility map.
+    requests: Option<CellRequests>,
     dilate: BoundKernel,
     compact: BoundKernel,
     compact_undilated: BoundKernel,
@@ -109,22 +109,21 @@ pub struct BoundClassify {
     query_group: u32,
 }
 
-struct Search {
+struct CellRequests {
     request_cells: BoundKernel,
     classify_requested_cells: ClassifyRequestedCells,
     query: BoundKernel,
 }
 
 impl Classify {
-    /// Compiles the kernels. With `exact_counts`, n_i and n_s of boundary candidates count exactly the nearest k
-    /// photons. Without, they may count any photons around the point, which is cheaper and enough for a control
-    /// variate. Classes are exact in either case.
+    /// Compiles the kernels; `nearest` is k. With [`Feature::ExactCounts`] n_i and n_s of boundary candidates are those
+    /// of the nearest k, else those of photons about the cell: enough for a control variate, and cheaper.
     ///
     /// # Errors
     /// As [`Kernel::new`]; [`crate::Error::Setting`] for a `nearest` out of range.
-    pub fn new(gpu: &Gpu, features: &Features, nearest: u32, exact_counts: bool) -> Result<Classify> {
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<Classify> {
         super::grid::check_nearest(nearest)?;
-        let constants = [("nearest", f64::from(nearest)), ("exact_counts", f64::from(u8::from(exact_counts)))];
+        let constants = [("nearest", f64::from(nearest))];
         let kernel = kernel(gpu, "classify", features, &constants, &[ClassifyBindings::DECLARED])?;
         Ok(Classify { kernel, map: features.has(Feature::VisibilityMap) })
     }
@@ -160,8 +159,8 @@ impl Classify {
         Ok(BoundClassify {
             shape: grid.map_or(GridShape::default(), |grid| grid.shape),
             classify: bind("classify", dilated)?,
-            search: match grid {
-                Some(grid) if self.map => Some(Search {
+            requests: match grid {
+                Some(grid) if self.map => Some(CellRequests {
                     request_cells: bind("request_cells", dilated)?,
                     classify_requested_cells: grid.classify_requested_cells(),
                     query: bind("query", dilated)?,
@@ -206,7 +205,7 @@ impl BoundClassify {
 
     /// Requests a class for each cell that has queued points but no class yet.
     pub fn request_cells(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
-        let Some(Search { request_cells, .. }) = &self.search else { return };
+        let Some(CellRequests { request_cells, .. }) = &self.requests else { return };
         self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
         let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
         frame.run_indirect(request_cells, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
@@ -214,14 +213,15 @@ impl BoundClassify {
 
     /// Classifies the requested cells.
     pub fn classify_requested_cells(&self, frame: &mut Frame<'_>) {
-        if let Some(Search { classify_requested_cells, .. }) = &self.search {
+        if let Some(CellRequests { classify_requested_cells, .. }) = &self.requests {
             classify_requested_cells.record(frame);
         }
     }
 
-    /// Classifies the queued points: by their cells, or by a search for their nearest photons.
+    /// Classifies the queued points by the requested cells; with [`Feature::ExactCounts`] by a search for their nearest
+    /// photons.
     pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
-        let Some(Search { query, .. }) = &self.search else { return };
+        let Some(CellRequests { query, .. }) = &self.requests else { return };
         let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
         frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
     }

@@ -68,6 +68,8 @@ kernel_kit::features! {
         LightTags,
         /// Method: photons are counted without regard to their normals, as in the paper.
         PaperCounting,
+        /// Method: n_i and n_s of boundaries are counted exactly, because they are shown.
+        ExactCounts,
         /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.

@@ -11,9 +11,3 @@ pub(crate) fn photons_of_zones(features: &Features) -> Features {
 pub fn sorting_grid(features: &Features) -> Features {
     features.clone().with(Feature::VisibilityMap, false).with(Feature::LightTags, false)
 }
-
-/// Whether pass `classify` must count n_i and n_s exactly at boundaries, because the image shows them. Otherwise the
-/// photons' visibility is only a control variate, for which any estimate will do.
-pub(crate) fn has_exact_counts(features: &Features) -> bool {
-    features.has(Feature::AovShadow) || features.has(Feature::VisibilityEstimate)
-}

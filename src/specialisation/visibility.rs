@@ -3,8 +3,8 @@
 use super::decisions::{Item, Specialisation, bytes_text, is_lit};
 use crate::kernels::{GridShape, MAX_LIGHTS};
 use crate::scene::Scene;
-use crate::settings::Settings;
 use crate::settings::technique::Visibility;
+use crate::settings::{Aov, Settings};
 use crate::specialisation::features::Feature;
 
 /// The reason why the environment has no visibility photons.
@@ -64,6 +64,15 @@ impl Specialisation {
             "requested".into(),
             "photons are counted by their normals",
             "false shadows beside objects",
+        );
+        let shown = settings.image.aovs.contains(&Aov::Shadow)
+            || settings.technique.requirements().visibility == Visibility::PhotonsAlone;
+        self.decide(
+            Feature::ExactCounts,
+            wanted && shown,
+            "n_i and n_s are shown".into(),
+            "cells decide: no point searches for its nearest photons",
+            "a search for each boundary point",
         );
         wanted
     }
@@ -136,7 +145,9 @@ impl Specialisation {
 
     /// Leaves out the visibility map and the features that only it uses.
     pub(crate) fn leave_map_out(&mut self, reason: &str) {
-        for feature in [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::Audit] {
+        for feature in
+            [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts, Feature::Audit]
+        {
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
                 let item = self.kept.remove(at);
                 self.left_out.push(Item { reason: reason.to_owned(), ..item });

@@ -55,6 +55,7 @@ impl<'a> Setup<'a> {
     fn run(&self, gpu: &Gpu) -> Outcome {
         let features: Features = device_features(gpu)
             .with(Feature::PaperCounting, self.paper_counting)
+            .with(Feature::ExactCounts, self.exact_counts)
             .with(Feature::VisibilityEstimate, self.visibility_estimate)
             .with(Feature::VisibilityMap, true);
         let photons = gpu.upload("test/photons", self.photons).unwrap();
@@ -68,7 +69,7 @@ impl<'a> Setup<'a> {
         let mut buffers = ClassifyBuffers::new(gpu, candidates).unwrap();
         buffers.classes = gpu.poisoned::<u32>("test/classes", candidates as usize).unwrap();
         buffers.dilated_classes = gpu.poisoned::<u32>("test/dilated", candidates as usize).unwrap();
-        let pass = Classify::new(gpu, &features, self.nearest, self.exact_counts).unwrap();
+        let pass = Classify::new(gpu, &features, self.nearest).unwrap();
         let bound = pass.bind(gpu, &tile, Some(&grid), &buffers, &Resources::new()).unwrap();
         let mut frame = gpu.frame("test");
         bound.record(&mut frame, &buffers, &self.tile, &self.chunk, 128);
@@ -83,14 +84,16 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// Compares every `step`-th candidate with brute force. It leaves out the few whose answer depends on rounding.
-    fn compare(&self, gpu: &Gpu, step: usize) -> [usize; 5] {
+    /// Compares every `step`-th candidate with brute force over `photons`. Those whose answer depends on rounding are
+    /// left out, and are few.
+    fn compare(&self, gpu: &Gpu, photons: &[Photon], step: usize) -> Comparison {
         let outcome = self.run(gpu);
-        let (mut checked, mut doubtful, mut counts) = (0, 0, [0; 5]);
+        let mut result = Comparison::default();
+        let (mut checked, mut doubtful) = (0, 0);
         for candidate in (0..outcome.words.len()).step_by(step) {
             let point = &self.points[candidate % self.points.len()];
             let got = Classified::new(outcome.words[candidate]);
-            counts[got.class as usize] += 1;
+            result.counts[got.class as usize] += 1;
             if point.normal == INVALID_POINT {
                 assert_eq!(got.class, Class::Dark);
                 continue;
@@ -98,7 +101,7 @@ impl<'a> Setup<'a> {
             let light = self.chunk.first_light + (candidate / self.points.len()) as u32;
             let reach = f64::from(self.shape.reach());
             let k = self.nearest as usize;
-            let Some(expected) = nearest_kinds(self.photons, point, light, k, reach, !self.paper_counting) else {
+            let Some(expected) = nearest_kinds(photons, point, light, k, reach, !self.paper_counting) else {
                 doubtful += 1;
                 continue;
             };
@@ -109,28 +112,47 @@ impl<'a> Setup<'a> {
                 Some((0, _)) => Class::Shadowed,
                 Some(_) => Class::Boundary,
             };
-            assert_eq!(got.class, class, "candidate {candidate}, {point:?}: {got:?}, expected {expected:?}");
+            // A cell decides for all of its points or for none.
+            let by_cell = !self.exact_counts && got.class == Class::Boundary;
+            let undecided = by_cell && matches!(class, Class::Lit | Class::Shadowed);
+            result.undecided += usize::from(undecided);
+            let mut wrong = got.class != class && !undecided;
             if let Some((n_i, n_s)) = expected
                 && self.exact_counts
             {
-                assert_eq!((got.n_i as usize, got.n_s as usize), (n_i, n_s), "candidate {candidate}, {point:?}");
-                // Half a step of eleven bits; a whole step marks a lit or shadowed point near a boundary.
+                wrong |= (got.n_i as usize, got.n_s as usize) != (n_i, n_s);
+                // Half a step of eleven bits; a whole one marks a decided point near a boundary.
                 let step = if got.class == Class::Boundary { 0.6 } else { 1.1 };
-                assert!((f64::from(got.visibility) - n_i as f64 / k as f64).abs() < step / 2047.0);
+                wrong |= (f64::from(got.visibility) - n_i as f64 / k as f64).abs() >= step / 2047.0;
+            }
+            if wrong {
+                result.wrong.push(format!("candidate {candidate}, {point:?}: {got:?}, expected {expected:?}"));
             }
         }
         // Relative errors of 1e-6 in the k-th distance: about k candidates per million have a photon within them.
         assert!(doubtful * 100 <= checked, "{doubtful} of {checked} candidates are in doubt");
-        counts
+        result
     }
 }
 
+#[derive(Default)]
+struct Comparison {
+    /// Candidates by class.
+    counts: [usize; 5],
+    /// Boundary candidates whose nearest photons are of one kind.
+    undecided: usize,
+    /// Candidates whose class or counts are not those of brute force.
+    wrong: Vec<String>,
+}
+
 /// The box of the paper, camera points: classes and counts are those of brute force, with and without normals, with
-/// exact counts and without.
+/// exact counts and without. Missing photons are found.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
     let room = Room::new(0.05);
-    let photons = room.photons(20_000, 0, &mut Random(5));
+    let photons = room.photons(60_000, 0, &mut Random(5));
+    // Without every eighth photon.
+    let fewer: Vec<Photon> = photons.chunks(8).flat_map(|eight| &eight[1..]).copied().collect();
     let points = room.points(128, 128);
     for (nearest, paper_counting, exact_counts) in [
         (50, false, true),
@@ -144,11 +166,20 @@ fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
         let mut setup = Setup::new(&photons, &points, shape, nearest);
         setup.paper_counting = paper_counting;
         setup.exact_counts = exact_counts;
-        let counts = setup.compare(gpu, 7);
-        println!("k {nearest}, paper {paper_counting}: {counts:?}");
-        // Few neighbourhoods of 200 photons are completely in shadow.
+        let Comparison { counts, undecided, wrong } = setup.compare(gpu, &photons, 3);
+        println!("k {nearest}, paper {paper_counting}: {counts:?}, {undecided} undecided by their cells");
+        assert!(wrong.is_empty(), "{} wrong, the first: {}", wrong.len(), wrong[0]);
+        // Of 200 photons few neighbourhoods are all in the shadow.
         let min_count = if nearest <= 50 { 20 } else { 1 };
         assert!([Class::Lit, Class::Shadowed].iter().all(|c| counts[*c as usize] >= min_count), "{counts:?}");
+        // The disc of the nearest k is 2.8 cells wide, so a boundary is about as wide, and a cell wider on each side.
+        // (Balls of the paper's counting reach other surfaces, and 200 of 60,000 photons half of the room.)
+        let is_measured = nearest == 50 && !paper_counting;
+        assert!(!is_measured || undecided <= counts[Class::Boundary as usize] / 2, "{counts:?}, {undecided}");
+        if exact_counts && nearest > 1 {
+            setup.photons = &fewer;
+            assert!(!setup.compare(gpu, &photons, 3).wrong.is_empty(), "missing photons are not found");
+        }
     }
 }
 
@@ -212,7 +243,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
         let near = decided.filter(|s| is_near(outcome.words[*s as usize])).count();
         assert_eq!(outcome.counters[Counter::Near as usize] as usize, near);
         assert_eq!(outcome.counters[Counter::NearAudited as usize] as usize, near);
-        assert!(near > 100, "{near} near boundaries: no test");
+        assert!(near > 20, "{near} near boundaries: no test");
         let n = f64::from(classes[1] + classes[2]) - near as f64;
         let deviation = (outcome.audit_queue.len() - near) as f64 - 0.25 * n;
         assert!(deviation.abs() < 5.0 * (n * 0.25 * 0.75).sqrt(), "{deviation} of {n}");
