@@ -143,7 +143,7 @@ impl Mesh {
     }
 
     /// Appends a mesh with the same attributes.
-    fn append(&mut self, other: Mesh) {
+    pub fn append(&mut self, other: Mesh) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions);
         self.normals.extend(other.normals);

@@ -6,6 +6,7 @@
 use serde_json::{Value, json};
 
 mod cornell_box;
+mod crowd;
 mod glb;
 mod lamps;
 mod marble_sphere;
@@ -17,13 +18,14 @@ mod sky;
 mod still_life;
 
 /// File name and contents of each scene, and of the panorama.
-pub fn scenes() -> [(&'static str, Vec<u8>); 7] {
+pub fn scenes() -> [(&'static str, Vec<u8>); 8] {
     [
         ("sphere.glb", marble_sphere::glb()),
         ("box.glb", cornell_box::glb()),
         ("still_life.glb", still_life::glb()),
         ("materials.glb", materials::glb()),
         ("lamps.glb", lamps::glb()),
+        ("crowd.glb", crowd::glb()),
         ("procedural.glb", procedural::glb()),
         ("sky.exr", sky::exr()),
     ]

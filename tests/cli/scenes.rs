@@ -194,3 +194,15 @@ fn the_still_life_has_the_features_it_is_there_for() {
         assert_watertight(&scene.of(solid));
     }
 }
+
+#[test]
+fn the_crowd_stands_on_its_plane() {
+    let nodes = parse("crowd.glb").document.nodes().count();
+    assert_eq!(nodes, 340 + 3, "objects, plane, light and camera");
+    let scene = read("crowd.glb");
+    let objects = scene.of("object");
+    assert_eq!(scene.triangles.len(), 151_896, "the number in scenes/README.md");
+    assert_watertight(&objects);
+    assert!(objects.iter().flatten().all(|p| p.y > -ROUNDING && p.x.abs() < 6.0 && p.z.abs() < 6.0));
+    assert!(scene.of("light").into_iter().all(|corners| normal(corners).distance(-DVec3::Y) < ROUNDING));
+}
