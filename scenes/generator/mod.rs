@@ -5,6 +5,7 @@
 
 use serde_json::{Value, json};
 
+mod atrium;
 mod cornell_box;
 mod crowd;
 mod glb;
@@ -27,8 +28,13 @@ pub fn scenes() -> [(&'static str, Vec<u8>); 8] {
         ("lamps.glb", lamps::glb()),
         ("crowd.glb", crowd::glb()),
         ("procedural.glb", procedural::glb()),
-        ("sky.exr", sky::exr()),
+        ("sky.exr", sky::exr(sky::with_sun)),
     ]
+}
+
+/// The atrium, which is too large for a repository, with textures of `side` x `side` texels, and its sky.
+pub fn atrium(side: u32) -> [(&'static str, Vec<u8>); 2] {
+    [("atrium.glb", atrium::glb(side)), ("atrium.exr", sky::exr(|direction| sky::without_sun(direction, atrium::SUN)))]
 }
 
 /// A Lambertian glTF material with a linear RGB colour.
