@@ -63,14 +63,14 @@ impl Glb {
         self.push("meshes", json!({ "name": name, "primitives": [primitive] }))
     }
 
-    /// Adds a PNG image with its own sampler, and returns the texture.
+    /// Adds an image as PNG with its own sampler, and returns the texture.
     pub fn texture(&mut self, name: &str, image: impl Into<DynamicImage>, wrap: Wrap) -> usize {
-        let image = image.into();
-        let mut png = Cursor::new(Vec::new());
-        PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive)
-            .write_image(image.as_bytes(), image.width(), image.height(), image.color().into())
-            .expect("an 8-bit image in memory");
-        let view = self.view(png.get_ref(), None);
+        self.encoded(name, &encode(&image.into()), wrap)
+    }
+
+    /// Adds a PNG file with its own sampler, and returns the texture.
+    pub fn encoded(&mut self, name: &str, png: &[u8], wrap: Wrap) -> usize {
+        let view = self.view(png, None);
         let source = self.push("images", json!({ "name": name, "bufferView": view, "mimeType": "image/png" }));
         let sampler = self.push("samplers", json!({ "wrapS": wrap as u32, "wrapT": wrap as u32 }));
         self.push("textures", json!({ "name": name, "source": source, "sampler": sampler }))
@@ -178,6 +178,15 @@ pub enum Wrap {
     Clamp = 33071,
     Mirror = 33648,
     Repeat = 10497,
+}
+
+/// An 8-bit image as a PNG file.
+pub fn encode(image: &DynamicImage) -> Vec<u8> {
+    let mut png = Cursor::new(Vec::new());
+    PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive)
+        .write_image(image.as_bytes(), image.width(), image.height(), image.color().into())
+        .expect("an 8-bit image in memory");
+    png.into_inner()
 }
 
 /// The glTF rotation by `angle` degrees about an axis.

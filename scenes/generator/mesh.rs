@@ -3,7 +3,10 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec2, DVec3, DVec4};
+use glam::{DAffine3, DVec2, DVec3, DVec4};
+
+/// The step of differences is much larger than rounding and much smaller than any feature.
+const STEP: f64 = 1e-5;
 
 /// A mesh. Empty attributes are not written to the file.
 #[derive(Default)]
@@ -69,6 +72,17 @@ impl Mesh {
         mesh
     }
 
+    /// A surface whose normals are those of differences of `point`. Without `closed`, `point` is only evaluated in 0 to
+    /// 1.
+    pub fn relief(columns: u32, rows: u32, closed: bool, point: impl Fn(f64, f64) -> DVec3) -> Self {
+        Mesh::surface(columns, rows, closed, |u, v| {
+            let [left, right] = if closed { [u - STEP, u + STEP] } else { [(u - STEP).max(0.0), (u + STEP).min(1.0)] };
+            let right = point(right, v) - point(left, v);
+            let down = point(u, (v + STEP).min(1.0)) - point(u, (v - STEP).max(0.0));
+            (point(u, v), down.cross(right).normalize())
+        })
+    }
+
     /// A sphere about the origin with exact normals and equirectangular texture coordinates.
     pub fn sphere(radius: f64, columns: u32, rows: u32) -> Self {
         Mesh::surface(columns, rows, true, |u, v| {
@@ -80,8 +94,6 @@ impl Mesh {
     /// The surface of revolution about +y of a `profile` of (distance from the axis, height). With the axis on the
     /// left, the front is to the left of the profile's direction: outside where the profile goes down.
     pub fn lathe(columns: u32, rows: u32, profile: impl Fn(f64) -> DVec2) -> Self {
-        // The step of the differences is much larger than rounding and much smaller than any feature.
-        const STEP: f64 = 1e-5;
         Mesh::surface(columns, rows, true, |u, v| {
             let (sin, cos) = (TAU * u).sin_cos();
             let radial = DVec3::new(sin, 0.0, cos);
@@ -142,8 +154,41 @@ impl Mesh {
         self
     }
 
+    /// A copy after a rotation, a uniform scale and a translation.
+    pub fn placed(&self, transform: DAffine3) -> Self {
+        Mesh {
+            positions: self.positions.iter().map(|&p| tidy3(transform.transform_point3(p))).collect(),
+            normals: self.normals.iter().map(|&n| tidy3(transform.transform_vector3(n).normalize())).collect(),
+            uvs: self.uvs.clone(),
+            triangles: self.triangles.clone(),
+            ..Mesh::default()
+        }
+    }
+
+    /// Maps textures by position: each vertex is projected along the axis closest to its normal. A texture is `size`
+    /// wide.
+    pub fn projected(mut self, size: f64) -> Self {
+        let project = |(p, n): (&DVec3, &DVec3)| {
+            let n = n.abs();
+            let uv = match n.max_element() {
+                max if max == n.y => DVec2::new(p.x, p.z),
+                max if max == n.x => DVec2::new(p.z, -p.y),
+                _ => DVec2::new(p.x, -p.y),
+            };
+            (uv / size).map(tidy)
+        };
+        self.uvs = self.positions.iter().zip(&self.normals).map(project).collect();
+        self
+    }
+
+    /// Repeats textures `times`.
+    pub fn repeated(mut self, times: DVec2) -> Self {
+        self.uvs.iter_mut().for_each(|uv| *uv = (*uv * times).map(tidy));
+        self
+    }
+
     /// Appends a mesh with the same attributes.
-    fn append(&mut self, other: Mesh) {
+    pub fn append(&mut self, other: Mesh) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions);
         self.normals.extend(other.normals);

@@ -5,7 +5,9 @@
 
 use serde_json::{Value, json};
 
+mod atrium;
 mod cornell_box;
+mod crowd;
 mod glb;
 mod lamps;
 mod marble_sphere;
@@ -17,16 +19,22 @@ mod sky;
 mod still_life;
 
 /// File name and contents of each scene, and of the panorama.
-pub fn scenes() -> [(&'static str, Vec<u8>); 7] {
+pub fn scenes() -> [(&'static str, Vec<u8>); 8] {
     [
         ("sphere.glb", marble_sphere::glb()),
         ("box.glb", cornell_box::glb()),
         ("still_life.glb", still_life::glb()),
         ("materials.glb", materials::glb()),
         ("lamps.glb", lamps::glb()),
+        ("crowd.glb", crowd::glb()),
         ("procedural.glb", procedural::glb()),
-        ("sky.exr", sky::exr()),
+        ("sky.exr", sky::exr(sky::with_sun)),
     ]
+}
+
+/// The atrium, which is too large for a repository, with textures of `side` x `side` texels, and its sky.
+pub fn atrium(side: u32) -> [(&'static str, Vec<u8>); 2] {
+    [("atrium.glb", atrium::glb(side)), ("atrium.exr", sky::exr(|direction| sky::without_sun(direction, atrium::SUN)))]
 }
 
 /// A Lambertian glTF material with a linear RGB colour.

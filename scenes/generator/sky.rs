@@ -22,9 +22,9 @@ const SUNLIGHT: DVec3 = DVec3::new(1600.0, 1450.0, 1200.0);
 /// it round.
 const DISC: [f64; 2] = [0.99926, 0.99863];
 
-/// An OpenEXR file of 16-bit floats.
-pub fn exr() -> Vec<u8> {
-    let texels: Vec<DVec3> = (0..WIDTH * HEIGHT).map(|i| radiance(direction(i % WIDTH, i / WIDTH))).collect();
+/// An OpenEXR file of 16-bit floats. Radiance is that of `sky`.
+pub fn exr(sky: impl Fn(DVec3) -> DVec3) -> Vec<u8> {
+    let texels: Vec<DVec3> = (0..WIDTH * HEIGHT).map(|i| sky(direction(i % WIDTH, i / WIDTH))).collect();
     let channel = |name: &str, c: usize| {
         AnyChannel::new(name, FlatSamples::F16(texels.iter().map(|texel| f16::from_f64(texel[c])).collect()))
     };
@@ -35,22 +35,27 @@ pub fn exr() -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// The radiance at the centre of a texel.
+/// The direction of the centre of a texel.
 fn direction(x: usize, y: usize) -> DVec3 {
     let azimuth = ((x as f64 + 0.5) / WIDTH as f64) * TAU - PI;
     let below = ((y as f64 + 0.5) / HEIGHT as f64) * PI;
     DVec3::new(below.sin() * azimuth.cos(), below.cos(), below.sin() * azimuth.sin())
 }
 
-fn radiance(direction: DVec3) -> DVec3 {
-    let sun = SUN.normalize();
+/// The sky with the sun's disc.
+pub fn with_sun(direction: DVec3) -> DVec3 {
+    let cosine = direction.dot(SUN.normalize());
+    let disc = ((cosine - DISC[1]) / (DISC[0] - DISC[1])).clamp(0.0, 1.0);
+    without_sun(direction, SUN) + if direction.y < 0.0 { DVec3::ZERO } else { disc * SUNLIGHT }
+}
+
+/// Ground, and a sky that glows around the sun, which is a light of its own.
+pub fn without_sun(direction: DVec3, sun: DVec3) -> DVec3 {
     if direction.y < 0.0 {
         return DVec3::new(0.30, 0.28, 0.25);
     }
     let horizon = DVec3::new(0.95, 0.95, 0.90);
     let zenith = DVec3::new(0.18, 0.36, 0.80);
-    let cosine = direction.dot(sun);
-    let glow = cosine.max(0.0).powi(32) * DVec3::new(0.8, 0.7, 0.5);
-    let disc = ((cosine - DISC[1]) / (DISC[0] - DISC[1])).clamp(0.0, 1.0);
-    horizon.lerp(zenith, direction.y.sqrt()) + glow + disc * SUNLIGHT
+    let glow = direction.dot(sun.normalize()).max(0.0).powi(32) * DVec3::new(0.8, 0.7, 0.5);
+    horizon.lerp(zenith, direction.y.sqrt()) + glow
 }

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{DMat4, DVec3};
+use penumbra::internal::scene::{ImportOptions, LightKind, Scene};
 
 /// A triangle in world space, as (material's name, corners).
 type Triangle = (String, [DVec3; 3]);
@@ -193,4 +194,34 @@ fn the_still_life_has_the_features_it_is_there_for() {
     for solid in ["glaze", "rough copper", "wax"] {
         assert_watertight(&scene.of(solid));
     }
+}
+
+#[test]
+fn the_crowd_stands_on_its_plane() {
+    let nodes = parse("crowd.glb").document.nodes().count();
+    assert_eq!(nodes, 340 + 3, "objects, plane, light and camera");
+    let scene = read("crowd.glb");
+    let objects = scene.of("object");
+    assert_eq!(scene.triangles.len(), 151_896, "the number in scenes/README.md");
+    assert_watertight(&objects);
+    assert!(objects.iter().flatten().all(|p| p.y > -ROUNDING && p.x.abs() < 6.0 && p.z.abs() < 6.0));
+    assert!(scene.of("light").into_iter().all(|corners| normal(corners).distance(-DVec3::Y) < ROUNDING));
+}
+
+/// The atrium with small textures: they alone depend on their size.
+#[test]
+fn the_atrium_has_the_counts_that_its_readme_states() {
+    let [(name, bytes), (_, sky)] = generator::atrium(32);
+    assert_eq!([(name, bytes.clone()), ("atrium.exr", sky)], generator::atrium(32), "not the same every time");
+
+    let scene = Scene::from_bytes(&bytes, Path::new(name), &ImportOptions::default()).unwrap();
+    assert_eq!(scene.notes, [""; 0], "what import could not use");
+    assert_eq!((scene.triangles.len(), scene.images.len()), (1_464_354, 7), "the numbers in scenes/README.md");
+    assert!(scene.images.iter().all(|image| (image.width, image.height) == (32, 32)));
+    let lamps = scene.lights.iter().filter(|light| matches!(light.kind, LightKind::Mesh { .. })).count();
+    let suns = scene.lights.iter().filter(|light| matches!(light.kind, LightKind::Directional { .. })).count();
+    assert_eq!((lamps, suns, scene.lights.len(), scene.cameras.len()), (20, 1, 21, 2));
+    let masked = gltf::Gltf::from_slice(&bytes).unwrap().document;
+    let masked = masked.materials().filter(|material| material.alpha_mode() == gltf::material::AlphaMode::Mask);
+    assert_eq!(masked.count(), 1, "leaves");
 }
