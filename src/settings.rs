@@ -11,8 +11,8 @@ use crate::{Error, Result};
 
 pub use builder::SettingsBuilder;
 pub use groups::{
-    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightSamplingSettings, ShadowRaySettings,
-    VisibilityMapSettings, WardSettings,
+    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings, LightSamplingSettings,
+    ShadowRaySettings, VisibilityMapSettings, WardSettings,
 };
 
 pub use technique::Technique;
@@ -151,6 +151,9 @@ pub struct Settings {
     /// Grid of `visibility-cells` and `voxel-tags`.
     #[serde(flatten)]
     pub cells: CellSettings,
+    /// `light-buffer`.
+    #[serde(flatten)]
+    pub light_buffer: LightBufferSettings,
     /// `ward-adaptive`.
     #[serde(flatten)]
     pub ward: WardSettings,
@@ -168,6 +171,7 @@ impl Default for Settings {
             light_sampling: LightSamplingSettings::default(),
             indirect: IndirectSettings::default(),
             cells: CellSettings::default(),
+            light_buffer: LightBufferSettings::default(),
             ward: WardSettings::default(),
             light_scale: 1.0,
         }
@@ -198,7 +202,7 @@ impl Settings {
     }
 
     fn check_integers(&self) -> Result<()> {
-        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, .. } = self;
+        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, light_buffer, .. } = self;
         let range = |name, value: u32, min: u32, max: u32| match (min..=max).contains(&value) {
             true => Ok(()),
             false => Err(Error::setting(name, format!("is {value}; it must be from {min} to {max}"))),
@@ -217,7 +221,8 @@ impl Settings {
         let gather_rays = indirect.irradiance_cache.gather_rays;
         range("indirect.irradiance_cache.gather_rays", gather_rays, 1, Self::MAX_GATHER_RAYS)?;
         range("cells.resolution", cells.resolution, 1, Self::MAX_CELLS)?;
-        range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)
+        range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)?;
+        range("light_buffer.resolution", light_buffer.resolution, 1, Self::MAX_LIGHT_BUFFER_CELLS)
     }
 
     fn check_reals(&self) -> Result<()> {

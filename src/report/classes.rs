@@ -213,5 +213,8 @@ fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
     let mut renderer = subject.renderer(settings)?;
     renderer.render_batch()?;
     let features = &renderer.specialisation().features;
-    Ok((renderer.image()?, features.has(Feature::VisibilityMap) || features.has(Feature::Cells)))
+    Ok((
+        renderer.image()?,
+        [Feature::VisibilityMap, Feature::Cells, Feature::LightBuffer].into_iter().any(|name| features.has(name)),
+    ))
 }

@@ -60,6 +60,8 @@ pub enum Visibility {
     Cells,
     /// By rays from the cells of a grid: shadow rays leave only cells that are neither lit nor shadowed as a whole.
     Voxels,
+    /// By lists of the surfaces between the lights and the point; shadow rays are traced where these do not decide.
+    LightBuffer,
 }
 
 /// How many of the lights a shading point considers.
@@ -126,9 +128,14 @@ impl Technique {
         matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)
     }
 
-    /// Photons or cells tell, before a shadow ray is traced, whether a point is lit, shadowed or neither.
+    /// Lists of the surfaces around each light tell, before the first sample, what may hide it.
+    pub fn uses_light_buffers(self) -> bool {
+        self.requirements().visibility == Visibility::LightBuffer
+    }
+
+    /// Photons, cells or lists tell, before a shadow ray is traced, whether a point is lit, shadowed or neither.
     pub fn classifies(self) -> bool {
-        self.uses_visibility_map() || self.uses_cells()
+        self.uses_visibility_map() || self.uses_cells() || self.uses_light_buffers()
     }
 
     /// Photons can tell it which lights reach a zone.

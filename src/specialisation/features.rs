@@ -72,6 +72,8 @@ kernel_kit::features! {
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.
         VoxelTags,
+        /// Method: lists of the surfaces around each light tell what may hide it.
+        LightBuffer,
         /// Method: lights are tested in the order of their potential contribution.
         Ward,
         /// Method: points sample a few of many lights.
