@@ -28,6 +28,9 @@ pub enum LightSampling {
     Uniform,
     /// A few lights: with probability 1/2 by power, else with equal probability.
     Power,
+    /// A few lights, by the light that each would send to the point if nothing were in between (Shirley, Wang and
+    /// Zimmerman 1996).
+    Contribution,
     /// A few of the lights that reach the point's zone, by the light that they send there: the paper's proposal for
     /// many lights.
     Zones,
@@ -35,8 +38,13 @@ pub enum LightSampling {
 
 impl LightSampling {
     /// All strategies.
-    pub const ALL: [LightSampling; 4] =
-        [LightSampling::All, LightSampling::Uniform, LightSampling::Power, LightSampling::Zones];
+    pub const ALL: [LightSampling; 5] = [
+        LightSampling::All,
+        LightSampling::Uniform,
+        LightSampling::Power,
+        LightSampling::Contribution,
+        LightSampling::Zones,
+    ];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
@@ -44,6 +52,7 @@ impl LightSampling {
             LightSampling::All => "all",
             LightSampling::Uniform => "uniform",
             LightSampling::Power => "power",
+            LightSampling::Contribution => "contribution",
             LightSampling::Zones => "zones",
         }
     }
@@ -216,7 +225,7 @@ impl Settings {
         range("visibility_map.shadow_photons_per_ray", stored, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("visibility_map.dilate", visibility_map.dilate.unwrap_or(0), 0, 1)?;
         range("shadow_rays.samples", shadow_rays.samples, 1, Self::MAX_SHADOW_SAMPLES)?;
-        range("light_sampling.sampled_lights", light_sampling.sampled_lights, 2, Self::MAX_SAMPLED_LIGHTS)?;
+        range("light_sampling.sampled_lights", light_sampling.sampled_lights, 1, Self::MAX_SAMPLED_LIGHTS)?;
         range("indirect.photons", indirect.photons, 1, Self::MAX_PHOTONS)?;
         let gather_rays = indirect.irradiance_cache.gather_rays;
         range("indirect.irradiance_cache.gather_rays", gather_rays, 1, Self::MAX_GATHER_RAYS)?;
@@ -247,19 +256,27 @@ impl Settings {
     }
 
     fn check_light_sampling(&self) -> Result<()> {
-        let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
         let technique = self.technique;
+        let zones = matches!(self.light_sampling.strategy, None | Some(LightSampling::Zones));
+        if self.light_sampling.sampled_lights == 1 && zones && technique.uses_zones() {
+            let problem = format!("is 1; it must be from 2 to {} with zones", Self::MAX_SAMPLED_LIGHTS);
+            return Err(Error::setting("light_sampling.sampled_lights", format!("{problem}: one audits them")));
+        }
+        let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
         let problem = match strategy {
             LightSampling::Zones if !technique.uses_zones() => {
                 format!("{technique} has no visibility photons that tell which lights reach a zone")
             }
             LightSampling::All if technique.is_path_tracing() => "a path samples one light at each vertex".to_owned(),
-            LightSampling::Uniform | LightSampling::Power
+            LightSampling::Contribution if technique.is_path_tracing() => {
+                "a path does not weigh all lights at each vertex".to_owned()
+            }
+            LightSampling::Uniform | LightSampling::Power | LightSampling::Contribution
                 if !technique.samples_lights() && !technique.is_path_tracing() =>
             {
                 format!("{technique} uses all lights")
             }
-            LightSampling::Uniform | LightSampling::Power | LightSampling::Zones
+            LightSampling::Uniform | LightSampling::Power | LightSampling::Contribution | LightSampling::Zones
                 if self.image.aovs.contains(&Aov::Shadow) =>
             {
                 "the AOV shadow needs all lights".to_owned()

@@ -394,6 +394,7 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
             LightSampling::All => "all lights",
             LightSampling::Uniform => "a few lights, with equal probability",
             LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
+            LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
             LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
         })
     });

@@ -305,18 +305,28 @@ struct Face {
 }
 
 impl Face {
+    /// The lists of all cells. The nearest surfaces come first: they soon fill the lists, and what is farther than all
+    /// that the lists have room for is left out early.
     fn lists(&self, scene: &Scene, entries: &[(usize, u32)]) -> Vec<List> {
-        let mut lists = vec![List::default(); (self.side * self.side) as usize];
-        let whole = [0..self.side, 0..self.side];
-        for (triangle, entry) in entries {
-            let corners = scene.triangle_positions(*triangle).map(|p| self.own(p));
-            self.add(&Occluder::triangle(corners, self.directional), *entry, whole.clone(), &mut lists);
-        }
+        let corners = |triangle: usize| scene.triangle_positions(triangle).map(|p| self.own(p));
+        let depth = |triangle: usize| self.depth(&Occluder::hull(&corners(triangle)), &self.whole());
+        let near = entries.iter().filter_map(|(triangle, entry)| Some((depth(*triangle)?, *triangle, *entry)));
+        let mut near: Vec<(f64, usize, u32)> = near.collect();
+        near.sort_by(|(a, i, _), (b, j, _)| a.total_cmp(b).then(i.cmp(j)));
+        let mut lists = Lists::new(self.side);
         for object in &scene.procedurals {
             let corners = object.corners().map(|p| self.own(p));
-            self.add(&Occluder::hull(corners.to_vec()), occluder::ANYTHING, whole.clone(), &mut lists);
+            self.add(&Occluder::hull(&corners), occluder::ANYTHING, (1, self.whole()), &mut lists);
         }
-        lists
+        for (_, triangle, entry) in near {
+            let surface = Occluder::triangle(&corners(triangle), self.directional);
+            self.add(&surface, entry, (1, self.whole()), &mut lists);
+        }
+        lists.of_cells
+    }
+
+    fn whole(&self) -> [Range<u32>; 2] {
+        [0..self.side, 0..self.side]
     }
 
     fn own(&self, position: Vec3) -> DVec3 {
@@ -324,23 +334,32 @@ impl Face {
         DVec3::from(self.axes.map(|axis| axis.dot(p)))
     }
 
-    /// Adds a surface to the cells that it may come near.
-    fn add(&self, surface: &Occluder, entry: u32, cells: [Range<u32>; 2], lists: &mut [List]) {
+    /// Adds a surface to those of a node's cells that it may come near.
+    fn add(&self, surface: &Occluder, entry: u32, (node, cells): (usize, [Range<u32>; 2]), lists: &mut Lists) {
         let Some(depth) = self.depth(surface, &cells) else { return };
+        // Rounded down.
+        let depth = (depth as f32).next_down();
+        if depth >= lists.ends[node] {
+            return;
+        }
         let [x, y] = cells;
         if x.len() == 1 && y.len() == 1 {
-            // Rounded down.
-            return lists[(y.start * self.side + x.start) as usize].push(entry, (depth as f32).next_down());
+            let list = &mut lists.of_cells[(y.start * self.side + x.start) as usize];
+            list.push(entry, depth);
+            lists.ends[node] = list.end;
+            return;
         }
         let halves = |range: &Range<u32>| {
             let middle = (range.start + range.end) / 2;
             [range.start..middle, middle..range.end]
         };
-        let parts = match x.len() > y.len() {
+        let [first, second] = match x.len() > y.len() {
             true => halves(&x).map(|half| [half, y.clone()]),
             false => halves(&y).map(|half| [x.clone(), half]),
         };
-        parts.into_iter().for_each(|part| self.add(surface, entry, part, lists));
+        self.add(surface, entry, (2 * node, first), lists);
+        self.add(surface, entry, (2 * node + 1, second), lists);
+        lists.ends[node] = lists.ends[2 * node].max(lists.ends[2 * node + 1]);
     }
 
     /// Minimum depth of what is within reach of a surface and in some of the cells; None where there is nothing.
@@ -413,13 +432,13 @@ struct Occluder {
 }
 
 impl Occluder {
-    fn hull(corners: Vec<DVec3>) -> Occluder {
+    fn hull(corners: &[DVec3]) -> Occluder {
         let depths = corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], p| [a.min(p.z), b.max(p.z)]);
-        Occluder { corners, depths, flat: None }
+        Occluder { corners: corners.to_vec(), depths, flat: None }
     }
 
-    fn triangle(corners: [DVec3; 3], directional: bool) -> Occluder {
-        let [a, b, c] = corners;
+    fn triangle(corners: &[DVec3; 3], directional: bool) -> Occluder {
+        let [a, b, c] = *corners;
         let mut normal = (b - a).cross(c - a).normalize_or_zero();
         if (if directional { normal.z } else { normal.dot(a) }) < 0.0 {
             normal = -normal;
@@ -436,27 +455,46 @@ impl Occluder {
             Some(Plane { normal, distance: if inside < 0.0 { -distance } else { distance } })
         };
         let sides = [[a, b, c], [b, c, a], [c, a, b]].into_iter().filter_map(side).collect();
-        Occluder { flat: Some((plane, sides)), ..Occluder::hull(corners.to_vec()) }
+        Occluder { flat: Some((plane, sides)), ..Occluder::hull(corners) }
     }
 }
 
-/// The surfaces of a cell while they are collected.
+/// The lists of the cells of a face, while they are filled.
+struct Lists {
+    of_cells: Vec<List>,
+    /// Where the lists of a node's cells end: the largest [`List::end`]. Node 1 has all cells; the halves of node n are
+    /// 2n and 2n + 1.
+    ends: Vec<f32>,
+}
+
+impl Lists {
+    fn new(side: u32) -> Lists {
+        let nodes = 2 * side.next_power_of_two().pow(2) as usize;
+        Lists { of_cells: vec![List::default(); (side * side) as usize], ends: vec![f32::INFINITY; nodes] }
+    }
+}
+
+/// The surfaces of a cell.
 #[derive(Clone)]
 struct List {
     listed: Vec<(u32, f32)>,
-    /// Minimum depth of those that had no room.
-    dropped: f32,
+    /// Minimum depth of those of which nothing else is known: they had no room, or are no triangles.
+    end: f32,
 }
 
 impl Default for List {
     fn default() -> List {
-        List { listed: Vec::new(), dropped: f32::INFINITY }
+        List { listed: Vec::new(), end: f32::INFINITY }
     }
 }
 
 impl List {
     fn push(&mut self, entry: u32, depth: f32) {
-        self.listed.push((entry, depth));
+        if entry == occluder::ANYTHING {
+            self.end = self.end.min(depth);
+        } else {
+            self.listed.push((entry, depth));
+        }
         if self.listed.len() > 2 * MAX_LISTED {
             self.shorten();
         }
@@ -465,19 +503,18 @@ impl List {
     /// Keeps the nearest; of equal depth those that come first in the scene.
     fn shorten(&mut self) {
         self.listed.sort_by(|(a, x), (b, y)| x.total_cmp(y).then(a.cmp(b)));
-        let dropped = self.listed.get(MAX_LISTED).map_or(f32::INFINITY, |(_, depth)| *depth);
-        self.dropped = self.dropped.min(dropped);
-        self.listed.truncate(MAX_LISTED);
+        if let Some((_, dropped)) = self.listed.get(MAX_LISTED) {
+            self.end = self.end.min(*dropped);
+        }
+        let kept = self.listed.partition_point(|(_, depth)| *depth < self.end);
+        self.listed.truncate(kept.min(MAX_LISTED));
     }
 
-    /// By depth, up to the first one of which nothing is known.
+    /// By depth; the last one tells where the list ends.
     fn entries(mut self) -> Vec<(u32, f32)> {
         self.shorten();
-        if self.dropped < f32::INFINITY {
-            self.listed.push((occluder::ANYTHING, self.dropped));
-        }
-        if let Some(end) = self.listed.iter().position(|(entry, _)| *entry == occluder::ANYTHING) {
-            self.listed.truncate(end + 1);
+        if self.end < f32::INFINITY {
+            self.listed.push((occluder::ANYTHING, self.end));
         }
         self.listed
     }

@@ -82,7 +82,7 @@ pub struct LightSamplingSettings {
     /// [`Settings::MANY_LIGHTS`] lights, `power` for paths, otherwise `all`.
     #[serde(rename = "light_sampling")]
     pub strategy: Option<LightSampling>,
-    /// Lights sampled at each point, unless all are used: 2 to [`Settings::MAX_SAMPLED_LIGHTS`].
+    /// Lights sampled at each point, unless all are used: 1 to [`Settings::MAX_SAMPLED_LIGHTS`], with zones at least 2.
     pub sampled_lights: u32,
 }
 

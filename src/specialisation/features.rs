@@ -80,6 +80,8 @@ kernel_kit::features! {
         LightSampling,
         /// Method: all lights are sampled with the same probability, not by power.
         UniformLightSampling,
+        /// Method: lights are sampled by the light that each would send to the point if nothing were in between.
+        ContributionSampling,
         /// Method: photons tell which lights reach a zone, and points sample lights of their zone.
         Zones,
         /// Method: points that photons decide are audited.
