@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use super::lights::LightInfo;
 use crate::kernels::occluder;
+use crate::procedural::box_corners;
 use crate::scene::{AlphaMode, EmitterTriangle, Light, LightKind, Scene};
 
 /// Maximum number of surfaces in a list: its texels are counted in five bits. One entry more tells where the list ends.
@@ -215,7 +216,7 @@ impl<'s> Shape<'s> {
             return None;
         }
         let light = self.sides(scene, plane);
-        let corners = crate::procedural::box_corners(self.bounds.map(|p| p.as_dvec3()));
+        let corners = box_corners(self.bounds.map(|p| p.as_dvec3()));
         let all = Sides::of(plane.heights(corners.into_iter()));
         if (light.front && all.front) || (light.back && all.back) {
             return None;
@@ -253,20 +254,20 @@ impl<'s> Shape<'s> {
 
     /// The faces of a cube: those along x, y and z, the positive one first. The axes across are the next two.
     fn cube(&self, side: u32) -> Vec<Face> {
-        let unit = [DVec3::X, DVec3::Y, DVec3::Z];
-        let face = |i: usize| {
-            let depth = if i % 2 == 0 { unit[i / 2] } else { -unit[i / 2] };
-            Face {
-                axes: [unit[(i / 2 + 1) % 3], unit[(i / 2 + 2) % 3], depth],
-                centre: self.centre,
-                directional: false,
-                reach: self.reach,
-                low: DVec2::splat(-1.0),
-                cell: 2.0 / f64::from(side),
-                side,
-            }
+        let across = [[DVec3::Y, DVec3::Z], [DVec3::Z, DVec3::X], [DVec3::X, DVec3::Y]];
+        let face = |[right, up]: [DVec3; 2], depth: DVec3| Face {
+            axes: [right, up, depth],
+            centre: self.centre,
+            directional: false,
+            reach: self.reach,
+            low: DVec2::splat(-1.0),
+            cell: 2.0 / f64::from(side),
+            side,
         };
-        (0..6).map(face).collect()
+        across
+            .into_iter()
+            .flat_map(|[right, up]| [1.0, -1.0].map(|sign| face([right, up], sign * right.cross(up))))
+            .collect()
     }
 
     /// The square across a directional light. It covers the scene.
@@ -274,7 +275,7 @@ impl<'s> Shape<'s> {
         // Rounded as the kernel has them.
         let (right, up) = self.centre.any_orthonormal_pair();
         let [right, up] = [right, up].map(|axis| axis.as_vec3().as_dvec3());
-        let corners = crate::procedural::box_corners(self.bounds.map(|p| p.as_dvec3()));
+        let corners = box_corners(self.bounds.map(|p| p.as_dvec3()));
         let across = corners.map(|p| DVec2::new(right.dot(p), up.dot(p)));
         let low = across.into_iter().reduce(DVec2::min).unwrap_or_default() - SPARE;
         let high = across.into_iter().reduce(DVec2::max).unwrap_or_default() + SPARE;

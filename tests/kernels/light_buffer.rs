@@ -25,7 +25,7 @@ const CELLS: u32 = 20;
 const POINTS: usize = 1500;
 const LINES: usize = 24;
 
-/// The material that lets all light through.
+/// Alpha of a panel that lets all light through: below the cutoff of its mask.
 const CLEAR: f32 = 0.2;
 
 /// A floor, panels, a ball and a panel that lets light through, in a room; under a lamp at the ceiling, a ball lamp, a
@@ -227,10 +227,11 @@ fn classes_are_what_lines_find(gpu: &Gpu) {
             assert!(counts[1..4].iter().all(|count| *count == 0), "the environment has no cells: {counts:?}");
             continue;
         }
-        // A bound by a sphere around the light is loose: a third are left open, of lights without a surface few.
+        // The sphere around a light is a loose bound: up to a third are left open. Of lights without a surface it is
+        // some beside the panel that lets light through.
         let limit = if matches!(kind, LightKind::Mesh { .. }) { seen / 2 } else { seen / 20 };
-        println!("{limit}"); if false { assert!(open_seen <= limit && counts[Class::Lit as usize] > 50, "light {light}: {open_seen} of {seen} open");
-        assert!(counts[Class::Shadowed as usize] > 20, "light {light}: no triangle hides it: {counts:?}"); }
+        assert!(open_seen <= limit && counts[Class::Lit as usize] > 50, "light {light}: {open_seen} of {seen} open");
+        assert!(counts[Class::Shadowed as usize] > 20, "light {light}: no triangle hides it: {counts:?}");
     }
 }
 
