@@ -8,19 +8,22 @@
 // an equidistant comb over the cumulative probabilities, samples no light twice. The last candidate audits the zones:
 // from a few lights that are not in the list it takes one by resampled importance sampling (Talbot et al. 2005). So the
 // expected value is the sum over all lights, whatever the lists hold. Without zones, the comb runs over the cumulative
-// probabilities of all lights, by power or uniform.
+// probabilities of all lights, by power or uniform. `uniform`, `power` and
+// `contribution` differ in these probabilities: the last are the lights' potentials at the point, and with one light
+// and one light point this is the sampling of Shirley, Wang and Zimmerman (1996).
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::light::sample_light;
+@if(!contribution_sampling) import package::lib::light::sample_light;
 import package::lib::point::Point;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
 @if(zones && texture_loads) import package::lib::table::table_texel;
 import package::lib::grid::GridShape;
 @if(zones) import package::lib::grid::{cell_of, index_in_grid};
-@if(zones) import package::lib::light::light_potential;
-@if(zones) import package::lib::math::oct_decode16;
+@if(zones || contribution_sampling) import package::lib::light::light_potential;
+@if(contribution_sampling) import package::lib::light::table::light_count;
+@if(zones || contribution_sampling) import package::lib::math::oct_decode16;
 @if(zones) import package::lib::rng::uniform_from_bits;
 @if(zones) import package::lib::constants::ZONE_LIGHTS;
 import package::lib::constants::{DIMENSION_LIGHT_SAMPLING, INVALID_POINT, NO_SAMPLED_LIGHT};
@@ -84,14 +87,15 @@ fn sample_lights(
                 sampled++;
             }
         }
-        @else { sampled = sample_all(i, u.x); }
+        @if(contribution_sampling) { sampled = sample_by_contribution(i, point, u.x); }
+        @if(!zones && !contribution_sampling) { sampled = sample_all(i, u.x); }
     }
     for (; sampled < lights_per_point; sampled++) { write_sample(sampled, i, NO_SAMPLED_LIGHT, 0.0); }
 }
 
 // Samples by a comb over all lights. All teeth that fall on one light make one candidate. Returns the number of
 // candidates.
-@if(!zones)
+@if(!zones && !contribution_sampling)
 fn sample_all(i: u32, u: f32) -> u32 {
     var sampled = 0u;
     var last = NO_SAMPLED_LIGHT;
@@ -105,6 +109,33 @@ fn sample_all(i: u32, u: f32) -> u32 {
         }
         weight += 1.0 / (f32(lights_per_point) * found.probability);
         write_sample(sampled - 1u, i, last, weight);
+    }
+    return sampled;
+}
+
+// A comb over the potentials of all lights at the point. Returns the number of candidates.
+@if(contribution_sampling)
+fn sample_by_contribution(i: u32, point: Point, u: f32) -> u32 {
+    let normal = oct_decode16(point.normal);
+    let lights = light_count();
+    var total = 0.0;
+    for (var light = 0u; light < lights; light++) { total += light_potential(light, point.position, normal); }
+    let spacing = total / f32(lights_per_point);
+    var sampled = 0u;
+    var tooth = 0u;
+    var cumulative = 0.0;
+    for (var light = 0u; light < lights && tooth < lights_per_point; light++) {
+        let potential = light_potential(light, point.position, normal);
+        cumulative += potential;
+        var met = 0u;
+        while tooth < lights_per_point && (f32(tooth) + u) * spacing < cumulative {
+            met++;
+            tooth++;
+        }
+        if met > 0u {
+            write_sample(sampled, i, light, f32(met) * spacing / potential);
+            sampled++;
+        }
     }
     return sampled;
 }

@@ -11,8 +11,8 @@ use crate::{Error, Result};
 
 pub use builder::SettingsBuilder;
 pub use groups::{
-    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightSamplingSettings, ShadowRaySettings,
-    VisibilityMapSettings, WardSettings,
+    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings, LightSamplingSettings,
+    ShadowRaySettings, VisibilityMapSettings, WardSettings,
 };
 
 pub use technique::Technique;
@@ -28,6 +28,9 @@ pub enum LightSampling {
     Uniform,
     /// A few lights: with probability 1/2 by power, else with equal probability.
     Power,
+    /// A few lights, by the light that each would send to the point if nothing were in between (Shirley, Wang and
+    /// Zimmerman 1996).
+    Contribution,
     /// A few of the lights that reach the point's zone, in proportion to the light that they send there: the paper's
     /// proposal for many lights.
     Zones,
@@ -35,8 +38,13 @@ pub enum LightSampling {
 
 impl LightSampling {
     /// All strategies.
-    pub const ALL: [LightSampling; 4] =
-        [LightSampling::All, LightSampling::Uniform, LightSampling::Power, LightSampling::Zones];
+    pub const ALL: [LightSampling; 5] = [
+        LightSampling::All,
+        LightSampling::Uniform,
+        LightSampling::Power,
+        LightSampling::Contribution,
+        LightSampling::Zones,
+    ];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
@@ -44,6 +52,7 @@ impl LightSampling {
             LightSampling::All => "all",
             LightSampling::Uniform => "uniform",
             LightSampling::Power => "power",
+            LightSampling::Contribution => "contribution",
             LightSampling::Zones => "zones",
         }
     }
@@ -151,6 +160,9 @@ pub struct Settings {
     /// Grid of `visibility-cells` and `voxel-tags`.
     #[serde(flatten)]
     pub cells: CellSettings,
+    /// `light-buffer`.
+    #[serde(flatten)]
+    pub light_buffer: LightBufferSettings,
     /// `ward-adaptive`.
     #[serde(flatten)]
     pub ward: WardSettings,
@@ -168,6 +180,7 @@ impl Default for Settings {
             light_sampling: LightSamplingSettings::default(),
             indirect: IndirectSettings::default(),
             cells: CellSettings::default(),
+            light_buffer: LightBufferSettings::default(),
             ward: WardSettings::default(),
             light_scale: 1.0,
         }
@@ -198,7 +211,7 @@ impl Settings {
     }
 
     fn check_integers(&self) -> Result<()> {
-        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, .. } = self;
+        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, light_buffer, .. } = self;
         let range = |name, value: u32, min: u32, max: u32| match (min..=max).contains(&value) {
             true => Ok(()),
             false => Err(Error::setting(name, format!("is {value}; it must be from {min} to {max}"))),
@@ -212,12 +225,13 @@ impl Settings {
         range("visibility_map.shadow_photons_per_ray", stored, 1, Self::MAX_SHADOW_PHOTONS)?;
         range("visibility_map.dilate", visibility_map.dilate.unwrap_or(0), 0, 1)?;
         range("shadow_rays.samples", shadow_rays.samples, 1, Self::MAX_SHADOW_SAMPLES)?;
-        range("light_sampling.sampled_lights", light_sampling.sampled_lights, 2, Self::MAX_SAMPLED_LIGHTS)?;
+        range("light_sampling.sampled_lights", light_sampling.sampled_lights, 1, Self::MAX_SAMPLED_LIGHTS)?;
         range("indirect.photons", indirect.photons, 1, Self::MAX_PHOTONS)?;
         let gather_rays = indirect.irradiance_cache.gather_rays;
         range("indirect.irradiance_cache.gather_rays", gather_rays, 1, Self::MAX_GATHER_RAYS)?;
         range("cells.resolution", cells.resolution, 1, Self::MAX_CELLS)?;
-        range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)
+        range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)?;
+        range("light_buffer.resolution", light_buffer.resolution, 1, Self::MAX_LIGHT_BUFFER_CELLS)
     }
 
     fn check_reals(&self) -> Result<()> {
@@ -242,19 +256,27 @@ impl Settings {
     }
 
     fn check_light_sampling(&self) -> Result<()> {
-        let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
         let technique = self.technique;
+        let zones = matches!(self.light_sampling.strategy, None | Some(LightSampling::Zones));
+        if self.light_sampling.sampled_lights == 1 && zones && technique.uses_zones() {
+            let problem = format!("is 1; it must be from 2 to {} with zones", Self::MAX_SAMPLED_LIGHTS);
+            return Err(Error::setting("light_sampling.sampled_lights", format!("{problem}: one audits them")));
+        }
+        let Some(strategy) = self.light_sampling.strategy else { return Ok(()) };
         let problem = match strategy {
             LightSampling::Zones if !technique.uses_zones() => {
                 format!("{technique} has no visibility photons that tell which lights reach a zone")
             }
             LightSampling::All if technique.is_path_tracing() => "a path samples one light at each vertex".to_owned(),
-            LightSampling::Uniform | LightSampling::Power
+            LightSampling::Contribution if technique.is_path_tracing() => {
+                "a path does not weigh all lights at each vertex".to_owned()
+            }
+            LightSampling::Uniform | LightSampling::Power | LightSampling::Contribution
                 if !technique.samples_lights() && !technique.is_path_tracing() =>
             {
                 format!("{technique} uses all lights")
             }
-            LightSampling::Uniform | LightSampling::Power | LightSampling::Zones
+            LightSampling::Uniform | LightSampling::Power | LightSampling::Contribution | LightSampling::Zones
                 if self.image.aovs.contains(&Aov::Shadow) =>
             {
                 "the AOV shadow needs all lights".to_owned()

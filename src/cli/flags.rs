@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 31] = [
+const FLAGS: [(&str, &str); 32] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
@@ -26,6 +26,7 @@ const FLAGS: [(&str, &str); 31] = [
     ("`indirect.irradiance_cache.gather_rays`", "--gather-rays"),
     ("`cells.resolution`", "--cells"),
     ("`cells.rays_per_light`", "--cell-rays"),
+    ("`light_buffer.resolution`", "--light-buffer-cells"),
     ("`ward.tolerance`", "--shadow-tolerance"),
     ("`light_scale`", "--light-scale"),
     ("`lenient` import", "--lenient"),
@@ -82,6 +83,7 @@ mod tests {
             (new().gather_rays(0), "--gather-rays"),
             (new().cells(0), "--cells"),
             (new().cell_rays(0), "--cell-rays"),
+            (new().light_buffer_cells(0), "--light-buffer-cells"),
             (new().ward_tolerance(2.0), "--shadow-tolerance"),
             (new().light_scale(-1.0), "--light-scale"),
         ];

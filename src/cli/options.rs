@@ -362,6 +362,10 @@ struct EarlierOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().cells.rays_per_light)]
     cell_rays: u32,
 
+    /// Cells along a side of the six faces around each light, for light-buffer
+    #[arg(long, value_name = "N", default_value_t = Settings::default().light_buffer.resolution)]
+    light_buffer_cells: u32,
+
     /// Share of a point's light below which the remaining lights trace no shadow rays and their visibility is
     /// estimated, for ward-adaptive; 0 tests all lights
     #[arg(long, value_name = "X", default_value_t = Settings::default().ward.tolerance)]
@@ -372,6 +376,7 @@ impl EarlierOptions {
     fn apply(&self, settings: &mut Settings) {
         settings.cells.resolution = self.cells;
         settings.cells.rays_per_light = self.cell_rays;
+        settings.light_buffer.resolution = self.light_buffer_cells;
         settings.ward.tolerance = self.shadow_tolerance;
     }
 }
@@ -389,6 +394,7 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
             LightSampling::All => "all lights",
             LightSampling::Uniform => "a few lights, with equal probability",
             LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
+            LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
             LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
         })
     });

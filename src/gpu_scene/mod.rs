@@ -3,6 +3,7 @@
 mod bounds;
 pub mod camera;
 pub mod environment;
+pub mod light_buffer;
 pub mod lights;
 pub mod receivers;
 pub mod sheen;

@@ -2,7 +2,7 @@
 
 use kernel_kit::constants_module;
 
-use super::numbers::{self, Class, Queue, class_word, photon_word};
+use super::numbers::{self, Class, Queue, class_word, occluder, photon_word};
 use super::{light_texels, scene_texels};
 use crate::settings::Settings;
 use crate::statistics::Counter;
@@ -33,6 +33,12 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("CLASS_COUNT_MAX", class_word::MAX_COUNT),
     ("CLASS_VISIBILITY_SHIFT", class_word::VISIBILITY_SHIFT),
     ("CLASS_VISIBILITY_STEPS", class_word::VISIBILITY_STEPS),
+    ("OCCLUDER_TRIANGLE_MASK", occluder::TRIANGLE_MASK),
+    ("OCCLUDER_LIGHT_IN_FRONT", occluder::LIGHT_IN_FRONT),
+    ("OCCLUDER_LIGHT_BEHIND", occluder::LIGHT_BEHIND),
+    ("OCCLUDER_POROUS", occluder::POROUS),
+    ("OCCLUDER_ANYTHING", occluder::ANYTHING),
+    ("OCCLUDER_COUNT_BITS", occluder::COUNT_BITS),
     ("QUEUE_QUERY", Queue::Query as u32),
     ("QUEUE_BOUNDARY", Queue::Boundary as u32),
     ("QUEUE_AUDIT", Queue::Audit as u32),

@@ -106,6 +106,22 @@ pub mod photon_word {
     pub const SHADOW: u32 = 0x8000_0000;
 }
 
+/// An entry in a list of a light buffer: a triangle, and flags. See `shaders/light_buffer.wgsl`.
+pub mod occluder {
+    /// Bits 0-27: the triangle.
+    pub const TRIANGLE_MASK: u32 = 0x0fff_ffff;
+    /// No part of the light is behind the triangle's plane.
+    pub const LIGHT_IN_FRONT: u32 = 1 << 28;
+    /// No part of the light is in front of the triangle's plane.
+    pub const LIGHT_BEHIND: u32 = 1 << 29;
+    /// It may let light through, so that it does not hide what is behind it.
+    pub const POROUS: u32 = 1 << 30;
+    /// In place of an entry: some surface, of which nothing but its depth is known.
+    pub const ANYTHING: u32 = u32::MAX;
+    /// Bits of the number of texels in the word of a cell.
+    pub const COUNT_BITS: u32 = 5;
+}
+
 /// Maximum number of lights of a photon map: a photon's word has eleven bits for its light.
 pub const MAX_LIGHTS: u32 = 2048;
 

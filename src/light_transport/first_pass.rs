@@ -11,6 +11,7 @@ use super::shared::Shared;
 use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
+use crate::gpu_scene::light_buffer::LightBuffers;
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
@@ -61,6 +62,18 @@ impl FirstPass<'_> {
         if let (Some(kernel), Some(direct)) = (self.direct_kernels.cells.take(), &self.lighting.direct) {
             let cells = CellVisibility::new(&self.shared, &kernel, direct, self.settings, self.totals)?;
             self.lighting.cells = Some(cells);
+        }
+        Ok(())
+    }
+
+    /// Lists the surfaces around each light that may hide it (pass `light_buffer`). Direct light must be ready.
+    pub fn make_light_buffers(&mut self) -> Result<()> {
+        if let (Some(pass), Some(direct)) = (self.direct_kernels.light_buffer.take(), &self.lighting.direct) {
+            let Shared { gpu, scene, gpu_scene, tile } = self.shared;
+            let buffers = LightBuffers::new(scene, &gpu_scene.lights.lights, self.settings.light_buffer.resolution);
+            self.totals.photon_bytes += buffers.bytes();
+            let classes = &direct.classify_buffers().classes;
+            self.lighting.light_buffers = Some(pass.bind(gpu, tile, &buffers, classes, gpu_scene)?);
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use super::light_sampler::LightSamplerKernels;
 use super::visibility_map::MapKernels;
 use crate::Result;
 use crate::passes::cells::Cells;
+use crate::passes::light_buffer::LightBufferPass;
 use crate::passes::path::Path;
 use crate::passes::ward::Ward;
 use crate::settings::Settings;
@@ -22,6 +23,7 @@ pub(crate) struct DirectKernels {
     pub light_sampler: Option<LightSamplerKernels>,
     pub visibility_map: Option<MapKernels>,
     pub cells: Option<Cells>,
+    pub light_buffer: Option<LightBufferPass>,
     pub ward: Option<Ward>,
     pub direct_light: Option<DirectLightKernels>,
 }
@@ -40,7 +42,8 @@ impl DirectKernels {
         let map = || MapKernels::new(gpu, features, constants, settings);
         let light_sampler = || LightSamplerKernels::new(gpu, features, constants, settings);
         let has = |name| features.has(name);
-        let ((direct_light, visibility_map), ((cells, ward), light_sampler)) = rayon::join(
+        let light_buffer = || LightBufferPass::new(gpu, features, constants);
+        let ((direct_light, visibility_map), ((cells, light_buffer, ward), light_sampler)) = rayon::join(
             || {
                 rayon::join(
                     || DirectLightKernels::new(gpu, features, constants, settings),
@@ -51,7 +54,9 @@ impl DirectKernels {
                 rayon::join(
                     || {
                         let cells = has(Feature::Cells).then(|| Cells::new(gpu, features, constants)).transpose();
-                        (cells, has(Feature::Ward).then(|| Ward::new(gpu, features, constants)).transpose())
+                        let light_buffer = has(Feature::LightBuffer).then(light_buffer).transpose();
+                        let ward = has(Feature::Ward).then(|| Ward::new(gpu, features, constants)).transpose();
+                        (cells, light_buffer, ward)
                     },
                     || has(Feature::LightSampling).then(light_sampler).transpose(),
                 )
@@ -61,6 +66,7 @@ impl DirectKernels {
             light_sampler: light_sampler?,
             visibility_map: visibility_map?,
             cells: cells?,
+            light_buffer: light_buffer?,
             ward: ward?,
             direct_light: Some(direct_light?),
         })

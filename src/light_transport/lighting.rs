@@ -11,6 +11,7 @@ use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::{MapState, VisibilityMap};
 use crate::Result;
+use crate::passes::light_buffer::BoundLightBuffer;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
@@ -22,6 +23,8 @@ pub(crate) struct Lighting {
     pub visibility_map: Option<VisibilityMap>,
     /// Visibility of lights from the cells of a grid.
     pub cells: Option<CellVisibility>,
+    /// The surfaces around each light.
+    pub light_buffers: Option<BoundLightBuffer>,
     pub adaptive_testing: Option<AdaptiveTesting>,
     /// Direct light, if the technique computes it separately.
     pub direct: Option<DirectLight>,

@@ -107,6 +107,15 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.clear_queues(frame));
     }
 
+    /// Gives each point the class that the surfaces listed between it and each light tell (pass `light_buffer`), and
+    /// empties the queues.
+    pub fn look_up_light_buffers(&mut self, lights: &Chunk) {
+        if let Some(buffers) = &self.lighting.light_buffers {
+            buffers.record(self.frame, self.tile, lights);
+        }
+        self.direct(|direct, frame, _| direct.clear_queues(frame));
+    }
+
     /// Sorts the lights of each point by their potential contributions (pass `ward`).
     pub fn order_lights(&mut self, lights: &Chunk) {
         self.testing(|testing, _, frame, tile| testing.order(frame, tile, lights));
@@ -184,6 +193,11 @@ impl SecondPass<'_, '_> {
     /// Whether there are cells with classes. There are none if nothing is to be lit.
     pub fn has_cells(&self) -> bool {
         self.lighting.cells.is_some()
+    }
+
+    /// Whether there are lists of the surfaces around each light. There are none if nothing is to be lit.
+    pub fn has_light_buffers(&self) -> bool {
+        self.lighting.light_buffers.is_some()
     }
 
     fn direct(&mut self, step: impl FnOnce(&DirectLight, &mut Frame<'_>, &Tile)) {

@@ -8,6 +8,7 @@ pub mod flux;
 pub mod gather;
 pub mod grid;
 pub mod irradiance;
+pub mod light_buffer;
 pub mod path;
 pub mod photons;
 pub mod primary;
@@ -20,6 +21,7 @@ pub mod zones;
 use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
 
 use crate::Result;
+use crate::gpu_scene::light_buffer::BufferedLight;
 use crate::gpu_scene::lights::LightBindings;
 use crate::gpu_scene::{CameraUniform, SceneBindings};
 use crate::kernels::{GridShape, compose};
@@ -75,6 +77,8 @@ pub const SHARED: &[&SharedStruct] = &[
     &GridShape::SHARED,
     &grid::Photon::SHARED,
     &irradiance::IrradianceParameters::SHARED,
+    &BufferedLight::SHARED,
+    &light_buffer::LightBufferParameters::SHARED,
     &photons::PhotonParameters::SHARED,
     &path::PathParameters::SHARED,
     &sample_lights::SampleLightsParameters::SHARED,

@@ -208,10 +208,11 @@ fn visibility(subject: &Subject<'_>, parts: u32) -> Result<Image> {
     Ok(mean)
 }
 
-/// Renders one batch. Returns the image, and whether there was a visibility map or cells to classify points by.
+/// Renders one batch. Returns the image, and whether a map, cells or lists classified points.
 fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, bool)> {
     let mut renderer = subject.renderer(settings)?;
     renderer.render_batch()?;
     let features = &renderer.specialisation().features;
-    Ok((renderer.image()?, features.has(Feature::VisibilityMap) || features.has(Feature::Cells)))
+    let classifying = [Feature::VisibilityMap, Feature::Cells, Feature::LightBuffer];
+    Ok((renderer.image()?, classifying.into_iter().any(|feature| features.has(feature))))
 }

@@ -55,6 +55,7 @@ setters! {
     gather_rays: u32 => "IrradianceCacheSettings::gather_rays", indirect.irradiance_cache.gather_rays;
     cells: u32 => "CellSettings::resolution", cells.resolution;
     cell_rays: u32 => "CellSettings::rays_per_light", cells.rays_per_light;
+    light_buffer_cells: u32 => "LightBufferSettings::resolution", light_buffer.resolution;
     ward_tolerance: f32 => "WardSettings::tolerance", ward.tolerance;
     light_scale: f32 => "Settings::light_scale", light_scale;
 }

@@ -82,7 +82,7 @@ pub struct LightSamplingSettings {
     /// [`Settings::MANY_LIGHTS`] lights, `power` for paths, otherwise `all`.
     #[serde(rename = "light_sampling")]
     pub strategy: Option<LightSampling>,
-    /// Lights sampled at each point, unless all are used: 2 to [`Settings::MAX_SAMPLED_LIGHTS`].
+    /// Lights sampled at each point, unless all are used: 1 to [`Settings::MAX_SAMPLED_LIGHTS`], with zones at least 2.
     pub sampled_lights: u32,
 }
 
@@ -158,6 +158,22 @@ impl Default for CellSettings {
     }
 }
 
+/// The technique `light-buffer` (Haines and Greenberg 1986).
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
+pub struct LightBufferSettings {
+    /// Cells along a side of each face of the cube around a light, 1 to [`Settings::MAX_LIGHT_BUFFER_CELLS`]. Fewer
+    /// where many lights share the memory.
+    #[serde(rename = "light_buffer_cells")]
+    pub resolution: u32,
+}
+
+impl Default for LightBufferSettings {
+    fn default() -> Self {
+        LightBufferSettings { resolution: 64 }
+    }
+}
+
 /// The technique `ward-adaptive` (Ward 1991).
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
@@ -198,6 +214,8 @@ impl Settings {
     pub const MAX_CELLS: u32 = 256;
     /// Maximum number of rays from a cell to a light, as half a word counts them.
     pub const MAX_CELL_RAYS: u32 = 4096;
+    /// Maximum number of cells along a side of a light buffer: one light then has three quarters of all cells.
+    pub const MAX_LIGHT_BUFFER_CELLS: u32 = 256;
     /// Largest ratio of a record's radius to the distance of the surfaces around it.
     pub const MAX_ACCURACY: f32 = 10.0;
     /// Maximum number of gather rays per record: as many as one invocation can sum up on software devices.

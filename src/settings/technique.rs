@@ -62,6 +62,8 @@ pub enum Visibility {
     /// By rays from the cells of a grid. Only points in cells that are neither completely lit nor completely shadowed
     /// trace shadow rays.
     Voxels,
+    /// By lists of the surfaces between the lights and the point; shadow rays are traced where these do not decide.
+    LightBuffer,
 }
 
 /// How many lights a shading point considers.
@@ -128,9 +130,14 @@ impl Technique {
         matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)
     }
 
-    /// Whether photons or cells classify points as lit, shadowed or neither before shadow rays are traced.
+    /// Whether lists of the surfaces around each light tell, before the first sample, what may hide it.
+    pub fn uses_light_buffers(self) -> bool {
+        self.requirements().visibility == Visibility::LightBuffer
+    }
+
+    /// Whether photons, cells or lists classify points as lit, shadowed or neither before shadow rays are traced.
     pub fn classifies(self) -> bool {
-        self.uses_visibility_map() || self.uses_cells()
+        self.uses_visibility_map() || self.uses_cells() || self.uses_light_buffers()
     }
 
     /// Whether it can use zones, for which photons determine the lights that reach them.

@@ -74,12 +74,16 @@ kernel_kit::features! {
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.
         VoxelTags,
+        /// Method: lists of the surfaces around each light tell what may hide it.
+        LightBuffer,
         /// Method: lights are tested in the order of their potential contribution.
         Ward,
         /// Method: points sample a few of many lights.
         LightSampling,
         /// Method: all lights are sampled with the same probability, not by power.
         UniformLightSampling,
+        /// Method: lights are sampled by the light that each would send to the point if nothing were in between.
+        ContributionSampling,
         /// Method: points sample the lights that reach their zone, according to photons.
         Zones,
         /// Method: some of the points that photons classify as lit or shadowed are audited.

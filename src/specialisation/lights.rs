@@ -75,6 +75,13 @@ impl Specialisation {
             "not requested",
             "much noise where lights differ",
         );
+        self.decide(
+            Feature::ContributionSampling,
+            sampling == LightSampling::Contribution,
+            "asked for".into(),
+            "not asked for",
+            "two potentials of each light at every point",
+        );
         let zones = sampling == LightSampling::Zones;
         let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 \
                     potentials a point";
@@ -109,6 +116,11 @@ fn light_sampling(scene: &Scene, settings: &Settings) -> (LightSampling, String)
     match settings.light_sampling.strategy {
         Some(LightSampling::Uniform) => requested(LightSampling::Uniform),
         Some(LightSampling::Power) => requested(LightSampling::Power),
+        Some(LightSampling::Contribution) if lights <= MAX_LIGHTS as usize => requested(LightSampling::Contribution),
+        Some(LightSampling::Contribution) => (
+            LightSampling::Power,
+            format!("points sample {sampled} of {lights} lights by power: too many to weigh each"),
+        ),
         Some(LightSampling::All) => all("`light_sampling.strategy` is all".into()),
         None if technique.requirements().lights == ConsideredLights::AllOrSampled => evaluates_all(),
         None if lights <= Settings::MANY_LIGHTS as usize => few_enough(),

@@ -103,6 +103,13 @@ impl Specialisation {
         let why = "voxels that agree with their neighbours need no shadow rays".to_owned();
         self.decide(Feature::VoxelTags, tags, why, &unused, "26 neighbours per cell");
 
+        let buffered = lit && !many && settings.technique.uses_light_buffers();
+        let too_many = format!("beyond {MAX_LIGHTS} lights their cells would be too large to tell anything");
+        let unneeded = if many && settings.technique.uses_light_buffers() { &too_many } else { &unused };
+        let why = "lists of the surfaces around each light tell what may hide it".to_owned();
+        let cost = "pass light_buffer; before the first sample a look at each light and triangle";
+        self.decide(Feature::LightBuffer, buffered, why, unneeded, cost);
+
         let why = format!("lights are tested until the rest is below {} of a point's light", settings.ward.tolerance);
         let too_many = format!("its keys have room for {MAX_LIGHTS} lights: all are tested");
         let unneeded = match (adaptive, many) {

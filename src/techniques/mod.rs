@@ -1,6 +1,7 @@
 //! The techniques, one file each: name, help, requirements, whether the image is unbiased, and the two passes. A new
 //! technique is a new file, with a `mod` line and a line in `TECHNIQUES` here.
 
+mod light_buffer;
 mod negative_photons;
 pub(crate) mod passes;
 mod path;
@@ -27,6 +28,7 @@ static TECHNIQUES: &[Implementation] = &[
     ward_adaptive::IMPLEMENTATION,
     visibility_cells::IMPLEMENTATION,
     voxel_tags::IMPLEMENTATION,
+    light_buffer::IMPLEMENTATION,
     photon_map::IMPLEMENTATION,
     negative_photons::IMPLEMENTATION,
 ];

@@ -48,6 +48,7 @@ fn the_plan_follows_the_settings() {
     for (technique, kept, left_out) in [
         ("voxel-tags", &["cells", "voxel_tags"][..], &["visibility_map", "ward"][..]),
         ("visibility-cells", &["cells"], &["visibility_map", "voxel_tags", "ward"]),
+        ("light-buffer", &["light_buffer"], &["visibility_map", "cells", "ward"]),
         // The only light of the box is always tested.
         ("ward-adaptive", &[], &["cells", "ward", "visibility_estimate"]),
         ("shadow-photons", &["visibility_map"], &["cells", "voxel_tags", "ward"]),

@@ -71,6 +71,7 @@ fn help_states_the_defaults_and_names() {
         ("--cells <", cells.to_string()),
         ("--cell-rays <", cell_rays.to_string()),
         ("--shadow-tolerance <", shadow_tolerance.to_string()),
+        ("--light-buffer-cells <", Settings::default().light_buffer.resolution.to_string()),
         ("--sampled-lights <", Settings::default().light_sampling.sampled_lights.to_string()),
     ] {
         let help = help_of(option);
@@ -110,6 +111,9 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --audit 1.5", "--audit"),
         ("render no-scene.glb -o x.png --audit nan", "--audit"),
         ("render no-scene.glb -o x.png --cells 257", "--cells"),
+        ("render no-scene.glb -o x.png --light-buffer-cells 257", "--light-buffer-cells"),
+        ("render no-scene.glb -o x.png --light-sampling contribution --technique path", "--light-sampling"),
+        ("render no-scene.glb -o x.png --light-sampling contribution --technique light-buffer", "--light-sampling"),
         ("render no-scene.glb -o x.png --light-sampling some", "--light-sampling"),
         ("render no-scene.glb -o x.png --light-sampling zones --technique path", "--light-sampling"),
         ("render no-scene.glb -o x.png --light-sampling all --technique path", "--light-sampling"),
@@ -118,6 +122,7 @@ fn wrong_usage_names_the_option() {
         ("render no-scene.glb -o x.png --light-sampling power --technique voxel-tags", "--light-sampling"),
         ("render no-scene.glb -o x.exr --light-sampling power --aov shadow", "--light-sampling"),
         ("render no-scene.glb -o x.png --sampled-lights 1", "--sampled-lights"),
+        ("render no-scene.glb -o x.png --technique two-pass --sampled-lights 0", "--sampled-lights"),
         ("render no-scene.glb -o x.png --sampled-lights 65", "--sampled-lights"),
         ("render no-scene.glb -o x.png --cell-rays 0", "--cell-rays"),
         ("render no-scene.glb -o x.png --shadow-tolerance nan", "--shadow-tolerance"),

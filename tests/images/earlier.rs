@@ -128,3 +128,37 @@ fn tags_are_unbiased_and_cells_darken() {
         assert!(difference(&coarse, &all).0 < 0.0);
     }
 }
+
+/// The light buffer calls nothing lit that is not: the image is that of `two-pass` within its standard error, with
+/// fewer rays. A loss or gain of 0.1 % would be detected.
+#[test]
+fn light_buffers_are_unbiased() {
+    let mut detected = 0;
+    for name in ["box.glb", "sphere.glb", "still_life.glb"] {
+        let of = |technique| render(&scene_file(name), &settings(technique, [96, 96], 16));
+        let ((all, counts), (buffered, tests)) = (of(Technique::TWO_PASS), of(Technique::LIGHT_BUFFER));
+        let mean = all.channel("G").unwrap().iter().map(|v| f64::from(*v)).sum::<f64>() / all.pixels() as f64;
+        let (off, error) = difference(&buffered, &all);
+        let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
+        println!("{name}: {off} +- {error} of {mean}, {rays} of the rays");
+        // As with voxel tags: without a closed form both use the same samples. Only roundings differ.
+        assert!(off.abs() <= 3.5 * error + 1e-6 * mean, "{name}: {off} +- {error}");
+        assert!(rays < 0.7 && tests.points.lit > 0, "{name}: {rays} of the rays");
+        detected += u32::from((1e-3 * mean - off.abs()) > 3.5 * error);
+    }
+    assert_eq!(detected, 3, "a thousandth would not be detected");
+}
+
+/// Where the list of a cell decides for point lights, nothing is left to chance: rays are traced at the edges of
+/// shadows, and where more than one triangle hides the light.
+#[test]
+fn light_buffers_decide_for_point_lights() {
+    let (scene, view) = hall();
+    let of = |technique| render_scene(scene.clone(), &view, &settings(technique, [64, 48], 2));
+    let ((all, counts), (buffered, tests)) = (of(Technique::TWO_PASS), of(Technique::LIGHT_BUFFER));
+    let (off, error) = difference(&buffered, &all);
+    let rays = tests.rays.shadow as f64 / counts.rays.shadow as f64;
+    println!("{off} +- {error}, {rays} of the rays; {:?}", tests.points);
+    assert!(off.abs() <= 3.5 * error, "{off} +- {error}");
+    assert!(rays < 0.2 && tests.points.shadowed > 1000, "{rays} of the rays");
+}

@@ -98,6 +98,24 @@ fn sampled_lights_give_all_light() {
         assert!(off < 3.5, "path, {sampling}: {off}");
     }
 
+    // The sampling of Shirley, Wang and Zimmerman: one light by its contribution, one point of it, one ray.
+    for (lights, samples) in [(8, 4), (1, 1)] {
+        let some = render(200, |s| {
+            settings(64, 5)(s).with(|s| {
+                s.technique = Technique::TWO_PASS;
+                s.light_sampling.strategy = Some(LightSampling::Contribution);
+                s.light_sampling.sampled_lights = lights;
+                s.shadow_rays.samples = samples;
+            })
+        });
+        assert!(has(&some.1, "contribution_sampling"));
+        let what = format!("{lights} by contribution");
+        // A two-sided z-test of the means. An error of a fifth would be detected.
+        let ((mean, error), off) = of(&what, &some);
+        assert!(off < 3.5 && error < 0.05 * mean, "{what}: {off}");
+        assert!(some.1.rays.shadow <= u64::from(lights * samples) * some.1.rays.camera, "{}", some.1.rays.shadow);
+    }
+
     // One photon ray from each light; zones list 64 lights.
     let one_photon = |audit| {
         render(200, |s| {

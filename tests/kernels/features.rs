@@ -125,6 +125,7 @@ impl Selection {
         };
         let light_sampling = match technique.uses_zones() {
             true if !self.has(41) || self.has(42) => LightSampling::Zones,
+            _ if technique.samples_lights() && self.has(51) => LightSampling::Contribution,
             _ if self.has(41) => LightSampling::Uniform,
             _ => LightSampling::Power,
         };
@@ -157,6 +158,7 @@ fn runs(kernel: &str, features: &Features) -> bool {
         "zones" => features.has(Feature::Zones),
         "flux" | "irradiance" => features.has(Feature::GlobalMap),
         "cells" => features.has(Feature::Cells),
+        "light_buffer" => features.has(Feature::LightBuffer),
         "ward" => features.has(Feature::Ward),
         "gather" | "cache" => features.has(Feature::IrradianceCache),
         _ => true,

@@ -13,6 +13,7 @@ mod grid;
 mod irradiance;
 mod kit;
 mod light;
+mod light_buffer;
 #[path = "../common/meshes.rs"]
 mod meshes;
 mod path;

@@ -238,12 +238,15 @@ fn lights_sampled_by_zone_estimate_all(gpu: &Gpu) {
     }
 }
 
-/// By power, and uniformly: the mean is the sum over all lights, and no light is sampled twice.
+/// By power, uniformly and by contribution: the mean is the sum over all lights, and no light is sampled twice. What a
+/// light sends counts, not its power: by contribution every sample finds the same light, up to the roundings of the
+/// potentials.
 #[kernel_test("PENUMBRA_DEVICE")]
-fn lights_sampled_by_power_estimate_all(gpu: &Gpu) {
-    for uniform in [false, true] {
+fn lights_sampled_from_all_estimate_all(gpu: &Gpu) {
+    for sampling in [None, Some(Feature::UniformLightSampling), Some(Feature::ContributionSampling)] {
         let setup = Setup::new(gpu, |features| {
-            features.with(Feature::Zones, false).with(Feature::UniformLightSampling, uniform)
+            let features = features.with(Feature::Zones, false);
+            sampling.into_iter().fold(features, |features, feature| features.with(feature, true))
         });
         let sampled = setup.sample(gpu, None, false);
         let wrong: Vec<(u32, f32)> = sampled.iter().map(|(light, w)| (*light, w * 0.75)).collect();
@@ -257,7 +260,7 @@ fn lights_sampled_by_power_estimate_all(gpu: &Gpu) {
             setup.sums_up(&sampled, pixel, |_| true, |_| true).unwrap();
             caught += u32::from(setup.sums_up(&wrong, pixel, |_| true, |_| true).is_err());
         }
-        println!("uniform {uniform}: a quarter is detected at {caught} points");
+        println!("{sampling:?}: a quarter is detected at {caught} points");
         assert!(caught > PIXELS / 2, "a quarter is detected at {caught} points");
     }
 }

@@ -1,0 +1,56 @@
+//! The light buffer (Haines and Greenberg 1986), for comparison with shadow photons: the directions around each light
+//! are divided into cells, and each cell lists the surfaces that may hide the light from what lies in it. A point
+//! traces shadow rays only if its list does not tell that the light is visible, or hidden by a single triangle.
+//!
+//! The original has point lights alone, of which the list tells everything. Here lights may have a surface: what is
+//! listed is all that may hide some part of it. Shadow rays are traced through the hierarchy, not through the lists.
+
+use super::passes::{Implementation, indirect_light};
+use super::two_pass;
+use crate::Result;
+use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::second_pass::SecondPass;
+use crate::settings::Technique;
+use crate::settings::technique::{ConsideredLights, Description, Requirements, Transport, Visibility};
+
+impl Technique {
+    /// The two-pass method with shadow rays only where a list of the surfaces before the light does not decide (Haines
+    /// and Greenberg 1986).
+    pub const LIGHT_BUFFER: Technique = Technique::new(&Description {
+        name: "light-buffer",
+        help: "shadow rays only where the surfaces listed before a light do not decide (Haines and Greenberg 1986)",
+        source: "Haines and Greenberg 1986, The Light Buffer: A Shadow-Testing Accelerator",
+        requirements: Requirements {
+            transport: Transport::TwoPass,
+            visibility: Visibility::LightBuffer,
+            lights: ConsideredLights::All,
+        },
+    });
+}
+
+pub(super) const IMPLEMENTATION: Implementation =
+    Implementation { technique: Technique::LIGHT_BUFFER, is_unbiased: |_| true, first_pass, second_pass };
+
+fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
+    setup.make_direct_light()?;
+    setup.make_light_buffers()?;
+    // The global map and the irradiance cache.
+    setup.make_indirect_light()
+}
+
+fn second_pass(frame: &mut SecondPass<'_, '_>) {
+    // Nothing is to be lit, or there are too many lights.
+    if !frame.has_light_buffers() {
+        return two_pass::second_pass(frame);
+    }
+    frame.trace_camera_rays();
+    for lights in frame.light_chunks() {
+        frame.look_up_light_buffers(&lights);
+        frame.queue_shadow_rays(&lights);
+        frame.trace_shadow_rays(&lights);
+        frame.shade(&lights);
+        frame.add_classes_to_film(&lights);
+    }
+    indirect_light(frame);
+    frame.add_to_film();
+}
