@@ -7,10 +7,11 @@
 // expected value is the sum over the list, and the lights that contribute most are always sampled. Systematic sampling,
 // an equidistant comb over the cumulative probabilities, samples no light twice. The last candidate audits the zones:
 // from a few lights that are not in the list it takes one by resampled importance sampling (Talbot et al. 2005). So the
-// expected value is the sum over all lights, whatever the lists hold. Without zones, the comb runs over the cumulative
-// probabilities of all lights, by power or uniform. `uniform`, `power` and
-// `contribution` differ in these probabilities: the last are the lights' potentials at the point, and with one light
-// and one light point this is the sampling of Shirley, Wang and Zimmerman (1996).
+// expected value is the sum over all lights, whatever the lists hold.
+//
+// Without zones, the comb runs over the cumulative probabilities of all lights: by power, uniform, or by contribution,
+// that is by potential at the point. By contribution, with one light and one light point, this is the sampling of
+// Shirley, Wang and Zimmerman (1996).
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
