@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use penumbra::internal::specialisation::{Item, Specialisation};
+use kernel_kit::Feature as _;
+use penumbra::internal::specialisation::{Deferred, Item, Specialisation};
 use penumbra::{Result, Scene, Settings};
 use serde::Serialize;
 
@@ -30,6 +31,7 @@ struct Plan {
     settings: Settings,
     kept: Vec<Item>,
     left_out: Vec<Item>,
+    deferred: &'static [Deferred],
     notes: Vec<String>,
 }
 
@@ -61,7 +63,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let (scene, camera) = arguments.scene.load()?;
     let settings = arguments.settings.settings(&camera)?;
     let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, &settings);
-    let plan = Plan { scene: Counts::new(&scene), settings, kept, left_out, notes: scene.notes };
+    let plan =
+        Plan { scene: Counts::new(&scene), settings, kept, left_out, deferred: Deferred::ALL, notes: scene.notes };
     if arguments.json {
         print_json(&plan)?
     } else {
@@ -93,6 +96,10 @@ impl Plan {
                 let name = item.name();
                 let _ = writeln!(text, "  {name:name_width$}  {reason:reason_width$}  {cost}");
             }
+        }
+        let _ = writeln!(text, "\ndecided when the render starts");
+        for Deferred { feature, reason } in self.deferred {
+            let _ = writeln!(text, "  {:name_width$}  {reason}", feature.name());
         }
         text
     }

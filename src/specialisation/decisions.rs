@@ -50,6 +50,32 @@ impl Item {
     }
 }
 
+/// A feature that a plan cannot decide, because it opens no device and builds no hierarchy.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Deferred {
+    /// Its name.
+    #[serde(rename = "name", serialize_with = "by_name")]
+    pub feature: Feature,
+    /// What decides it when the render starts.
+    pub reason: &'static str,
+}
+
+impl Deferred {
+    /// All of them.
+    pub const ALL: &[Deferred] = &[
+        Deferred { feature: Feature::TextureLoads, reason: "the device: software devices read textures faster" },
+        Deferred {
+            feature: Feature::Interleave,
+            reason: "the device: two threads share a dispatch of a software device",
+        },
+        Deferred { feature: Feature::ShallowBvh, reason: "the hierarchy: whether a short stack is enough" },
+        Deferred {
+            feature: Feature::FewSampled,
+            reason: "the lights: whether photons decide most points and all lights have a closed form",
+        },
+    ];
+}
+
 fn by_name<S: Serializer>(feature: &Feature, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(feature.name())
 }

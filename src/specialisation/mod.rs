@@ -17,7 +17,7 @@ use crate::scene::Scene;
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 
-pub use decisions::{Item, Specialisation, bytes_text};
+pub use decisions::{Deferred, Item, Specialisation, bytes_text};
 use surfaces::Facts;
 pub(crate) use surfaces::{FOCUSING_ALPHA, surface_vectors};
 

@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::fs;
 
+use kernel_kit::Feature as _;
+use penumbra::internal::specialisation::features::Feature;
 use serde_json::Value;
 
 use crate::program::{BOX, STILL_LIFE, folder, penumbra, run};
@@ -23,9 +25,17 @@ fn the_plan_has_every_part_once_with_a_reason_and_a_cost() {
         assert!(names(&plan["kept"]).is_disjoint(&names(&plan["left_out"])));
     }
     let all = |plan: &Value| {
-        names(&plan["kept"]).union(&names(&plan["left_out"])).map(|n| n.to_string()).collect::<BTreeSet<_>>()
+        let lists = ["kept", "left_out", "deferred"].map(|list| names(&plan[list]));
+        lists.iter().flatten().map(|name| name.to_string()).collect::<Vec<_>>()
     };
-    assert_eq!(all(&plain), all(&rich));
+    // Every feature that kernels know is in one list.
+    let features: BTreeSet<String> = Feature::ALL.iter().map(|feature| feature.name().to_owned()).collect();
+    for plan in [&plain, &rich] {
+        let listed = all(plan);
+        assert_eq!(listed.len(), listed.iter().collect::<BTreeSet<_>>().len(), "a part is listed twice");
+        let parts: BTreeSet<String> = listed.into_iter().collect();
+        assert!(parts.is_superset(&features), "{:?}", features.difference(&parts).collect::<Vec<_>>());
+    }
     // The box has one Lambertian light and plain Lambertian surfaces; the still life has the features that the box
     // leaves out.
     for part in ["textures", "alpha_test", "glossy", "point_lights", "light_tags"] {
