@@ -9,6 +9,7 @@ pub fn device_features(gpu: &Gpu) -> Features {
     Features::default()
         .with(Feature::TextureLoads, gpu.texture_loads)
         .with(Feature::Interleave, gpu.texture_loads)
+        .with(Feature::Packets, gpu.texture_loads && gpu.subgroup_size == Some(8))
         .with(Feature::LightTags, true)
 }
 
