@@ -8,7 +8,8 @@
 // test their condition at the end, since a software device runs their bodies once whatever the condition.
 //
 // Every lane of a subgroup must reach the trace at the same time. One without a ray passes `no_ray()`. `lane` is the
-// invocation's index within the workgroup, whose subgroups follow each other.
+// invocation's index within the workgroup, whose subgroups follow each other. Where a packet gives up, all of its lanes
+// have `traversal_overrun` set.
 
 import package::lib::ray::{Hit, Ray};
 import package::lib::bvh::{trace_closest, trace_occluded};
@@ -103,18 +104,18 @@ fn child_key(slabs: Slabs, texel: vec4f, child: u32, t_max: f32) -> u32 {
     return select(NO_KEY, (bitcast<u32>(enter) & 0xfffffffcu) | child, met);
 }
 
-// Each child's least key of all lanes, sorted.
+// Each child's minimum key of all lanes, sorted.
 @if(packets)
-fn least_keys(keys: vec4u, lane: u32) -> vec4u {
+fn min_keys(keys: vec4u, lane: u32) -> vec4u {
     // Halves of the lanes take children 0 and 1, or 2 and 3, then one of the two: three exchanges instead of twelve.
     let upper = (lane & 4u) != 0u;
     let odd = (lane & 2u) != 0u;
     let kept = select(keys.xz, keys.yw, upper);
     let pair = min(kept, subgroupShuffle(select(keys.yw, keys.xz, upper), lane ^ 4u));
     let half = min(select(pair.x, pair.y, odd), subgroupShuffle(select(pair.y, pair.x, odd), lane ^ 2u));
-    let least = min(half, subgroupShuffle(half, lane ^ 1u));
-    let of_first = vec2u(subgroupBroadcast(least, 0u), subgroupBroadcast(least, 4u));
-    return sorted(vec4u(of_first, subgroupBroadcast(least, 2u), subgroupBroadcast(least, 6u)));
+    let lowest = min(half, subgroupShuffle(half, lane ^ 1u));
+    let of_first = vec2u(subgroupBroadcast(lowest, 0u), subgroupBroadcast(lowest, 4u));
+    return sorted(vec4u(of_first, subgroupBroadcast(lowest, 2u), subgroupBroadcast(lowest, 6u)));
 }
 
 // Whether it is so in any lane.
@@ -276,7 +277,7 @@ fn visit_nodes(
         let texel = textureLoad(packet_nodes, table_texel(PACKET_LANES * entry + lane));
         let low_keys = vec2u(child_key(slabs, texel, 0u, t_max), child_key(slabs, texel, 1u, t_max));
         let high_keys = vec2u(child_key(slabs, texel, 2u, t_max), child_key(slabs, texel, 3u, t_max));
-        let keys = least_keys(vec4u(low_keys, high_keys), lane);
+        let keys = min_keys(vec4u(low_keys, high_keys), lane);
         let reference = bitcast<u32>(texel.w);
         let each = select(vec3u(0u), vec3u(1u), keys.yzw != vec3u(NO_KEY));
         let count = each.x + each.y + each.z;

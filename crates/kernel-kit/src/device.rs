@@ -56,8 +56,9 @@ impl Gpu {
     }
 
     /// Takes a device that the caller has opened, with the feature `IMMEDIATES` and a `max_immediate_size` that holds
-    /// the parameters of the kernels. Passes are timed if it was opened with `TIMESTAMP_QUERY`. The device's callbacks
-    /// for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] says what they heard.
+    /// the parameters of the kernels. Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use
+    /// subgroups if with `SUBGROUP`. The device's callbacks for uncaptured errors and for its loss are replaced by the
+    /// kit's: [`Gpu::check`] says what they heard.
     ///
     /// # Errors
     /// [`Error::NoDevice`] if the device was opened without `IMMEDIATES`.
