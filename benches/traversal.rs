@@ -1,5 +1,6 @@
 //! Speed of the traversal of the hierarchy: camera, shadow and diffuse rays among 36 triangles (a box) and among
-//! 200,012. Measures the kernels that scenes with needles have too, run by run in turn with the others.
+//! 200,012: one by one, one by one with the kernels that scenes with needles have, and in packets where the device has
+//! them, run by run in turn.
 //!
 //! Run it with `cargo bench --bench traversal`; the variable `PENUMBRA_DEVICE` names another device than lavapipe.
 //!
@@ -15,6 +16,7 @@ use penumbra::Result;
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::new_kernel;
+use penumbra::internal::specialisation::device_features;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 /// Runs for each time.
@@ -26,15 +28,20 @@ const FAR: f32 = 1e30;
 type Triangle = [Vec3; 3];
 /// Origin and t_min, direction and t_max.
 type Rays = Vec<[f32; 4]>;
-/// Median and best seconds, of the kernel without needles and of the one with needles.
-type Times = [[f64; 2]; 2];
+/// Median and best seconds of each of [`KERNELS`].
+type Times = Vec<[f64; 2]>;
+
+/// The kernels that are compared: names, and the features of those that have one more.
+const KERNELS: [(&str, Option<Feature>); 3] =
+    [("without needles", None), ("with needles", Some(Feature::Needles)), ("packets", Some(Feature::Packets))];
 
 /// Rays come from a table, which is the cheapest read. Every answer is stored.
 const KERNEL: &str = "
 import package::kit::group_index;
 import package::lib::ray::Ray;
 @if(texture_loads) import package::lib::table::table_texel;
-import package::lib::bvh::{trace_closest, trace_occluded, traversal_overrun};
+import package::lib::bvh::traversal_overrun;
+import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_together};
 @if(texture_loads) @group(0) @binding(0) var rays: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> answers: array<vec4f>;
@@ -44,6 +51,7 @@ fn ray_texel(i: u32) -> vec4f {
     @if(!texture_loads) { return rays[i]; }
 }
 fn ray_of(i: u32) -> Ray {
+    if i >= ray_count { return no_ray(); }
     let a = ray_texel(2u * i);
     let b = ray_texel(2u * i + 1u);
     return Ray(a.xyz, a.w, b.xyz, b.w);
@@ -55,8 +63,8 @@ fn closest(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
+    let hit = trace_closest_together(ray_of(i), 0u, lane);
     if i >= ray_count { return; }
-    let hit = trace_closest(ray_of(i), 0u);
     answers[i] = vec4f(hit.t, f32(traversal_overrun), hit.v, bitcast<f32>(hit.triangle));
 }
 @compute @workgroup_size(64)
@@ -66,8 +74,9 @@ fn occluded(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
+    let occluded = trace_occluded_together(ray_of(i), 0u, lane);
     if i >= ray_count { return; }
-    answers[i] = vec4f(f32(trace_occluded(ray_of(i), 0u)), f32(traversal_overrun), 0.0, 0.0);
+    answers[i] = vec4f(f32(occluded), f32(traversal_overrun), 0.0, 0.0);
 }";
 
 struct Bench<'a> {
@@ -76,22 +85,23 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Times of both kernels, and the answers of the one without needles.
+    /// Times of the kernels, and the answers of the first.
     fn run(&self, entry: &str, rays: &Rays) -> Result<(Times, Vec<[f32; 4]>)> {
         let gpu = self.gpu;
         let count = rays.len() / 2;
         let nodes = gpu.table("bench/bvh_nodes", &self.bvh.nodes, TableFormat::Uint)?;
         let triangles = gpu.table("bench/bvh_triangles", &self.bvh.triangles, TableFormat::Float)?;
+        let packets = gpu.table("bench/packet_nodes", &self.bvh.packet_nodes(), TableFormat::Float)?;
         let rays = gpu.table("bench/rays", rays, TableFormat::Float)?;
         let answers = gpu.poisoned::<[f32; 4]>("bench/answers", count)?;
         let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
-        let set = set.with("rays", &rays).with("answers", &answers);
-        let bind = |needles: bool| -> Result<BoundKernel> {
+        let set = set.with("rays", &rays).with("answers", &answers).with("packet_nodes", &packets);
+        let bind = |feature: Option<Feature>| -> Result<BoundKernel> {
             let features = Features::default()
                 .with(Feature::TextureLoads, gpu.texture_loads)
                 .with(Feature::Interleave, gpu.texture_loads)
-                .with(Feature::ShallowBvh, self.bvh.is_shallow())
-                .with(Feature::Needles, needles);
+                .with(Feature::ShallowBvh, self.bvh.is_shallow());
+            let features = feature.iter().fold(features, |features, feature| features.with(*feature, true));
             let composed = compose_source("traversal", KERNEL, &features)?;
             let kernel = new_kernel(
                 gpu,
@@ -108,12 +118,17 @@ impl Bench<'_> {
             frame.submit()?;
             Ok(gpu.pass_times()?.get(&bound.label).copied().unwrap_or(0.0) - before)
         };
-        let mut kernels = [(bind(false)?, Vec::new()), (bind(true)?, Vec::new())];
+        let mut kernels = Vec::new();
+        for (_, feature) in KERNELS {
+            if feature != Some(Feature::Packets) || device_features(gpu, Features::default()).has(Feature::Packets) {
+                kernels.push((bind(feature)?, Vec::new()));
+            }
+        }
         for (bound, _) in &kernels {
             time(bound, 1)?;
         }
         for _ in 0..RUNS {
-            // The kernel without needles runs last, so that the answers are its own.
+            // The first kernel runs last, so that the answers are its own.
             for (bound, times) in kernels.iter_mut().rev() {
                 times.push(time(bound, count)?);
             }
@@ -124,7 +139,7 @@ impl Bench<'_> {
             times.sort_by(f64::total_cmp);
             [times[RUNS / 2], times[0]]
         };
-        Ok((kernels.map(of_kernel), answers))
+        Ok((kernels.into_iter().map(of_kernel).collect(), answers))
     }
 }
 
@@ -187,7 +202,7 @@ fn main() -> Result<()> {
         ];
         let count = triangles.len();
         println!("{count} triangles, built in {build_s:.3} s, {} levels", bvh.depth);
-        for (kernel, name) in ["without needles", "with needles"].into_iter().enumerate() {
+        for (kernel, (name, _)) in KERNELS.iter().enumerate().take(results[0].1.0.len()) {
             let rates = results.each_ref().map(|(count, (times, _))| {
                 let [median, best] = times[kernel].map(|seconds| *count as f64 / seconds * 1e-6);
                 format!("{median:.2} ({best:.2})")

@@ -3,7 +3,8 @@
 // points; see src/light_transport/cell_visibility.rs. In: surface points by cell (normalised space), the hierarchy,
 // points of a tile. Out: counts of rays and a class word for each light and cell; class words of the candidates.
 
-import package::lib::bvh::{trace_occluded, traversal_overrun, triangle_corners};
+import package::lib::bvh::{traversal_overrun, triangle_corners};
+import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT_MAX, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_OVERRUN,
     DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT
@@ -66,7 +67,6 @@ fn trace(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cells_pass.point_count { return; }
     let point = cell_points[i];
     let light = cells_pass.light;
     let index = index_of(light, cell_of(cells_pass.grid, point.position));
@@ -75,9 +75,11 @@ fn trace(
     let corners = triangle_corners(point.triangle);
     let normal = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
     let cosine = dot(normal, sampled.direction);
-    if sampled.pdf <= 0.0 || cosine == 0.0 { return; }
-    let ray = shadow_ray(point.position, select(normal, -normal, cosine < 0.0), sampled);
-    let visible = !trace_occluded(ray, hash3(seed, DIMENSION_SHADOW_ALPHA, i % cells_pass.rays));
+    let faces = i < cells_pass.point_count && sampled.pdf > 0.0 && cosine != 0.0;
+    var ray = no_ray();
+    if faces { ray = shadow_ray(point.position, select(normal, -normal, cosine < 0.0), sampled); }
+    let visible = !trace_occluded_together(ray, hash3(seed, DIMENSION_SHADOW_ALPHA, i % cells_pass.rays), lane);
+    if !faces { return; }
     atomicAdd(&cell_counts[index], select(1u, 0x10001u, visible));
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
 }

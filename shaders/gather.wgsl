@@ -8,7 +8,8 @@
 
 import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
-import package::lib::bvh::{trace_closest, traversal_overrun};
+import package::lib::bvh::traversal_overrun;
+import package::lib::packet::{no_ray, trace_closest_together};
 import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
 import package::lib::irradiance::irradiance_near;
@@ -108,11 +109,13 @@ fn gather(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let id = group_index(group, groups) * GATHER_GROUP + lane;
-    if id >= gather_pass.count * gather_pass.rings * gather_pass.sectors { return; }
+    let there = id < gather_pass.count * gather_pass.rings * gather_pass.sectors;
     let gathering = gather_ray(id);
+    var ray = no_ray();
+    if there && gathering.pdf > 0.0 { ray = gathering.ray; }
+    let hit = trace_closest_together(ray, hash2(gathering.seed, ~id), lane);
+    if !there { return; }
     var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
-    var hit = Hit(0.0, 0.0, 0.0, NO_HIT);
-    if gathering.pdf > 0.0 { hit = trace_closest(gathering.ray, hash2(gathering.seed, ~id)); }
     if hit.triangle != NO_HIT {
         radiance.w = hit.t;
         let found = surface_at(hit, gathering.ray);

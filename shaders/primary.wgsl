@@ -8,7 +8,9 @@
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
-import package::lib::bvh::{trace_closest, traversal_overrun};
+import package::lib::bvh::traversal_overrun;
+@if(specular_chains) import package::lib::bvh::trace_closest;
+import package::lib::packet::{no_ray, trace_closest_together};
 @if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
 import package::lib::surface::{SurfaceHit, surface_at};
@@ -42,13 +44,15 @@ fn primary(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= tile.point_count { return; }
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
     let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
-    let hit = trace_closest(camera.ray, hash2(seed, DIMENSION_ALPHA + sample_index));
+    var ray = no_ray();
+    if i < tile.point_count { ray = camera.ray; }
+    let hit = trace_closest_together(ray, hash2(seed, DIMENSION_ALPHA + sample_index), lane);
+    if i >= tile.point_count { return; }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     var direct = vec4f(0.0);

@@ -5,7 +5,8 @@
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
-import package::lib::bvh::{trace_occluded, traversal_overrun};
+import package::lib::bvh::traversal_overrun;
+import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
@@ -78,8 +79,15 @@ fn drop_sample(candidate: u32) {
     radiance_direct[i] = vec4f(invalid_sample(i));
 }
 
+// A candidate of a queue, and whether there is one: lanes beyond the queue's end trace no rays beside the others.
+struct Queued {
+    candidate: u32,
+    there: bool,
+}
+
 // Traces the candidate's rays and writes their visibilities: (rays, those that reached the light).
-fn trace_candidate(candidate: u32) -> vec2u {
+fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
+    let candidate = queued.candidate;
     let c = load_candidate(candidate);
     let count = parameters.light_samples;
     var traced = 0u;
@@ -89,12 +97,17 @@ fn trace_candidate(candidate: u32) -> vec2u {
         let first = word * 32u;
         for (var j = first; j < min(first + 32u, count); j++) {
             let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
-            if sampled.pdf <= 0.0 || dot(sampled.direction, c.normal) <= 0.0 { continue; }
-            traced++;
+            let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+            var ray = no_ray();
+            if faces { ray = shadow_ray(c.position, c.normal, sampled); }
             let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, c.sample_index * count + j);
-            if !trace_occluded(shadow_ray(c.position, c.normal, sampled), ray_seed) { bits |= 1u << (j - first); }
+            let visible = !trace_occluded_together(ray, ray_seed, lane);
+            if faces {
+                traced++;
+                bits |= u32(visible) << (j - first);
+            }
         }
-        visibility[candidate * parameters.visibility_words + word] = bits;
+        if queued.there { visibility[candidate * parameters.visibility_words + word] = bits; }
         visible += countOneBits(bits);
     }
     return vec2u(traced, visible);
@@ -112,12 +125,13 @@ fn shadow(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < queue_lengths[QUEUE_BOUNDARY] {
-        let candidate = boundary_queue[item];
-        let rays = trace_candidate(candidate);
+    var queued = Queued(0u, item < queue_lengths[QUEUE_BOUNDARY]);
+    if queued.there { queued.candidate = boundary_queue[item]; }
+    let rays = trace_candidate(queued, lane);
+    if queued.there {
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x { atomicAdd(&mixed_points, 1u); }
-        if traversal_overrun { drop_sample(candidate); }
+        if traversal_overrun { drop_sample(queued.candidate); }
     }
     workgroupBarrier();
     if lane == 0u {
@@ -129,15 +143,19 @@ fn shadow(
 // Traces the audit's ray; whether it reached the light. Where it contradicts the class, adds a photon of the other
 // kind.
 @if(audit)
-fn audit_candidate(candidate: u32) -> bool {
+fn audit_candidate(queued: Queued, lane: u32) -> bool {
+    let candidate = queued.candidate;
     let c = load_candidate(candidate);
     let sampled = audit_light_sample(c.light, c.position, c.seed, c.sample_index);
     let lit = class_of(classes[candidate]) == CLASS_LIT;
-    // Where the light point faces away no ray is traced, and the class stands.
-    if !(sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0) { return lit; }
-    atomicAdd(&rays_traced, 1u);
+    let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+    var ray = no_ray();
+    if faces { ray = shadow_ray(c.position, c.normal, sampled); }
     let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, ~c.sample_index);
-    let visible = !trace_occluded(shadow_ray(c.position, c.normal, sampled), ray_seed);
+    let visible = !trace_occluded_together(ray, ray_seed, lane);
+    // Where the light point faces away no ray is traced, and the class stands.
+    if !faces { return lit; }
+    atomicAdd(&rays_traced, 1u);
     if visible != lit && !traversal_overrun {
         atomicAdd(&mixed_points, 1u);
         if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
@@ -163,10 +181,12 @@ fn audit(
     }
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
-    if item < queue_lengths[QUEUE_AUDIT] {
-        let candidate = audit_queue[item];
-        visibility[candidate * parameters.visibility_words] = u32(audit_candidate(candidate));
-        if traversal_overrun { drop_sample(candidate); }
+    var queued = Queued(0u, item < queue_lengths[QUEUE_AUDIT]);
+    if queued.there { queued.candidate = audit_queue[item]; }
+    let visible = audit_candidate(queued, lane);
+    if queued.there {
+        visibility[queued.candidate * parameters.visibility_words] = u32(visible);
+        if traversal_overrun { drop_sample(queued.candidate); }
     }
     workgroupBarrier();
     if lane == 0u {

@@ -11,7 +11,7 @@ use crate::{Error, Result};
 
 /// Maximum coordinate. Kernels divide it by components of directions as small as 2^-80, and the quotient must be
 /// finite.
-const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
+pub(super) const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
 
 /// Maximum depth of the binary tree in the first attempt: twice that of a balanced tree over the maximum number of
 /// triangles.

@@ -7,11 +7,13 @@ mod aabb;
 mod binary;
 mod hierarchy;
 mod node;
+mod packet;
 mod wide;
 
 pub use aabb::Aabb;
 pub use hierarchy::Bvh;
 pub(crate) use hierarchy::{INDEX_MASK, NODE_INDEX_MASK, NODE_TEXELS, STACK_SIZE, TRIANGLE_TEXELS};
+pub(crate) use packet::PACKET_LANES;
 
 #[cfg(test)]
 mod tests;

@@ -116,7 +116,6 @@ impl Node {
         std::array::from_fn(|texel| std::array::from_fn(|at| word(4 * texel + at)))
     }
 
-    #[cfg(test)]
     pub fn unpack(texels: &[[u32; 4]]) -> Node {
         let word = |at: usize| texels[at / 4][at % 4];
         let planes = |first: usize| {

@@ -69,6 +69,45 @@ fn fault(bvh: &Bvh, triangles: &[Triangle]) -> Option<String> {
     None
 }
 
+/// The first fault of the nodes for packets: not each child has the node's link and the box that its triangles span.
+fn packet_fault(bvh: &Bvh, texels: &[[f32; 4]]) -> Option<String> {
+    let nodes: Vec<_> = bvh.nodes.chunks(3).map(Node::unpack).collect();
+    // Corners below a node or in a leaf, the slow way.
+    fn corners(bvh: &Bvh, nodes: &[Node], node: &Node, child: usize) -> Vec<Vec3> {
+        if child < node.node_count as usize {
+            let below = &nodes[node.first_node as usize + child];
+            return (0..WIDTH).flat_map(|child| corners(bvh, nodes, below, child)).collect();
+        }
+        let first = node.first_triangle + node.leaf_counts[..child].iter().sum::<u32>();
+        let texels = &bvh.triangles[3 * first as usize..][..3 * node.leaf_counts[child] as usize];
+        texels.iter().map(|texel| Vec3::from_slice(texel)).collect()
+    }
+    let mut largest = 0.0f32;
+    for ((index, node), texels) in nodes.iter().enumerate().zip(texels.chunks(8)) {
+        let mut primitive = node.first_triangle;
+        for child in 0..WIDTH {
+            let [lower, upper] = [texels[child], texels[4 + child]].map(|texel| Vec3::from_slice(&texel));
+            let count = node.leaf_counts[child];
+            let held = corners(bvh, &nodes, node, child);
+            if held.is_empty() {
+                if !lower.cmpgt(upper).all() {
+                    return Some(format!("node {index} has a child {child}"));
+                }
+                continue;
+            }
+            let is_node = child < node.node_count as usize;
+            let entry = if is_node { node.first_node + child as u32 } else { count << 29 | primitive };
+            primitive += count;
+            let bounds = held.iter().fold(Aabb::EMPTY, |all, corner| all.extended(*corner));
+            if texels[child][3].to_bits() != entry || [bounds.min, bounds.max] != [lower, upper] {
+                return Some(format!("child {child} of node {index}"));
+            }
+            largest = held.iter().fold(largest, |largest, corner| largest.max(corner.abs().max_element()));
+        }
+    }
+    (texels.len() != 8 * nodes.len() || texels[4][3] != largest).then(|| "not of these triangles".into())
+}
+
 /// A deterministic number in 0..1.
 fn number(seed: usize) -> f32 {
     let mixed = (seed as u32).wrapping_mul(0x9e37_79b9) ^ 0x85eb_ca6b;
@@ -131,6 +170,22 @@ fn planted_faults_are_found() {
         let mut bvh = bvh.clone();
         plant(&mut bvh);
         assert!(fault(&bvh, &triangles).is_some(), "fault {number} is not detected");
+    }
+}
+
+/// The nodes for packets have the links of the others and exact boxes, and a fault of each kind is found.
+#[test]
+fn nodes_for_packets_are_the_same() {
+    for count in (0..20).chain([1000]) {
+        let bvh = Bvh::build(&soup(count, 0.3)).unwrap();
+        let texels = bvh.packet_nodes();
+        assert_eq!(texels.len() as u64, bvh.packet_texels());
+        assert_eq!(packet_fault(&bvh, &texels), None, "{count} triangles");
+        for (texel, component) in [(0, 0), (0, 3), (4, 2), (4, 3)] {
+            let mut texels = texels.clone();
+            texels[texel][component] = 0.5;
+            assert!(count == 0 || packet_fault(&bvh, &texels).is_some(), "{count} triangles: {texel}, {component}");
+        }
     }
 }
 

@@ -30,6 +30,7 @@ pub struct GpuScene {
     /// The lights, on the device and for the host.
     pub lights: GpuLights,
     nodes: Table,
+    packet_nodes: Option<Table>,
     triangles: Table,
     surfaces: GpuSurfaces,
     textures: GpuTextures,
@@ -67,8 +68,10 @@ impl GpuScene {
         let surfaces = GpuSurfaces::new(gpu, scene, &material_textures, features)?;
         let double_sided = |object: &Procedural| scene.materials[object.material as usize].double_sided;
         let procedurals: Vec<_> = scene.procedurals.iter().flat_map(|o| o.texels(double_sided(o))).collect();
-        let texels =
-            procedurals.len() + bvh.nodes.len() + bvh.triangles.len() + scene.triangles.len() * surfaces.stride();
+        let packet_nodes = features.has(Feature::Packets).then(|| bvh.packet_nodes());
+        let upload_packets = |nodes: &Vec<_>| gpu.table("penumbra/scene/packet_nodes", nodes, TableFormat::Float);
+        let hierarchy = bvh.nodes.len() + bvh.triangles.len() + packet_nodes.as_ref().map_or(0, Vec::len);
+        let texels = procedurals.len() + hierarchy + scene.triangles.len() * surfaces.stride();
         // Equation 1 compares numbers of photons, so each must represent the same share of its light: emission is not
         // restricted to the receiver bounds.
         let receivers = if features.has(Feature::VisibilityEstimate) { None } else { ReceiverBounds::of(scene) };
@@ -77,6 +80,7 @@ impl GpuScene {
         Ok(GpuScene {
             lights,
             nodes: gpu.table("penumbra/scene/bvh_nodes", &bvh.nodes, TableFormat::Uint)?,
+            packet_nodes: packet_nodes.as_ref().map(upload_packets).transpose()?,
             triangles: gpu.table("penumbra/scene/bvh_triangles", &bvh.triangles, TableFormat::Float)?,
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
             sheen_albedos: features.has(Feature::Sheen).then(|| sheen::upload(gpu)).transpose()?,
@@ -102,6 +106,8 @@ bindings! {
     pub struct SceneBindings {
         /// The hierarchy; see `shaders/lib/bvh.wgsl`.
         pub bvh_nodes: &Table,
+        /// The same for packets; see `shaders/lib/packet.wgsl`.
+        pub packet_nodes: Option<&Table>,
         /// Triangles in the order of the hierarchy.
         pub bvh_triangles: &Table,
         /// Normals, texture coordinates and materials of the triangles.
@@ -130,6 +136,7 @@ impl GpuScene {
     fn bindings(&self) -> SceneBindings<'_> {
         SceneBindings {
             bvh_nodes: &self.nodes,
+            packet_nodes: self.packet_nodes.as_ref(),
             bvh_triangles: &self.triangles,
             surface_texels: &self.surfaces.surfaces,
             material_texels: &self.surfaces.materials,

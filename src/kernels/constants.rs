@@ -138,6 +138,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("BVH_STACK_SIZE", bvh::STACK_SIZE),
     ("BVH_INDEX_MASK", bvh::INDEX_MASK),
     ("BVH_NODE_INDEX_MASK", bvh::NODE_INDEX_MASK),
+    ("PACKET_LANES", bvh::PACKET_LANES),
     ("TRIANGLE_ALPHA", scene_texels::TRIANGLE_ALPHA),
     ("FLUX_STEPS", numbers::FLUX_STEPS),
     ("MAX_FLUX", numbers::MAX_FLUX),

@@ -68,6 +68,7 @@ impl Deferred {
             feature: Feature::Interleave,
             reason: "the device: two threads share a dispatch of a software device",
         },
+        Deferred { feature: Feature::Packets, reason: "the device: subgroups of eight lanes trace rays together" },
         Deferred { feature: Feature::ShallowBvh, reason: "the hierarchy: whether a short stack is enough" },
         Deferred {
             feature: Feature::FewSampled,

@@ -10,6 +10,8 @@ kernel_kit::features! {
         TextureLoads,
         /// Device: two threads share a dispatch, so workgroups alternate between its halves.
         Interleave,
+        /// Device: subgroups have eight lanes, which trace their rays together.
+        Packets,
         /// Scene: the hierarchy is shallow, so a short traversal stack is enough.
         ShallowBvh,
         /// Scene: some triangle is so long and thin that barycentric weights round to a wrong distance.

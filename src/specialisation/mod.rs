@@ -12,7 +12,7 @@ pub(crate) mod visibility;
 
 use kernel_kit::Gpu;
 
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, PACKET_LANES};
 use crate::scene::Scene;
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
@@ -54,19 +54,22 @@ impl Specialisation {
         }
     }
 
-    /// Decides what depends on the hierarchy. A plan does not build one.
-    pub(crate) fn of_hierarchy(&mut self, bvh: &Bvh) {
-        self.features.set(Feature::ShallowBvh, bvh.is_shallow());
-    }
-
-    /// Decides what depends on the device. A plan does not open one.
-    pub(crate) fn of_device(&mut self, gpu: &Gpu) {
+    /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.
+    pub(crate) fn of_device(&mut self, gpu: &Gpu, bvh: &Bvh) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
+        self.features.set(Feature::ShallowBvh, bvh.is_shallow());
+        // Nodes for packets take more than twice the texels: of the largest hierarchies they do not fit a texture.
+        let packets = self.features.has(Feature::Packets) && bvh.packet_texels() <= gpu.max_table_records();
+        self.features.set(Feature::Packets, packets);
     }
 }
 
-/// `features` with those of the device: software devices read tables through textures, and interleave workgroups
-/// between threads.
+/// `features` with those of the device: software devices read tables through textures, interleave workgroups between
+/// threads, and trace rays in packets.
 pub fn device_features(gpu: &Gpu, features: Features) -> Features {
-    features.with(Feature::TextureLoads, gpu.texture_loads).with(Feature::Interleave, gpu.info.is_software())
+    let software = gpu.info.is_software();
+    features
+        .with(Feature::TextureLoads, gpu.texture_loads)
+        .with(Feature::Interleave, software)
+        .with(Feature::Packets, software && gpu.subgroup_size == Some(PACKET_LANES))
 }

@@ -144,6 +144,8 @@ impl Selection {
         let specialisation = Specialisation::new(&self.scene(), &settings);
         let features =
             specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
+        // Packets read textures.
+        let features = features.with(Feature::Packets, self.has(27) && self.has(62));
         // Renders of glossy scenes leave it out, but too few of the sets are of scenes without glossy surfaces.
         let few_sampled = self.has(61) && features.has(Feature::VisibilityMap) && !features.has(Feature::LightSampling);
         features.with(Feature::ShallowBvh, self.has(60)).with(Feature::FewSampled, few_sampled)

@@ -2,14 +2,12 @@
 
 use kernel_kit::{Composed, Declared, Gpu, Host, Kernel};
 use penumbra::internal::passes::SHARED;
+use penumbra::internal::specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
 
 /// The features that the device adds, and light tags, which work for one light as well as for several.
 pub fn device_features(gpu: &Gpu) -> Features {
-    Features::default()
-        .with(Feature::TextureLoads, gpu.texture_loads)
-        .with(Feature::Interleave, gpu.texture_loads)
-        .with(Feature::LightTags, true)
+    specialisation::device_features(gpu, Features::default()).with(Feature::LightTags, true)
 }
 
 /// Compiles a kernel that keeps its data in Penumbra's structs and must have the variables `required`.

@@ -37,6 +37,7 @@ fn ray(origin: Vec3, direction: Vec3) -> Ray {
 /// A hierarchy on the device, and how kernels read it.
 struct Traced {
     bvh: Bvh,
+    packet_nodes: Vec<[f32; 4]>,
     features: Features,
 }
 
@@ -44,7 +45,7 @@ impl Traced {
     fn new(gpu: &Gpu, triangles: &[Triangle]) -> Self {
         let bvh = Bvh::build(triangles).unwrap();
         let features = device_features(gpu).with(Feature::ShallowBvh, bvh.is_shallow());
-        Traced { bvh, features }
+        Traced { packet_nodes: bvh.packet_nodes(), bvh, features }
     }
 
     fn run(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
@@ -67,7 +68,9 @@ impl Traced {
         if self.features.has(Feature::TextureLoads) {
             let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
+            let packets = gpu.table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
+            let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
+            run(&set.with("packet_nodes", &packets));
         } else {
             let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();
             let triangles = gpu.upload("test/triangles", &self.bvh.triangles).unwrap();
@@ -79,8 +82,23 @@ impl Traced {
         words
     }
 
+    fn closest_by(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<Answer> {
+        self.run(gpu, entry, rays).into_iter().map(answer).collect()
+    }
+
+    /// The answers of rays traced one by one. In packets, where the device has them, each ray has the same bits.
     fn closest(&self, gpu: &Gpu, rays: &[Ray]) -> Vec<Answer> {
-        self.run(gpu, "closest", rays).into_iter().map(answer).collect()
+        let answers = self.closest_by(gpu, "closest", rays);
+        let together = self.closest_by(gpu, "closest_together", rays);
+        let differing = answers.iter().zip(&together).position(|(a, b)| a != b);
+        assert!(differing.is_none(), "in packets: {:?}", differing.map(|i| (rays[i], answers[i], together[i])));
+        answers
+    }
+
+    fn occluded(&self, gpu: &Gpu, rays: &[Ray]) -> Vec<[u32; 4]> {
+        let occluded = self.run(gpu, "occluded", rays);
+        assert_eq!(occluded, self.run(gpu, "occluded_together", rays), "in packets");
+        occluded
     }
 
     fn corners(&self, primitive: u32) -> [DVec3; 3] {
@@ -203,9 +221,9 @@ fn closed_box(half: f32) -> Vec<Triangle> {
         .collect()
 }
 
-/// The closest hit is that of a loop over all triangles in f64, in random soups of 1 to 5,000 triangles. Textures and
-/// storage buffers, a stack in registers and one in memory, and the kernel's own loop over all triangles give the same
-/// bits.
+/// The closest hit is that of a loop over all triangles in f64, in random soups of 1 to 5,000 triangles. Packets and
+/// rays one by one, textures and storage buffers, small stacks and those for the deepest hierarchies, and the kernel's
+/// own loop over all triangles give the same bits.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
     let rays = random_rays(2000);
@@ -221,25 +239,28 @@ fn closest_hits_are_those_of_all_triangles(gpu: &Gpu) {
         assert!((20..1980).contains(&hits), "{count} triangles: {hits} hits prove nothing");
         let exhaustive: Vec<_> = traced.run(gpu, "exhaustive", &rays).into_iter().map(answer).collect();
         assert_eq!(answers, exhaustive, "{count} triangles");
-        traced.features =
-            traced.features.clone().with(Feature::TextureLoads, !traced.features.has(Feature::TextureLoads));
-        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, the other kind of table");
         traced.features = traced.features.clone().with(Feature::ShallowBvh, false);
-        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, a stack in memory");
+        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, a stack for any depth");
+        let other_table = !traced.features.has(Feature::TextureLoads);
+        let features = traced.features.clone().with(Feature::Packets, false);
+        traced.features = features.with(Feature::TextureLoads, other_table);
+        assert_eq!(answers, traced.closest(gpu, &rays), "{count} triangles, the other kind of table");
     }
     let deepest_of_registers = depths.iter().filter(|depth| **depth <= 5).max();
     assert_eq!(deepest_of_registers, Some(&5), "{depths:?}: registers are never full");
 }
 
-/// The comparison finds a stack that overflows: four registers are too few for a deep hierarchy.
+/// The comparison finds a stack that overflows: registers of a shallow hierarchy are too few for a deep one.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_stack_that_overflows_is_found(gpu: &Gpu) {
     let rays = random_rays(2000);
-    let mut traced = Traced::new(gpu, &soup(5000, 0.1));
+    let mut traced = Traced::new(gpu, &soup(20_000, 0.2));
     assert!(!traced.bvh.is_shallow());
     traced.features = traced.features.clone().with(Feature::ShallowBvh, true);
-    let answers = traced.closest(gpu, &rays);
-    assert!(!compare(&traced, &rays, &answers).0.is_empty());
+    for entry in ["closest", "closest_together"] {
+        let answers = traced.closest_by(gpu, entry, &rays);
+        assert!(!compare(&traced, &rays, &answers).0.is_empty(), "{entry}");
+    }
 }
 
 /// The comparison finds a wrong triangle, a missed hit, and a distance that is off by a thousandth.
@@ -269,8 +290,12 @@ fn a_shrunk_box_is_found(gpu: &Gpu) {
     // Word 6 holds the upper x planes of the root's children.
     traced.bvh.nodes[1][2] =
         traced.bvh.nodes[1][2].to_le_bytes().map(|q| q - q / 8).iter().rev().fold(0, |w, &q| w << 8 | u32::from(q));
-    let answers = traced.closest(gpu, &rays);
-    assert!(!compare(&traced, &rays, &answers).0.is_empty());
+    // Those of packets.
+    traced.packet_nodes[4..8].iter_mut().for_each(|upper| upper[0] -= 0.1);
+    for entry in ["closest", "closest_together"] {
+        let answers = traced.closest_by(gpu, entry, &rays);
+        assert!(!compare(&traced, &rays, &answers).0.is_empty(), "{entry}");
+    }
 }
 
 /// In a scene without triangles no ray hits anything, and no traversal reports an overrun.
@@ -279,7 +304,7 @@ fn an_empty_scene_blocks_no_ray(gpu: &Gpu) {
     let rays = random_rays(65);
     let traced = Traced::new(gpu, &[]);
     assert!(traced.closest(gpu, &rays).iter().all(|answer| answer.primitive == NO_HIT && answer.t == FAR));
-    assert!(traced.run(gpu, "occluded", &rays).iter().all(|answer| *answer == [0; 4]));
+    assert!(traced.occluded(gpu, &rays).iter().all(|answer| *answer == [0; 4]));
     assert!(traced.run(gpu, "line", &rays).iter().all(|answer| *answer == [0; 4]));
 }
 
@@ -297,7 +322,7 @@ fn occlusion_and_lines_are_those_of_all_triangles(gpu: &Gpu) {
             *ray = Ray { direction: 0.3 * ray.direction, t_max: 1.0, ..*ray };
         }
     }
-    let occluded = traced.run(gpu, "occluded", &rays);
+    let occluded = traced.occluded(gpu, &rays);
     let lines = traced.run(gpu, "line", &rays);
     let (mut checked, mut stopped) = (0, 0);
     for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
@@ -340,7 +365,7 @@ fn closed_boxes_are_watertight(gpu: &Gpu) {
     let escaped =
         answers.iter().filter(|answer| answer.primitive == NO_HIT || traced.bvh.order[answer.primitive as usize] >= 12);
     assert_eq!(escaped.count(), 0);
-    assert!(traced.run(gpu, "occluded", &rays).iter().all(|answer| answer[0] == 1));
+    assert!(traced.occluded(gpu, &rays).iter().all(|answer| answer[0] == 1));
     let endless: Vec<_> = rays.iter().copied().step_by(2).collect();
     let lines = traced.run(gpu, "line", &endless);
     // From inside, a line crosses each of the four boxes once, or more often where triangles touch.
@@ -467,13 +492,16 @@ fn identical_centroids_are_traced(gpu: &Gpu) {
 /// A traversal that needs more iterations than the device allows reports an overrun, unless its answer is right.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn a_traversal_that_gives_up_says_so(gpu: &Gpu) {
-    let count = 100_000u32;
+    let count = 200_000u32;
     let sheet = [vec3(-1.0, -1.0, 0.0), vec3(1.0, -1.0, 0.0), vec3(0.0, 1.0, 0.0)];
     let traced = Traced::new(gpu, &vec![sheet; count as usize]);
     let rays = [ray(vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0)), ray(vec3(5.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0))];
     let lines = traced.run(gpu, "line", &rays);
     assert!(lines[0][0] == count || lines[0][2] == 1, "{lines:?}");
     assert_eq!(lines[1], [0; 4]);
+    // Through the corner of all boxes, where no triangle is.
+    let beside = [ray(vec3(0.9, 0.9, 1.0), vec3(0.0, 0.0, -1.0)); 9];
+    assert_eq!(traced.occluded(gpu, &beside), [[0, 1, 0, 0]; 9]);
 }
 
 /// An offset origin is above its surface, on the normal's side, by at least the error of a hit point and by not much

@@ -54,7 +54,7 @@ impl DeviceInfo {
 /// What the kit cannot do without: kernels take their parameters as immediates.
 pub(crate) const REQUIRED: wgpu::Features = wgpu::Features::IMMEDIATES;
 /// What the kit uses where it is there.
-const WELCOME: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
+const WELCOME: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::SUBGROUP);
 
 const REMEDY: &str = "install a Vulkan driver (Mesa's lavapipe is one that needs no GPU)";
 
@@ -86,6 +86,13 @@ pub(crate) fn describe(adapter: &wgpu::Adapter) -> DeviceInfo {
         max_binding_bytes: adapter.limits().max_storage_buffer_binding_size,
         timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
     }
+}
+
+/// Lanes of a subgroup, if kernels can use them and all subgroups have the same number.
+pub(crate) fn subgroup_size(adapter: &wgpu::Adapter, device: &wgpu::Device) -> Option<u32> {
+    let info = adapter.get_info();
+    let one_size = info.subgroup_min_size == info.subgroup_max_size;
+    (one_size && device.features().contains(wgpu::Features::SUBGROUP)).then_some(info.subgroup_min_size)
 }
 
 fn rank(kind: &str) -> usize {

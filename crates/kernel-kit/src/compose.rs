@@ -114,7 +114,8 @@ impl Composer {
         unit.global_declarations.sort_by_cached_key(|declaration| declaration.to_string());
         let wgsl = unit.to_string();
         let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
-        let (flags, capabilities) = (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::IMMEDIATES);
+        let flags = naga::valid::ValidationFlags::all();
+        let capabilities = naga::valid::Capabilities::IMMEDIATES | naga::valid::Capabilities::SUBGROUP;
         let info = naga::valid::Validator::new(flags, capabilities)
             .validate(&module)
             .map_err(|e| broken(&e.emit_to_string(&wgsl)))?;

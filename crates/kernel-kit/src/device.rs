@@ -18,6 +18,8 @@ pub struct Gpu {
     /// Kernels read tables through textures here, not storage buffers: on a software device a divergent
     /// storage load costs five to eight texture loads.
     pub texture_loads: bool,
+    /// Lanes of a subgroup, where all subgroups have the same number and the device was opened with `SUBGROUP`.
+    pub subgroup_size: Option<u32>,
     pub(crate) limits: wgpu::Limits,
     pub(crate) adapter: wgpu::Adapter,
     timer: Mutex<Timer>,
@@ -54,8 +56,9 @@ impl Gpu {
     }
 
     /// Takes a device that the caller has opened, with the feature `IMMEDIATES` and a `max_immediate_size` that holds
-    /// the parameters of the kernels. Passes are timed if it was opened with `TIMESTAMP_QUERY`. The device's callbacks
-    /// for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] says what they heard.
+    /// the parameters of the kernels. Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use
+    /// subgroups if with `SUBGROUP`. The device's callbacks for uncaptured errors and for its loss are replaced by the
+    /// kit's: [`Gpu::check`] says what they heard.
     ///
     /// # Errors
     /// [`Error::NoDevice`] if the device was opened without `IMMEDIATES`.
@@ -88,8 +91,10 @@ impl Gpu {
         });
         let timer = Mutex::new(Timer::new(&device, &queue, info.timestamps));
         let texture_loads = info.is_software();
+        let subgroup_size = adapter::subgroup_size(&adapter, &device);
         let limits = device.limits();
-        Gpu { device, queue, info, texture_loads, limits, adapter, timer, undispatched: Mutex::default(), fault }
+        let undispatched = Mutex::default();
+        Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, fault }
     }
 
     /// The entry points that have not been dispatched.

@@ -5,6 +5,7 @@ import package::kit::group_index;
 import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
 import package::lib::bvh::{begin_traversal, next_triangle, intersect_primitive, stops, traversal_overrun};
 import package::lib::bvh::{trace_closest, trace_occluded};
+import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_together};
 
 override ray_count: u32;
 override primitive_count: u32;
@@ -48,6 +49,34 @@ fn exhaustive(
         if stops(hit, ray.t_min, ray.t_max, 0u) && (hit.t < first.t || first.triangle == NO_HIT) { first = hit; }
     }
     answer(i, first);
+}
+
+// As closest, in packets.
+@compute @workgroup_size(64)
+fn closest_together(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    var ray = no_ray();
+    if i < ray_count { ray = ray_of(i); }
+    let hit = trace_closest_together(ray, 0u, lane);
+    if i < ray_count { answer(i, hit); }
+}
+
+// As occluded, in packets.
+@compute @workgroup_size(64)
+fn occluded_together(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    var ray = no_ray();
+    if i < ray_count { ray = ray_of(i); }
+    let stopped = trace_occluded_together(ray, 0u, lane);
+    if i < ray_count { answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u); }
 }
 
 // Occluded, overrun, 0, 0.

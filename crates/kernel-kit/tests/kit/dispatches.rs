@@ -191,6 +191,37 @@ fn arguments_are_followed(gpu: &Gpu, bound: &kernel_kit::BoundKernel, arguments:
     compare::exact(&gpu.read::<u32>(&squares, 100).unwrap(), &expected, |i| format!("item {i}")).unwrap();
 }
 
+const SUBGROUPS: &str = "
+@group(0) @binding(0) var<storage, read_write> lanes: array<vec2u>;
+@compute @workgroup_size(64)
+fn lane(
+    @builtin(local_invocation_index) index: u32,
+    @builtin(subgroup_size) size: u32,
+    @builtin(subgroup_invocation_id) lane: u32,
+) {
+    lanes[index] = vec2u(size, lane);
+}";
+
+/// Subgroups have the size that the device says, and on software devices, whose kernels rely on it, follow each other
+/// in the workgroup.
+#[kernel_test]
+fn subgroups_are_as_the_device_says(gpu: &Gpu) {
+    let Some(size) = gpu.subgroup_size else {
+        assert!(!gpu.info.is_software(), "a software device whose subgroups differ in size");
+        return;
+    };
+    let composed = Composer::new().compose_source("subgroups", SUBGROUPS, &Features::<DeviceFeature>::new()).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let lanes = gpu.poisoned::<[u32; 2]>("test/lanes", 64).unwrap();
+    let bound = kernel.bind(gpu, "lane", &[&Resources::new().with("lanes", &lanes)]).unwrap();
+    gpu.run(&bound, 64, &()).unwrap();
+    let found: Vec<[u32; 2]> = gpu.read(&lanes, 64).unwrap();
+    for (index, [found_size, lane]) in (0..64).zip(found) {
+        assert_eq!(found_size, size);
+        assert!(!gpu.info.is_software() || lane == index % size, "invocation {index} is lane {lane}");
+    }
+}
+
 const SUMS: &str = "
 import package::kit::group_index;
 @if(texture_loads) @group(0) @binding(0) var table: texture_storage_2d<rgba32uint, read>;

@@ -1,0 +1,345 @@
+// Packet traversal: the rays of a subgroup visit the nodes that any of them meets, all at the same time.
+// In: `packet_nodes` and `bvh_triangles`; lengths in scene units after normalisation. Out: what lib/bvh gives for each
+// ray alone. It is for software devices whose subgroups have PACKET_LANES lanes; elsewhere each ray is traced alone.
+//
+// A node has PACKET_LANES texels (src/bvh/packet.rs), so one load in which each lane has its own texel fetches all of
+// it. Shuffles, and broadcasts from a constant lane, hand the planes round: both are one instruction, where the other
+// operations of subgroups are loops over the lanes. The stack lies in registers whose lanes hold an entry each. Loops
+// test their condition at the end, since a software device runs their bodies once whatever the condition.
+//
+// Every lane of a subgroup must reach the trace at the same time. One without a ray passes `no_ray()`. `lane` is the
+// invocation's index within the workgroup, whose subgroups follow each other. Where a packet gives up, all of its lanes
+// have `traversal_overrun` set.
+
+import package::lib::ray::{Hit, Ray};
+import package::lib::bvh::{trace_closest, trace_occluded};
+@if(packets) import package::lib::ray::{NO_HIT, ShearedRay, intersect_triangle, nonzero_direction, shear_ray};
+@if(packets) import package::lib::bvh::{MAX_ITERATIONS, NO_ENTRY, NO_KEY, ONE_TRIANGLE, before, triangle_texel};
+@if(packets) import package::lib::bvh::{sorted, traversal_iterations, traversal_overrun, within};
+@if(packets) import package::lib::constants::{BVH_TRIANGLE_TEXELS, PACKET_LANES};
+@if(packets) import package::lib::table::table_texel;
+@if(packets && alpha_test) import package::lib::alpha::alpha_blocks;
+@if(packets && alpha_test) import package::lib::bvh::has_alpha_test;
+@if(packets && procedurals) import package::lib::procedural::{closest_procedural, procedurals_occlude};
+@if(packets && procedurals) import package::lib::procedural::procedural_ray_iterations;
+
+@if(packets) @group(1) @binding(25) var packet_nodes: texture_storage_2d<rgba32float, read>;
+
+// A ray that meets nothing.
+fn no_ray() -> Ray {
+    return Ray(vec3f(0.0), 0.0, vec3f(0.0, 0.0, 1.0), -1.0);
+}
+
+// As trace_closest.
+fn trace_closest_together(ray: Ray, seed: u32, lane: u32) -> Hit {
+    @if(!packets) { return trace_closest(ray, seed); }
+    @if(packets) {
+        var closest = trace_packet(ray, seed, lane % PACKET_LANES, false);
+        @if(procedurals) {
+            closest = closest_procedural(ray, closest);
+            traversal_iterations += procedural_ray_iterations;
+        }
+        return closest;
+    }
+}
+
+// As trace_occluded.
+fn trace_occluded_together(ray: Ray, seed: u32, lane: u32) -> bool {
+    @if(!packets) { return trace_occluded(ray, seed); }
+    @if(packets) {
+        var occluded = trace_packet(ray, seed, lane % PACKET_LANES, true).triangle != NO_HIT;
+        @if(procedurals) {
+            if !occluded {
+                occluded = procedurals_occlude(ray);
+                traversal_iterations += procedural_ray_iterations;
+            }
+        }
+        return occluded;
+    }
+}
+
+// What the box test needs of a ray.
+@if(packets)
+struct Slabs {
+    inverse_direction: vec3f,
+    // Origin / direction, with the margin for near and for far planes.
+    near_start: vec3f,
+    far_start: vec3f,
+    // Lanes that hold the near planes of child 0.
+    near_lane: vec3u,
+    t_min: f32,
+}
+
+// The margin covers what lib/bvh (open_node) says of the triangle test, 9 * 2^-24 of the farthest coordinate relative
+// to the ray's origin, and the roundings of a plane's distance here: those of plane / direction, of origin / direction,
+// of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the plane's and the origin's
+// coordinates. So 2^-20 of the largest such sum covers both. Boxes are exact, and the rest is as in lib/bvh.
+@if(packets)
+fn slabs_of(ray: Ray) -> Slabs {
+    let inverse = 1.0 / nonzero_direction(ray.direction);
+    // The largest coordinate of all boxes is with the upper planes of the root's first child.
+    let reach = abs(ray.origin) + textureLoad(packet_nodes, table_texel(PACKET_LANES / 2u)).w;
+    let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    let start = ray.origin * inverse;
+    let near_lane = select(vec3u(PACKET_LANES / 2u), vec3u(0u), inverse > vec3f(0.0));
+    return Slabs(inverse, start + slack, start - slack, near_lane, ray.t_min);
+}
+
+// The key of a child as lib/bvh has them, NO_KEY where the ray does not meet it before t_max. `texel` is the lane's
+// part of the node.
+@if(packets)
+fn child_key(slabs: Slabs, texel: vec4f, child: u32, t_max: f32) -> u32 {
+    let near = slabs.near_lane + child;
+    let far = near ^ vec3u(PACKET_LANES / 2u);
+    let near_planes =
+        vec3f(subgroupShuffle(texel.x, near.x), subgroupShuffle(texel.y, near.y), subgroupShuffle(texel.z, near.z));
+    let far_planes =
+        vec3f(subgroupShuffle(texel.x, far.x), subgroupShuffle(texel.y, far.y), subgroupShuffle(texel.z, far.z));
+    // Compared as integers, as in lib/bvh.
+    let a = bitcast<vec3i>(near_planes * slabs.inverse_direction - slabs.near_start);
+    let b = bitcast<vec3i>(far_planes * slabs.inverse_direction - slabs.far_start);
+    let enter = max(max(a.x, a.y), max(a.z, bitcast<i32>(slabs.t_min)));
+    let leave = min(min(b.x, b.y), min(b.z, bitcast<i32>(t_max)));
+    let met = bitcast<f32>(enter) <= bitcast<f32>(leave) * 1.00000095367432;
+    return select(NO_KEY, (bitcast<u32>(enter) & 0xfffffffcu) | child, met);
+}
+
+// Each child's minimum key of all lanes, sorted.
+@if(packets)
+fn min_keys(keys: vec4u, lane: u32) -> vec4u {
+    // Halves of the lanes take children 0 and 1, or 2 and 3, then one of the two: three exchanges instead of twelve.
+    let upper = (lane & 4u) != 0u;
+    let odd = (lane & 2u) != 0u;
+    let kept = select(keys.xz, keys.yw, upper);
+    let pair = min(kept, subgroupShuffle(select(keys.yw, keys.xz, upper), lane ^ 4u));
+    let half = min(select(pair.x, pair.y, odd), subgroupShuffle(select(pair.y, pair.x, odd), lane ^ 2u));
+    let lowest = min(half, subgroupShuffle(half, lane ^ 1u));
+    let of_first = vec2u(subgroupBroadcast(lowest, 0u), subgroupBroadcast(lowest, 4u));
+    return sorted(vec4u(of_first, subgroupBroadcast(lowest, 2u), subgroupBroadcast(lowest, 6u)));
+}
+
+// Whether it is so in any lane.
+@if(packets)
+fn in_any_lane(condition: bool, lane: u32) -> bool {
+    var any_lane = select(0u, 1u, condition);
+    any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
+    any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
+    any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
+    return subgroupBroadcast(any_lane, 0u) != 0u;
+}
+
+// The entries to be visited, as lib/bvh has them: the one with index 8 i + l is in lane l of word i. A node adds three
+// at most: 15 in a shallow hierarchy, 87 in one of 29 levels. Places at the height and above it hold anything.
+@if(packets)
+struct PacketStack {
+    height: u32,
+    @if(shallow_bvh) words: vec2u,
+    @if(!shallow_bvh) low: vec4u,
+    @if(!shallow_bvh) middle: vec4u,
+    @if(!shallow_bvh) high: vec4u,
+}
+
+// Pushes up to eight entries: each lane has the one for the place that it holds.
+@if(packets)
+fn push_entries(stack: ptr<function, PacketStack>, entry: u32, count: u32, lane: u32) {
+    let height = (*stack).height;
+    @if(shallow_bvh) {
+        (*stack).words = select((*stack).words, vec2u(entry), vec2u(lane, lane + 8u) >= vec2u(height));
+    }
+    @if(!shallow_bvh) {
+        let place = vec4u(lane) + vec4u(0u, 8u, 16u, 24u);
+        (*stack).low = select((*stack).low, vec4u(entry), place >= vec4u(height));
+        (*stack).middle = select((*stack).middle, vec4u(entry), place + 32u >= vec4u(height));
+        (*stack).high = select((*stack).high, vec4u(entry), place + 64u >= vec4u(height));
+    }
+    (*stack).height = height + count;
+}
+
+// The entry on top of the stack, NO_ENTRY if it is empty.
+@if(packets)
+fn top_entry(stack: PacketStack) -> u32 {
+    let place = stack.height - 1u;
+    let odd = (place & 8u) != 0u;
+    @if(shallow_bvh) let word = select(stack.words.x, stack.words.y, odd);
+    @if(!shallow_bvh) let words =
+        select(select(stack.low, stack.middle, (place & 32u) != 0u), stack.high, (place & 64u) != 0u);
+    @if(!shallow_bvh) let word =
+        select(select(words.x, words.y, odd), select(words.z, words.w, odd), (place & 16u) != 0u);
+    return select(subgroupShuffle(word, place & 7u), NO_ENTRY, stack.height == 0u);
+}
+
+@if(packets)
+fn lower_height(stack: PacketStack) -> u32 {
+    return select(stack.height - 1u, 0u, stack.height == 0u);
+}
+
+// A triangle that all lanes test.
+@if(packets)
+struct Tested {
+    corners: array<vec3f, 3>,
+    primitive: u32,
+    // Whether there is one.
+    there: bool,
+}
+
+// The hits of a lane's ray.
+@if(packets)
+struct Found {
+    // The first one so far. After some hit of a ray that needs no other, t is -1: such a ray meets no more boxes.
+    closest: Hit,
+    // One that an alpha test is to decide.
+    @if(alpha_test) undecided: Hit,
+}
+
+@if(packets)
+fn test_triangle(found: ptr<function, Found>, ray: Ray, sheared: ShearedRay, tested: Tested, any_hit: bool) {
+    let closest = (*found).closest;
+    let met = intersect_triangle(sheared, tested.corners[0], tested.corners[1], tested.corners[2]);
+    let hit = Hit(met.x, met.y, met.z, tested.primitive);
+    let stopped = tested.there && before(hit, closest) && within(hit, ray.t_min, closest.t);
+    @if(!alpha_test) { if stopped { keep_hit(found, hit, any_hit); } }
+    @if(alpha_test) {
+        if stopped {
+            if has_alpha_test(hit) { (*found).undecided = hit; } else { keep_hit(found, hit, any_hit); }
+        }
+    }
+}
+
+@if(packets)
+fn keep_hit(found: ptr<function, Found>, hit: Hit, any_hit: bool) {
+    (*found).closest = hit;
+    (*found).closest.t = select(hit.t, -1.0, any_hit);
+}
+
+// Triangles of a leaf that one iteration tests. The alpha test, with its textures, is outside the loops, as in lib/bvh,
+// so that one triangle at a time can be undecided.
+@if(packets && !alpha_test) const PACKET_TRIANGLES: u32 = 2u;
+@if(packets && alpha_test) const PACKET_TRIANGLES: u32 = 1u;
+
+// The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
+@if(packets)
+fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
+    let slabs = slabs_of(ray);
+    let sheared = shear_ray(ray);
+    var found: Found;
+    found.closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
+    var stack: PacketStack;
+    var entry = 0u;
+    // All lanes share the budget of a loop.
+    var iterations = traversal_iterations;
+    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 4u));
+    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 2u));
+    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 1u));
+    @if(!alpha_test) {
+        loop {
+            iterations++;
+            entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane);
+            entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
+            if entry == NO_ENTRY { break; }
+        }
+    }
+    @if(alpha_test) {
+        loop {
+            found.undecided.triangle = NO_HIT;
+            var waits = false;
+            loop {
+                iterations++;
+                entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane);
+                entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
+                waits = in_any_lane(found.undecided.triangle != NO_HIT, lane);
+                if entry == NO_ENTRY || waits { break; }
+            }
+            let hit = found.undecided;
+            if hit.triangle != NO_HIT && alpha_blocks(hit.triangle, hit.u, hit.v, seed) {
+                keep_hit(&found, hit, any_hit);
+            }
+            if entry == NO_ENTRY { break; }
+        }
+    }
+    traversal_iterations = iterations;
+    traversal_overrun |= iterations >= MAX_ITERATIONS;
+    return found.closest;
+}
+
+// Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry.
+@if(packets)
+fn visit_nodes(
+    stack: ptr<function, PacketStack>,
+    iterations: ptr<function, u32>,
+    first_entry: u32,
+    slabs: Slabs,
+    t_max: f32,
+    lane: u32,
+) -> u32 {
+    var entry = first_entry;
+    loop {
+        *iterations += 1u;
+        let texel = textureLoad(packet_nodes, table_texel(PACKET_LANES * entry + lane));
+        let low_keys = vec2u(child_key(slabs, texel, 0u, t_max), child_key(slabs, texel, 1u, t_max));
+        let high_keys = vec2u(child_key(slabs, texel, 2u, t_max), child_key(slabs, texel, 3u, t_max));
+        let keys = min_keys(vec4u(low_keys, high_keys), lane);
+        let reference = bitcast<u32>(texel.w);
+        let each = select(vec3u(0u), vec3u(1u), keys.yzw != vec3u(NO_KEY));
+        let count = each.x + each.y + each.z;
+        // The nearer of the pending children are nearer to the top.
+        let height = (*stack).height;
+        let below = (height + count - 1u - lane) & 7u;
+        let pending = select(select(keys.w, keys.z, below == 1u), keys.y, below == 0u);
+        push_entries(stack, subgroupShuffle(reference, pending & 3u), count, lane);
+        let nearest = subgroupShuffle(reference, keys.x & 3u);
+        let pops = keys.x == NO_KEY;
+        var next = select(nearest, top_entry(*stack), pops);
+        var next_height = select((*stack).height, lower_height(*stack), pops);
+        @if(alpha_test) {
+            // The alpha test interrupted a leaf.
+            next = select(next, entry, entry >= ONE_TRIANGLE);
+            next_height = select(next_height, height, entry >= ONE_TRIANGLE);
+        }
+        let gives_up = *iterations >= MAX_ITERATIONS;
+        // Broadcast, so that the compiler knows that all lanes agree.
+        entry = subgroupBroadcast(select(next, NO_ENTRY, gives_up), 0u);
+        (*stack).height = subgroupBroadcast(select(next_height, 0u, gives_up), 0u);
+        if entry >= ONE_TRIANGLE { break; }
+    }
+    return entry;
+}
+
+// Tests the triangles of leaves until the next entry is a node, or there is none, or an alpha test is due.
+@if(packets)
+fn visit_leaves(
+    stack: ptr<function, PacketStack>,
+    iterations: ptr<function, u32>,
+    first_entry: u32,
+    found: ptr<function, Found>,
+    ray: Ray,
+    sheared: ShearedRay,
+    lane: u32,
+    any_hit: bool,
+) -> u32 {
+    var entry = first_entry;
+    loop {
+        *iterations += 1u;
+        let first = entry & (ONE_TRIANGLE - 1u);
+        let count = select(entry / ONE_TRIANGLE, 0u, entry == NO_ENTRY);
+        let texel = triangle_texel(BVH_TRIANGLE_TEXELS * first + lane).xyz;
+        let corners = array(subgroupBroadcast(texel, 0u), subgroupBroadcast(texel, 1u), subgroupBroadcast(texel, 2u));
+        test_triangle(found, ray, sheared, Tested(corners, first, count > 0u), any_hit);
+        @if(!alpha_test) {
+            let others =
+                array(subgroupBroadcast(texel, 3u), subgroupBroadcast(texel, 4u), subgroupBroadcast(texel, 5u));
+            test_triangle(found, ray, sheared, Tested(others, first + 1u, count > 1u), any_hit);
+        }
+        let more = count > PACKET_TRIANGLES;
+        let rest = entry - PACKET_TRIANGLES * ONE_TRIANGLE + PACKET_TRIANGLES;
+        let next = select(top_entry(*stack), rest, more);
+        let height = select(lower_height(*stack), (*stack).height, more);
+        var ends = false;
+        if any_hit { ends = !in_any_lane((*found).closest.t >= 0.0, lane); }
+        entry = subgroupBroadcast(select(next, NO_ENTRY, ends), 0u);
+        (*stack).height = subgroupBroadcast(height, 0u);
+        var waits = false;
+        @if(alpha_test) { waits = in_any_lane((*found).undecided.triangle != NO_HIT, lane); }
+        if entry < ONE_TRIANGLE || entry == NO_ENTRY || waits { break; }
+    }
+    return entry;
+}
