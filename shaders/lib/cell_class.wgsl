@@ -25,7 +25,8 @@ struct CellClass {
     thickness: f32,
     // The nearest k are within this distance; 0 if that is not known.
     reach: f32,
-    // n_i / (n_i + n_s) about the middle of the cell; of a lit or shadowed cell a step off 1 or 0 if a boundary is near.
+    // n_i / (n_i + n_s) about the middle of the cell. Of a lit or shadowed cell a step off 1 or 0 if a boundary is
+    // near.
     visibility: f32,
 }
 

@@ -14,7 +14,8 @@
 import package::lib::ray::{Hit, Ray};
 import package::lib::bvh::{trace_closest, trace_occluded};
 @if(packets) import package::lib::ray::{NO_HIT, ShearedRay, intersect_triangle, nonzero_direction, shear_ray};
-@if(packets) import package::lib::bvh::{MAX_ITERATIONS, NO_ENTRY, NO_KEY, ONE_TRIANGLE, before, triangle_texel};
+@if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before, triangle_texel};
+@if(packets && !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
 @if(packets) import package::lib::bvh::{sorted, traversal_iterations, traversal_overrun, within};
 @if(packets) import package::lib::constants::{BVH_TRIANGLE_TEXELS, PACKET_LANES};
 @if(packets) import package::lib::table::table_texel;
@@ -216,6 +217,11 @@ fn keep_hit(found: ptr<function, Found>, hit: Hit, any_hit: bool) {
 @if(packets && !alpha_test) const PACKET_TRIANGLES: u32 = 2u;
 @if(packets && alpha_test) const PACKET_TRIANGLES: u32 = 1u;
 
+// The budget of MAX_ITERATIONS. The outermost loop of the alpha test counts no iteration of its own, but each has three
+// that are counted: 60,000 in all.
+@if(packets && alpha_test) const PACKET_ITERATIONS: u32 = 45000u;
+@if(packets && !alpha_test) const PACKET_ITERATIONS: u32 = MAX_ITERATIONS;
+
 // The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
 @if(packets)
 fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
@@ -257,7 +263,7 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
         }
     }
     traversal_iterations = iterations;
-    traversal_overrun |= iterations >= MAX_ITERATIONS;
+    traversal_overrun |= iterations >= PACKET_ITERATIONS;
     return found.closest;
 }
 
@@ -295,7 +301,7 @@ fn visit_nodes(
             next = select(next, entry, entry >= ONE_TRIANGLE);
             next_height = select(next_height, height, entry >= ONE_TRIANGLE);
         }
-        let gives_up = *iterations >= MAX_ITERATIONS;
+        let gives_up = *iterations >= PACKET_ITERATIONS;
         // Broadcast, so that the compiler knows that all lanes agree.
         entry = subgroupBroadcast(select(next, NO_ENTRY, gives_up), 0u);
         (*stack).height = subgroupBroadcast(select(next_height, 0u, gives_up), 0u);

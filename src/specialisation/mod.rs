@@ -13,13 +13,17 @@ pub(crate) mod visibility;
 use kernel_kit::Gpu;
 
 use crate::bvh::{Bvh, PACKET_LANES};
-use crate::scene::Scene;
+use crate::scene::{AlphaMode, Scene, Triangle};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 
 pub use decisions::{Deferred, Item, Specialisation, bytes_text};
 use surfaces::Facts;
 pub(crate) use surfaces::{FOCUSING_ALPHA, surface_vectors};
+
+/// Maximum number of triangles with alpha tests for packets. A packet takes five iterations for each of them that a ray
+/// passes, twice as many as a single ray: 20,000 in one line, the limit of single rays, exceeded the loop budget.
+const MAX_PACKET_ALPHA_TESTS: usize = 4096;
 
 impl Specialisation {
     /// Decides what `scene` rendered with `settings` needs.
@@ -55,11 +59,14 @@ impl Specialisation {
     }
 
     /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.
-    pub(crate) fn of_device(&mut self, gpu: &Gpu, bvh: &Bvh) {
+    pub(crate) fn of_device(&mut self, gpu: &Gpu, scene: &Scene, bvh: &Bvh) {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
         // Nodes for packets take more than twice the texels: of the largest hierarchies they do not fit a texture.
-        let packets = self.features.has(Feature::Packets) && bvh.packet_texels() <= gpu.max_table_records();
+        let fits = bvh.packet_texels() <= gpu.max_table_records();
+        let tested = |triangle: &&Triangle| scene.materials[triangle.material as usize].alpha != AlphaMode::Opaque;
+        let few_tests = scene.triangles.iter().filter(tested).count() <= MAX_PACKET_ALPHA_TESTS;
+        let packets = self.features.has(Feature::Packets) && fits && few_tests;
         self.features.set(Feature::Packets, packets);
     }
 }

@@ -64,10 +64,11 @@ fn the_box_matches_an_independent_renderer() {
 /// The same seed gives the same bits, including repairs of the map by audits; another seed gives others.
 #[test]
 fn the_same_seed_gives_the_same_bits() {
-    let settings = small(Technique::SHADOW_PHOTONS, 24).with(|s| {
-        s.visibility_map.photons_per_light = 2048;
-        s.visibility_map.nearest = 8;
-        s.visibility_map.audit = 0.1;
+    // Classes by a single photon are sometimes wrong.
+    let settings = small(Technique::SHADOW_PHOTONS, 96).with(|s| {
+        s.visibility_map.nearest = 1;
+        s.visibility_map.audit = 1.0;
+        s.visibility_map.dilate = Some(0);
     });
     let (first, statistics) = render(&scene_file("box.glb"), &settings);
     assert!(

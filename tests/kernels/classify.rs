@@ -113,10 +113,12 @@ impl<'a> Setup<'a> {
                 Some(_) => Class::Boundary,
             };
             // A cell decides for all of its points or for none.
-            let by_cell = !self.exact_counts && got.class == Class::Boundary;
+            // Cells that the visit budget is too small for leave their points unknown.
+            let by_cell = !self.exact_counts && matches!(got.class, Class::Boundary | Class::Unknown);
             let undecided = by_cell && matches!(class, Class::Lit | Class::Shadowed);
             result.undecided += usize::from(undecided);
-            let mut wrong = got.class != class && !undecided;
+            let over_budget = by_cell && got.class == Class::Unknown;
+            let mut wrong = got.class != class && !undecided && !over_budget;
             if let Some((n_i, n_s)) = expected
                 && self.exact_counts
             {
@@ -139,7 +141,7 @@ impl<'a> Setup<'a> {
 struct Comparison {
     /// Candidates by class.
     counts: [usize; 5],
-    /// Boundary candidates whose nearest photons are of one kind.
+    /// Boundary and unknown candidates whose nearest photons are of one kind.
     undecided: usize,
     /// Candidates whose class or counts are not those of brute force.
     wrong: Vec<String>,
