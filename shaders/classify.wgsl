@@ -5,8 +5,8 @@
 //
 // `classify` looks up cell classes and requests those that are missing, `request_cells` notes the points that they are
 // for, `query` looks up the requested classes, `dilate` widens boundaries, `compact` fills the queues. A point that its
-// cell does not decide is a boundary: to search for the nearest photons of one point costs as much as tens of shadow
-// rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
+// cell does not decide is a boundary: a search for the nearest photons of one point costs as much as one to forty
+// shadow rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};

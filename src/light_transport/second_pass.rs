@@ -61,7 +61,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
     }
 
-    /// Classifies the undecided points by the requested cells, or else by their k nearest photons (pass `classify`).
+    /// Classifies the undecided points by the requested cells; if n_i and n_s are shown, by their k nearest photons
+    /// (pass `classify`).
     pub fn query_photons(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.query(frame, tile, lights));
     }

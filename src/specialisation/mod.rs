@@ -21,8 +21,8 @@ pub use decisions::{Deferred, Item, Specialisation, bytes_text};
 use surfaces::Facts;
 pub(crate) use surfaces::{FOCUSING_ALPHA, surface_vectors};
 
-/// Maximum number of triangles with alpha tests for packets. A packet takes five iterations for each of them that a ray
-/// passes, twice as many as a single ray: 20,000 in one line, the limit of single rays, exceeded the loop budget.
+/// Maximum number of triangles with alpha tests for packets. A packet takes more iterations at each than a single ray:
+/// 10,000 panes of two triangles, one behind the other, exceed the loop budget of packets, but not that of single rays.
 const MAX_PACKET_ALPHA_TESTS: usize = 4096;
 
 impl Specialisation {
@@ -63,12 +63,17 @@ impl Specialisation {
         self.features = device_features(gpu, std::mem::take(&mut self.features));
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
         // Nodes for packets take more than twice the texels: of the largest hierarchies they do not fit a texture.
-        let fits = bvh.packet_texels() <= gpu.max_table_records();
-        let tested = |triangle: &&Triangle| scene.materials[triangle.material as usize].alpha != AlphaMode::Opaque;
-        let few_tests = scene.triangles.iter().filter(tested).count() <= MAX_PACKET_ALPHA_TESTS;
-        let packets = self.features.has(Feature::Packets) && fits && few_tests;
+        let packets = self.features.has(Feature::Packets)
+            && bvh.packet_texels() <= gpu.max_table_records()
+            && alpha_tests(scene) <= MAX_PACKET_ALPHA_TESTS;
         self.features.set(Feature::Packets, packets);
     }
+}
+
+/// Number of triangles with alpha tests.
+fn alpha_tests(scene: &Scene) -> usize {
+    let is_tested = |triangle: &&Triangle| scene.materials[triangle.material as usize].alpha != AlphaMode::Opaque;
+    scene.triangles.iter().filter(is_tested).count()
 }
 
 /// `features` with those of the device: software devices read tables through textures, interleave workgroups between

@@ -17,6 +17,13 @@ fn ray_of(i: u32) -> Ray {
     return Ray(rays[2u * i].xyz, rays[2u * i].w, rays[2u * i + 1u].xyz, rays[2u * i + 1u].w);
 }
 
+// Ray i, or one that meets nothing: every lane traces.
+fn ray_or_none(i: u32) -> Ray {
+    var ray = no_ray();
+    if i < ray_count { ray = ray_of(i); }
+    return ray;
+}
+
 fn answer(i: u32, hit: Hit) {
     answers[i] = vec4u(bitcast<vec3u>(vec3f(hit.t, hit.u, hit.v)), hit.triangle);
 }
@@ -59,9 +66,7 @@ fn closest_together(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    var ray = no_ray();
-    if i < ray_count { ray = ray_of(i); }
-    let hit = trace_closest_together(ray, 0u, lane);
+    let hit = trace_closest_together(ray_or_none(i), 0u, lane);
     if i < ray_count { answer(i, hit); }
 }
 
@@ -73,9 +78,7 @@ fn occluded_together(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    var ray = no_ray();
-    if i < ray_count { ray = ray_of(i); }
-    let stopped = trace_occluded_together(ray, 0u, lane);
+    let stopped = trace_occluded_together(ray_or_none(i), 0u, lane);
     if i < ray_count { answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u); }
 }
 
