@@ -1,0 +1,151 @@
+//! `@each`: shaders that treat all lobes alike name none of them.
+
+use kernel_kit::Feature as _;
+
+use crate::specialisation::lobes::{LOBES, LobeFeature, Part};
+
+/// Repeats each statement, member or import that begins a line with `@each(GROUP)`, once for every lobe of the group,
+/// from the lowest to the highest; with `@each_from_top(GROUP)`, from the highest to the lowest. `NAME` in it becomes
+/// the name of the lobe's feature, and `Name` that of its type; `@each` becomes an `@if` of the feature, and keeps the
+/// rest of the condition. So of
+///
+/// ```wgsl
+///     @each(layer) NAME: Name,
+///     @each(layer && textures) { factors.NAME = NAME_texture(factors.NAME, texel, texture); }
+/// ```
+///
+/// kernels have
+///
+/// ```wgsl
+///     @if(sheen) sheen: Sheen,
+///     @if(clearcoat) clearcoat: Clearcoat,
+///     @if(sheen && textures) { factors.sheen = sheen_texture(factors.sheen, texel, texture); }
+///     @if(clearcoat && textures) { factors.clearcoat = clearcoat_texture(factors.clearcoat, texel, texture); }
+/// ```
+///
+/// Groups are `lobe` (all of them), `layer` (both kinds of layers) and the parts of [`Part`] in snake case. A line with
+/// another group stays, and does not compose.
+pub fn expand_each(text: &str) -> String {
+    let lobes: Vec<_> = LOBES.iter().filter_map(|lobe| Some((lobe, lobe.part?))).collect();
+    let mut expanded = String::new();
+    let mut lines = text.lines();
+    while let Some(line) = lines.next() {
+        let mut statement = format!("{line}\n");
+        let Some((head, group)) = head(line) else {
+            expanded += &statement;
+            continue;
+        };
+        while statement.matches('{').count() > statement.matches('}').count()
+            && let Some(line) = lines.next()
+        {
+            statement += line;
+            statement += "\n";
+        }
+        let mut of_group: Vec<_> = lobes.iter().filter(|(_, part)| is_in(*part, group)).collect();
+        if of_group.is_empty() {
+            expanded += &statement;
+        }
+        if head == FROM_TOP {
+            of_group.reverse();
+        }
+        for (lobe, _) in of_group {
+            let feature = lobe.feature.name();
+            let own = statement.replacen(&format!("{head}{group}"), &format!("@if({feature}"), 1);
+            expanded += &own.replace("NAME", feature).replace("Name", &type_name(lobe));
+        }
+    }
+    expanded
+}
+
+const FROM_BELOW: &str = "@each(";
+const FROM_TOP: &str = "@each_from_top(";
+
+/// How the line begins, if it is to be repeated, and the group.
+fn head(line: &str) -> Option<(&'static str, &str)> {
+    let (head, rest) =
+        [FROM_BELOW, FROM_TOP].iter().find_map(|head| Some((*head, line.trim_start().strip_prefix(head)?)))?;
+    Some((head, rest.split([' ', ')']).next()?))
+}
+
+fn is_in(part: Part, group: &str) -> bool {
+    match group {
+        "lobe" => true,
+        "base" => part == Part::Base,
+        "film" => part == Part::Film,
+        "spread" => part == Part::Spread,
+        "layer" => part == Part::WideLayer || part == Part::GlossyLayer,
+        "wide_layer" => part == Part::WideLayer,
+        "glossy_layer" => part == Part::GlossyLayer,
+        _ => false,
+    }
+}
+
+/// The type of a lobe has the name of the feature.
+fn type_name(lobe: &LobeFeature) -> String {
+    format!("{:?}", lobe.feature)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lines of the lobes are those that would be written by hand; other lines stay.
+    #[test]
+    fn lines_are_repeated_for_the_lobes_of_a_group() {
+        let text = "\
+@each(layer) import package::lib::bsdf::NAME::{
+    Name, NAME_mean,
+};
+struct Surface {
+    albedo: vec3f,
+    @each(film && textures) NAME: NameFactors,
+}
+    @each_from_top(layer) {
+        value += NAME_value(s.NAME);
+    }
+    @each_from_top(wide_layer) { value *= 2.0; }
+    return value;
+";
+        let expected = "\
+@if(sheen) import package::lib::bsdf::sheen::{
+    Sheen, sheen_mean,
+};
+@if(clearcoat) import package::lib::bsdf::clearcoat::{
+    Clearcoat, clearcoat_mean,
+};
+struct Surface {
+    albedo: vec3f,
+    @if(iridescence && textures) iridescence: IridescenceFactors,
+}
+    @if(clearcoat) {
+        value += clearcoat_value(s.clearcoat);
+    }
+    @if(sheen) {
+        value += sheen_value(s.sheen);
+    }
+    @if(sheen) { value *= 2.0; }
+    return value;
+";
+        assert_eq!(expand_each(text), expected);
+    }
+
+    /// A group that there is not is not taken for an empty one: the line stays, and the kernel does not compose.
+    #[test]
+    fn unknown_groups_do_not_compose() {
+        let text = "@compute @workgroup_size(1) fn nothing() {\n    @each(layers) { return; }\n}\n";
+        assert_eq!(expand_each(text), text);
+        let composer = kernel_kit::Composer::new();
+        let features = kernel_kit::Features::none();
+        assert!(composer.compose_source("nothing", &text.replace("@each(layers)", ""), &features).is_ok());
+        assert!(composer.compose_source("nothing", text, &features).is_err());
+    }
+
+    /// Glossy layers lie above wide ones, as the shaders take them.
+    #[test]
+    fn layers_are_listed_from_below() {
+        let parts: Vec<_> = LOBES.iter().filter_map(|lobe| lobe.part).collect();
+        let first_glossy = parts.iter().position(|part| *part == Part::GlossyLayer).unwrap();
+        let last_wide = parts.iter().rposition(|part| *part == Part::WideLayer).unwrap();
+        assert!(last_wide < first_glossy, "{parts:?}");
+    }
+}
