@@ -387,18 +387,18 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         // A direction that is reflected into the surface, or refracted out of it, would hit more microfacets: it is
         // left out.
         @if(transmission) { if bsdf_passes(s, direction) != sampled.passed { return result; } }
-        // A lobe contributes to the density of a direction only if it faces the direction. Where all lobes have the same
-        // normal, the density is 0 if that does not.
+        // A lobe contributes to the density of a direction only if it faces the direction. If all lobes have the same
+        // normal, the density of other directions is 0.
         let base_faced = bsdf_faces(s, direction);
         var faced = base_faced;
-        var may_differ = false;
+        var normals_differ = false;
         @each(glossy_layer) {
             let layer_faced = NAME_faces(s.NAME, s.geometric_normal, direction, base_faced);
             faced = select(faced, layer_faced, sampled.of_NAME);
-            may_differ = may_differ || NAME_has_normal();
+            normals_differ = normals_differ || NAME_has_normal();
         }
         @if(transmission) { faced |= sampled.passed; }
-        if may_differ && !faced { return result; }
+        if normals_differ && !faced { return result; }
         result.pdf = bsdf_pdf(s, direction);
         if result.pdf <= 0.0 { return result; }
         result.weight = bsdf_evaluate(s, direction) / result.pdf;

@@ -26,12 +26,11 @@ use crate::specialisation::lobes::{LOBES, LobeFeature, Part};
 /// Groups are `lobe` (all of them), `layer` (both kinds of layers) and the parts of [`Part`] in snake case. A line with
 /// another group stays, and does not compose.
 pub fn expand_each(text: &str) -> String {
-    let lobes: Vec<_> = LOBES.iter().filter_map(|lobe| Some((lobe, lobe.part?))).collect();
     let mut expanded = String::new();
     let mut lines = text.lines();
     while let Some(line) = lines.next() {
         let mut statement = format!("{line}\n");
-        let Some((head, group)) = head(line) else {
+        let Some(each) = Each::of(line) else {
             expanded += &statement;
             continue;
         };
@@ -41,48 +40,60 @@ pub fn expand_each(text: &str) -> String {
             statement += line;
             statement += "\n";
         }
-        let mut of_group: Vec<_> = lobes.iter().filter(|(_, part)| is_in(*part, group)).collect();
-        if of_group.is_empty() {
-            expanded += &statement;
-        }
-        if head == FROM_TOP {
-            of_group.reverse();
-        }
-        for (lobe, _) in of_group {
+        for lobe in each.lobes() {
             let feature = lobe.feature.name();
-            let own = statement.replacen(&format!("{head}{group}"), &format!("@if({feature}"), 1);
-            expanded += &own.replace("NAME", feature).replace("Name", &type_name(lobe));
+            let own = statement.replacen(each.head, &format!("@if({feature}"), 1);
+            // The type of a lobe has the name of the feature.
+            expanded += &own.replace("NAME", feature).replace("Name", &format!("{:?}", lobe.feature));
         }
     }
     expanded
 }
 
-const FROM_BELOW: &str = "@each(";
-const FROM_TOP: &str = "@each_from_top(";
-
-/// How the line begins, if it is to be repeated, and the group.
-fn head(line: &str) -> Option<(&'static str, &str)> {
-    let (head, rest) =
-        [FROM_BELOW, FROM_TOP].iter().find_map(|head| Some((*head, line.trim_start().strip_prefix(head)?)))?;
-    Some((head, rest.split([' ', ')']).next()?))
+/// How a line begins that is to be repeated.
+struct Each<'t> {
+    /// Up to the end of the group's name.
+    head: &'t str,
+    parts: &'static [Part],
+    from_top: bool,
 }
 
-fn is_in(part: Part, group: &str) -> bool {
-    match group {
-        "lobe" => true,
-        "base" => part == Part::Base,
-        "film" => part == Part::Film,
-        "spread" => part == Part::Spread,
-        "layer" => part == Part::WideLayer || part == Part::GlossyLayer,
-        "wide_layer" => part == Part::WideLayer,
-        "glossy_layer" => part == Part::GlossyLayer,
-        _ => false,
+impl Each<'_> {
+    fn of(line: &str) -> Option<Each<'_>> {
+        let line = line.trim_start();
+        let (begin, rest) = line.split_once('(')?;
+        let from_top = match begin {
+            "@each" => false,
+            "@each_from_top" => true,
+            _ => return None,
+        };
+        let group = rest.split([' ', ')']).next()?;
+        Some(Each { head: &line[..begin.len() + 1 + group.len()], parts: parts(group)?, from_top })
+    }
+
+    fn lobes(&self) -> Vec<&'static LobeFeature> {
+        let is_meant = |lobe: &&LobeFeature| lobe.part.is_some_and(|part| self.parts.contains(&part));
+        let mut lobes: Vec<_> = LOBES.iter().filter(is_meant).collect();
+        if self.from_top {
+            lobes.reverse();
+        }
+        lobes
     }
 }
 
-/// The type of a lobe has the name of the feature.
-fn type_name(lobe: &LobeFeature) -> String {
-    format!("{:?}", lobe.feature)
+/// The parts of a group; None where there is no such group.
+fn parts(group: &str) -> Option<&'static [Part]> {
+    use Part::{Base, Film, GlossyLayer, Spread, WideLayer};
+    match group {
+        "lobe" => Some(&[Base, Film, Spread, WideLayer, GlossyLayer]),
+        "layer" => Some(&[WideLayer, GlossyLayer]),
+        "base" => Some(&[Base]),
+        "film" => Some(&[Film]),
+        "spread" => Some(&[Spread]),
+        "wide_layer" => Some(&[WideLayer]),
+        "glossy_layer" => Some(&[GlossyLayer]),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

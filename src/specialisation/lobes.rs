@@ -31,7 +31,7 @@ pub(crate) struct LobeFeature {
 /// - `NAME_is_present`: whether it does anything there;
 /// - `pack_NAME` and `unpack_NAME`: the lobe as a vector.
 ///
-/// The shaders name lobes in lines that begin with `@each(PART)`: [`crate::kernels::each`].
+/// The shaders name lobes in lines that begin with `@each(PART)`: [`crate::kernels::expand_each`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Part {
     /// It takes light from the diffuse base, and lets it pass or reflects it in its own way: `NAME_base`, the albedo
