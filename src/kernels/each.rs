@@ -23,8 +23,8 @@ use crate::specialisation::lobes::{LOBES, LobeFeature, Part};
 ///     @if(clearcoat && textures) { factors.clearcoat = clearcoat_texture(factors.clearcoat, texel, texture); }
 /// ```
 ///
-/// Groups are `lobe` (all of them), `layer` (both kinds of layers) and the parts of [`Part`] in snake case. A line with
-/// another group stays, and does not compose.
+/// Groups are `lobe` (all of them), `layer` (both kinds of layers) and each `Part` of `src/specialisation/lobes.rs` in
+/// snake case. A line with another group stays, and does not compose.
 pub fn expand_each(text: &str) -> String {
     let mut expanded = String::new();
     let mut lines = text.lines();
