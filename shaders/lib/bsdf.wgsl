@@ -7,21 +7,21 @@ import package::lib::bsdf::surface::Surface;
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
 @if(glossy) import package::lib::bsdf::microfacet::{
-    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, sample_visible_normal, visible_density,
+    LocalPair, MIN_ALPHA, max_visible_density, microfacets, pair_in_frame, sample_visible_normal, visible_density,
 };
 @if(glossy) import package::lib::bsdf::specular::{
-    is_metallic, mean_with_specular, specular_reflectance, through_specular,
+    is_black_specular, is_metallic, mean_with_specular, specular_reflectance, through_specular,
 };
 @if(transmission) import package::lib::bsdf::transmission::{
     fresnel_cosine, is_transmissive, passed_direction, passing, passing_density, transmission_value, transmittance,
 };
 @if(clearcoat) import package::lib::bsdf::clearcoat::{
     clearcoat_chance, clearcoat_density, clearcoat_means, clearcoat_value, coat_heights, coat_view_height, is_coated,
-    through_coat,
+    max_clearcoat_density, through_coat,
 };
 @if(anisotropy) import package::lib::bsdf::anisotropy::{anisotropy_frame, is_anisotropic};
 @if(sheen) import package::lib::bsdf::sheen::{
-    has_fibres, mean_with_sheen, sample_sheen, sheen_chance, sheen_density, sheen_value, through_sheen,
+    has_fibres, max_sheen_density, mean_with_sheen, sample_sheen, sheen_chance, sheen_density, sheen_value, through_sheen,
 };
 
 // ---- Sides
@@ -312,6 +312,23 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
         if !bsdf_faces(s, direction) { return 0.0; }
         return diffuse_density(dot(direction, s.shading_normal));
     }
+}
+
+// A density that no bound holds for: that of light that passes through the surface.
+@if(glossy) const UNBOUNDED_DENSITY = 1e30;
+
+// Upper bound of `bsdf_pdf` over all directions; 0 for surfaces whose BSDF is diffuse alone, so that `bsdf_residual` is
+// 0. The density is a mean of those of the lobes, weighted by the probabilities of sampling them.
+@if(glossy)
+fn bsdf_max_density(s: Surface) -> f32 {
+    let view_z = clamp(dot(s.view, s.shading_normal), 1e-4, 1.0);
+    var alpha = vec2f(s.specular.alpha);
+    @if(anisotropy) { if is_anisotropic(s.anisotropy) { alpha.x = s.anisotropy.alpha_along; } }
+    var density = select(max_visible_density(view_z, alpha), 0.0, is_black_specular(s.specular));
+    @if(sheen) { density = max(density, max_sheen_density(s.sheen)); }
+    @if(clearcoat) { density = max(density, max_clearcoat_density(s.clearcoat, s.view, view_z)); }
+    @if(transmission) { if is_transmissive(s.transmission) { return UNBOUNDED_DENSITY; } }
+    return select(max(density, diffuse_density(1.0)), 0.0, density == 0.0);
 }
 
 // A direction in scene space, and the lobe that it was sampled from.

@@ -2,7 +2,7 @@
 // src/scene/material/clearcoat.rs reads its parameters.
 
 @if(clearcoat) import package::lib::bsdf::microfacet::{
-    LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, visible_density,
+    LocalPair, lobe_means, max_visible_density, mean_kept, microfacets, schlick, through_layer, visible_density,
 };
 @if(clearcoat) import package::lib::constants::CLEARCOAT_TEXEL;
 @if(clearcoat && textures) import package::lib::constants::{
@@ -123,6 +123,14 @@ fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> f32 {
 @if(clearcoat)
 fn clearcoat_density(pair: LocalPair) -> f32 {
     return visible_density(pair, normalize(pair.view + pair.light));
+}
+
+// Upper bound of that density for a view at the given cosine to the base's normal; 0 without a coat.
+@if(clearcoat)
+fn max_clearcoat_density(lobe: Clearcoat, view: vec3f, view_z: f32) -> f32 {
+    @if(coat_normals) let height = max(dot(view, lobe.normal), 1e-4);
+    @if(!coat_normals) let height = view_z;
+    return select(0.0, max_visible_density(height, vec2f(lobe.alpha)), is_coated(lobe));
 }
 
 // The probability of sampling the coat, if the layers below reflect `below` straight back. `through` is the share that

@@ -144,6 +144,12 @@ fn sheen_density(chance: f32) -> f32 {
     return chance / (2.0 * PI);
 }
 
+// Upper bound of that density; 0 without fibres.
+@if(sheen)
+fn max_sheen_density(lobe: Sheen) -> f32 {
+    return select(0.0, 0.5 / PI, has_fibres(lobe));
+}
+
 // Albedo of fibres over a base of albedo `base`. It uses fits of two means over the cosine-weighted hemisphere: of the
 // fibres' albedo (error at most 0.001), and of the larger of two such albedos (0.003).
 @if(sheen)

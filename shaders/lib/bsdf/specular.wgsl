@@ -84,6 +84,14 @@ fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
     return bare;
 }
 
+// Whether the lobe reflects nothing in any direction.
+@if(glossy)
+fn is_black_specular(lobe: Specular) -> bool {
+    var black = all(lobe.f0 == vec3f(0.0)) && lobe.f90 == 0.0;
+    @if(iridescence) { black = black && !has_film(lobe.film); }
+    return black;
+}
+
 // Reflectance of the dielectric layer for light at the given cosine. What it reflects does not reach the layers below.
 @if(glossy)
 fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
