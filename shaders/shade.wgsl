@@ -6,9 +6,9 @@
 // visibilities, a the photons' visibility (equation 1), rounded, and c 1 or 0 by class:
 //   dark: 0. Lit, shadowed: c U, plus (V - c) f / (p q) where audited with probability q.
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
-// Where most points are decided (`few_sampled`), `shade` adds the light that the diffuse part of the BSDF reflects where
-// the class decides (c U), and a U; it queues the points for which `shade_sampled` adds the rest: highlights, audits,
-// and light points with shadow rays.
+// Where most points are decided (`few_sampled`), `shade` adds the light that the diffuse part of the BSDF reflects
+// where the class decides (c U), and a U; it queues the points for which `shade_sampled` adds the rest: highlights,
+// audits, and light points with shadow rays.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -22,7 +22,7 @@ import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::bsdf_diffuse;
 @if(glossy) import package::lib::bsdf::{bsdf_max_density, bsdf_residual};
 @if(bsdf_rays) import package::lib::bsdf::bsdf_pdf;
-@if(closed_forms && glossy) import package::lib::bsdf_rays::needs_one_light_point;
+@if(closed_forms && glossy) import package::lib::bsdf_rays::one_light_point_suffices;
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(bsdf_rays) import package::lib::sampling::mis_weight;
 import package::lib::constants::{
@@ -164,7 +164,7 @@ struct LightPoints {
 fn light_point_count(shading: ShadingPoint, light: u32, known: Given) -> u32 {
     @if(closed_forms && glossy) {
         let one = known.closed && !known.traced
-            && needs_one_light_point(shading.max_density, shading.position, light);
+            && one_light_point_suffices(shading.max_density, shading.position, light);
         return select(parameters.light_samples, 1u, one);
     }
     @else { return parameters.light_samples; }

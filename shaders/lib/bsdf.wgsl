@@ -21,7 +21,8 @@ import package::lib::sampling::sample_cosine;
 };
 @if(anisotropy) import package::lib::bsdf::anisotropy::{anisotropy_frame, is_anisotropic};
 @if(sheen) import package::lib::bsdf::sheen::{
-    has_fibres, max_sheen_density, mean_with_sheen, sample_sheen, sheen_chance, sheen_density, sheen_value, through_sheen,
+    has_fibres, max_sheen_density, mean_with_sheen, sample_sheen, sheen_chance, sheen_density, sheen_value,
+    through_sheen,
 };
 
 // ---- Sides

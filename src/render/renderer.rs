@@ -69,7 +69,7 @@ impl<'g> Renderer<'g> {
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
         totals.scene_bytes = gpu_scene.bytes;
         let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
-        specialisation.of_light_tables(&scene, &facts);
+        specialisation.of_packed_lights(&scene, &facts);
 
         let start = Instant::now();
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;

@@ -91,7 +91,7 @@ impl Specialisation {
     }
 }
 
-/// The facts of a light in the light tables that decide on features.
+/// The facts of a packed light that decide on features.
 pub(crate) struct LightFacts {
     /// It has a closed form.
     pub closed_form: bool,
@@ -102,8 +102,8 @@ pub(crate) struct LightFacts {
 }
 
 impl Specialisation {
-    /// Decides what depends on the light tables. `lights` are those of the scene.
-    pub(crate) fn of_light_tables(&mut self, scene: &Scene, lights: &[LightFacts]) {
+    /// Decides what depends on the packed lights, which are those of the scene.
+    pub(crate) fn of_packed_lights(&mut self, scene: &Scene, lights: &[LightFacts]) {
         self.features.set(Feature::ClosedForms, lights.iter().any(|light| light.closed_form));
         self.features.set(Feature::SampledForms, lights.iter().any(|light| !light.closed_form));
         let boxes = boxes_by_material(scene);

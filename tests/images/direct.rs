@@ -37,8 +37,8 @@ fn photons_do_not_bias_the_image() {
 }
 
 /// Light points and rays share the highlights of lights, or light points alone have them: the means of `two-pass` and
-/// `shadow-photons` agree with that of `path` within three standard errors, with small lobes and wide ones. A light that
-/// is 1 % brighter is detected.
+/// `shadow-photons` agree with that of `path` within three standard errors, with small lobes and wide ones. A light
+/// that is 1 % brighter is detected.
 #[test]
 fn highlights_are_those_of_paths() {
     for scene in ["sphere.glb", "materials.glb"] {

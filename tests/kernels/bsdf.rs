@@ -571,8 +571,8 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
     }
 }
 
-/// No direction is sampled with a density above the bound. It is reached at the mirror direction of metals. A bound that
-/// does not depend on the view would be exceeded.
+/// No direction is sampled with a density above the bound. It is reached at the mirror direction of metals. A bound
+/// that does not depend on the view would be exceeded.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn no_density_exceeds_its_maximum(gpu: &Gpu) {
     let (mut nearest, mut over_fault) = (0f64, 0);

@@ -98,8 +98,8 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
 // set of directions, cumulative probabilities by power times cosine, so that all samples contribute about the same.
 @if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
-// The first texel of the probabilities for a position, or NO_VIEW. With `far_emitters` all lights of many triangles have
-// views, and no surface that reflects is near to one: software devices then need not execute the other way too.
+// The first texel of the probabilities for a position, or NO_VIEW. With `far_emitters` all lights of many triangles
+// have views, and no surface that reflects is near to one: software devices then need not execute the other way too.
 @if(emitter_pairs)
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
     @if(!far_emitters) if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
