@@ -1,11 +1,16 @@
 // path: the reference path tracer, and the indirect light of the other techniques. Traces one path from each point of
 // the tile (lib/path_tracing). With the feature `irradiance_cache`, records have already added the diffuse part of
 // indirect light, except at points that no record covers. With `photon_map`, the map has already added the diffuse part
-// of all light. The path then adds only what glossy surfaces reflect besides.
+// of all light. The path then adds only what glossy surfaces reflect besides. With `highlights`, paths are single rays
+// that may hit a light, and only points where such rays count (lib/bsdf_rays) trace them: `queue_highlights` queues
+// them.
 // In: `points`, `surfaces`. Out: direct light is added to `radiance_direct`, indirect light goes to
 // `radiance_indirect`.
 
 import package::kit::group_index;
+@if(highlights) import package::kit::dispatch_groups;
+@if(highlights) import package::lib::bsdf::{UNBOUNDED_DENSITY, bsdf_max_density};
+@if(highlights) import package::lib::bsdf_rays::takes_bsdf_rays;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::light::table::light_count;
@@ -30,8 +35,12 @@ struct PathParameters {
 @group(0) @binding(3) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
 // The points for which records do not give all light: those that no record covers, and those that are not Lambertian.
-@if(irradiance_cache) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
-@if(irradiance_cache) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
+@if(irradiance_cache && !highlights) @group(0) @binding(5) var<storage, read> path_count: array<u32, 1>;
+@if(irradiance_cache && !highlights) @group(0) @binding(6) var<storage, read> path_points: array<u32>;
+// The points with rays that may hit a light, and the arguments of a dispatch over them.
+@if(highlights) @group(0) @binding(5) var<storage, read_write> path_count: array<atomic<u32>, 1>;
+@if(highlights) @group(0) @binding(6) var<storage, read_write> path_points: array<u32>;
+@if(highlights) @group(0) @binding(7) var<storage, read_write> path_arguments: array<u32, 3>;
 
 var<immediate> parameters: PathParameters;
 
@@ -55,9 +64,10 @@ fn path(
     workgroupBarrier();
     var i = group_index(group, groups) * PATH_GROUP + lane;
     var items = parameters.tile.point_count;
-    @if(irradiance_cache) { items = path_count[0]; }
+    @if(irradiance_cache && !highlights) { items = path_count[0]; }
+    @if(highlights) { items = atomicLoad(&path_count[0]); }
     if i < items {
-        @if(irradiance_cache) { i = path_points[i]; }
+        @if(irradiance_cache || highlights) { i = path_points[i]; }
         var indirect = vec3f(0.0);
         var finite = true;
         if points[i].normal != INVALID_POINT && light_count() > 0u {
@@ -107,4 +117,54 @@ fn radiance_along(i: u32) -> PathRadiance {
         found.indirect *= throughput;
     }
     return found;
+}
+
+// With more lights than this, `queue_highlights` does not test each of them for each point.
+@if(highlights) const MAX_TESTED_LIGHTS = 64u;
+
+// Whether a ray from point i may add light: what `shade` left to rays, or light that passes through the surface.
+@if(highlights)
+fn may_have_highlight(i: u32) -> bool {
+    if points[i].normal == INVALID_POINT { return false; }
+    let density = bsdf_max_density(visible_surface(i));
+    if density == 0.0 || density == UNBOUNDED_DENSITY { return density != 0.0; }
+    let count = light_count();
+    if count > MAX_TESTED_LIGHTS { return true; }
+    for (var light = 0u; light < count; light++) {
+        if takes_bsdf_rays(density, points[i].position, light) { return true; }
+    }
+    return false;
+}
+
+@if(highlights) var<workgroup> group_queued: atomic<u32>;
+@if(highlights) var<workgroup> group_base: u32;
+
+@if(highlights)
+@compute @workgroup_size(64)
+fn queue_highlights(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    if lane == 0u { atomicStore(&group_queued, 0u); }
+    workgroupBarrier();
+    let i = group_index(group, groups) * 64u + lane;
+    var queued = false;
+    if i < parameters.tile.point_count {
+        queued = may_have_highlight(i);
+        radiance_indirect[i] = vec4f(0.0);
+    }
+    var rank = 0u;
+    if queued { rank = atomicAdd(&group_queued, 1u); }
+    workgroupBarrier();
+    if lane == 0u { group_base = atomicAdd(&path_count[0], atomicLoad(&group_queued)); }
+    workgroupBarrier();
+    if queued { path_points[group_base + rank] = i; }
+}
+
+@if(highlights)
+@compute @workgroup_size(1)
+fn arrange_highlights() {
+    let size = dispatch_groups(atomicLoad(&path_count[0]), PATH_GROUP);
+    path_arguments = array(size.x, size.y, size.z);
 }

@@ -9,10 +9,11 @@ import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
 @if(glossy) import package::lib::bsdf::lobe::LayerPair;
 @if(glossy) import package::lib::bsdf::microfacet::{
-    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, reflection_density, sample_visible_normal, visible_density,
+    LocalPair, MIN_ALPHA, max_visible_density, microfacets, pair_in_frame, reflection_density, sample_visible_normal,
+    visible_density,
 };
 @if(glossy) import package::lib::bsdf::specular::{
-    is_metallic, mean_with_specular, specular_kept, specular_reflectance, specular_through,
+    is_black_specular, is_metallic, mean_with_specular, specular_kept, specular_reflectance, specular_through,
 };
 @if(transmission) import package::lib::bsdf::transmission::{
     fresnel_cosine, passed_direction, passing, passing_density, passing_value, transmission_is_present,
@@ -20,11 +21,11 @@ import package::lib::sampling::sample_cosine;
 @each(film) import package::lib::bsdf::NAME::{NAME_is_present, NAME_kept, NAME_reflectance, NAME_through};
 @each(spread) import package::lib::bsdf::NAME::{NAME_alpha, NAME_frame, NAME_is_present};
 @each(wide_layer) import package::lib::bsdf::NAME::{
-    NAME_chance, NAME_density, NAME_is_present, NAME_mean, NAME_sample, NAME_through, NAME_value,
+    NAME_chance, NAME_density, NAME_is_present, NAME_max_density, NAME_mean, NAME_sample, NAME_through, NAME_value,
 };
 @each(glossy_layer) import package::lib::bsdf::NAME::{
-    NAME_axes, NAME_chance, NAME_faces, NAME_has_normal, NAME_is_present, NAME_pair, NAME_seen_afar, NAME_through,
-    NAME_value,
+    NAME_axes, NAME_chance, NAME_faces, NAME_has_normal, NAME_is_present, NAME_max_density, NAME_pair, NAME_seen_afar,
+    NAME_through, NAME_value,
 };
 
 // ---- Sides
@@ -329,6 +330,24 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
         if !bsdf_faces(s, direction) { return 0.0; }
         return diffuse_density(dot(direction, s.shading_normal));
     }
+}
+
+// A density that no bound holds for: that of light that passes through the surface.
+@if(glossy) const UNBOUNDED_DENSITY = 1e30;
+
+// Upper bound of `bsdf_pdf` over all directions; 0 for surfaces whose BSDF is diffuse alone, so that `bsdf_residual` is
+// 0. The density is a mean of those of the lobes, weighted by the probabilities of sampling them.
+@if(glossy)
+fn bsdf_max_density(s: Surface) -> f32 {
+    let view_z = clamp(dot(s.view, s.shading_normal), 1e-4, 1.0);
+    var alpha = vec2f(s.specular.alpha);
+    @each(spread) { alpha = NAME_alpha(s.NAME, alpha); }
+    var black = is_black_specular(s.specular);
+    @each(film) { black = black && !NAME_is_present(s.NAME); }
+    var density = select(max_visible_density(view_z, alpha), 0.0, black);
+    @each(layer) { density = max(density, NAME_max_density(s.NAME, s.view, view_z)); }
+    @if(transmission) { if transmission_is_present(s.transmission) { return UNBOUNDED_DENSITY; } }
+    return select(max(density, diffuse_density(1.0)), 0.0, density == 0.0);
 }
 
 // A direction in scene space, and the lobe that it was sampled from.

@@ -8,7 +8,9 @@ import package::lib::constants::{
 @if(mesh_lights) import package::lib::light::contour::mesh_form_factor;
 @if(directional_lights) import package::lib::light::directional::{directional_at, directional_emit};
 @if(environment) import package::lib::light::environment::{environment_emit, environment_light_sample, is_environment};
-@if(mesh_lights) import package::lib::light::mesh::{mesh_dark, mesh_emit, mesh_potential, mesh_sample};
+@if(mesh_lights) import package::lib::light::mesh::{
+    mesh_dark, mesh_emit, mesh_max_solid_angle, mesh_potential, mesh_sample,
+};
 @if(point_lights || spot_lights || directional_lights) import package::lib::light::point::PunctualLight;
 @if(point_lights || spot_lights) import package::lib::light::point::{point_at, range_window};
 @if(point_lights) import package::lib::light::point::point_emit;
@@ -17,6 +19,7 @@ import package::lib::light::table::{
     EmittedRay, LightSample, MIN_COSINE, NO_EMITTER, light_count, light_kind, light_texel, light_texel_f32,
     no_light_sample,
 };
+@if(environment) import package::lib::math::PI;
 import package::lib::ray::{Ray, offset_origin};
 
 // ---- Light sampler
@@ -120,6 +123,15 @@ fn light_potential(light: u32, position: vec3f, normal: vec3f) -> f32 {
     }
     @if(mesh_lights) { return mesh_potential(light, position, normal); }
     @else { return 0.0; }
+}
+
+// ---- Solid angle
+
+// Upper bound of the solid angle within which rays from a position hit the light: 0 for lights that no ray hits.
+fn light_max_solid_angle(light: u32, position: vec3f) -> f32 {
+    @if(environment) { if is_environment(light) { return 4.0 * PI; } }
+    @if(mesh_lights) { if light_kind(light) == LIGHT_MESH { return mesh_max_solid_angle(light, position); } }
+    return 0.0;
 }
 
 // ---- Sampling

@@ -5,7 +5,8 @@
 // Out: radiance, and the numbers of rays.
 //
 // With the feature `indirect`, other passes have done next-event estimation at the first vertex. Of direct light, the
-// path then adds only what its first ray hits, for the specular part of the BSDF. With `global_map`, a path ends at
+// path then adds only what its first ray hits, for the specular part of the BSDF; without `bsdf_rays` it adds none of
+// that, as all lights are small beside the lobes of all surfaces (lib/bsdf_rays). With `global_map`, a path ends at
 // precomputed irradiance (Christensen 1999), once its footprint is as wide as the disc of photons of that irradiance.
 // With `caustics`, another pass adds the light that the diffuse part of the visible surface receives from lights by way
 // of focusing surfaces only.
@@ -13,7 +14,9 @@
 import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, leaving_normal};
 @if(transmission) import package::lib::bsdf::bsdf_passes;
-@if(glossy && (global_map || (indirect && (mesh_lights || environment)))) import package::lib::bsdf::bsdf_residual;
+@if(glossy && (global_map || bsdf_rays)) import package::lib::bsdf::bsdf_residual;
+@if(bsdf_rays) import package::lib::bsdf::bsdf_max_density;
+@if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
 import package::lib::bvh::{trace_closest, trace_occluded, traversal_iterations, traversal_overrun};
@@ -310,11 +313,13 @@ fn hit_weight(path: ptr<function, Path>, scattered: BsdfSample, passing: vec3f, 
         var shaded = (*path).bounce == 0u;
         @if(transmission) { shaded = shaded && !bsdf_passes((*path).vertex.surface, scattered.direction); }
         if shaded {
-            @if(glossy) {
+            @if(bsdf_rays) {
+                let density = bsdf_max_density((*path).vertex.surface);
+                if !takes_bsdf_rays(density, (*path).vertex.position, light) { return vec3f(0.0); }
                 let weight = mis_weight(scattered.pdf, f32((*path).light_samples) * pdf) / scattered.pdf;
                 return bsdf_residual((*path).vertex.surface, scattered.direction) * passing * weight;
             }
-            @if(!glossy) { return vec3f(0.0); }
+            @if(!bsdf_rays) { return vec3f(0.0); }
         }
     }
     return mis_weight(scattered.pdf, pdf * light_probability(light)) * light_throughput(path);

@@ -82,6 +82,7 @@ impl GpuSurfaces {
         let mut constants = vec![
             ("surface_stride", f64::from(stride)),
             ("focusing_alpha", focusing_alpha),
+            ("min_hit_probability", crate::specialisation::MIN_HIT_PROBABILITY),
             ("min_sheen_roughness", crate::scene::sheen::MIN_ROUGHNESS),
         ];
         let optional = [("uv_offset", uv), ("colour_offset", colour), ("tangent_offset", tangent)];

@@ -10,9 +10,10 @@ use super::shared::Shared;
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
 use crate::passes::Tile;
-use crate::passes::path::{BoundPath, PathParameters};
+use crate::passes::path::{BoundHighlights, BoundPath, HighlightQueue, PathParameters};
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
+use crate::specialisation::features::Feature;
 use crate::statistics::totals::Totals;
 
 /// The inputs of indirect light.
@@ -31,6 +32,8 @@ pub(crate) struct IndirectLight {
     cache: Option<IrradianceCache>,
     /// Paths: for all light, or for the light that map and cache leave out.
     path: Option<BoundPath>,
+    /// Single rays that may hit a light, in place of paths, and their queue.
+    highlights: Option<(BoundHighlights, HighlightQueue)>,
 }
 
 impl IndirectLight {
@@ -50,8 +53,15 @@ impl IndirectLight {
         let queue = cache.as_ref().map(|cache| cache.buffers().path_queue());
         let mut sets = scene.clone();
         sets.extend(queue.as_ref().map(|queue| queue as &dyn Bindings));
-        let path = path.as_ref().map(|path| path.bind(gpu, tile, &sets)).transpose()?;
-        Ok(IndirectLight { map, cache, path })
+        let (path, highlights) = match path {
+            Some(path) if features.has(Feature::Highlights) => {
+                let queue = HighlightQueue::new(gpu, tile.capacity())?;
+                (None, Some((path.bind_highlights(gpu, tile, &queue, gpu_scene)?, queue)))
+            }
+            Some(path) => (Some(path.bind(gpu, tile, &sets)?), None),
+            None => (None, None),
+        };
+        Ok(IndirectLight { map, cache, path, highlights })
     }
 
     /// Whether there is a global map, which more photons would refine.
@@ -74,8 +84,12 @@ impl IndirectLight {
         }
     }
 
-    /// Traces a path from each point, or from each queued point if there is a cache.
+    /// Traces a path from each point, or from each queued point if there is a cache; or the single rays that may hit a
+    /// light.
     pub fn trace_paths(&self, frame: &mut Frame<'_>, parameters: &PathParameters) {
+        if let Some((highlights, queue)) = &self.highlights {
+            highlights.record(frame, queue, parameters);
+        }
         match (&self.path, &self.cache) {
             (Some(path), Some(cache)) => path.record_queued(frame, &cache.buffers().path_arguments, parameters),
             (Some(path), None) => path.record(frame, parameters),
@@ -85,6 +99,7 @@ impl IndirectLight {
 
     /// Bytes of the buffers of the frame.
     pub fn frame_bytes(&self) -> u64 {
-        self.cache.as_ref().map_or(0, IrradianceCache::frame_bytes)
+        let queue = self.highlights.as_ref().map_or(0, |(_, queue)| queue.path_points.bytes);
+        self.cache.as_ref().map_or(0, IrradianceCache::frame_bytes) + queue
     }
 }

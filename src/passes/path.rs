@@ -3,9 +3,10 @@
 
 use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
 
+use super::cache::PathQueueBindings;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
-use crate::specialisation::features::Features;
+use crate::specialisation::features::{Feature, Features};
 
 shared_struct! {
     /// Immediates of the pass; see `shaders/path.wgsl`.
@@ -31,6 +32,38 @@ bindings! {
     }
 }
 
+bindings! {
+    /// The arguments of a dispatch over the points that the pass queues itself.
+    struct ArgumentBindings {
+        pub path_arguments: &Buffer,
+    }
+}
+
+/// The queue of the points with rays that may hit a light.
+pub struct HighlightQueue {
+    /// Number of queued points.
+    pub path_count: Buffer,
+    /// Their indices.
+    pub path_points: Buffer,
+    /// Arguments of a dispatch over them.
+    pub path_arguments: Buffer,
+}
+
+impl HighlightQueue {
+    /// A queue with room for `points` points.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, points: u32) -> Result<HighlightQueue> {
+        let words = |name: &str, count: u32| gpu.buffer::<u32>(name, count as usize);
+        Ok(HighlightQueue {
+            path_count: words("penumbra/path/path_count", 1)?,
+            path_points: words("penumbra/path/path_points", points)?,
+            path_arguments: words("penumbra/path/path_arguments", 3)?,
+        })
+    }
+}
+
 /// The pass; see `shaders/path.wgsl`.
 pub struct Path(Kernel);
 
@@ -40,7 +73,9 @@ impl Path {
     /// # Errors
     /// As [`Kernel::new`].
     pub fn new(gpu: &Gpu, features: &Features, constants: &[(&str, f64)]) -> Result<Path> {
-        Ok(Path(kernel(gpu, "path", features, constants, &[PathBindings::DECLARED])?))
+        let mut own = vec![PathBindings::DECLARED];
+        own.extend(features.has(Feature::Highlights).then_some(ArgumentBindings::DECLARED));
+        Ok(Path(kernel(gpu, "path", features, constants, &own)?))
     }
 
     /// Binds it to a tile's buffers, which must have one for indirect light, to the scene, and to the global map where
@@ -49,16 +84,62 @@ impl Path {
     /// # Errors
     /// As [`Kernel::bind`].
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &[&dyn Bindings]) -> Result<BoundPath> {
-        let own = PathBindings {
+        let own = PathBindings::of(tile)?;
+        let mut sets: Vec<&dyn Bindings> = vec![&own];
+        sets.extend(scene);
+        Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))
+    }
+
+    /// As [`Path::bind`], with [`Feature::Highlights`].
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind_highlights(
+        &self,
+        gpu: &Gpu,
+        tile: &TileBuffers,
+        queue: &HighlightQueue,
+        scene: &dyn Bindings,
+    ) -> Result<BoundHighlights> {
+        let own = PathBindings::of(tile)?;
+        let HighlightQueue { path_count, path_points, path_arguments } = queue;
+        let queued = PathQueueBindings { path_count, path_points };
+        let arguments = ArgumentBindings { path_arguments };
+        let bind = |entry| self.0.bind(gpu, entry, &[&own, &queued, &arguments, scene]);
+        Ok(BoundHighlights {
+            queue_highlights: bind("queue_highlights")?,
+            arrange_highlights: bind("arrange_highlights")?,
+            path: BoundPath(bind("path")?),
+        })
+    }
+}
+
+impl PathBindings<'_> {
+    fn of(tile: &TileBuffers) -> Result<PathBindings<'_>> {
+        Ok(PathBindings {
             points: &tile.points,
             surfaces: &tile.surfaces,
             radiance_direct: &tile.radiance_direct,
             radiance_indirect: tile.required_indirect("path")?,
             counters: &tile.counters,
-        };
-        let mut sets: Vec<&dyn Bindings> = vec![&own];
-        sets.extend(scene);
-        Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))
+        })
+    }
+}
+
+/// The pass, bound with its own queue.
+pub struct BoundHighlights {
+    queue_highlights: BoundKernel,
+    arrange_highlights: BoundKernel,
+    path: BoundPath,
+}
+
+impl BoundHighlights {
+    /// Queues the points of the tile with rays that may hit a light, and traces the rays.
+    pub fn record(&self, frame: &mut Frame<'_>, queue: &HighlightQueue, parameters: &PathParameters) {
+        frame.clear(&queue.path_count);
+        frame.run(&self.queue_highlights, parameters.tile.point_count, parameters);
+        frame.run(&self.arrange_highlights, 1, parameters);
+        self.path.record_queued(frame, &queue.path_arguments, parameters);
     }
 }
 

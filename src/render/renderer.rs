@@ -9,6 +9,7 @@ use super::notes::notes;
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
+use crate::gpu_scene::lights::LightInfo;
 use crate::gpu_scene::{CameraUniform, GpuScene};
 use crate::light_transport::first_pass::FirstPass;
 use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
@@ -67,7 +68,8 @@ impl<'g> Renderer<'g> {
         let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
         totals.scene_bytes = gpu_scene.bytes;
-        specialisation.of_closed_forms(gpu_scene.lights.lights.iter().all(|light| light.closed_form));
+        let facts: Vec<_> = gpu_scene.lights.lights.iter().map(LightInfo::facts).collect();
+        specialisation.of_packed_lights(&scene, &facts);
 
         let start = Instant::now();
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;

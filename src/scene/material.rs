@@ -135,6 +135,12 @@ macro_rules! material {
             pub(crate) fn has_transmitting_lobe(&self) -> bool {
                 false $(|| self.$lobe.transmits())*
             }
+
+            /// Lower bound of the roughness of all microfacets; 0 if a texture may make them smooth.
+            pub(crate) fn min_roughness(&self) -> f32 {
+                let base = if self.metallic_roughness_texture.is_some() { 0.0 } else { self.roughness };
+                base$(.min(self.$lobe.min_roughness()))*
+            }
         }
     };
 }

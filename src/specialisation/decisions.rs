@@ -70,10 +70,9 @@ impl Deferred {
         },
         Deferred { feature: Feature::Packets, reason: "the device: subgroups of eight lanes trace rays together" },
         Deferred { feature: Feature::ShallowBvh, reason: "the hierarchy: whether a short stack is enough" },
-        Deferred {
-            feature: Feature::FewSampled,
-            reason: "the lights: whether photons decide most points and all lights have a closed form",
-        },
+        Deferred { feature: Feature::ClosedForms, reason: "the lights: whether any has a closed form" },
+        Deferred { feature: Feature::FarEmitters, reason: "the lights: whether surfaces are far from convex lamps" },
+        Deferred { feature: Feature::SampledForms, reason: "the lights: whether any has no closed form" },
     ];
 }
 

@@ -60,6 +60,8 @@ kernel_kit::features! {
         ManyEmitters,
         /// Scene: some mesh light with many triangles is closed, so that about half of it faces away from any point.
         EmitterPairs,
+        /// Scene: lights of many triangles are convex lamps, and no surface that reflects is near to one.
+        FarEmitters,
         /// Scene: some mesh light has an emissive texture.
         EmissiveTextures,
         /// Method: points that face away from a light are counted apart.
@@ -90,9 +92,13 @@ kernel_kit::features! {
         Zones,
         /// Method: some of the points that photons classify as lit or shadowed are audited.
         Audit,
-        /// Method: few points need light samples, because every light has a closed form and photons classify most
-        /// points.
+        /// Method: few points need light points for shadows or highlights, because photons or cells classify most
+        /// points; a queue holds them.
         FewSampled,
+        /// Scene: some light has a closed form.
+        ClosedForms,
+        /// Scene: some light has no closed form, and light points take its place.
+        SampledForms,
         /// Method: paths end at irradiance estimated from photons.
         GlobalMap,
         /// Method: the photon map is shown directly.
@@ -107,6 +113,11 @@ kernel_kit::features! {
         IrradianceCache,
         /// Method: paths carry indirect light, and another pass carries direct light.
         Indirect,
+        /// Scene: some light is not small beside the lobes of all glossy surfaces, so that rays sampled from the BSDF
+        /// complement light points.
+        BsdfRays,
+        /// Method: paths are single rays from the points where they may hit a light.
+        Highlights,
         /// Method: visibility is estimated from photons or statistics, without shadow rays.
         VisibilityEstimate,
         /// Output: the albedo channels.

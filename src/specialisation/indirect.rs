@@ -1,5 +1,6 @@
 //! Decisions on indirect light: paths, the global map, caustics, the irradiance cache.
 
+use super::bsdf_rays::{MIN_HIT_PROBABILITY, max_hit_probability};
 use super::decisions::{Specialisation, bytes_text, count, is_lit};
 use super::surfaces::Facts;
 use crate::scene::Scene;
@@ -12,9 +13,9 @@ impl Specialisation {
         let lit = is_lit(scene);
         let technique = settings.technique;
         // Without bounces, only the first ray of a path remains, for the highlights of lights that rays can hit.
-        let highlights = self.features.has(Feature::Glossy) && (m.mesh_lights > 0 || scene.environment().is_some());
+        let rays = self.of_bsdf_rays(scene, settings, m);
         let reflected = settings.indirect.max_bounces > 0 && m.reflecting > 0;
-        let on = technique.is_two_pass() && lit && (reflected || highlights);
+        let on = technique.is_two_pass() && lit && (reflected || rays);
         let why = match settings.indirect.max_bounces {
             0 => "highlights of lights that rays can hit".to_owned(),
             bounces => format!("up to {bounces} bounces"),
@@ -22,6 +23,7 @@ impl Specialisation {
         let unneeded = match settings.indirect.max_bounces {
             _ if technique.is_path_tracing() => "paths carry all light",
             _ if technique.shows_map() => "the map holds all light",
+            0 if lit => "no light that rays can hit is large beside a glossy lobe, and `indirect.max_bounces` is 0",
             0 => "`indirect.max_bounces` is 0",
             _ if lit => "every surface is black",
             _ => "there is no surface or no light",
@@ -29,6 +31,10 @@ impl Specialisation {
         let cost = "pass path: a path from every glossy point, and where no irradiance record is valid; 16 B per point";
         self.decide(Feature::Indirect, on, why, unneeded, cost);
         let bounces = on && reflected;
+        let why = "points where a ray may hit a light".to_owned();
+        let unneeded = if on { "paths carry indirect light too" } else { "nothing is traced" };
+        let cost = "a look at every point and light, and a queue of points";
+        self.decide(Feature::Highlights, on && !reflected, why, unneeded, cost);
         self.of_global_map(settings, lit, bounces);
         self.of_caustics(settings, m, lit, bounces);
         let unneeded =
@@ -48,6 +54,24 @@ impl Specialisation {
         // The shown map holds all light that Lambertian surfaces reflect, and nothing else.
         let rest = self.features.has(Feature::PhotonMap) && self.features.has(Feature::Glossy);
         self.traces_paths = technique.is_path_tracing() || on || rest;
+    }
+
+    /// Decides whether rays sampled from the BSDF of visible points add to light points.
+    fn of_bsdf_rays(&mut self, scene: &Scene, settings: &Settings, m: &Facts) -> bool {
+        let separate = settings.technique.is_two_pass();
+        let met = m.mesh_lights > 0 || scene.environment().is_some();
+        let glossy = self.features.has(Feature::Glossy);
+        let chance = if separate && glossy && met { max_hit_probability(scene) } else { 0.0 };
+        let unneeded = match (separate, glossy, met) {
+            (false, ..) => "paths carry all light",
+            (_, false, _) => "every material is Lambertian",
+            (.., false) => "no ray can hit a light",
+            _ => "all lights are small beside the lobes of all glossy surfaces",
+        };
+        let why = "some light is wider than a narrow lobe of some surface".to_owned();
+        let cost = "the density of the BSDF at every light point, and a ray from points with such lobes";
+        self.decide(Feature::BsdfRays, chance >= MIN_HIT_PROBABILITY, why, unneeded, cost);
+        chance >= MIN_HIT_PROBABILITY
     }
 
     /// `bounces`: whether gathers and paths end in the map.

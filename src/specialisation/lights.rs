@@ -2,9 +2,11 @@
 
 use glam::Vec3;
 
+use super::bsdf_rays::{Sphere, boxes_by_material};
 use super::decisions::{Specialisation, count};
 use super::surfaces::Facts;
 use crate::kernels::MAX_LIGHTS;
+use crate::kernels::light_texels::NEAR_LIGHT;
 use crate::scene::{Light, LightKind, Scene};
 use crate::settings::technique::ConsideredLights;
 use crate::settings::{Aov, LightSampling, Settings};
@@ -86,6 +88,33 @@ impl Specialisation {
         let cost = "passes photons, grid, zones before the first sample; 256 B a zone, of 32,768 at most, and 64 \
                     potentials a point";
         self.decide(Feature::Zones, zones, why.clone(), &why, cost);
+    }
+}
+
+/// The facts of a packed light that decide on features.
+pub(crate) struct LightFacts {
+    /// It has a closed form.
+    pub closed_form: bool,
+    /// It has tables of the triangles that are seen from each direction.
+    pub viewed: bool,
+    /// Its bounding sphere.
+    pub bounds: Sphere,
+}
+
+impl Specialisation {
+    /// Decides what depends on the packed lights, which are those of the scene.
+    pub(crate) fn of_packed_lights(&mut self, scene: &Scene, lights: &[LightFacts]) {
+        self.features.set(Feature::ClosedForms, lights.iter().any(|light| light.closed_form));
+        self.features.set(Feature::SampledForms, lights.iter().any(|light| !light.closed_form));
+        let boxes = boxes_by_material(scene);
+        let reflecting = || scene.materials.iter().zip(&boxes).filter(|(m, _)| !m.is_black()).filter_map(|(_, b)| *b);
+        let is_far = |light: &LightFacts| {
+            let far = NEAR_LIGHT * light.bounds.radius;
+            light.viewed && reflecting().all(|bounds| light.bounds.distance_to(&bounds) > far)
+        };
+        let mut many = lights.iter().zip(&scene.lights).filter(|(_, light)| has_many_emitters(light));
+        let far = self.features.has(Feature::EmitterPairs) && many.all(|(facts, _)| is_far(facts));
+        self.features.set(Feature::FarEmitters, far);
     }
 }
 

@@ -42,10 +42,11 @@ pub(crate) enum Part {
     /// It changes the distribution of the microfacets: `NAME_frame` and `NAME_alpha`.
     Spread,
     /// A layer over the microfacets that reflects to all sides, with their normal: `NAME_through`, `NAME_value`,
-    /// `NAME_chance`, `NAME_sample`, `NAME_density` and `NAME_mean`.
+    /// `NAME_chance`, `NAME_sample`, `NAME_density`, `NAME_max_density` and `NAME_mean`.
     WideLayer,
     /// A layer of other microfacets, above all wide layers and with a normal of its own: `NAME_through`, `NAME_value`,
-    /// `NAME_chance`, `NAME_has_normal`, `NAME_axes`, `NAME_pair`, `NAME_faces` and `NAME_seen_afar`.
+    /// `NAME_chance`, `NAME_has_normal`, `NAME_axes`, `NAME_pair`, `NAME_faces`, `NAME_max_density` and
+    /// `NAME_seen_afar`.
     GlossyLayer,
 }
 

@@ -2,6 +2,7 @@
 //! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], all that a
 //! plan uses), by hierarchy and device, by the light tables, and by the pilot samples.
 
+mod bsdf_rays;
 mod decisions;
 pub mod features;
 mod indirect;
@@ -18,7 +19,9 @@ use crate::scene::{AlphaMode, Scene, Triangle};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 
+pub(crate) use bsdf_rays::{MIN_HIT_PROBABILITY, Sphere};
 pub use decisions::{Deferred, Item, Specialisation, bytes_text};
+pub(crate) use lights::LightFacts;
 pub(crate) use lobes::surface_vectors;
 pub(crate) use surfaces::FOCUSING_ALPHA;
 use surfaces::Facts;

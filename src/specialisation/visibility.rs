@@ -21,6 +21,7 @@ impl Specialisation {
         let estimated = mapped && settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         self.of_guessed_visibility(scene, settings, estimated);
         self.of_audits(settings, mapped, estimated);
+        self.of_shading();
     }
 
     /// Decides on the visibility map, and on how its photons are counted. Returns whether there is a map.
@@ -131,11 +132,13 @@ impl Specialisation {
         self.decide(Feature::Audit, audited, why, unneeded, "a shadow ray for each audited point");
     }
 
-    /// Decides what depends on the light tables. Most points need no light points if photons classify them, every light
-    /// has a closed form and no surface is glossy. (Glossy reflection always needs light points.)
-    pub(crate) fn of_closed_forms(&mut self, all_lights_have_one: bool) {
-        let decided = self.features.has(Feature::VisibilityMap) && !self.features.has(Feature::LightSampling);
-        self.features.set(Feature::FewSampled, decided && !self.features.has(Feature::Glossy) && all_lights_have_one);
+    /// Decides how points that photons or cells classify are shaded.
+    fn of_shading(&mut self) {
+        let decided = [Feature::VisibilityMap, Feature::Cells, Feature::LightBuffer].map(|f| self.features.has(f));
+        let few = decided.contains(&true) && !self.features.has(Feature::LightSampling);
+        let why = "most points are lit or shadowed: the others are queued".to_owned();
+        let unneeded = "every point traces shadow rays";
+        self.decide(Feature::FewSampled, few, why, unneeded, "a queue, and the surfaces of its points read again");
     }
 
     /// The reason to leave out the visibility map after the pilot samples, given their share of boundary and unknown
@@ -152,15 +155,19 @@ impl Specialisation {
 
     /// Leaves out the visibility map and the features that only it uses.
     pub(crate) fn leave_map_out(&mut self, reason: &str) {
-        for feature in
-            [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts, Feature::Audit]
-        {
+        for feature in [
+            Feature::VisibilityMap,
+            Feature::LightTags,
+            Feature::PaperCounting,
+            Feature::ExactCounts,
+            Feature::Audit,
+            Feature::FewSampled,
+        ] {
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
                 let item = self.kept.remove(at);
                 self.left_out.push(Item { reason: reason.to_owned(), ..item });
                 self.features.set(feature, false);
             }
         }
-        self.features.set(Feature::FewSampled, false);
     }
 }

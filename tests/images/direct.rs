@@ -36,6 +36,25 @@ fn photons_do_not_bias_the_image() {
     }
 }
 
+/// Light points and rays share the highlights of lights, or light points alone have them: the means of `two-pass` and
+/// `shadow-photons` agree with that of `path` within three standard errors, with small lobes and wide ones. A light
+/// that is 1 % brighter is detected.
+#[test]
+fn highlights_are_those_of_paths() {
+    for scene in ["sphere.glb", "materials.glb"] {
+        let (paths, _) = render(&scene_file(scene), &small(Technique::PATH, 256));
+        let expected = mean_and_error(&paths, "G");
+        for technique in [Technique::TWO_PASS, Technique::SHADOW_PHOTONS] {
+            let (image, _) = render(&scene_file(scene), &small(technique, 64));
+            let off = deviation(expected, mean_and_error(&image, "G"));
+            assert!(off < 3.0, "{scene}, {technique}: {off} standard errors");
+            let (strong, _) = render(&scene_file(scene), &small(technique, 64).with(|s| s.light_scale = 1.01));
+            let off = deviation(expected, mean_and_error(&strong, "G"));
+            assert!(off > 3.0, "{scene}, {technique}: one percent is {off} standard errors: the test is not sensitive");
+        }
+    }
+}
+
 /// Direct light in the box matches an independent renderer: the mean within 0.1 % plus three standard errors, and
 /// relMSE within the tolerance that the reference's README states for 16 samples.
 #[test]

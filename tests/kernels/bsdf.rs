@@ -571,6 +571,30 @@ fn values_are_those_of_gltf(gpu: &Gpu) {
     }
 }
 
+/// No direction is sampled with a density above the bound. It is reached at the mirror direction of metals. A bound
+/// that does not depend on the view would be exceeded.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn no_density_exceeds_its_maximum(gpu: &Gpu) {
+    let (mut nearest, mut over_fault) = (0f64, 0);
+    for tested in [all_tested(0.7), all_lobes(0.7), all_tilted_coats(0.7)].concat() {
+        let directions = some_directions(&tested);
+        let got = run(gpu, "evaluated", &tested, &directions, directions.len(), false);
+        for (direction, got) in directions.iter().zip(got.chunks_exact(2)) {
+            let (density, max) = (f64::from(got[0][3]), f64::from(got[1][3]));
+            // Both are f32: narrow lobes lose digits, as in the test of values.
+            assert!(
+                density <= max * (1.0 + 1e-4 + 1e-6 / tested.narrowest()),
+                "{tested:?} {direction}: {density} {max}"
+            );
+            nearest = nearest.max(density / max);
+            let from_above = 0.25 / (PI * tested.narrowest().powi(2));
+            over_fault += usize::from(density > 1.01 * from_above.max(1.0 / PI));
+        }
+    }
+    assert!(nearest > 0.98, "the bound is {nearest} times as high as any density");
+    assert!(over_fault > 100, "{over_fault} directions tell views apart");
+}
+
 /// Transmission is reciprocal: swapping light and view keeps the value, divided by the squared index of refraction.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn transmission_is_reciprocal(gpu: &Gpu) {

@@ -146,9 +146,12 @@ impl Selection {
             specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
         // Packets read textures.
         let features = features.with(Feature::Packets, self.has(27) && self.has(62));
-        // Renders of glossy scenes leave it out, but too few of the sets are of scenes without glossy surfaces.
-        let few_sampled = self.has(61) && features.has(Feature::VisibilityMap) && !features.has(Feature::LightSampling);
-        features.with(Feature::ShallowBvh, self.has(60)).with(Feature::FewSampled, few_sampled)
+        let far = self.has(54) && features.has(Feature::EmitterPairs);
+        features
+            .with(Feature::ShallowBvh, self.has(60))
+            .with(Feature::ClosedForms, self.has(52))
+            .with(Feature::SampledForms, self.has(53))
+            .with(Feature::FarEmitters, far)
     }
 }
 

@@ -416,6 +416,26 @@ fn dark_is_exact(gpu: &Gpu) {
     assert!(dark_ones > 500 && said > 50 && wrong_without_sides > 100, "{dark_ones} {said} {wrong_without_sides}");
 }
 
+/// No light spans more than the bound of its solid angle, which is that of its bounding sphere. From afar a cube spans
+/// at least a quarter of it.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn no_light_spans_more_than_its_bound(gpu: &Gpu) {
+    let scene = mesh_scene();
+    let places = places(&scene);
+    let got = run(gpu, &scene, "solid_angles", &places, places.len(), 1, 0);
+    let (mut widest, mut over_half) = (0f64, 0);
+    for (place, got) in places.iter().zip(&got) {
+        let (triangles, two_sided) = triangles_of(&scene, place.light);
+        let exact = solid_angle(&triangles, two_sided, place.position.as_dvec3());
+        let bound = f64::from(got[0]);
+        assert!(exact <= bound * (1.0 + 1e-5), "{place:?} {}: {exact} of {bound}", meshes()[place.light].0);
+        assert!(bound <= 4.0 * PI * (1.0 + 1e-6));
+        widest = widest.max(exact / bound);
+        over_half += usize::from(exact > 0.5 * bound);
+    }
+    assert!(widest > 0.25 && over_half > 0, "a bound {} times too high", 1.0 / widest);
+}
+
 /// The mean of light samples is the oracle's irradiance for each light, with or without a closed form, and the mean of
 /// 1 / pdf is the solid angle of the light.
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -497,6 +517,23 @@ fn points_of_a_lamp_bring_the_same_light(gpu: &Gpu) {
     }
     let (seen, spread) = spreads[4];
     assert!(seen > 0.98 && spread < 0.12, "from afar: {spreads:?}");
+}
+
+/// Where all positions are far from a convex lamp, the code for that alone samples the same points. Near the lamp it
+/// does not.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn far_positions_sample_the_same_points(gpu: &Gpu) {
+    const N: usize = 1 << 8;
+    let scene = scene(&[(sphere(DVec3::ZERO, 0.1, 12), false)], &[]);
+    let mut random = Random(19);
+    for (distance, far) in [(0.15, false), (0.201, true), (0.5, true), (4.0, true)] {
+        let place = [Place::new(random.direction() * distance, DVec3::Z, 0)];
+        let listed =
+            |features: &Features| run_with(gpu, (features, &gpu_scene(gpu, &scene, None)), "listed", &place, N, 2, 0);
+        let general = listed(&features(gpu, &scene));
+        let special = listed(&features(gpu, &scene).with(Feature::FarEmitters, true));
+        assert_eq!(general == special, far, "at {distance}");
+    }
 }
 
 /// Points within each light, near it and far from it.

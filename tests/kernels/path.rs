@@ -7,12 +7,12 @@ use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
-use penumbra::internal::passes::path::{Path, PathParameters};
+use penumbra::internal::passes::path::{HighlightQueue, Path, PathParameters};
 use penumbra::internal::passes::primary::Primary;
-use penumbra::internal::passes::{Tile, TileBuffers};
+use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::render::film::Image;
-use penumbra::internal::scene::{Camera, ImportOptions, LightKind, Scene};
-use penumbra::internal::specialisation::features::Features;
+use penumbra::internal::scene::{Camera, ImportOptions, LightKind, Material, Scene, Specular};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::{Settings, Technique};
 
@@ -255,4 +255,119 @@ fn an_independent_renderer_agrees(gpu: &Gpu) {
         assert!((mean - expected).abs() < 1e-3 * expected + 4.0 * error, "{file}: mean {mean}, not {expected}");
         assert!(error < 1e-3 * expected, "{file}: an error of {error} is no test");
     }
+}
+
+/// Without bounces, only points where a ray sampled from the BSDF may hit the lamp trace one: where the maximum density
+/// of the BSDF times the solid angle of the lamp's bounding sphere is at least 1 (in f64). The rays of all other points
+/// would add nothing.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
+    const SIZE: u32 = 64;
+    const SPP: u32 = 4;
+    const RADIUS: f64 = 0.12 * std::f64::consts::SQRT_2;
+    let lamp = DVec3::new(0.0, 0.5, -0.2);
+    let panel = |x: f64| square(DVec3::new(x, 0.0, 0.0), DVec3::Z * 0.5, DVec3::X * 0.16);
+    let metal =
+        |roughness| Material { metallic: 1.0, roughness, specular: Specular::with_factor(1.0), ..surface(0.9, 0.0) };
+    let roughness = [0.1, 0.5];
+    let mut all = scene(
+        &[
+            (panel(-0.33), metal(roughness[0])),
+            (panel(0.0), metal(roughness[1])),
+            (panel(0.33), surface(0.9, 0.0)),
+            (square(lamp, DVec3::X * 0.12, DVec3::Z * 0.12), surface(0.0, 3.0)),
+        ],
+        Vec::new(),
+    );
+    let eye = DVec3::new(0.0, 0.3, 0.7);
+    let view = camera(eye, -eye, 1.2);
+    let settings = Settings::default().with(|s| {
+        s.image.width = SIZE;
+        s.image.height = SIZE;
+        s.technique = Technique::TWO_PASS;
+        s.indirect.max_bounces = 0;
+    });
+    let positions: Vec<_> = (0..all.triangles.len()).map(|i| all.triangle_positions(i)).collect();
+    let bvh = Bvh::build(&positions).unwrap();
+    all.reorder_triangles(&bvh.order);
+    let needed = penumbra::internal::specialisation::Specialisation::new(&all, &settings).features;
+    assert!(needed.has(Feature::BsdfRays) && needed.has(Feature::Highlights));
+    let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
+    let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();
+    let constants = gpu_scene.constants();
+    let tile = Tile {
+        width: SIZE,
+        height: SIZE,
+        first_row: 0,
+        pixel_count: SIZE * SIZE,
+        point_count: SIZE * SIZE * SPP,
+        first_sample: 0,
+        seed: 5,
+        centred: 0,
+    };
+    let count = tile.point_count as usize;
+    let queue = HighlightQueue {
+        path_points: gpu.poisoned::<u32>("test/path_points", count + 1).unwrap(),
+        ..HighlightQueue::new(gpu, tile.point_count).unwrap()
+    };
+    // Points, direct light and the number of rays.
+    let trace = |highlights: bool| -> (Vec<Point>, Vec<[u32; 4]>, u32) {
+        let features = features.clone().with(Feature::Highlights, highlights);
+        let mut buffers = TileBuffers::new(gpu, &features, tile.point_count, true).unwrap();
+        buffers.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/indirect", count).unwrap());
+        let primary = Primary::new(gpu, &features, &constants).unwrap().bind(gpu, &buffers, &gpu_scene).unwrap();
+        let path = Path::new(gpu, &features, &constants).unwrap();
+        let parameters = PathParameters { tile, max_bounces: 0, light_samples: 4 };
+        let mut frame = gpu.frame("test");
+        frame.clear(&buffers.counters);
+        primary.record(&mut frame, &tile);
+        if highlights {
+            path.bind_highlights(gpu, &buffers, &queue, &gpu_scene).unwrap().record(&mut frame, &queue, &parameters);
+        } else {
+            path.bind(gpu, &buffers, &[&gpu_scene]).unwrap().record(&mut frame, &parameters);
+        }
+        frame.submit().unwrap();
+        let indirect: Vec<[f32; 4]> = gpu.read(buffers.radiance_indirect.as_ref().unwrap(), count).unwrap();
+        assert!(indirect.iter().all(|v| v[..3] == [0.0; 3]), "nothing bounces");
+        let counters: Vec<u32> = gpu.read(&buffers.counters, Counter::COUNT).unwrap();
+        let points = gpu.read(&buffers.points, count).unwrap();
+        let direct: Vec<[f32; 4]> = gpu.read(&buffers.radiance_direct, count).unwrap();
+        let bits = direct.iter().map(|v| v.map(f32::to_bits)).collect();
+        (points, bits, counters[Counter::BounceRays as usize])
+    };
+    let (points, of_all, all_rays) = trace(false);
+    let (_, of_queued, rays) = trace(true);
+    let differing = of_all.iter().zip(&of_queued).filter(|(a, b)| a[..3] != b[..3]).count();
+    assert_eq!(differing, 0, "points that were not queued miss light");
+    let length = gpu.read::<u32>(&queue.path_count, 1).unwrap()[0] as usize;
+    let mut queued: Vec<u32> = gpu.read(&queue.path_points, count + 1).unwrap();
+    assert!(queued.split_off(length).iter().all(|word| *word == kernel_kit::POISON), "past the queue");
+    queued.sort_unstable();
+    assert!(rays as usize <= length && 2 * rays < all_rays, "{rays} rays, not {all_rays}");
+
+    // The probability that a ray from a point hits the lamp, at most; with a fault, for a view from above.
+    let bound = |point: &Point, faulty: bool| -> f64 {
+        let position = Vec3::from(point.position).as_dvec3();
+        if position.y > 0.1 || position.x > 0.165 {
+            return 0.0;
+        }
+        let alpha = if position.x < -0.165 { roughness[0] } else { roughness[1] };
+        let alpha = f64::from(alpha).powi(2);
+        let z = if faulty { 1.0 } else { (eye - position).normalize().y };
+        let root = (alpha * alpha * (1.0 - z * z) + z * z).sqrt();
+        let density = 0.5 / (PI * alpha * alpha * (z + root));
+        let sine = RADIUS / (lamp - position).length();
+        density * 2.0 * PI * (1.0 - (1.0 - sine * sine).sqrt())
+    };
+    let is_queued = |i: usize| queued.binary_search(&(i as u32)).is_ok();
+    let wrong = |faulty: bool| {
+        let decided = |i: &usize| (bound(&points[*i], faulty) - 1.0).abs() > 1e-3;
+        let is_wrong = |i: &usize| {
+            let seen = points[*i].normal != penumbra::internal::kernels::INVALID_POINT;
+            is_queued(*i) != (seen && bound(&points[*i], faulty) >= 1.0)
+        };
+        (0..count).filter(decided).filter(is_wrong).count()
+    };
+    assert_eq!(wrong(false), 0, "{length} of {count} are queued");
+    assert!(wrong(true) > 20, "the test does not see the view");
 }

@@ -56,9 +56,26 @@ struct Outcome {
     not_finite: u32,
 }
 
-fn stage(gpu: &Gpu, scene: Scene, size: [u32; 2], few_sampled: bool) -> Stage {
+/// How the points are shaded: by one kernel or with a queue, and with light points in place of missing closed forms
+/// beside the closed form or among the other terms.
+#[derive(Clone, Copy, Debug)]
+struct Kernels {
+    few_sampled: bool,
+    sampled_forms: bool,
+}
+
+const ONE_KERNEL: Kernels = Kernels { few_sampled: false, sampled_forms: true };
+const WITH_QUEUE: Kernels = Kernels { few_sampled: true, sampled_forms: true };
+const ALL_QUEUED: Kernels = Kernels { few_sampled: true, sampled_forms: false };
+
+fn stage(gpu: &Gpu, scene: Scene, size: [u32; 2], kernels: Kernels) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-    let features = |f: Features| f.with(Feature::AovShadow, true).with(Feature::FewSampled, few_sampled);
+    let features = |f: Features| {
+        f.with(Feature::AovShadow, true)
+            .with(Feature::FewSampled, kernels.few_sampled)
+            .with(Feature::ClosedForms, true)
+            .with(Feature::SampledForms, kernels.sampled_forms)
+    };
     Stage::new(gpu, scene, &view, size, Technique::SHADOW_PHOTONS, features)
 }
 
@@ -150,7 +167,7 @@ impl Setup {
         }
     }
 
-    /// Whether a candidate uses light points.
+    /// Whether a candidate has terms beside those that its class tells.
     fn is_sampled(&self, candidate: usize, word: u32) -> bool {
         let i = candidate % self.candidates.points.len();
         let light = self.candidates.chunk[0] + (candidate / self.candidates.points.len()) as u32;
@@ -161,7 +178,8 @@ impl Setup {
         let closed = self.candidates.stage.gpu_scene.lights.lights[light as usize].closed_form
             && (flat || self.unshadowed(light, i).1);
         let decided = matches!(word & 7, LIT | SHADOWED);
-        !decided || (word & 7 == LIT && !closed) || self.is_audited(i, light, word, Fault::None)
+        let queued_form = !closed && !self.candidates.stage.features.has(Feature::SampledForms);
+        !decided || (word & 7 == LIT && queued_form) || self.is_audited(i, light, word, Fault::None)
     }
 
     /// Whether a lit or shadowed candidate is audited.
@@ -284,8 +302,9 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
         (65, 3, [0, 3], 40, 0.25),
         (65, 3, [2, 1], 4, 0.0),
     ];
-    let of_both_kernels = cases.into_iter().flat_map(|case| [(case, false), (case, true)]);
-    for ((width, layers, chunk, samples, audit_probability), few_sampled) in of_both_kernels {
+    let of_all_kernels =
+        cases.into_iter().flat_map(|case| [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED].map(|kernels| (case, kernels)));
+    for ((width, layers, chunk, samples, audit_probability), kernels) in of_all_kernels {
         let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..whole([width, 1], layers) };
         let count = tile.point_count as usize;
         let mut points: Vec<Point> = Vec::new();
@@ -302,13 +321,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             points.push(Point { position: p.as_vec3().to_array(), normal });
         }
         let setup = Setup {
-            candidates: Candidates {
-                stage: stage(gpu, lights(), [width, 7], few_sampled),
-                tile,
-                points,
-                chunk,
-                samples,
-            },
+            candidates: Candidates { stage: stage(gpu, lights(), [width, 7], kernels), tile, points, chunk, samples },
             surfaces,
             audit_probability,
         };
@@ -362,7 +375,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             }
             wrong
         };
-        assert_eq!(differences(Fault::None), [0, 0], "{width} x {layers}, chunk {chunk:?}");
+        assert_eq!(differences(Fault::None), [0, 0], "{width} x {layers}, chunk {chunk:?}, {kernels:?}");
         for fault in [Fault::Unaudited, Fault::Weight, Fault::Uncorrected, Fault::Horizon, Fault::Sample] {
             found.push((fault, differences(fault)[0]));
         }
@@ -380,12 +393,12 @@ fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
     const POINTS: usize = 64;
     let normal = oct_encode(DVec3::Y);
     let x_of = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
-    for few_sampled in [false, true] {
+    for kernels in [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED] {
         let point = |i: usize| Point { position: [x_of(i), -0.4, 0.1], normal };
         let albedo = |i: usize| if i % 4 == 2 { f32::INFINITY } else { 0.5 };
         let setup = Setup {
             candidates: Candidates {
-                stage: stage(gpu, lights(), [POINTS as u32, 1], few_sampled),
+                stage: stage(gpu, lights(), [POINTS as u32, 1], kernels),
                 tile: whole([POINTS as u32, 1], 1),
                 points: (0..POINTS).map(point).collect(),
                 chunk: [0, 3],
@@ -407,7 +420,7 @@ fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
         let expected = expected.count() as u32;
         // A quarter of the points, and those of another quarter that were finite before.
         assert_eq!(expected, 3 * POINTS as u32 / 8, "the test is blind");
-        assert_eq!(outcome.not_finite, expected, "few_sampled {few_sampled}");
+        assert_eq!(outcome.not_finite, expected, "{kernels:?}");
     }
 }
 
@@ -435,7 +448,7 @@ fn shading_is_unbiased(gpu: &Gpu) {
     let normal = oct_encode(DVec3::Y);
     let setup = Setup {
         candidates: Candidates {
-            stage: stage(gpu, scene(&meshes, Vec::new()), [SIDE, SIDE], true),
+            stage: stage(gpu, scene(&meshes, Vec::new()), [SIDE, SIDE], WITH_QUEUE),
             tile,
             points: vec![Point { position: position.as_vec3().to_array(), normal }; count],
             chunk: [0, 1],

@@ -3,7 +3,7 @@
 
 @if(clearcoat) import package::lib::bsdf::lobe::{LayerChance, LayerPair, LobeContext};
 @if(clearcoat) import package::lib::bsdf::microfacet::{
-    LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, with_alpha,
+    LocalPair, lobe_means, max_visible_density, mean_kept, microfacets, schlick, through_layer, with_alpha,
 };
 @if(coat_normals) import package::lib::bsdf::microfacet::pair_in_frame;
 @if(clearcoat) import package::lib::constants::CLEARCOAT_TEXEL;
@@ -163,6 +163,15 @@ fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
     let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
     return vec3f(lobe.factor * fresnel * microfacets(pair, h));
+}
+
+// Upper bound of the density of directions sampled from the coat, for a view at the given cosine to the base's normal; 0
+// without a coat.
+@if(clearcoat)
+fn clearcoat_max_density(lobe: Clearcoat, view: vec3f, view_z: f32) -> f32 {
+    @if(coat_normals) let height = max(dot(view, lobe.normal), 1e-4);
+    @if(!coat_normals) let height = view_z;
+    return select(0.0, max_visible_density(height, vec2f(lobe.alpha)), clearcoat_is_present(lobe));
 }
 
 // The probability of sampling the coat, if the layers below reflect `below` straight back.

@@ -110,6 +110,16 @@ fn reflection_density(pair: LocalPair) -> f32 {
     return visible_density(pair, normalize(pair.view + pair.light));
 }
 
+// Upper bound of `visible_density`, and of the lobe times its cosine over its reflectance, for a view at the given
+// cosine. The distribution is highest at the normal itself, 1 / (pi alpha_x alpha_y), as widths are at most 1. Smith's
+// root of the view is at least that of the narrower width.
+@if(glossy)
+fn max_visible_density(view_z: f32, widths: vec2f) -> f32 {
+    let alpha = max(widths, vec2f(MIN_ALPHA));
+    let root = smith_root(vec3f(safe_sqrt(1.0 - view_z * view_z), 0.0, view_z), vec2f(min(alpha.x, alpha.y)));
+    return 0.5 / (PI * alpha.x * alpha.y * (view_z + root));
+}
+
 // Samples a microfacet normal in proportion to its projected area towards the viewer, by a spherical cap (Dupuy and
 // Benyoub 2023).
 @if(glossy)

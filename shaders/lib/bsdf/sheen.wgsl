@@ -152,6 +152,12 @@ fn sheen_density(chance: f32, pair: LocalPair) -> f32 {
     return chance / (2.0 * PI);
 }
 
+// Upper bound of that density for any view; 0 without fibres.
+@if(sheen)
+fn sheen_max_density(lobe: Sheen, view: vec3f, view_z: f32) -> f32 {
+    return select(0.0, 0.5 / PI, sheen_is_present(lobe));
+}
+
 // Albedo of fibres over a base of albedo `base`. It uses fits of two means over the cosine-weighted hemisphere: of the
 // fibres' albedo (error at most 0.001), and of the larger of two such albedos (0.003).
 @if(sheen)

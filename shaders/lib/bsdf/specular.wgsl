@@ -75,6 +75,12 @@ fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
     return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
 }
 
+// Whether the lobe reflects nothing in any direction.
+@if(glossy)
+fn is_black_specular(lobe: Specular) -> bool {
+    return all(lobe.f0 == vec3f(0.0)) && lobe.f90 == 0.0;
+}
+
 // Reflectance of the dielectric layer for light at the given cosine. What it reflects does not reach the layers below.
 @if(glossy)
 fn specular_kept(lobe: Specular, cosine: f32) -> f32 {

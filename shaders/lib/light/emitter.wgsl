@@ -98,10 +98,11 @@ fn is_near_light(light: u32, position: vec3f) -> bool {
 // set of directions, cumulative probabilities by power times cosine, so that all samples contribute about the same.
 @if(emitter_pairs) const NO_VIEW = 0xffffffffu;
 
-// The first texel of the probabilities for a position, or NO_VIEW.
+// The first texel of the probabilities for a position, or NO_VIEW. With `far_emitters` all lights of many triangles
+// have views, and no surface that reflects is near to one: software devices then need not execute the other way too.
 @if(emitter_pairs)
 fn view_of(light: u32, header: vec4u, position: vec3f) -> u32 {
-    if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
+    @if(!far_emitters) if (header.x & LIGHT_VIEWED) == 0u || is_near_light(light, position) { return NO_VIEW; }
     let offset = position - light_texel_f32(light, LIGHT_SPHERE_TEXEL).xyz;
     let place = vec2u((oct_wrap(offset) + 1.0) * (0.5 * f32(VIEW_SIDE)));
     let cell = min(place, vec2u(VIEW_SIDE - 1u));
@@ -152,12 +153,13 @@ fn all_emitters(header: vec4u, u: f32) -> EmitterRange {
 }
 
 // Whether a position evaluates all triangles of a light. It does for lights of few triangles, such as a square; for
-// others only nearby, where the contributions of their triangles differ.
+// others only nearby, where the contributions of their triangles differ. With `far_emitters` no position is near.
 fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
-    @if(many_emitters) {
+    @if(far_emitters) { return header.z <= FEW_EMITTERS; }
+    @if(many_emitters && !far_emitters) {
         return header.z <= FEW_EMITTERS || (header.z <= FEW_NEAR_EMITTERS && is_near_light(light, position));
     }
-    @else { return true; }
+    @if(!many_emitters) { return true; }
 }
 
 // The probability with which `emitter_range` samples an emitter triangle, unless it evaluates all. In closed lights
@@ -166,14 +168,13 @@ fn uses_all_emitters(light: u32, header: vec4u, position: vec3f) -> bool {
 // partner faces away.
 @if(many_emitters)
 fn emitter_probability(light: u32, header: vec4u, emitter: u32, position: vec3f) -> f32 {
-    @if(emitter_pairs) {
-        let view = view_of(light, header, position);
-        if view != NO_VIEW { return view_share(view, emitter - header.y); }
-    }
-    return paired_power(emitter, position);
+    @if(emitter_pairs) let view = view_of(light, header, position);
+    @if(far_emitters) { return view_share(view, emitter - header.y); }
+    @if(emitter_pairs && !far_emitters) { if view != NO_VIEW { return view_share(view, emitter - header.y); } }
+    @if(!far_emitters) { return paired_power(emitter, position); }
 }
 
-@if(many_emitters)
+@if(many_emitters && !far_emitters)
 fn paired_power(emitter: u32, position: vec3f) -> f32 {
     var power = emitter_power(emitter);
     @if(emitter_pairs) {
@@ -189,14 +190,17 @@ fn emitter_range(light: u32, header: vec4u, position: vec3f, u: f32) -> EmitterR
     var chosen: SampledEmitter;
     @if(emitter_pairs) {
         let view = view_of(light, header, position);
-        if view != NO_VIEW {
-            chosen = sample_viewed_emitter(header, view, u);
-        } else {
-            chosen = sample_emitter(header, u);
-            if !emitter_faces(load_emitter(chosen.emitter), position) {
-                chosen.emitter = load_emitter_texel(chosen.emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).x;
+        @if(far_emitters) { chosen = sample_viewed_emitter(header, view, u); }
+        @if(!far_emitters) {
+            if view != NO_VIEW {
+                chosen = sample_viewed_emitter(header, view, u);
+            } else {
+                chosen = sample_emitter(header, u);
+                if !emitter_faces(load_emitter(chosen.emitter), position) {
+                    chosen.emitter = load_emitter_texel(chosen.emitter * EMITTER_TEXELS + EMITTER_SAMPLING_TEXEL).x;
+                }
+                chosen.probability = paired_power(chosen.emitter, position);
             }
-            chosen.probability = paired_power(chosen.emitter, position);
         }
     }
     @else { chosen = sample_emitter(header, u); }

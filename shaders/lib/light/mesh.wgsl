@@ -65,6 +65,15 @@ fn mesh_dark(light: u32, header: vec4u, position: vec3f, normal: vec3f) -> bool 
     return true;
 }
 
+// The solid angle of the light's bounding sphere; all directions from within it.
+fn mesh_max_solid_angle(light: u32, position: vec3f) -> f32 {
+    let sphere = light_texel_f32(light, LIGHT_SPHERE_TEXEL);
+    let offset = sphere.xyz - position;
+    let squared_sine = sphere.w * sphere.w / dot(offset, offset);
+    if !(squared_sine < 1.0) { return 4.0 * PI; }
+    return 2.0 * PI * squared_sine / (1.0 + sqrt(1.0 - squared_sine));
+}
+
 // Minimum cosine at the emitter in a potential, as MIN_COSINE is at the surface.
 const MIN_EMITTED_COSINE = 0.02;
 // Margin below the emitter's plane, because normals are rounded to 16 bits per coordinate.

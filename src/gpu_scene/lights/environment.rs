@@ -23,6 +23,7 @@ pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
             contour_edges: 0,
             two_sided: false,
             punctual: false,
+            viewed: false,
             planar: false,
             centre,
             radius: 0.0,

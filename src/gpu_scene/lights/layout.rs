@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 pub(crate) use crate::kernels::light_texels::*;
+use crate::specialisation::{LightFacts, Sphere};
 
 /// The texels of a light. The data for sampling it is added once all lights are known.
 pub(super) type LightTexels = [[u32; 4]; TEXELS as usize];
@@ -49,6 +50,8 @@ pub struct LightInfo {
     pub two_sided: bool,
     /// Whether it is a point, spot or directional light, whose visibility one shadow ray determines.
     pub punctual: bool,
+    /// Whether it is a convex lamp with tables of the triangles that are seen from each direction.
+    pub viewed: bool,
     /// Whether all its emitter triangles lie in one plane and face the same way.
     pub planar: bool,
     /// Centre of a bounding sphere of the light; for a directional light, of the scene.
@@ -58,6 +61,12 @@ pub struct LightInfo {
 }
 
 impl LightInfo {
+    /// The facts that decide on features.
+    pub(crate) fn facts(&self) -> LightFacts {
+        let bounds = Sphere { centre: self.centre.as_dvec3(), radius: f64::from(self.radius) };
+        LightFacts { closed_form: self.closed_form, viewed: self.viewed, bounds }
+    }
+
     /// The facts of a punctual light.
     pub(super) fn punctual(power: f64, strength: f64, centre: Vec3, radius: f32) -> LightInfo {
         LightInfo {
@@ -68,6 +77,7 @@ impl LightInfo {
             contour_edges: 0,
             two_sided: false,
             punctual: true,
+            viewed: false,
             planar: false,
             centre,
             radius,

@@ -163,6 +163,7 @@ pub(super) fn pack(
             contour_edges: contours.iter().flatten().map(|contour| contour.vertices.len()).sum(),
             two_sided,
             punctual: false,
+            viewed,
             planar,
             centre,
             radius,

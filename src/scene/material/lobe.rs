@@ -73,4 +73,9 @@ pub(in crate::scene) trait Lobe: Sized + Default {
     fn transmits(&self) -> bool {
         false
     }
+
+    /// Lower bound of the roughness of its own microfacets; 1 if it has none, 0 if a texture may make them smooth.
+    fn min_roughness(&self) -> f32 {
+        1.0
+    }
 }

@@ -5,6 +5,7 @@ import package::lib::bsdf::surface::Surface;
 import package::lib::bsdf::{
     bsdf_diffuse, bsdf_evaluate, bsdf_faces, bsdf_pdf, bsdf_residual, bsdf_sample, bsdf_seen_afar,
 };
+@if(glossy) import package::lib::bsdf::bsdf_max_density;
 import package::lib::sampling::sobol4;
 
 override count: u32;
@@ -53,7 +54,8 @@ fn tested_surface() -> Surface {
     return s;
 }
 
-// The BSDF times the cosine and its density, for each direction; then its two parts' sum, where the base reflects.
+// The BSDF times the cosine and its density, for each direction; then its two parts' sum, where the base reflects, and
+// the bound of the density.
 @compute @workgroup_size(64)
 fn evaluated(
     @builtin(workgroup_id) group: vec3u,
@@ -66,7 +68,9 @@ fn evaluated(
     let direction = directions[i].xyz;
     results[2u * i] = vec4f(bsdf_evaluate(s, direction), bsdf_pdf(s, direction));
     let base = select(vec3f(0.0), bsdf_diffuse(s) * dot(direction, s.shading_normal), bsdf_faces(s, direction));
-    results[2u * i + 1u] = vec4f(base + bsdf_residual(s, direction), 0.0);
+    var max_density = 0.0;
+    @if(glossy) { max_density = bsdf_max_density(s); }
+    results[2u * i + 1u] = vec4f(base + bsdf_residual(s, direction), max_density);
 }
 
 // Samples: direction and density, weight of radiance, that of flux.

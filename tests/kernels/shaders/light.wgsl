@@ -2,7 +2,7 @@
 
 import package::kit::group_index;
 import package::lib::light::table::{light_count, light_has_closed_form};
-import package::lib::light::{light_dark, light_unshadowed_irradiance, light_sample, light_emit};
+import package::lib::light::{light_dark, light_unshadowed_irradiance, light_sample, light_emit, light_max_solid_angle};
 import package::lib::sampling::{sobol2, sobol4};
 @if(mesh_lights) import package::lib::light::mesh::emitter_of;
 
@@ -34,6 +34,19 @@ fn closed(
     let bits = u32(light_dark(light, place.xyz, normal)) | (u32(light_has_closed_form(light)) << 1u)
         | (u32(light >= light_count()) << 2u);
     results[i] = vec4f(light_unshadowed_irradiance(light, place.xyz, normal), f32(bits));
+}
+
+// The bound of the light's solid angle.
+@compute @workgroup_size(64)
+fn solid_angles(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = item(group, groups, lane);
+    if i >= count { return; }
+    let place = places[2u * i];
+    results[i] = vec4f(light_max_solid_angle(u32(place.w), place.xyz), 0.0, 0.0, 0.0);
 }
 
 // The mean over a position's samples of radiance times cosine over density, and the mean square of its red.

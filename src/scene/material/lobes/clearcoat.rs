@@ -86,6 +86,14 @@ impl Lobe for Clearcoat {
         vec![[self.factor, self.roughness, self.normal_scale, 0.0]]
     }
 
+    fn min_roughness(&self) -> f32 {
+        match (self.is_present(), self.roughness_texture) {
+            (true, None) => self.roughness,
+            (true, Some(_)) => 0.0,
+            (false, _) => 1.0,
+        }
+    }
+
     fn reflects(&self) -> bool {
         self.is_present()
     }
