@@ -6,6 +6,7 @@ use super::adaptive_testing::AdaptiveTesting;
 use super::caustic_map::CausticMap;
 use super::cell_visibility::CellVisibility;
 use super::direct_light::{DirectLight, DirectLightKernels, Guides};
+use super::fine_cells::FineCellMap;
 use super::indirect_light::IndirectLight;
 use super::light_sampler::LightSampler;
 use super::shared::Shared;
@@ -25,6 +26,8 @@ pub(crate) struct Lighting {
     pub cells: Option<CellVisibility>,
     /// The surfaces around each light.
     pub light_buffers: Option<BoundLightBuffer>,
+    /// Shadow rays of earlier samples.
+    pub fine_cells: Option<FineCellMap>,
     pub adaptive_testing: Option<AdaptiveTesting>,
     /// Direct light, if the technique computes it separately.
     pub direct: Option<DirectLight>,
@@ -35,7 +38,11 @@ pub(crate) struct Lighting {
 
 impl Lighting {
     fn guides(&self) -> Guides<'_> {
-        Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() }
+        Guides {
+            visibility_map: self.visibility_map.as_ref(),
+            light_sampler: self.light_sampler.as_ref(),
+            fine_cells: self.fine_cells.as_ref(),
+        }
     }
 
     /// Makes direct light for tiles of `points` points, guided by the visibility map and the light sampler.
@@ -52,8 +59,11 @@ impl Lighting {
 
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
         // Not `self.guides()`: direct light is borrowed at the same time.
-        let guides =
-            Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() };
+        let guides = Guides {
+            visibility_map: self.visibility_map.as_ref(),
+            light_sampler: self.light_sampler.as_ref(),
+            fine_cells: self.fine_cells.as_ref(),
+        };
         self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
     }
 
@@ -66,6 +76,11 @@ impl Lighting {
             map.sort(shared.gpu)?;
         }
         self.bind_direct_light(shared)
+    }
+
+    /// Classifies the fine cells by the rays of the samples so far.
+    pub fn classify_fine_cells(&mut self, gpu: &Gpu) -> Result<()> {
+        self.fine_cells.as_mut().map_or(Ok(()), |cells| cells.classify(gpu))
     }
 
     /// The state that samples left in the visibility map, or in adaptive shadow testing.

@@ -65,10 +65,11 @@ impl Renderer<'_> {
         let most = self.tile_size.layers.min(limit.max(1));
         let missing = self.settings.image.spp.saturating_sub(self.samples);
         // The first sample of each pixel is the pilot.
-        match self.batches == 0 && self.specialisation.features.has(Feature::VisibilityMap) {
-            true => 1,
-            false if missing > 0 => most.min(missing),
-            false => most,
+        let most = if missing > 0 { most.min(missing) } else { most };
+        match self.batches {
+            0 if self.specialisation.features.has(Feature::VisibilityMap) => 1,
+            _ if self.specialisation.features.has(Feature::FineCells) => most.min(self.samples),
+            _ => most,
         }
     }
 
@@ -76,8 +77,11 @@ impl Renderer<'_> {
     /// early, and sorting the map again takes a small part of a long render. There is no repair after the pilot,
     /// because one sample per pixel finds few photons.
     fn repair_map(&mut self) -> Result<()> {
+        let due = self.samples >= 8 && self.samples.is_power_of_two();
+        if self.samples.is_power_of_two() {
+            self.lighting.classify_fine_cells(self.gpu)?;
+        }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
-        let due = self.batches > 1 && self.batches.is_power_of_two();
         self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 

@@ -65,6 +65,7 @@ impl Specialisation {
             "photons are counted by their normals",
             "false shadows beside objects",
         );
+        let estimated_alone = settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         let shown = settings.image.aovs.contains(&Aov::Shadow)
             || settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         self.decide(
@@ -73,6 +74,14 @@ impl Specialisation {
             "n_i and n_s are shown".into(),
             "cells decide: no point searches for its nearest photons",
             "a search for each boundary point",
+        );
+        let fine = wanted && !shown && !estimated_alone && !settings.visibility_map.paper_counting && settings.image.spp > 1;
+        self.decide(
+            Feature::FineCells,
+            fine,
+            "shadow rays of earlier samples decide where photons do not".into(),
+            "photons alone decide",
+            "a table of 32 B per pixel and light",
         );
         wanted
     }
@@ -155,6 +164,7 @@ impl Specialisation {
         for feature in
             [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts, Feature::Audit]
         {
+            if feature == Feature::Audit && self.features.has(Feature::FineCells) { continue; }
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
                 let item = self.kept.remove(at);
                 self.left_out.push(Item { reason: reason.to_owned(), ..item });
