@@ -1,5 +1,5 @@
 // Attributes of triangles besides the corners' positions: material, normals, texture coordinates, colours and tangents.
-// src/gpu_scene/attributes.rs makes the table.
+// src/gpu_scene/surfaces.rs makes the table.
 
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::math::oct_decode16;
@@ -9,7 +9,7 @@ import package::lib::constants::SURFACE_FLAT;
 override surface_stride: u32;
 @if(textures) override uv_offset: u32;
 @if(vertex_colours) override colour_offset: u32;
-@if(normal_maps || coat_normals || anisotropy) override tangent_offset: u32;
+override tangent_offset: u32;
 
 @if(texture_loads) @group(1) @binding(2) var surface_texels: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(2) var<storage, read> surface_texels: array<vec4u>;
@@ -61,7 +61,6 @@ fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
 }
 
 // Tangent and bitangent for a normal on the outer side; zeros where the tangent is parallel to the normal.
-@if(normal_maps || coat_normals || anisotropy)
 fn tangent_frame(triangle: u32, u: f32, v: f32, normal: vec3f) -> mat2x3f {
     let texel = load_surface_texel(triangle * surface_stride + tangent_offset);
     let w = 1.0 - u - v;

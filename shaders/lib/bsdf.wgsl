@@ -1,27 +1,30 @@
 // The BSDF: glTF's metallic-roughness model. This file combines the lobes of lib/bsdf/: GGX microfacets over a
-// Lambertian base, part of which may transmit light; above them the sheen of fibres; above all the coat, a second GGX
-// lobe.
+// Lambertian base, part of which may transmit light; films and tangents that change the microfacets; above them layers,
+// first those that reflect to all sides, then those of other microfacets. `@each` repeats a line for every lobe of such
+// a part: see src/kernels/each.rs.
 
 import package::lib::bsdf::diffuse::{diffuse_density, diffuse_value};
 import package::lib::bsdf::surface::Surface;
 import package::lib::math::{PI, basis};
 import package::lib::sampling::sample_cosine;
+@if(glossy) import package::lib::bsdf::lobe::LayerPair;
 @if(glossy) import package::lib::bsdf::microfacet::{
-    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, sample_visible_normal, visible_density,
+    LocalPair, MIN_ALPHA, microfacets, pair_in_frame, reflection_density, sample_visible_normal, visible_density,
 };
 @if(glossy) import package::lib::bsdf::specular::{
-    is_metallic, mean_with_specular, specular_reflectance, through_specular,
+    is_metallic, mean_with_specular, specular_kept, specular_reflectance, specular_through,
 };
 @if(transmission) import package::lib::bsdf::transmission::{
-    fresnel_cosine, is_transmissive, passed_direction, passing, passing_density, transmission_value, transmittance,
+    fresnel_cosine, passed_direction, passing, passing_density, passing_value, transmission_is_present,
 };
-@if(clearcoat) import package::lib::bsdf::clearcoat::{
-    clearcoat_chance, clearcoat_density, clearcoat_means, clearcoat_value, coat_heights, coat_view_height, is_coated,
-    through_coat,
+@each(film) import package::lib::bsdf::NAME::{NAME_is_present, NAME_kept, NAME_reflectance, NAME_through};
+@each(spread) import package::lib::bsdf::NAME::{NAME_alpha, NAME_frame, NAME_is_present};
+@each(wide_layer) import package::lib::bsdf::NAME::{
+    NAME_chance, NAME_density, NAME_is_present, NAME_mean, NAME_sample, NAME_through, NAME_value,
 };
-@if(anisotropy) import package::lib::bsdf::anisotropy::{anisotropy_frame, is_anisotropic};
-@if(sheen) import package::lib::bsdf::sheen::{
-    has_fibres, mean_with_sheen, sample_sheen, sheen_chance, sheen_density, sheen_value, through_sheen,
+@each(glossy_layer) import package::lib::bsdf::NAME::{
+    NAME_axes, NAME_chance, NAME_faces, NAME_has_normal, NAME_is_present, NAME_pair, NAME_seen_afar, NAME_through,
+    NAME_value,
 };
 
 // ---- Sides
@@ -31,18 +34,11 @@ fn bsdf_faces(s: Surface, direction: vec3f) -> bool {
     return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.shading_normal) > 0.0;
 }
 
-// The same of the coat.
-@if(clearcoat)
-fn coat_faces(s: Surface, direction: vec3f) -> bool {
-    @if(coat_normals) { return dot(direction, s.geometric_normal) > 0.0 && dot(direction, s.clearcoat.normal) > 0.0; }
-    @else { return bsdf_faces(s, direction); }
-}
-
 // Whether light from the direction is transmitted through the surface.
 @if(transmission)
 fn bsdf_passes(s: Surface, direction: vec3f) -> bool {
     let behind = dot(direction, s.geometric_normal) < 0.0 && dot(direction, s.shading_normal) < 0.0;
-    return is_transmissive(s.transmission) && behind;
+    return transmission_is_present(s.transmission) && behind;
 }
 
 // The geometric normal on the side into which the direction leaves.
@@ -57,29 +53,50 @@ fn leaving_normal(s: Surface, direction: vec3f) -> vec3f {
 
 // Axes about the shading normal.
 fn shading_frame(s: Surface) -> mat3x3f {
-    @if(anisotropy) { return anisotropy_frame(s.anisotropy, s.shading_normal); }
-    @else { return basis(s.shading_normal); }
+    var frame = basis(s.shading_normal);
+    @each(spread) { frame = NAME_frame(s.NAME, frame); }
+    return frame;
 }
 
 // The view and another direction in the frame of the shading normal.
 @if(glossy)
 fn local_pair(s: Surface, direction: vec3f) -> LocalPair {
     var alpha = vec2f(s.specular.alpha);
-    @if(anisotropy) { if is_anisotropic(s.anisotropy) { alpha.x = s.anisotropy.alpha_along; } }
+    @each(spread) { alpha = NAME_alpha(s.NAME, alpha); }
     return pair_in_frame(shading_frame(s), s.view, direction, alpha);
 }
 
-// Axes about the coat's normal.
-@if(clearcoat)
-fn coat_frame(s: Surface) -> mat3x3f {
-    @if(coat_normals) { return basis(s.clearcoat.normal); }
-    @else { return shading_frame(s); }
+// ---- The specular lobe and its films
+
+// Reflectance of the microfacets for light at the given cosine to their normal.
+@if(glossy)
+fn reflectance(s: Surface, cosine: f32) -> vec3f {
+    var outer = cosine;
+    @if(transmission) {
+        outer = fresnel_cosine(s.transmission, cosine);
+        if outer < 0.0 { return vec3f(1.0); }
+    }
+    var reflected = specular_reflectance(s.specular, outer);
+    @each(film) { reflected = NAME_reflectance(s.NAME, s.specular, reflected, outer); }
+    return reflected;
 }
 
-// The view and another direction in the frame of the coat's normal.
-@if(clearcoat)
-fn coat_pair(s: Surface, direction: vec3f) -> LocalPair {
-    return pair_in_frame(coat_frame(s), s.view, direction, vec2f(s.clearcoat.alpha));
+// The share of light that the microfacets transmit, at the given cosine to their normal.
+@if(transmission)
+fn transmittance(s: Surface, cosine: f32) -> vec3f {
+    let outer = fresnel_cosine(s.transmission, cosine);
+    if outer < 0.0 { return vec3f(0.0); }
+    var kept = specular_kept(s.specular, outer);
+    @each(film) { kept = NAME_kept(s.NAME, s.specular, kept, outer); }
+    return s.transmission.tint * (1.0 - kept);
+}
+
+// The share of light that the microfacets transmit to the diffuse base and out again.
+@if(glossy)
+fn through_microfacets(s: Surface, light_z: f32, view_z: f32) -> f32 {
+    var through = specular_through(s.specular, light_z, view_z);
+    @each(film) { through = NAME_through(s.NAME, s.specular, through, light_z, view_z); }
+    return through;
 }
 
 // ---- Evaluation
@@ -89,45 +106,48 @@ fn bsdf_diffuse(s: Surface) -> vec3f {
     return diffuse_value(s.albedo);
 }
 
-// Reflectance of the microfacets for light at the given cosine to their normal.
+// The share of light that the layers transmit to the microfacets.
 @if(glossy)
-fn reflectance(s: Surface, cosine: f32) -> vec3f {
-    @if(transmission) {
-        let outer = fresnel_cosine(s.transmission, cosine);
-        if outer < 0.0 { return vec3f(1.0); }
-        return specular_reflectance(s.specular, outer);
-    }
-    @else { return specular_reflectance(s.specular, cosine); }
-}
-
-// The share of light that coat and fibres transmit to the microfacets and the layers below. `pair` holds `direction`
-// and the view in the frame of the shading normal.
-@if(glossy)
-fn through_upper(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
+fn through_layers(s: Surface, pair: LayerPair) -> f32 {
     var through = 1.0;
-    @if(sheen) { through = through_sheen(s.sheen, pair); }
-    @if(clearcoat) { through *= through_coat(s.clearcoat, coat_heights(s.clearcoat, pair, direction, s.view)); }
+    @each(layer) { through *= NAME_through(s.NAME, pair); }
     return through;
 }
 
-// The share of light that all layers transmit to the diffuse base.
+// The share of light that layers and microfacets transmit to the diffuse base.
 @if(glossy)
-fn through_to_base(s: Surface, direction: vec3f, pair: LocalPair) -> f32 {
-    let layer = through_specular(s.specular, pair.light.z, pair.view.z);
-    return layer * through_upper(s, direction, pair);
+fn through_to_base(s: Surface, pair: LayerPair) -> f32 {
+    return through_microfacets(s, pair.local.light.z, pair.local.view.z) * through_layers(s, pair);
 }
 
-// The BSDF of microfacets and fibres, attenuated by the layers above each.
+// The BSDF of microfacets and wide layers, attenuated by the layers above each.
 @if(glossy)
-fn specular_value(s: Surface, direction: vec3f, pair: LocalPair) -> vec3f {
-    let h = normalize(pair.view + pair.light);
-    let value = reflectance(s, dot(pair.view, h)) * microfacets(pair, h) * through_upper(s, direction, pair);
-    @if(sheen && clearcoat) {
-        let through = through_coat(s.clearcoat, coat_heights(s.clearcoat, pair, direction, s.view));
-        return value + sheen_value(s.sheen, pair) * through;
+fn specular_value(s: Surface, pair: LayerPair) -> vec3f {
+    let local = pair.local;
+    let h = normalize(local.view + local.light);
+    var value = reflectance(s, dot(local.view, h)) * microfacets(local, h) * through_layers(s, pair);
+    var above = 1.0;
+    @each_from_top(glossy_layer) { above *= NAME_through(s.NAME, pair); }
+    @each_from_top(wide_layer) {
+        value += NAME_value(s.NAME, local) * above;
+        above *= NAME_through(s.NAME, pair);
     }
-    @if(sheen && !clearcoat) { return value + sheen_value(s.sheen, pair); }
-    @if(!sheen) { return value; }
+    return value;
+}
+
+// The BSDF of the glossy layers times the cosine to their normals, attenuated by the layers above each.
+@if(glossy)
+fn glossy_layers_value(s: Surface, pair: LayerPair, faced: bool) -> vec3f {
+    var value = vec3f(0.0);
+    var above = 1.0;
+    @each_from_top(glossy_layer) {
+        let own = NAME_pair(s.NAME, pair);
+        if NAME_faces(s.NAME, s.geometric_normal, pair.light, faced) {
+            value += NAME_value(s.NAME, own) * own.light.z * above;
+        }
+        above *= NAME_through(s.NAME, pair);
+    }
+    return value;
 }
 
 // The BSDF less its diffuse part, times the cosine, for light from the unit `direction`. Negative where the layers take
@@ -135,23 +155,22 @@ fn specular_value(s: Surface, direction: vec3f, pair: LocalPair) -> vec3f {
 // KHR_materials_clearcoat does: a coat with a normal of its own then reflects no more than one with the base's normal.
 fn bsdf_residual(s: Surface, direction: vec3f) -> vec3f {
     @if(glossy) {
-        let pair = local_pair(s, direction);
+        let pair = LayerPair(local_pair(s, direction), direction, s.view);
         @if(transmission) {
             if bsdf_passes(s, direction) {
-                let value = transmission_value(s.transmission, s.specular, pair);
-                return value * through_upper(s, direction, pair) * -pair.light.z;
+                let found = passing(s.transmission, pair.local);
+                let share = transmittance(s, dot(pair.local.view, found.normal));
+                let value = share * passing_value(s.transmission, found, pair.local);
+                return value * through_layers(s, pair) * -pair.local.light.z;
             }
         }
         var value = vec3f(0.0);
-        if bsdf_faces(s, direction) {
-            let kept = bsdf_diffuse(s) * (1.0 - through_to_base(s, direction, pair));
-            value = (specular_value(s, direction, pair) - kept) * pair.light.z;
+        let faced = bsdf_faces(s, direction);
+        if faced {
+            let kept = bsdf_diffuse(s) * (1.0 - through_to_base(s, pair));
+            value = (specular_value(s, pair) - kept) * pair.local.light.z;
         }
-        @if(clearcoat) {
-            let coat = coat_pair(s, direction);
-            if coat_faces(s, direction) { value += vec3f(clearcoat_value(s.clearcoat, coat) * coat.light.z); }
-        }
-        return value;
+        return value + glossy_layers_value(s, pair, faced);
     }
     @else { return vec3f(0.0); }
 }
@@ -171,7 +190,9 @@ fn bsdf_evaluate(s: Surface, direction: vec3f) -> vec3f {
 fn reflects_more(s: Surface) -> bool {
     @if(glossy) {
         var more = is_metallic(s.specular);
-        @if(transmission) { more = more || is_transmissive(s.transmission); }
+        // The colours of a film depend on the direction: a mean cannot represent them.
+        @each(film) { more = more || NAME_is_present(s.NAME); }
+        @if(transmission) { more = more || transmission_is_present(s.transmission); }
         return more;
     }
     @else { return false; }
@@ -181,9 +202,8 @@ fn reflects_more(s: Surface) -> bool {
 @if(specular_chains)
 fn is_clear(s: Surface) -> bool {
     var clear = s.specular.alpha <= MIN_ALPHA && all(s.albedo == vec3f(0.0)) && reflects_more(s);
-    @if(clearcoat) { clear = clear && !is_coated(s.clearcoat); }
-    @if(sheen) { clear = clear && !has_fibres(s.sheen); }
-    @if(anisotropy) { clear = clear && !is_anisotropic(s.anisotropy); }
+    @each(layer) { clear = clear && !NAME_is_present(s.NAME); }
+    @each(spread) { clear = clear && !NAME_is_present(s.NAME); }
     return clear;
 }
 
@@ -195,7 +215,7 @@ fn is_clear(s: Surface) -> bool {
 @if(caustics)
 fn focuses(s: Surface) -> bool {
     var focusing = reflects_more(s) && s.specular.alpha <= focusing_alpha;
-    @if(transmission) { focusing = focusing || is_transmissive(s.transmission); }
+    @if(transmission) { focusing = focusing || transmission_is_present(s.transmission); }
     return focusing;
 }
 
@@ -207,17 +227,14 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
     @if(glossy) {
         if !reflects_more(s) {
             var base = mean_with_specular(s.specular, s.albedo);
-            @if(sheen) { base = mean_with_sheen(s.sheen, base); }
-            @if(clearcoat) {
-                let coat = clearcoat_means(s.clearcoat);
-                let below = base * coat.y * facing;
-                @if(coat_normals) {
-                    let coat_facing = max(dot(s.clearcoat.normal, s.geometric_normal), 0.0);
-                    return below + s.clearcoat.factor * coat.x * coat_facing / PI;
-                }
-                @else { return below + s.clearcoat.factor * coat.x * facing; }
+            @each(wide_layer) { base = NAME_mean(s.NAME, base); }
+            var reflected = 0.0;
+            @each(glossy_layer) {
+                let layer = NAME_seen_afar(s.NAME, facing, s.geometric_normal);
+                base *= layer.y;
+                reflected = reflected * layer.y + layer.x;
             }
-            @else { return base * facing; }
+            return base * facing + reflected;
         }
     }
     return s.albedo * facing;
@@ -231,33 +248,32 @@ fn bsdf_seen_afar(s: Surface) -> vec3f {
 struct LobeChances {
     // The microfacets' lobe, which reflects and transmits.
     microfacets: f32,
-    @if(clearcoat) coat: f32,
-    @if(sheen) sheen: f32,
+    @each(layer) NAME: f32,
 }
 
 @if(glossy)
-fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
-    let view_z = pair.view.z;
+fn lobe_chances(s: Surface, pair: LayerPair) -> LobeChances {
+    let view_z = pair.local.view.z;
     var specular = dot(reflectance(s, view_z), vec3f(1.0));
-    @if(transmission) { specular += dot(transmittance(s.transmission, s.specular, view_z), vec3f(1.0)); }
-    let diffuse = dot(s.albedo, vec3f(1.0)) * through_specular(s.specular, view_z, view_z);
+    @if(transmission) { specular += dot(transmittance(s, view_z), vec3f(1.0)); }
+    let diffuse = dot(s.albedo, vec3f(1.0)) * through_microfacets(s, view_z, view_z);
     // No probability below a tenth, which bounds the weights of samples to ten times their value.
     var share = clamp(specular / max(specular + diffuse, 1e-30), 0.1, 0.9);
     share = select(select(share, 0.0, specular <= 0.0), 1.0, diffuse <= 0.0);
     var chances: LobeChances;
     chances.microfacets = share;
     var below = specular + diffuse;
-    @if(sheen) {
-        let fibres = sheen_chance(s.sheen, view_z, below);
-        chances.sheen = fibres.chance;
-        chances.microfacets *= 1.0 - chances.sheen;
-        below = fibres.below + fibres.reflected;
+    @each(layer) {
+        let layer = NAME_chance(s.NAME, pair, below);
+        chances.NAME = layer.chance;
+        chances.microfacets *= 1.0 - layer.chance;
+        below = layer.reflected;
     }
-    @if(clearcoat) {
-        let through = through_coat(s.clearcoat, vec2f(coat_view_height(s.clearcoat, pair, s.view)));
-        chances.coat = clearcoat_chance(s.clearcoat, through, below);
-        chances.microfacets *= 1.0 - chances.coat;
-        @if(sheen) { chances.sheen *= 1.0 - chances.coat; }
+    var above = 1.0;
+    @each_from_top(layer) {
+        let chance = chances.NAME;
+        chances.NAME *= above;
+        above *= 1.0 - chance;
     }
     return chances;
 }
@@ -265,7 +281,7 @@ fn lobe_chances(s: Surface, pair: LocalPair) -> LobeChances {
 // The probability that a sampled microfacet transmits.
 @if(transmission)
 fn passing_share(s: Surface, cosine: f32) -> f32 {
-    let passes = dot(transmittance(s.transmission, s.specular, cosine), vec3f(1.0));
+    let passes = dot(transmittance(s, cosine), vec3f(1.0));
     return passes / max(passes + dot(reflectance(s, cosine), vec3f(1.0)), 1e-30);
 }
 
@@ -284,8 +300,9 @@ struct BsdfSample {
 // The density, by solid angle, with which `bsdf_sample` samples the direction.
 fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
     @if(glossy) {
-        let pair = local_pair(s, direction);
-        let chances = lobe_chances(s, pair);
+        let layer_pair = LayerPair(local_pair(s, direction), direction, s.view);
+        let pair = layer_pair.local;
+        let chances = lobe_chances(s, layer_pair);
         @if(transmission) {
             if bsdf_passes(s, direction) {
                 let found = passing(s.transmission, pair);
@@ -294,17 +311,17 @@ fn bsdf_pdf(s: Surface, direction: vec3f) -> f32 {
             }
         }
         let h = normalize(pair.view + pair.light);
+        let faced = bsdf_faces(s, direction);
         var specular = chances.microfacets;
         @if(transmission) { specular *= 1.0 - passing_share(s, dot(pair.view, h)); }
         var diffuse = 1.0 - chances.microfacets;
-        @if(clearcoat) { diffuse -= chances.coat; }
-        @if(sheen) { diffuse -= chances.sheen; }
+        @each_from_top(layer) { diffuse -= chances.NAME; }
         var pdf = specular * visible_density(pair, h) + max(diffuse, 0.0) * diffuse_density(pair.light.z);
-        @if(sheen) { pdf += sheen_density(chances.sheen); }
-        pdf = select(0.0, pdf, bsdf_faces(s, direction));
-        @if(clearcoat) {
-            let density = clearcoat_density(coat_pair(s, direction));
-            pdf += select(0.0, chances.coat * density, coat_faces(s, direction));
+        @each(wide_layer) { pdf += NAME_density(chances.NAME, pair); }
+        pdf = select(0.0, pdf, faced);
+        @each(glossy_layer) {
+            let density = reflection_density(NAME_pair(s.NAME, layer_pair));
+            pdf += select(0.0, chances.NAME * density, NAME_faces(s.NAME, s.geometric_normal, direction, faced));
         }
         return pdf;
     }
@@ -320,27 +337,36 @@ struct LobeDirection {
     direction: vec3f,
     // Whether the direction leads through the surface.
     @if(transmission) passed: bool,
-    @if(clearcoat) of_coat: bool,
+    // Whether it was sampled from this layer.
+    @each(glossy_layer) of_NAME: bool,
 }
 
 @if(glossy)
 fn sample_lobe(s: Surface, u: vec3f) -> LobeDirection {
     let frame = shading_frame(s);
     let pair = local_pair(s, s.view);
-    let chances = lobe_chances(s, pair);
+    let layer_pair = LayerPair(pair, s.view, s.view);
+    let chances = lobe_chances(s, layer_pair);
     var result: LobeDirection;
     var below = chances.microfacets;
     var lobe = pair;
     var axes = frame;
-    @if(clearcoat) {
-        result.of_coat = u.z >= below && u.z < below + chances.coat;
-        below += chances.coat;
-        if result.of_coat { lobe = coat_pair(s, s.view); }
-        @if(coat_normals) { if result.of_coat { axes = coat_frame(s); } }
+    @each_from_top(glossy_layer) {
+        result.of_NAME = u.z >= below && u.z < below + chances.NAME;
+        below += chances.NAME;
+        if result.of_NAME {
+            lobe = NAME_pair(s.NAME, layer_pair);
+            axes = NAME_axes(s.NAME, frame);
+        }
     }
     let h = sample_visible_normal(lobe.view, lobe.alpha, u.xy);
     var wide = sample_cosine(u.xy);
-    @if(sheen) { if u.z < below + chances.sheen { wide = sample_sheen(u.xy); } }
+    var end = below;
+    @each_from_top(wide_layer) {
+        let of_layer = u.z >= end && u.z < end + chances.NAME;
+        end += chances.NAME;
+        if of_layer { wide = NAME_sample(u.xy); }
+    }
     var local = select(wide, reflect(-lobe.view, h), u.z < below);
     @if(transmission) {
         // The lower part of the microfacets' random numbers transmits, the rest reflects.
@@ -361,12 +387,18 @@ fn bsdf_sample(s: Surface, u: vec3f) -> BsdfSample {
         // A direction that is reflected into the surface, or refracted out of it, would hit more microfacets: it is
         // left out.
         @if(transmission) { if bsdf_passes(s, direction) != sampled.passed { return result; } }
-        // A lobe contributes to the density of a direction only if it faces the direction.
-        @if(coat_normals) {
-            var faced = select(bsdf_faces(s, direction), coat_faces(s, direction), sampled.of_coat);
-            @if(transmission) { faced |= sampled.passed; }
-            if !faced { return result; }
+        // A lobe contributes to the density of a direction only if it faces the direction. If all lobes have the same
+        // normal, the density of other directions is 0.
+        let base_faced = bsdf_faces(s, direction);
+        var faced = base_faced;
+        var normals_differ = false;
+        @each(glossy_layer) {
+            let layer_faced = NAME_faces(s.NAME, s.geometric_normal, direction, base_faced);
+            faced = select(faced, layer_faced, sampled.of_NAME);
+            normals_differ = normals_differ || NAME_has_normal();
         }
+        @if(transmission) { faced |= sampled.passed; }
+        if normals_differ && !faced { return result; }
         result.pdf = bsdf_pdf(s, direction);
         if result.pdf <= 0.0 { return result; }
         result.weight = bsdf_evaluate(s, direction) / result.pdf;

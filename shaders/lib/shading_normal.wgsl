@@ -1,10 +1,9 @@
 // Shading normals: those of normal maps, and those that face away from the viewer.
 
-@if(normal_maps || coat_normals) import package::lib::attributes::tangent_frame;
-@if(normal_maps || coat_normals) import package::lib::ray::Hit;
+import package::lib::attributes::tangent_frame;
+import package::lib::ray::Hit;
 
 // The normal of a normal map's texel. It and `normal` are on the viewer's side, which is the outer one if `front`.
-@if(normal_maps || coat_normals)
 fn mapped_normal(hit: Hit, texel: vec3f, scale: f32, normal: vec3f, front: bool) -> vec3f {
     let outer = select(-normal, normal, front);
     let frame = tangent_frame(hit.triangle, hit.u, hit.v, outer);

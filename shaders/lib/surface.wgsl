@@ -6,7 +6,7 @@ import package::lib::attributes::{material_index, surface_texel_of};
 import package::lib::bsdf::surface::{HitContext, Surface, add_lobes};
 @if(textures) import package::lib::bsdf::surface::{TextureFactors, texture_factors};
 @if(unlit) import package::lib::bsdf::surface::without_light;
-@if(transmission) import package::lib::bsdf::transmission::{is_transmissive, volume_transmittance};
+@if(transmission) import package::lib::bsdf::transmission::{transmission_is_present, volume_transmittance};
 @if(!procedurals) import package::lib::bvh::triangle_corners;
 @if(procedurals) import package::lib::bvh::{traversal_iterations, triangle_corners};
 import package::lib::constants::{
@@ -179,7 +179,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
     context.hit = hit;
     context.front = front;
     @if(glossy) { context.metallic = emission.w; }
-    @if(coat_normals) { context.unmapped = smooth_one.shading_normal; }
+    context.unmapped_normal = smooth_one.shading_normal;
     @if(textures) { context.factors = texture_factors(material, hit); }
 
     var found: SurfaceHit;
@@ -209,7 +209,7 @@ fn surface_at(hit: Hit, ray: Ray) -> SurfaceHit {
         found.transmittance = vec3f(1.0);
         if !front { found.transmittance = volume_transmittance(material, hit.t); }
         // Transmitted light leaves from the other side of the triangle itself, not from the smooth surface above it.
-        if is_transmissive(found.surface.transmission) {
+        if transmission_is_present(found.surface.transmission) {
             found.position = met.position;
             found.surface.geometric_normal = triangle_normal;
         }

@@ -5,7 +5,7 @@
 use glam::{DVec3, Vec3};
 
 use super::bounds::bounding_sphere;
-use crate::scene::{Material, Scene};
+use crate::scene::Scene;
 
 /// A sphere around all surfaces that store or scatter photons, in normalised space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +22,7 @@ const SPARE: f32 = 1e-4;
 impl ReceiverBounds {
     /// The bounds of all surfaces of a scene except lamps that reflect nothing. None if there are no others.
     pub fn of(scene: &Scene) -> Option<ReceiverBounds> {
-        let receives = |material: u32| !is_black_lamp(&scene.materials[material as usize]);
+        let receives = |material: u32| !scene.materials[material as usize].is_black_lamp();
         let triangles = (0..scene.triangles.len()).filter(|i| receives(scene.triangles[*i].material));
         let corners = triangles.flat_map(|i| scene.triangle_positions(i));
         let (centre, radius) = bounding_sphere(corners.chain(scene.procedurals.iter().flat_map(|o| o.corners())));
@@ -54,9 +54,4 @@ impl ReceiverCone {
         let cosine = self.axis.dot(normal);
         if cosine > 0.0 && cosine * cosine > self.squared_sine { self.squared_sine * cosine } else { 1.0 }
     }
-}
-
-fn is_black_lamp(material: &Material) -> bool {
-    let reflects = material.base_colour.truncate() != Vec3::ZERO || material.specular.factor > 0.0;
-    material.emissive != Vec3::ZERO && !reflects && !material.has_reflecting_lobe()
 }

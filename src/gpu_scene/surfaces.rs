@@ -9,6 +9,7 @@ use crate::Result;
 use crate::kernels::scene_texels::SURFACE_FLAT;
 use crate::scene::{Scene, Triangle};
 use crate::specialisation::features::{Feature, Features};
+use crate::specialisation::lobes::LOBES;
 
 /// The tables behind `surface_texels` and `material_texels`.
 pub struct GpuSurfaces {
@@ -41,8 +42,8 @@ impl Layout {
         let uv1 = features.has(Feature::Uv1);
         let uv = take(Feature::Textures, if uv1 { 3 } else { 2 });
         let colour = take(Feature::VertexColours, 2);
-        let with_tangents = [Feature::NormalMaps, Feature::CoatNormals, Feature::Anisotropy];
-        let tangents = with_tangents.into_iter().find(|feature| features.has(*feature));
+        let lobes = LOBES.iter().filter(|lobe| lobe.tangents).map(|lobe| lobe.feature);
+        let tangents = std::iter::once(Feature::NormalMaps).chain(lobes).find(|feature| features.has(*feature));
         let tangent = tangents.and_then(|feature| take(feature, 1));
         Layout { uv, uv1, colour, tangent, stride }
     }
@@ -123,8 +124,7 @@ fn push_triangle(texels: &mut Vec<[u32; 4]>, scene: &Scene, triangle: &Triangle,
 /// u and v. Unlike MikkTSpace, which glTF names, it does not average between triangles.
 fn uv_tangent(scene: &Scene, triangle: &Triangle) -> Vec4 {
     let material = &scene.materials[triangle.material as usize];
-    let set = [material.normal_texture, material.clearcoat.normal_texture, material.anisotropy.texture];
-    let set = set.into_iter().flatten().next().map_or(0, |info| info.uv_set as usize);
+    let set = material.tangent_textures().next().map_or(0, |info| info.uv_set as usize);
     let [a, b, c] = triangle.vertices.map(|v| scene.vertices[v as usize]);
     let (e1, e2) = (b.position - a.position, c.position - a.position);
     let (d1, d2) = (b.uv[set] - a.uv[set], c.uv[set] - a.uv[set]);

@@ -5,13 +5,18 @@ use std::sync::LazyLock;
 use kernel_kit::{Composed, Composer, embed};
 
 use super::constants;
+use super::each::expand_each;
 use crate::Result;
 use crate::specialisation::features::Features;
 
-/// Every file below `shaders/` by its path there, and the generated module `lib/constants`.
+/// Every file below `shaders/` by its path there, with all lobes in place of `@each`, and the generated module
+/// `lib/constants`.
 static COMPOSER: LazyLock<Composer> = LazyLock::new(|| {
-    let shaders = embed!("$CARGO_MANIFEST_DIR/shaders");
-    Composer::new().with_folder(shaders).with_module("lib/constants", constants::module())
+    let written = Composer::new().with_folder(embed!("$CARGO_MANIFEST_DIR/shaders"));
+    let with_each = written.modules().filter(|(_, text)| text.contains("@each"));
+    let expanded: Vec<_> = with_each.map(|(path, text)| (path.to_owned(), expand_each(text))).collect();
+    let composer = expanded.into_iter().fold(written, |composer, (path, text)| composer.with_module(path, text));
+    composer.with_module("lib/constants", constants::module())
 });
 
 /// The composer with the functions of procedural objects.

@@ -5,6 +5,7 @@
 
 mod compose;
 mod constants;
+mod each;
 pub mod grid_shape;
 pub(crate) mod light_texels;
 mod numbers;
@@ -12,5 +13,6 @@ pub(crate) mod scene_texels;
 
 pub use compose::{compose, compose_source, kernel_stems};
 pub use constants::constant;
+pub use each::expand_each;
 pub use grid_shape::GridShape;
 pub use numbers::*;

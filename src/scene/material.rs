@@ -1,6 +1,7 @@
 //! Materials: their parameters, the textures they use, and how kernels find them. Each lobe is a file of its own.
 
 mod lobe;
+pub mod lobes;
 
 use std::collections::HashMap;
 
@@ -13,6 +14,7 @@ use super::texture::{ColourSpace, Texture, TextureInfo};
 use crate::Result;
 
 use lobe::{Layout, Lobe, ReadTexture, Surroundings};
+use lobes::*;
 
 /// How the alpha of the base colour is used (glTF 3.9.4).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -119,33 +121,23 @@ macro_rules! material {
                 Material { $($lobe: self.$lobe.without_textures(),)* ..self }
             }
 
+            /// The textures whose coordinates give tangents to triangles without any.
+            pub(crate) fn tangent_textures(&self) -> impl Iterator<Item = TextureInfo> {
+                self.normal_texture.into_iter()$(.chain(self.$lobe.tangent_texture()))*
+            }
+
             /// Some lobe reflects light whatever the base and the specular factor are.
-            pub(crate) fn has_reflecting_lobe(&self) -> bool {
+            fn has_reflecting_lobe(&self) -> bool {
                 false $(|| self.$lobe.reflects())*
+            }
+
+            /// Some lobe lets light pass, as far as the base has a colour.
+            pub(crate) fn has_transmitting_lobe(&self) -> bool {
+                false $(|| self.$lobe.transmits())*
             }
         }
     };
 }
-
-mod anisotropy;
-mod clearcoat;
-mod iridescence;
-pub(crate) mod sheen;
-mod specular;
-mod transmission;
-mod volume;
-
-/// The types of lobes.
-pub mod lobes {
-    pub use super::anisotropy::Anisotropy;
-    pub use super::clearcoat::Clearcoat;
-    pub use super::iridescence::Iridescence;
-    pub use super::sheen::Sheen;
-    pub use super::specular::Specular;
-    pub use super::transmission::Transmission;
-    pub use super::volume::Volume;
-}
-use lobes::*;
 
 material! {
     /// The specular lobe.
@@ -197,12 +189,18 @@ impl Material {
     /// Reflects only as a Lambertian: no metal, no dielectric layer and no other lobe.
     pub(crate) fn is_lambertian(&self) -> bool {
         let bare = self.metallic == 0.0 && self.specular.factor == 0.0;
-        self.unlit || (bare && !self.transmission.is_present() && !self.has_reflecting_lobe())
+        self.unlit || (bare && !self.has_transmitting_lobe() && !self.has_reflecting_lobe())
     }
 
     /// Reflects nothing and lets nothing pass.
     pub(crate) fn is_black(&self) -> bool {
         self.unlit || (self.is_lambertian() && self.base_colour.truncate() == Vec3::ZERO)
+    }
+
+    /// Emits light, and reflects nothing and lets nothing pass.
+    pub(crate) fn is_black_lamp(&self) -> bool {
+        let reflects = self.base_colour.truncate() != Vec3::ZERO || self.specular.factor > 0.0;
+        self.emissive != Vec3::ZERO && !reflects && !self.has_reflecting_lobe()
     }
 
     /// Its texels in the table of materials, [`MATERIAL_TEXELS`] of them. `infos` are the numbers of its texture infos,

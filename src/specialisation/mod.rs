@@ -7,6 +7,7 @@ pub mod features;
 mod indirect;
 pub mod kernels;
 pub(crate) mod lights;
+pub(crate) mod lobes;
 mod surfaces;
 pub(crate) mod visibility;
 
@@ -18,8 +19,9 @@ use crate::settings::{Aov, Settings};
 use crate::specialisation::features::{Feature, Features};
 
 pub use decisions::{Deferred, Item, Specialisation, bytes_text};
+pub(crate) use lobes::surface_vectors;
+pub(crate) use surfaces::FOCUSING_ALPHA;
 use surfaces::Facts;
-pub(crate) use surfaces::{FOCUSING_ALPHA, surface_vectors};
 
 /// Maximum number of triangles with alpha tests for packets. A packet takes more iterations at each than a single ray:
 /// 10,000 panes of two triangles, one behind the other, exceed the loop budget of packets, but not that of single rays.

@@ -1,13 +1,11 @@
 //! Decisions on the surfaces of a scene, and facts about its materials and lights.
 
-use crate::specialisation::features::{Feature, Features};
 use glam::Vec3;
 
-use crate::scene::{
-    AlphaMode, Anisotropy, Clearcoat, Iridescence, LightKind, Material, NO_LIGHT, Scene, Sheen, Specular, Transmission,
-};
-
 use super::decisions::{Specialisation, bytes_text, count};
+use super::lobes::{LOBES, Part, has_lobe};
+use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
+use crate::specialisation::features::Feature;
 
 impl Specialisation {
     pub(super) fn of_surfaces(&mut self, scene: &Scene, m: &Facts) {
@@ -28,10 +26,8 @@ impl Specialisation {
         self.decide(Feature::NormalMaps, on, why, "no material has a normal map", &per_triangle(16));
         for (lobe, number) in LOBES.iter().zip(m.lobes) {
             let (on, why) = materials(number, lobe.materials);
-            let cost = match lobe.triangle_bytes {
-                0 => lobe.cost.to_owned(),
-                bytes => format!("{}; {}", lobe.cost, per_triangle(bytes)),
-            };
+            let tangents = if lobe.tangents { format!("; {}", per_triangle(16)) } else { String::new() };
+            let cost = format!("{}{tangents}", lobe.cost);
             self.decide(lobe.feature, on, why, lobe.unneeded, &cost);
         }
         let (on, why) = materials(m.alpha, "with alpha mask or blending");
@@ -71,103 +67,6 @@ impl Specialisation {
     }
 }
 
-/// A lobe that not every scene needs.
-struct LobeFeature {
-    /// The feature that puts it in the kernels.
-    feature: Feature,
-    /// Whether a material needs it.
-    has: fn(&Material) -> bool,
-    /// Number of vectors that it takes in a packed surface.
-    vectors: u32,
-    /// Description of the materials that need it, which follows their number.
-    materials: &'static str,
-    /// The reason for leaving it out.
-    unneeded: &'static str,
-    /// Its cost.
-    cost: &'static str,
-    /// Its cost in bytes per triangle.
-    triangle_bytes: u64,
-}
-
-/// All lobes. A packed surface has one more vector, for albedo and normal.
-const LOBES: &[LobeFeature] = &[
-    LobeFeature {
-        feature: Feature::Glossy,
-        has: |m| !m.is_lambertian(),
-        vectors: Specular::VECTORS,
-        materials: "not Lambertian",
-        unneeded: "every material is Lambertian",
-        cost: "specular terms at every light point; 32 B per point",
-        triangle_bytes: 0,
-    },
-    LobeFeature {
-        feature: Feature::Transmission,
-        has: |m| !m.unlit && m.transmission.is_present(),
-        vectors: Transmission::VECTORS,
-        materials: "that may transmit light",
-        unneeded: "no material transmits light",
-        cost: LOBE_COST,
-        triangle_bytes: 0,
-    },
-    LobeFeature {
-        feature: Feature::Clearcoat,
-        has: |m| !m.unlit && m.clearcoat.is_present(),
-        vectors: Clearcoat::VECTORS,
-        materials: "with a clear coat",
-        unneeded: "no material has a clear coat",
-        cost: LOBE_COST,
-        triangle_bytes: 0,
-    },
-    LobeFeature {
-        feature: Feature::CoatNormals,
-        has: |m| !m.unlit && m.clearcoat.has_own_normal(m.normal_texture.map(|map| (map, m.normal_scale))),
-        vectors: 0,
-        materials: "whose clear coat has a normal of its own",
-        unneeded: "every clear coat has the normal of its base",
-        cost: "a normal at every coat",
-        triangle_bytes: 16,
-    },
-    LobeFeature {
-        feature: Feature::Anisotropy,
-        has: |m| !m.is_lambertian() && m.anisotropy.is_present(),
-        vectors: Anisotropy::VECTORS,
-        materials: "with anisotropic reflections",
-        unneeded: "every material is isotropic",
-        cost: "a tangent at every surface; 16 B per point and per triangle",
-        triangle_bytes: 0,
-    },
-    LobeFeature {
-        feature: Feature::Sheen,
-        has: |m| !m.unlit && m.sheen.is_present(),
-        vectors: Sheen::VECTORS,
-        materials: "with a sheen of fibres",
-        unneeded: "no material has a sheen",
-        cost: "one more lobe at every glossy surface; a table of 31 kB; 16 B per point",
-        triangle_bytes: 0,
-    },
-    LobeFeature {
-        feature: Feature::Iridescence,
-        has: |m| !m.unlit && m.iridescence.is_present(),
-        vectors: Iridescence::VECTORS,
-        materials: "with iridescence",
-        unneeded: "no material is iridescent",
-        cost: "the reflectance of a thin film at every glossy surface; 16 B per point",
-        triangle_bytes: 0,
-    },
-];
-
-/// The cost of most lobes.
-const LOBE_COST: &str = "one more lobe at every glossy surface; 16 B per point";
-
-/// Number of vectors of a point's surface: `VisibleSurface` of `shaders/lib/point.wgsl`.
-pub fn surface_vectors(features: &Features) -> u32 {
-    let lobes: u32 = LOBES.iter().filter(|lobe| features.has(lobe.feature)).map(|lobe| lobe.vectors).sum();
-    let chain = u32::from(features.has(Feature::SpecularChains));
-    let photons_shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
-    let triangle = u32::from(features.has(Feature::SmoothNormals) && photons_shown);
-    1 + lobes + chain + triangle
-}
-
 /// A needle: a triangle so long and thin that rounding displaces hit points by more than the offset of ray origins, so
 /// that it stops rays that leave it. The displacement along the triangle is up to 0.13 ULP times its aspect ratio times
 /// its length (`tests/kernels/precision.rs`); origins are at least 8 ULP above the surface (`offset_origin` in
@@ -183,9 +82,9 @@ fn is_needle([a, b, c]: [Vec3; 3]) -> bool {
 /// Whether a material may focus light: it transmits light, or is a smooth metal or a thin film. This is decided by its
 /// factors, which textures can only reduce.
 fn focuses(m: &Material) -> bool {
-    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || m.iridescence.is_present();
+    let metal = m.metallic > 0.0 || m.ior == 0.0 || m.ior > 2.6 || has_lobe(m, Part::Film);
     let smooth = m.roughness * m.roughness <= FOCUSING_ALPHA || m.metallic_roughness_texture.is_some();
-    !m.unlit && (m.transmission.is_present() || (metal && smooth))
+    !m.unlit && (m.has_transmitting_lobe() || (metal && smooth))
 }
 
 /// Maximum roughness factor of surfaces that look like mirrors or clear glass. Its square is the minimum alpha of the

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 
-use crate::{root, sources};
+use crate::{root, shaders, sources};
 
 /// `TextureLoads` as kernels name it: `texture_loads`.
 fn snake(camel: &str) -> String {
@@ -51,11 +51,12 @@ fn features() -> BTreeSet<String> {
     features
 }
 
-/// The condition of each `@if(...)` or `@elif(...)` of a shader, without comments.
+/// The condition of each `@if(...)` or `@elif(...)` of a shader, without comments; and of each `@each(...)` whose group
+/// there is not, which is therefore left.
 fn conditions(text: &str) -> Vec<String> {
     let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap()).collect();
     let code = code.join("\n");
-    let begins = ["@if(", "@elif("].into_iter().flat_map(|word| code.match_indices(word));
+    let begins = ["@if(", "@elif(", "@each(", "@each_from_top("].into_iter().flat_map(|word| code.match_indices(word));
     begins
         .map(|(at, word)| {
             let rest = &code[at + word.len()..];
@@ -109,7 +110,7 @@ fn first_text(arguments: &Group) -> Option<String> {
 /// Every name in an `@if(...)` of the shaders is a feature.
 #[test]
 fn conditions_of_shaders_name_features() {
-    let files = ["shaders", "tests/kernels/shaders"].map(|folder| sources(folder, &["wgsl"])).concat();
+    let files = [shaders(), sources("tests/kernels/shaders", &["wgsl"])].concat();
     let unknown = unknown(&files, &features());
     assert!(unknown.is_empty(), "names that are no features: {unknown:#?}");
 }
@@ -126,15 +127,17 @@ fn the_library_names_features_by_the_enum() {
     assert!(found.is_empty(), "features named by a text: {found:#?}");
 }
 
-/// A condition on what is no feature and a feature named by a text are found; comments, and bindings by name, are not
-/// faults.
+/// A condition on what is neither feature nor group and a feature named by a text are found; comments, and bindings by
+/// name, are not faults.
 #[test]
 fn planted_names_of_features_are_found() {
     let features = variants(&tokens("features! { /// All.\n pub enum Feature { /// One.\n Textures, LightTags } }"));
     assert_eq!(features, BTreeSet::from(["textures", "light_tags"].map(str::to_owned)));
-    let shader = "@if(textures && !(light_tags || planted)) fn f() {} // @if(comment)\n@elif(other) const a = 1;";
+    let shader = "@if(textures && !(light_tags || planted)) fn f() {} // @if(comment)\n\
+                  @elif(other) const a = 1;\n\
+                  @each(lobes) const b = 2;";
     let found = unknown(&[(Path::new("shaders/x.wgsl").to_owned(), shader.to_owned())], &features);
-    assert_eq!(found, ["shaders/x.wgsl: @if(planted)", "shaders/x.wgsl: @if(other)"]);
+    assert_eq!(found, ["planted", "other", "lobes"].map(|name| format!("shaders/x.wgsl: @if({name})")));
     let code =
         "fn f() { if g.has(\"typo\") { g.set(\"textures\", true).with(\"light_tags\", h.with(\"buffer\", &b)) } }";
     assert_eq!(named_by_text(&tokens(code), &features), ["has(\"typo\")", "set(\"textures\")", "with(\"light_tags\")"]);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::imports::{self, Uses};
-use crate::sources;
+use crate::{shaders, sources};
 
 /// Where each file or folder of `src` lives, from the ground up. The first entry that a path begins with counts.
 const FLOORS: &[(u32, &[&str])] = &[
@@ -63,7 +63,7 @@ fn no_rust_files_form_a_circle() {
 /// Kernels import modules of `lib`, modules import modules, and no modules import each other in a circle.
 #[test]
 fn shaders_import_from_lib_alone() {
-    let uses = imports::wgsl(&sources("shaders", &["wgsl"]));
+    let uses = imports::wgsl(&shaders());
     let lib = Path::new("shaders/lib");
     let arrows = uses.iter().flat_map(|(file, used)| used.iter().map(move |other| (file, other)));
     let wrong: Vec<_> = arrows.filter(|(_, other)| !other.starts_with(lib)).collect();

@@ -12,6 +12,8 @@ mod words;
 
 use std::path::{Path, PathBuf};
 
+use penumbra::internal::kernels::expand_each;
+
 /// The repository.
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -39,4 +41,10 @@ fn sources(folder: &str, extensions: &[&str]) -> Vec<(PathBuf, String)> {
     files.sort();
     assert!(!files.is_empty(), "no {extensions:?} in {folder}");
     files
+}
+
+/// The shaders, with all lobes in place of `@each`, as kernels are composed of them.
+fn shaders() -> Vec<(PathBuf, String)> {
+    let written = sources("shaders", &["wgsl"]).into_iter();
+    written.map(|(path, text)| (path, expand_each(&text))).collect()
 }

@@ -1,17 +1,18 @@
 // The clear coat: a second GGX lobe, that of a dielectric layer over everything else (KHR_materials_clearcoat).
-// src/scene/material/clearcoat.rs reads its parameters.
+// src/scene/material/lobes/clearcoat.rs reads its parameters.
 
+@if(clearcoat) import package::lib::bsdf::lobe::{LayerChance, LayerPair, LobeContext};
 @if(clearcoat) import package::lib::bsdf::microfacet::{
-    LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, visible_density,
+    LocalPair, lobe_means, mean_kept, microfacets, schlick, through_layer, with_alpha,
 };
+@if(coat_normals) import package::lib::bsdf::microfacet::pair_in_frame;
 @if(clearcoat) import package::lib::constants::CLEARCOAT_TEXEL;
 @if(clearcoat && textures) import package::lib::constants::{
     CLEARCOAT_NORMAL_TEXTURE, CLEARCOAT_ROUGHNESS_TEXTURE, CLEARCOAT_TEXTURE, CLEARCOAT_TEXTURES,
 };
 @if(clearcoat) import package::lib::material::load_material_texel;
 @if(coat_normals && textures) import package::lib::material::texture_info;
-@if(coat_normals) import package::lib::math::{oct_decode16, oct_encode16};
-@if(coat_normals) import package::lib::ray::Hit;
+@if(coat_normals) import package::lib::math::{PI, basis, oct_decode16, oct_encode16};
 @if(coat_normals) import package::lib::shading_normal::{bent_to, mapped_normal};
 
 @if(clearcoat)
@@ -26,7 +27,20 @@ struct Clearcoat {
 // Reflectances at normal and at grazing incidence: the coat's index of refraction is 1.5.
 @if(clearcoat) const COAT_REFLECTANCES = vec2f(0.04, 1.0);
 
-// A bit for each texture that may change what is rendered.
+@if(clearcoat)
+struct ClearcoatFactors {
+    // For factor and roughness.
+    coat: vec2f,
+    @if(coat_normals) normal: vec3f,
+}
+
+@if(clearcoat)
+fn clearcoat_untextured() -> ClearcoatFactors {
+    var factors: ClearcoatFactors;
+    factors.coat = vec2f(1.0);
+    return factors;
+}
+
 @if(clearcoat && textures)
 fn clearcoat_textures() -> u32 {
     @if(coat_normals) { return CLEARCOAT_TEXTURES; }
@@ -34,45 +48,43 @@ fn clearcoat_textures() -> u32 {
 }
 
 @if(clearcoat && textures)
-fn clearcoat_texture(factors: vec2f, texel: vec4f, texture: u32) -> vec2f {
-    return select(
-        factors,
+fn clearcoat_texture(before: ClearcoatFactors, texel: vec4f, texture: u32) -> ClearcoatFactors {
+    var factors = before;
+    factors.coat = select(
+        factors.coat,
         texel.xy,
         vec2<bool>(texture == CLEARCOAT_TEXTURE, texture == CLEARCOAT_ROUGHNESS_TEXTURE),
     );
-}
-
-@if(coat_normals && textures)
-fn coat_normal_texture(normal: vec3f, texel: vec4f, texture: u32) -> vec3f {
-    return select(normal, texel.xyz, texture == CLEARCOAT_NORMAL_TEXTURE);
+    @if(coat_normals) { factors.normal = select(factors.normal, texel.xyz, texture == CLEARCOAT_NORMAL_TEXTURE); }
+    return factors;
 }
 
 @if(clearcoat)
-fn clearcoat_lobe(material: u32, factors: vec2f) -> Clearcoat {
+fn clearcoat_lobe(material: u32, factors: ClearcoatFactors, context: LobeContext) -> Clearcoat {
     var coat = bitcast<vec4f>(load_material_texel(material + CLEARCOAT_TEXEL)).xy;
-    @if(textures) { coat *= factors; }
+    @if(textures) { coat *= factors.coat; }
     var lobe: Clearcoat;
     lobe.factor = coat.x;
     lobe.alpha = coat.y * coat.y;
+    @if(coat_normals) { lobe.normal = coat_normal_at(material, factors, context); }
     return lobe;
 }
 
-// The coat's normal over a surface whose normal without any map is `unmapped`. A coat without a normal map is smooth,
-// whatever its base.
+// The coat's normal. A coat without a normal map is smooth, whatever its base.
 @if(coat_normals)
-fn coat_normal_at(material: u32, texel: vec3f, hit: Hit, unmapped: vec3f, front: bool, view: vec3f) -> vec3f {
-    var normal = unmapped;
+fn coat_normal_at(material: u32, factors: ClearcoatFactors, context: LobeContext) -> vec3f {
+    var normal = context.unmapped_normal;
     @if(textures) {
         if texture_info(material, CLEARCOAT_NORMAL_TEXTURE) != 0u {
             let scale = bitcast<f32>(load_material_texel(material + CLEARCOAT_TEXEL).z);
-            normal = mapped_normal(hit, texel, scale, unmapped, front);
+            normal = mapped_normal(context.hit, factors.normal, scale, context.unmapped_normal, context.front);
         }
     }
-    return bent_to(normal, view);
+    return bent_to(normal, context.view);
 }
 
 @if(clearcoat)
-fn is_coated(lobe: Clearcoat) -> bool {
+fn clearcoat_is_present(lobe: Clearcoat) -> bool {
     return lobe.factor != 0.0;
 }
 
@@ -88,21 +100,50 @@ fn unpack_clearcoat(packed: vec4f) -> Clearcoat {
     @else { return Clearcoat(packed.x, packed.y); }
 }
 
-// Cosines of light and view to the coat's normal, for light that reaches the base from outside or leaves it on the
-// inside. `pair` is in the frame of the base's normal; `direction` and `view` are the same in scene space.
+// Whether the coat may have another normal than the base.
 @if(clearcoat)
-fn coat_heights(lobe: Clearcoat, pair: LocalPair, direction: vec3f, view: vec3f) -> vec2f {
+fn clearcoat_has_normal() -> bool {
+    @if(coat_normals) { return true; }
+    @else { return false; }
+}
+
+// Axes about the coat's normal. `frame` has those about the shading normal.
+@if(clearcoat)
+fn clearcoat_axes(lobe: Clearcoat, frame: mat3x3f) -> mat3x3f {
+    @if(coat_normals) { return basis(lobe.normal); }
+    @else { return frame; }
+}
+
+// Light and view in the frame of the coat's normal.
+@if(clearcoat)
+fn clearcoat_pair(lobe: Clearcoat, pair: LayerPair) -> LocalPair {
+    @if(coat_normals) { return pair_in_frame(basis(lobe.normal), pair.view, pair.light, vec2f(lobe.alpha)); }
+    @else { return with_alpha(pair.local, vec2f(lobe.alpha)); }
+}
+
+// Whether both the surface itself and the coat's normal face the direction. `faced` is whether the surface itself and
+// the shading normal do.
+@if(clearcoat)
+fn clearcoat_faces(lobe: Clearcoat, geometric_normal: vec3f, direction: vec3f, faced: bool) -> bool {
+    @if(coat_normals) { return dot(direction, geometric_normal) > 0.0 && dot(direction, lobe.normal) > 0.0; }
+    @else { return faced; }
+}
+
+// Cosines of light and view to the coat's normal, for light that reaches the base from outside or leaves it on the
+// inside.
+@if(clearcoat)
+fn coat_heights(lobe: Clearcoat, pair: LayerPair) -> vec2f {
     @if(coat_normals) {
-        let light = dot(direction, lobe.normal) * sign(pair.light.z);
-        return vec2f(light, coat_view_height(lobe, pair, view));
+        let light = dot(pair.light, lobe.normal) * sign(pair.local.light.z);
+        return vec2f(light, coat_view_height(lobe, pair));
     }
-    @else { return vec2f(abs(pair.light.z), pair.view.z); }
+    @else { return vec2f(abs(pair.local.light.z), pair.local.view.z); }
 }
 
 @if(clearcoat)
-fn coat_view_height(lobe: Clearcoat, pair: LocalPair, view: vec3f) -> f32 {
-    @if(coat_normals) { return max(dot(view, lobe.normal), 1e-4); }
-    @else { return pair.view.z; }
+fn coat_view_height(lobe: Clearcoat, pair: LayerPair) -> f32 {
+    @if(coat_normals) { return max(dot(pair.view, lobe.normal), 1e-4); }
+    @else { return pair.local.view.z; }
 }
 
 // The share of light that the coat transmits to the layers below, by the cosines of light and view to its normal.
@@ -111,32 +152,38 @@ fn through_coat(lobe: Clearcoat, heights: vec2f) -> f32 {
     return 1.0 - lobe.factor * (1.0 - through_layer(COAT_REFLECTANCES, lobe.alpha, heights.x, heights.y));
 }
 
+@if(clearcoat)
+fn clearcoat_through(lobe: Clearcoat, pair: LayerPair) -> f32 {
+    return through_coat(lobe, coat_heights(lobe, pair));
+}
+
 // The BSDF of the coat; `pair` is in the frame of its own normal.
 @if(clearcoat)
-fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> f32 {
+fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> vec3f {
     let h = normalize(pair.view + pair.light);
     let fresnel = mix(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y, schlick(dot(pair.view, h)));
-    return lobe.factor * fresnel * microfacets(pair, h);
+    return vec3f(lobe.factor * fresnel * microfacets(pair, h));
 }
 
-// The density of directions sampled from the coat.
+// The probability of sampling the coat, if the layers below reflect `below` straight back.
 @if(clearcoat)
-fn clearcoat_density(pair: LocalPair) -> f32 {
-    return visible_density(pair, normalize(pair.view + pair.light));
-}
-
-// The probability of sampling the coat, if the layers below reflect `below` straight back. `through` is the share that
-// the coat transmits there.
-@if(clearcoat)
-fn clearcoat_chance(lobe: Clearcoat, through: f32, below: f32) -> f32 {
+fn clearcoat_chance(lobe: Clearcoat, pair: LayerPair, below: f32) -> LayerChance {
+    let through = through_coat(lobe, vec2f(coat_view_height(lobe, pair)));
     let coat = 3.0 * (1.0 - through);
-    return select(0.0, clamp(coat / (coat + through * below), 0.1, 0.9), lobe.factor > 0.0);
+    let all = coat + through * below;
+    return LayerChance(select(0.0, clamp(coat / all, 0.1, 0.9), lobe.factor > 0.0), all);
 }
 
-// Means over all directions of the coat's reflectance, over its factor, and of its transmittance.
+// The ratio of reflected radiance to the irradiance of the geometric surface, and the share of light that reaches the
+// layers below: means over all directions. `facing` is the cosine of the shading normal to the geometric one, over pi.
 @if(clearcoat)
-fn clearcoat_means(lobe: Clearcoat) -> vec2f {
+fn clearcoat_seen_afar(lobe: Clearcoat, facing: f32, geometric_normal: vec3f) -> vec2f {
     let means = lobe_means(lobe.alpha);
     let reflected = dot(vec2f(COAT_REFLECTANCES.x, COAT_REFLECTANCES.y - COAT_REFLECTANCES.x), means);
-    return vec2f(reflected, 1.0 - lobe.factor * mean_kept(COAT_REFLECTANCES, lobe.alpha));
+    let through = 1.0 - lobe.factor * mean_kept(COAT_REFLECTANCES, lobe.alpha);
+    @if(coat_normals) {
+        let coat_facing = max(dot(lobe.normal, geometric_normal), 0.0);
+        return vec2f(lobe.factor * reflected * coat_facing / PI, through);
+    }
+    @else { return vec2f(lobe.factor * reflected * facing, through); }
 }

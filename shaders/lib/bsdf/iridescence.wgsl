@@ -1,9 +1,13 @@
 // Iridescence: a thin film on the specular lobe, which replaces its Fresnel term (KHR_materials_iridescence, after
-// Belcour and Barla 2017). Its parameters are read in src/scene/material/iridescence.rs.
+// Belcour and Barla 2017). Its parameters are read in src/scene/material/lobes/iridescence.rs.
 
+@if(iridescence) import package::lib::bsdf::lobe::LobeContext;
 @if(iridescence) import package::lib::bsdf::microfacet::schlick;
+@if(iridescence) import package::lib::bsdf::specular::Specular;
 @if(iridescence) import package::lib::constants::IRIDESCENCE_TEXEL;
-@if(iridescence && textures) import package::lib::constants::{IRIDESCENCE_TEXTURE, IRIDESCENCE_THICKNESS_TEXTURE};
+@if(iridescence && textures) import package::lib::constants::{
+    IRIDESCENCE_TEXTURE, IRIDESCENCE_TEXTURES, IRIDESCENCE_THICKNESS_TEXTURE,
+};
 @if(iridescence) import package::lib::material::load_material_texel;
 @if(iridescence) import package::lib::math::{PI, safe_sqrt};
 
@@ -17,22 +21,33 @@ struct Iridescence {
     thickness: f32,
 }
 
-// The values of the textures so far, for the factor and for the thickness from minimum to maximum; and those of one
-// more texture.
+// For the factor, and for the thickness from minimum to maximum.
+@if(iridescence) alias IridescenceFactors = vec2f;
+
+@if(iridescence)
+fn iridescence_untextured() -> IridescenceFactors {
+    return vec2f(1.0);
+}
+
 @if(iridescence && textures)
-fn iridescence_texture(factors: vec2f, texel: vec4f, texture: u32) -> vec2f {
+fn iridescence_textures() -> u32 {
+    return IRIDESCENCE_TEXTURES;
+}
+
+@if(iridescence && textures)
+fn iridescence_texture(factors: IridescenceFactors, texel: vec4f, texture: u32) -> IridescenceFactors {
     let of_thickness = texture == IRIDESCENCE_THICKNESS_TEXTURE;
     return select(factors, texel.xy, vec2<bool>(texture == IRIDESCENCE_TEXTURE, of_thickness));
 }
 
 @if(iridescence)
-fn iridescence_lobe(material: u32, factors: vec2f) -> Iridescence {
+fn iridescence_lobe(material: u32, factors: IridescenceFactors, context: LobeContext) -> Iridescence {
     let own = bitcast<vec4f>(load_material_texel(material + IRIDESCENCE_TEXEL));
     return Iridescence(own.x * factors.x, own.y, mix(own.z, own.w, factors.y));
 }
 
 @if(iridescence)
-fn has_film(lobe: Iridescence) -> bool {
+fn iridescence_is_present(lobe: Iridescence) -> bool {
     return lobe.factor > 0.0;
 }
 
@@ -45,6 +60,31 @@ fn pack_iridescence(lobe: Iridescence) -> vec4f {
 fn unpack_iridescence(packed: vec4f) -> Iridescence {
     return Iridescence(packed.x, packed.y, packed.z);
 }
+
+// ---- The film as part of the specular lobe
+
+// Reflectance for light at the given cosine, which is `bare` without the film.
+@if(iridescence)
+fn iridescence_reflectance(lobe: Iridescence, specular: Specular, bare: vec3f, cosine: f32) -> vec3f {
+    if !iridescence_is_present(lobe) { return bare; }
+    return mix(bare, film_reflectance(lobe, specular.f0, cosine), lobe.factor);
+}
+
+// What does not reach the layers below, which is `bare` without the film.
+@if(iridescence)
+fn iridescence_kept(lobe: Iridescence, specular: Specular, bare: f32, cosine: f32) -> f32 {
+    if !iridescence_is_present(lobe) { return bare; }
+    return mix(bare, film_kept(lobe, specular.f0, cosine), lobe.factor);
+}
+
+// The share of light transmitted to the diffuse base and out again, which is `bare` without the film.
+@if(iridescence)
+fn iridescence_through(lobe: Iridescence, specular: Specular, bare: f32, light_z: f32, view_z: f32) -> f32 {
+    if !iridescence_is_present(lobe) { return bare; }
+    return mix(bare, through_film(lobe, specular.f0, specular.alpha, light_z, view_z), lobe.factor);
+}
+
+// ---- The film
 
 // The Fourier transform of the eye's sensitivity at an optical path difference, in linear sRGB: Gaussians fitted to the
 // CIE's functions (Belcour and Barla 2017, appendix), with the constants of KHR_materials_iridescence. `shift` is the

@@ -26,6 +26,12 @@ fn pair_in_frame(frame: mat3x3f, view: vec3f, direction: vec3f, alpha: vec2f) ->
     return pair;
 }
 
+// The same pair for a distribution of other widths.
+@if(glossy)
+fn with_alpha(pair: LocalPair, alpha: vec2f) -> LocalPair {
+    return LocalPair(pair.view, pair.light, max(alpha, vec2f(MIN_ALPHA)));
+}
+
 @if(glossy)
 fn schlick(cosine: f32) -> f32 {
     let x = clamp(1.0 - cosine, 0.0, 1.0);
@@ -96,6 +102,12 @@ fn microfacets(pair: LocalPair, h: vec3f) -> f32 {
 @if(glossy)
 fn visible_density(pair: LocalPair, h: vec3f) -> f32 {
     return ggx_density(h, pair.alpha) / (2.0 * (pair.view.z + smith_root(pair.view, pair.alpha)));
+}
+
+// The density of directions reflected by visible normals.
+@if(glossy)
+fn reflection_density(pair: LocalPair) -> f32 {
+    return visible_density(pair, normalize(pair.view + pair.light));
 }
 
 // Samples a microfacet normal in proportion to its projected area towards the viewer, by a spherical cap (Dupuy and

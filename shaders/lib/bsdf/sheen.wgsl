@@ -1,9 +1,12 @@
 // Sheen: the light that fibres over the surface reflect (KHR_materials_sheen, after Estevez and Kulla 2017).
-// src/scene/material/sheen.rs makes its parameters and the table of its albedo.
+// src/scene/material/lobes/sheen.rs makes its parameters and the table of its albedo.
 
+@if(sheen) import package::lib::bsdf::lobe::{LayerChance, LayerPair, LobeContext};
 @if(sheen) import package::lib::bsdf::microfacet::LocalPair;
 @if(sheen) import package::lib::constants::{SHEEN_COLUMNS, SHEEN_ROWS, SHEEN_TEXEL};
-@if(sheen && textures) import package::lib::constants::{SHEEN_COLOUR_TEXTURE, SHEEN_ROUGHNESS_TEXTURE};
+@if(sheen && textures) import package::lib::constants::{
+    SHEEN_COLOUR_TEXTURE, SHEEN_ROUGHNESS_TEXTURE, SHEEN_TEXTURES,
+};
 @if(sheen) import package::lib::material::load_material_texel;
 @if(sheen) import package::lib::math::PI;
 @if(sheen) import package::lib::sampling::sample_cap;
@@ -19,21 +22,34 @@ struct Sheen {
     roughness: f32,
 }
 
+// For colour and roughness.
+@if(sheen) alias SheenFactors = vec4f;
+
+@if(sheen)
+fn sheen_untextured() -> SheenFactors {
+    return vec4f(1.0);
+}
+
 @if(sheen && textures)
-fn sheen_texture(factors: vec4f, texel: vec4f, texture: u32) -> vec4f {
+fn sheen_textures() -> u32 {
+    return SHEEN_TEXTURES;
+}
+
+@if(sheen && textures)
+fn sheen_texture(factors: SheenFactors, texel: vec4f, texture: u32) -> SheenFactors {
     let of_colour = texture == SHEEN_COLOUR_TEXTURE;
     return select(factors, texel, vec4<bool>(vec3<bool>(of_colour), texture == SHEEN_ROUGHNESS_TEXTURE));
 }
 
 @if(sheen)
-fn sheen_lobe(material: u32, factors: vec4f) -> Sheen {
+fn sheen_lobe(material: u32, factors: SheenFactors, context: LobeContext) -> Sheen {
     var sheen = bitcast<vec4f>(load_material_texel(material + SHEEN_TEXEL));
     @if(textures) { sheen *= factors; }
     return unpack_sheen(sheen);
 }
 
 @if(sheen)
-fn has_fibres(lobe: Sheen) -> bool {
+fn sheen_is_present(lobe: Sheen) -> bool {
     return any(lobe.colour != vec3f(0.0));
 }
 
@@ -94,10 +110,10 @@ fn through_fibres(lobe: Sheen, albedo: f32) -> f32 {
 // The share that they transmit from one direction to another: the smaller of the shares at the two angles, as in the
 // extension's albedo scaling.
 @if(sheen)
-fn through_sheen(lobe: Sheen, pair: LocalPair) -> f32 {
+fn sheen_through(lobe: Sheen, pair: LayerPair) -> f32 {
     let roughness = sheen_roughness(lobe);
-    let light = fibre_side(roughness, abs(pair.light.z)).albedo;
-    return through_fibres(lobe, max(light, fibre_side(roughness, pair.view.z).albedo));
+    let light = fibre_side(roughness, abs(pair.local.light.z)).albedo;
+    return through_fibres(lobe, max(light, fibre_side(roughness, pair.local.view.z).albedo));
 }
 
 // The BSDF of the fibres: the extension's formula, divided by the larger of the two directional albedos if that exceeds
@@ -115,39 +131,31 @@ fn sheen_value(lobe: Sheen, pair: LocalPair) -> vec3f {
     return lobe.colour * (distribution / (masked * max(max(light.albedo, view.albedo), 1.0)));
 }
 
-// The probability of sampling the fibres, and their reflectance and transmittance straight back.
+// The probability of sampling the fibres, if the layers below reflect `below` straight back.
 @if(sheen)
-struct SheenChance {
-    chance: f32,
-    reflected: f32,
-    below: f32,
-}
-
-// `below` is the reflectance of the layers below, straight back.
-@if(sheen)
-fn sheen_chance(lobe: Sheen, view_z: f32, below: f32) -> SheenChance {
-    let albedo = fibre_side(sheen_roughness(lobe), view_z).albedo;
+fn sheen_chance(lobe: Sheen, pair: LayerPair, below: f32) -> LayerChance {
+    let albedo = fibre_side(sheen_roughness(lobe), pair.local.view.z).albedo;
     let reflected = dot(lobe.colour, vec3f(1.0)) * min(albedo, 1.0);
     let through = below * through_fibres(lobe, albedo);
     let chance = clamp(reflected / max(reflected + through, 1e-30), 0.1, 0.9);
-    return SheenChance(select(0.0, chance, any(lobe.colour > vec3f(0.0))), reflected, through);
+    return LayerChance(select(0.0, chance, any(lobe.colour > vec3f(0.0))), through + reflected);
 }
 
 // Fibres are sampled uniformly over the hemisphere, as Estevez and Kulla (2017) found best for such wide lobes.
 @if(sheen)
-fn sample_sheen(u: vec2f) -> vec3f {
+fn sheen_sample(u: vec2f) -> vec3f {
     return sample_cap(u, 1.0);
 }
 
 @if(sheen)
-fn sheen_density(chance: f32) -> f32 {
+fn sheen_density(chance: f32, pair: LocalPair) -> f32 {
     return chance / (2.0 * PI);
 }
 
 // Albedo of fibres over a base of albedo `base`. It uses fits of two means over the cosine-weighted hemisphere: of the
 // fibres' albedo (error at most 0.001), and of the larger of two such albedos (0.003).
 @if(sheen)
-fn mean_with_sheen(lobe: Sheen, base: vec3f) -> vec3f {
+fn sheen_mean(lobe: Sheen, base: vec3f) -> vec3f {
     let r = sheen_roughness(lobe);
     let mean = r * (0.197 + r * (0.059 + r * (0.430 - 0.387 * r)));
     let larger = r * (0.439 + r * (-0.299 + r * (0.708 - 0.483 * r)));

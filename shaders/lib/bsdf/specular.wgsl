@@ -1,10 +1,7 @@
 // The specular lobe: GGX microfacets of a metal or of the dielectric layer over the diffuse base (glTF 2.0, appendix B;
-// KHR_materials_specular, KHR_materials_ior). src/scene/material/specular.rs reads its parameters.
+// KHR_materials_specular, KHR_materials_ior). src/scene/material/lobes/specular.rs reads its parameters.
 
 @if(glossy) import package::lib::bsdf::microfacet::{lobe_means, mean_kept, schlick, through_layer};
-@if(iridescence) import package::lib::bsdf::iridescence::{
-    Iridescence, film_kept, film_reflectance, has_film, through_film,
-};
 @if(glossy) import package::lib::constants::SPECULAR_TEXEL;
 @if(glossy && textures) import package::lib::constants::{SPECULAR_COLOUR_TEXTURE, SPECULAR_TEXTURE};
 @if(glossy) import package::lib::material::load_material_texel;
@@ -18,7 +15,6 @@ struct Specular {
     dielectric: vec2f,
     // Width of the GGX distribution, roughness squared; for an anisotropic surface, the width across the tangent.
     alpha: f32,
-    @if(iridescence) film: Iridescence,
 }
 
 // KHR_materials_specular: colour and factor.
@@ -49,7 +45,6 @@ fn specular_lobe(base: vec3f, metallic: f32, roughness: f32, normal_reflectance:
     return lobe;
 }
 
-// The lobe without its film.
 @if(glossy)
 struct PackedSpecular {
     // f0 and f90.
@@ -77,46 +72,29 @@ fn unpack_specular(packed: PackedSpecular) -> Specular {
 // refraction.
 @if(glossy)
 fn specular_reflectance(lobe: Specular, cosine: f32) -> vec3f {
-    let bare = mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
-    @if(iridescence) {
-        if has_film(lobe.film) { return mix(bare, film_reflectance(lobe.film, lobe.f0, cosine), lobe.film.factor); }
-    }
-    return bare;
+    return mix(lobe.f0, vec3f(lobe.f90), schlick(cosine));
 }
 
 // Reflectance of the dielectric layer for light at the given cosine. What it reflects does not reach the layers below.
 @if(glossy)
-fn layer_reflectance(lobe: Specular, cosine: f32) -> f32 {
-    let bare = mix(lobe.dielectric.x, lobe.dielectric.y, schlick(cosine));
-    @if(iridescence) {
-        if has_film(lobe.film) { return mix(bare, film_kept(lobe.film, lobe.f0, cosine), lobe.film.factor); }
-    }
-    return bare;
+fn specular_kept(lobe: Specular, cosine: f32) -> f32 {
+    return mix(lobe.dielectric.x, lobe.dielectric.y, schlick(cosine));
 }
 
 // The share of light that the dielectric layer transmits to the diffuse base and out again.
 @if(glossy)
-fn through_specular(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
-    let bare = through_layer(lobe.dielectric, lobe.alpha, light_z, view_z);
-    @if(iridescence) {
-        if has_film(lobe.film) {
-            return mix(bare, through_film(lobe.film, lobe.f0, lobe.alpha, light_z, view_z), lobe.film.factor);
-        }
-    }
-    return bare;
+fn specular_through(lobe: Specular, light_z: f32, view_z: f32) -> f32 {
+    return through_layer(lobe.dielectric, lobe.alpha, light_z, view_z);
 }
 
 // Maximum specular reflectance of a surface that counts as a dielectric where a path ends: glass has 0.04, diamond
 // 0.17.
 @if(glossy) const DIELECTRIC = 0.2;
 
-// Whether the lobe reflects as a metal does, so that its reflection must be traced. So must a thin film's, whose
-// colours depend on the direction: a mean cannot represent them.
+// Whether the lobe reflects as a metal does, so that its reflection must be traced.
 @if(glossy)
 fn is_metallic(lobe: Specular) -> bool {
-    var metallic = max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
-    @if(iridescence) { metallic = metallic || has_film(lobe.film); }
-    return metallic;
+    return max(lobe.f0.x, max(lobe.f0.y, lobe.f0.z)) > DIELECTRIC;
 }
 
 // Albedo of a diffuse base and the lobe over it: means over all directions.

@@ -1,4 +1,6 @@
-// The lobes of a surface: reading them from a material and its textures, and packing them.
+// The lobes of a surface: reading them from a material and its textures, and packing them. `@each` repeats a line for
+// every lobe that src/specialisation/lobes.rs lists, `NAME` and `Name` stand for its name and type: see
+// src/kernels/each.rs.
 
 import package::lib::math::{oct_decode16, oct_encode16};
 import package::lib::ray::Hit;
@@ -10,45 +12,23 @@ import package::lib::ray::Hit;
 @if(glossy && textures) import package::lib::constants::{METALLIC_ROUGHNESS_TEXTURE, SPECULAR_TEXTURES};
 @if(glossy) import package::lib::constants::SURFACE_TEXEL;
 @if(glossy) import package::lib::material::load_material_texel;
+@if(glossy) import package::lib::bsdf::lobe::LobeContext;
 @if(glossy) import package::lib::bsdf::specular::{
     PackedSpecular, Specular, pack_specular, specular_factors, specular_lobe, unpack_specular,
 };
 @if(glossy && textures) import package::lib::bsdf::specular::specular_texture;
-@if(transmission) import package::lib::bsdf::transmission::{
-    Transmission, is_transmissive, pack_transmission, transmission_factor, transmission_lobe, unpack_transmission,
+@each(lobe) import package::lib::bsdf::NAME::{
+    Name, NameFactors, NAME_is_present, NAME_lobe, NAME_untextured, pack_NAME, unpack_NAME,
 };
-@if(transmission && textures) import package::lib::bsdf::transmission::transmission_texture;
-@if(transmission && textures) import package::lib::constants::TRANSMISSION_TEXTURES;
-@if(clearcoat) import package::lib::bsdf::clearcoat::{
-    Clearcoat, clearcoat_lobe, is_coated, pack_clearcoat, unpack_clearcoat,
-};
-@if(clearcoat && textures) import package::lib::bsdf::clearcoat::{clearcoat_texture, clearcoat_textures};
-@if(coat_normals) import package::lib::bsdf::clearcoat::coat_normal_at;
-@if(coat_normals && textures) import package::lib::bsdf::clearcoat::coat_normal_texture;
-@if(anisotropy) import package::lib::bsdf::anisotropy::{
-    ANISOTROPY_UNTEXTURED, Anisotropy, anisotropy_lobe, pack_anisotropy, unpack_anisotropy,
-};
-@if(anisotropy && textures) import package::lib::bsdf::anisotropy::anisotropy_texture;
-@if(anisotropy && textures) import package::lib::constants::ANISOTROPY_TEXTURES;
-@if(sheen) import package::lib::bsdf::sheen::{Sheen, has_fibres, pack_sheen, sheen_lobe, unpack_sheen};
-@if(sheen && textures) import package::lib::bsdf::sheen::sheen_texture;
-@if(sheen && textures) import package::lib::constants::SHEEN_TEXTURES;
-
-@if(iridescence) import package::lib::bsdf::iridescence::{
-    has_film, iridescence_lobe, pack_iridescence, unpack_iridescence,
-};
-@if(iridescence && textures) import package::lib::bsdf::iridescence::iridescence_texture;
-@if(iridescence && textures) import package::lib::constants::IRIDESCENCE_TEXTURES;
+@each(lobe && textures) import package::lib::bsdf::NAME::{NAME_texture, NAME_textures};
+@each(base) import package::lib::bsdf::NAME::{NAME_base, NAME_blocked};
 
 // A surface as a viewer sees it. The normals are on the viewer's side.
 struct Surface {
     // Reflectance of the diffuse base: base colour times (1 - metallic) times (1 - transmission).
     albedo: vec3f,
     @if(glossy) specular: Specular,
-    @if(anisotropy) anisotropy: Anisotropy,
-    @if(transmission) transmission: Transmission,
-    @if(clearcoat) clearcoat: Clearcoat,
-    @if(sheen) sheen: Sheen,
+    @each(lobe) NAME: Name,
     // The surface's own normal: the triangle's, or the corners' interpolated, where the triangle approximates a smooth
     // surface.
     geometric_normal: vec3f,
@@ -67,12 +47,7 @@ struct TextureFactors {
     @if(normal_maps) normal: vec3f,
     @if(glossy) roughness_metallic: vec2f,
     @if(glossy) specular: vec4f,
-    @if(transmission) transmission: f32,
-    @if(clearcoat) clearcoat: vec2f,
-    @if(coat_normals) coat_normal: vec3f,
-    @if(anisotropy) anisotropy: vec3f,
-    @if(sheen) sheen: vec4f,
-    @if(iridescence) iridescence: vec2f,
+    @each(lobe) NAME: NameFactors,
 }
 
 @if(textures)
@@ -84,11 +59,7 @@ fn untextured() -> TextureFactors {
         factors.roughness_metallic = vec2f(1.0);
         factors.specular = vec4f(1.0);
     }
-    @if(transmission) { factors.transmission = 1.0; }
-    @if(clearcoat) { factors.clearcoat = vec2f(1.0); }
-    @if(anisotropy) { factors.anisotropy = ANISOTROPY_UNTEXTURED; }
-    @if(sheen) { factors.sheen = vec4f(1.0); }
-    @if(iridescence) { factors.iridescence = vec2f(1.0); }
+    @each(lobe) { factors.NAME = NAME_untextured(); }
     return factors;
 }
 
@@ -98,11 +69,7 @@ fn read_textures() -> u32 {
     var read = (1u << BASE_COLOUR_TEXTURE) | (1u << EMISSION_TEXTURE);
     @if(normal_maps) { read |= 1u << NORMAL_TEXTURE; }
     @if(glossy) { read |= (1u << METALLIC_ROUGHNESS_TEXTURE) | SPECULAR_TEXTURES; }
-    @if(transmission) { read |= TRANSMISSION_TEXTURES; }
-    @if(clearcoat) { read |= clearcoat_textures(); }
-    @if(anisotropy) { read |= ANISOTROPY_TEXTURES; }
-    @if(sheen) { read |= SHEEN_TEXTURES; }
-    @if(iridescence) { read |= IRIDESCENCE_TEXTURES; }
+    @each(lobe) { read |= NAME_textures(); }
     return read;
 }
 
@@ -126,12 +93,7 @@ fn texture_factors(material: u32, hit: Hit) -> TextureFactors {
             factors.roughness_metallic = select(factors.roughness_metallic, texel.yz, of_metal);
             factors.specular = specular_texture(factors.specular, texel, texture);
         }
-        @if(transmission) { factors.transmission = transmission_texture(factors.transmission, texel, texture); }
-        @if(clearcoat) { factors.clearcoat = clearcoat_texture(factors.clearcoat, texel, texture); }
-        @if(coat_normals) { factors.coat_normal = coat_normal_texture(factors.coat_normal, texel, texture); }
-        @if(anisotropy) { factors.anisotropy = anisotropy_texture(factors.anisotropy, texel, texture); }
-        @if(sheen) { factors.sheen = sheen_texture(factors.sheen, texel, texture); }
-        @if(iridescence) { factors.iridescence = iridescence_texture(factors.iridescence, texel, texture); }
+        @each(lobe) { factors.NAME = NAME_texture(factors.NAME, texel, texture); }
     }
     return factors;
 }
@@ -146,7 +108,7 @@ struct HitContext {
     // The material's metallic factor, which the table stores beside its emission.
     @if(glossy) metallic: f32,
     // The shading normal without any map.
-    @if(coat_normals) unmapped: vec3f,
+    unmapped_normal: vec3f,
     @if(textures) factors: TextureFactors,
 }
 
@@ -166,30 +128,23 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
         }
         s.albedo = base * (1.0 - metallic);
         s.specular = specular_lobe(base, metallic, roughness, own.y, specular);
+        let around = LobeContext(
+            context.hit,
+            context.front,
+            s.albedo,
+            s.specular.alpha,
+            s.shading_normal,
+            context.unmapped_normal,
+            s.view,
+        );
+        @each(lobe) {
+            var factors = NAME_untextured();
+            @if(textures) { factors = context.factors.NAME; }
+            s.NAME = NAME_lobe(material, factors, around);
+        }
+        @each(base && textures) { s.albedo = NAME_base(material, context.factors.NAME, s.albedo); }
+        @each(base && !textures) { s.albedo = NAME_base(material, NAME_untextured(), s.albedo); }
     }
-    @if(transmission) {
-        var passing = transmission_factor(material);
-        @if(textures) { passing *= context.factors.transmission; }
-        s.transmission = transmission_lobe(material, s.albedo * passing, context.front);
-        s.albedo *= 1.0 - passing;
-    }
-    @if(clearcoat && textures) { s.clearcoat = clearcoat_lobe(material, context.factors.clearcoat); }
-    @if(clearcoat && !textures) { s.clearcoat = clearcoat_lobe(material, vec2f(1.0)); }
-    @if(coat_normals) {
-        var texel = vec3f(0.0);
-        @if(textures) { texel = context.factors.coat_normal; }
-        s.clearcoat.normal = coat_normal_at(material, texel, context.hit, context.unmapped, context.front, s.view);
-    }
-    @if(anisotropy) {
-        var factors = ANISOTROPY_UNTEXTURED;
-        @if(textures) { factors = context.factors.anisotropy; }
-        let alpha = s.specular.alpha;
-        s.anisotropy = anisotropy_lobe(material, factors, alpha, context.hit, s.shading_normal, context.front);
-    }
-    @if(sheen && textures) { s.sheen = sheen_lobe(material, context.factors.sheen); }
-    @if(sheen && !textures) { s.sheen = sheen_lobe(material, vec4f(1.0)); }
-    @if(iridescence && textures) { s.specular.film = iridescence_lobe(material, context.factors.iridescence); }
-    @if(iridescence && !textures) { s.specular.film = iridescence_lobe(material, vec2f(1.0)); }
     return s;
 }
 
@@ -197,7 +152,7 @@ fn add_lobes(bare: Surface, material: u32, base: vec3f, context: HitContext) -> 
 fn without_light(lit: Surface) -> Surface {
     var s = lit;
     s.albedo = vec3f(0.0);
-    @if(transmission) { s.transmission.tint = vec3f(0.0); }
+    @each(base) { s.NAME = NAME_blocked(s.NAME); }
     return s;
 }
 
@@ -207,22 +162,14 @@ struct PackedSurface {
     // Albedo, and the shading normal (oct_encode16).
     base: vec4f,
     @if(glossy) specular: PackedSpecular,
-    @if(transmission) transmission: vec4f,
-    @if(clearcoat) clearcoat: vec4f,
-    @if(anisotropy) anisotropy: vec4f,
-    @if(sheen) sheen: vec4f,
-    @if(iridescence) iridescence: vec4f,
+    @each(lobe) NAME: vec4f,
 }
 
 fn pack_surface(s: Surface) -> PackedSurface {
     var p: PackedSurface;
     p.base = vec4f(s.albedo, bitcast<f32>(oct_encode16(s.shading_normal)));
     @if(glossy) { p.specular = pack_specular(s.specular); }
-    @if(transmission) { p.transmission = pack_transmission(s.transmission); }
-    @if(clearcoat) { p.clearcoat = pack_clearcoat(s.clearcoat); }
-    @if(anisotropy) { p.anisotropy = pack_anisotropy(s.anisotropy); }
-    @if(sheen) { p.sheen = pack_sheen(s.sheen); }
-    @if(iridescence) { p.iridescence = pack_iridescence(s.specular.film); }
+    @each(lobe) { p.NAME = pack_NAME(s.NAME); }
     return p;
 }
 
@@ -233,11 +180,7 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
     s.geometric_normal = geometric_normal;
     s.view = view;
     @if(glossy) { s.specular = unpack_specular(p.specular); }
-    @if(transmission) { s.transmission = unpack_transmission(p.transmission); }
-    @if(clearcoat) { s.clearcoat = unpack_clearcoat(p.clearcoat); }
-    @if(anisotropy) { s.anisotropy = unpack_anisotropy(p.anisotropy); }
-    @if(sheen) { s.sheen = unpack_sheen(p.sheen); }
-    @if(iridescence) { s.specular.film = unpack_iridescence(p.iridescence); }
+    @each(lobe) { s.NAME = unpack_NAME(p.NAME); }
     return s;
 }
 
@@ -245,9 +188,8 @@ fn unpack_surface(p: PackedSurface, geometric_normal: vec3f, view: vec3f) -> Sur
 @if(glossy)
 fn reflects_beyond_diffuse(p: PackedSurface) -> bool {
     var beyond = any(p.specular.reflectance != vec4f(0.0));
-    @if(transmission) { beyond = beyond || is_transmissive(unpack_transmission(p.transmission)); }
-    @if(clearcoat) { beyond = beyond || is_coated(unpack_clearcoat(p.clearcoat)); }
-    @if(sheen) { beyond = beyond || has_fibres(unpack_sheen(p.sheen)); }
-    @if(iridescence) { beyond = beyond || has_film(unpack_iridescence(p.iridescence)); }
+    @each(base) { beyond = beyond || NAME_is_present(unpack_NAME(p.NAME)); }
+    @each(film) { beyond = beyond || NAME_is_present(unpack_NAME(p.NAME)); }
+    @each(layer) { beyond = beyond || NAME_is_present(unpack_NAME(p.NAME)); }
     return beyond;
 }

@@ -1,10 +1,10 @@
 // Transmission: light that passes through a thin wall, or is refracted into a volume (KHR_materials_transmission,
-// KHR_materials_volume). src/scene/material/transmission.rs and volume.rs read its parameters.
+// KHR_materials_volume). src/scene/material/lobes/transmission.rs and volume.rs read its parameters.
 
+@if(transmission) import package::lib::bsdf::lobe::LobeContext;
 @if(transmission) import package::lib::bsdf::microfacet::{LocalPair, microfacets, visible_density};
-@if(transmission) import package::lib::bsdf::specular::{Specular, layer_reflectance};
 @if(transmission) import package::lib::constants::{TRANSMISSION_TEXEL, VOLUME_TEXEL};
-@if(transmission && textures) import package::lib::constants::TRANSMISSION_TEXTURE;
+@if(transmission && textures) import package::lib::constants::{TRANSMISSION_TEXTURE, TRANSMISSION_TEXTURES};
 @if(transmission) import package::lib::material::load_material_texel;
 @if(transmission) import package::lib::math::safe_sqrt;
 
@@ -18,21 +18,46 @@ struct Transmission {
     eta: f32,
 }
 
+@if(transmission) alias TransmissionFactors = f32;
+
 @if(transmission)
-fn transmission_factor(material: u32) -> f32 {
-    return bitcast<f32>(load_material_texel(material + TRANSMISSION_TEXEL).x);
+fn transmission_untextured() -> TransmissionFactors {
+    return 1.0;
 }
 
 @if(transmission && textures)
-fn transmission_texture(factor: f32, texel: vec4f, texture: u32) -> f32 {
+fn transmission_textures() -> u32 {
+    return TRANSMISSION_TEXTURES;
+}
+
+@if(transmission && textures)
+fn transmission_texture(factor: TransmissionFactors, texel: vec4f, texture: u32) -> TransmissionFactors {
     return select(factor, texel.x, texture == TRANSMISSION_TEXTURE);
 }
 
-// The transmission of a surface with a tint. The volume lies behind its back face.
 @if(transmission)
-fn transmission_lobe(material: u32, tint: vec3f, front: bool) -> Transmission {
+fn transmission_factor(material: u32, factor: TransmissionFactors) -> f32 {
+    return bitcast<f32>(load_material_texel(material + TRANSMISSION_TEXEL).x) * factor;
+}
+
+// The volume lies behind the surface's back face.
+@if(transmission)
+fn transmission_lobe(material: u32, factor: TransmissionFactors, context: LobeContext) -> Transmission {
     let index = bitcast<f32>(load_material_texel(material + VOLUME_TEXEL).w);
-    return Transmission(tint, select(index, 1.0 / index, front));
+    let tint = context.albedo * transmission_factor(material, factor);
+    return Transmission(tint, select(index, 1.0 / index, context.front));
+}
+
+// The albedo of the diffuse base, of the albedo without transmission.
+@if(transmission)
+fn transmission_base(material: u32, factor: TransmissionFactors, albedo: vec3f) -> vec3f {
+    return albedo * (1.0 - transmission_factor(material, factor));
+}
+
+// The lobe where nothing is transmitted.
+@if(transmission)
+fn transmission_blocked(lobe: Transmission) -> Transmission {
+    return Transmission(vec3f(0.0), lobe.eta);
 }
 
 // Transmittance of the volume over a distance.
@@ -42,7 +67,7 @@ fn volume_transmittance(material: u32, way: f32) -> vec3f {
 }
 
 @if(transmission)
-fn is_transmissive(lobe: Transmission) -> bool {
+fn transmission_is_present(lobe: Transmission) -> bool {
     return any(lobe.tint > vec3f(0.0));
 }
 
@@ -63,14 +88,6 @@ fn fresnel_cosine(lobe: Transmission, cosine: f32) -> f32 {
     if lobe.eta <= 1.0 { return cosine; }
     let sine_squared = lobe.eta * lobe.eta * (1.0 - cosine * cosine);
     return select(safe_sqrt(1.0 - sine_squared), -1.0, sine_squared >= 1.0);
-}
-
-// The share of light that the microfacets transmit, at the given cosine to their normal.
-@if(transmission)
-fn transmittance(lobe: Transmission, specular: Specular, cosine: f32) -> vec3f {
-    let outer = fresnel_cosine(lobe, cosine);
-    if outer < 0.0 { return vec3f(0.0); }
-    return lobe.tint * (1.0 - layer_reflectance(specular, outer));
 }
 
 // The microfacet normal that transmits light from `pair.light`, below the surface, towards the viewer; and the Jacobian
@@ -98,13 +115,12 @@ fn passing(lobe: Transmission, pair: LocalPair) -> Passing {
     return Passing(h, -light_h / (root * root));
 }
 
-// The BSDF for light transmitted from the other side. Radiance is higher where the index of refraction is higher.
+// The BSDF for light transmitted from the other side by microfacets that transmit everything. Radiance is higher where
+// the index of refraction is higher.
 @if(transmission)
-fn transmission_value(lobe: Transmission, specular: Specular, pair: LocalPair) -> vec3f {
-    let found = passing(lobe, pair);
+fn passing_value(lobe: Transmission, found: Passing, pair: LocalPair) -> f32 {
     let view_h = dot(pair.view, found.normal);
-    let density = 4.0 * view_h * found.jacobian * lobe.eta * lobe.eta * microfacets(pair, found.normal);
-    return transmittance(lobe, specular, view_h) * density;
+    return 4.0 * view_h * found.jacobian * lobe.eta * lobe.eta * microfacets(pair, found.normal);
 }
 
 // The density of transmitted directions by the visible normals, over the probability that a normal transmits.

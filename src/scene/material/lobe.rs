@@ -3,6 +3,7 @@
 use crate::Result;
 use crate::scene::json::Json;
 use crate::scene::texture::{ColourSpace, TextureInfo};
+
 /// Reads texture infos, and remembers which textures and images of the file are used.
 pub(in crate::scene) trait ReadTexture {
     /// The texture info `key` of `owner`; None where there is none, or none that can be shown.
@@ -32,7 +33,7 @@ pub(crate) struct Layout {
     pub mask: &'static str,
     /// Names of the constants for its textures, in the order of [`Lobe::textures`].
     pub textures: &'static [&'static str],
-    /// Other numbers that its kernels use, such as the vectors that it takes in a packed surface.
+    /// Other numbers that its kernels use.
     pub constants: &'static [(&'static str, u32)],
 }
 
@@ -58,8 +59,18 @@ pub(in crate::scene) trait Lobe: Sized + Default {
     /// Its texels in the table of materials: [`Layout::texels`] of them.
     fn texels(&self, surroundings: &Surroundings) -> Vec<[f32; 4]>;
 
+    /// The texture whose coordinates give tangents to triangles without any, if the lobe needs tangents.
+    fn tangent_texture(&self) -> Option<TextureInfo> {
+        None
+    }
+
     /// Reflects light whatever the base and the specular factor are: such a material is not Lambertian.
     fn reflects(&self) -> bool {
+        false
+    }
+
+    /// Lets light pass: such a material is not Lambertian.
+    fn transmits(&self) -> bool {
         false
     }
 }

@@ -42,9 +42,9 @@ fn tested_surface() -> Surface {
     @if(coat_normals) { s.clearcoat.normal = vec3f(surface[3].w, 0.0, surface[4].w); }
     @if(sheen) { s.sheen.colour = surface[7].xyz; s.sheen.roughness = surface[7].w; }
     @if(iridescence) {
-        s.specular.film.factor = surface[8].x;
-        s.specular.film.ior = surface[8].y;
-        s.specular.film.thickness = surface[8].z;
+        s.iridescence.factor = surface[8].x;
+        s.iridescence.ior = surface[8].y;
+        s.iridescence.thickness = surface[8].z;
     }
     @if(anisotropy) {
         s.anisotropy.tangent = vec3f(1.0, 0.0, 0.0);

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_specular.
@@ -64,9 +64,4 @@ impl Lobe for Specular {
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
         vec![self.colour.extend(self.factor).to_array()]
     }
-}
-
-impl Specular {
-    /// Vectors that the lobe takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 2;
 }

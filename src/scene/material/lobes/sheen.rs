@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_sheen.
@@ -33,9 +33,6 @@ impl Sheen {
     pub fn is_present(&self) -> bool {
         self.colour != Vec3::ZERO
     }
-
-    /// Vectors that the lobe takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 1;
 }
 
 impl Lobe for Sheen {

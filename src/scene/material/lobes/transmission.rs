@@ -1,8 +1,8 @@
 //! Light that passes through the surface: KHR_materials_transmission.
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_transmission.
@@ -24,9 +24,6 @@ impl Transmission {
     pub fn is_present(&self) -> bool {
         self.factor > 0.0
     }
-
-    /// Vectors that the lobe takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 1;
 }
 
 impl Lobe for Transmission {
@@ -57,5 +54,9 @@ impl Lobe for Transmission {
 
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {
         vec![[self.factor, 0.0, 0.0, 0.0]]
+    }
+
+    fn transmits(&self) -> bool {
+        self.is_present()
     }
 }

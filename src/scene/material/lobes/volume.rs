@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::TextureInfo;
 
 /// What light passes through inside a closed surface (KHR_materials_volume).

@@ -1,8 +1,8 @@
 //! Reflections that are spread along a tangent: KHR_materials_anisotropy.
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_anisotropy.
@@ -26,9 +26,6 @@ impl Anisotropy {
     pub fn is_present(&self) -> bool {
         self.strength > 0.0
     }
-
-    /// Vectors that it takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 1;
 }
 
 impl Lobe for Anisotropy {
@@ -56,6 +53,10 @@ impl Lobe for Anisotropy {
 
     fn without_textures(self) -> Self {
         Anisotropy { texture: None, ..self }
+    }
+
+    fn tangent_texture(&self) -> Option<TextureInfo> {
+        self.texture
     }
 
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {

@@ -1,8 +1,8 @@
 //! The clear coat: KHR_materials_clearcoat.
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_clearcoat.
@@ -45,9 +45,6 @@ impl Clearcoat {
     pub fn has_own_normal(&self, base: Option<(TextureInfo, f32)>) -> bool {
         self.is_present() && base != self.normal_texture.map(|map| (map, self.normal_scale))
     }
-
-    /// Vectors that the lobe takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 1;
 }
 
 impl Lobe for Clearcoat {
@@ -79,6 +76,10 @@ impl Lobe for Clearcoat {
 
     fn without_textures(self) -> Self {
         Clearcoat { texture: None, roughness_texture: None, normal_texture: None, ..self }
+    }
+
+    fn tangent_texture(&self) -> Option<TextureInfo> {
+        self.normal_texture
     }
 
     fn texels(&self, _: &Surroundings) -> Vec<[f32; 4]> {

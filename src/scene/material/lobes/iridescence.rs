@@ -1,8 +1,8 @@
 //! A thin film on the specular lobe: KHR_materials_iridescence.
 
-use super::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::Result;
 use crate::scene::json::Json;
+use crate::scene::material::lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
 /// KHR_materials_iridescence: a thin film, whose colours change with the angle.
@@ -47,9 +47,6 @@ impl Iridescence {
         let thinnest_counts = self.thickness_texture.is_some();
         self.factor > 0.0 && (self.thickness_maximum > 0.0 || thinnest_counts && self.thickness_minimum > 0.0)
     }
-
-    /// Vectors that the lobe takes in a packed surface.
-    pub(crate) const VECTORS: u32 = 1;
 }
 
 impl Lobe for Iridescence {
