@@ -20,7 +20,7 @@ import package::lib::cell_class::{
 };
 import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest};
 @if(exact_counts) import package::lib::photon_search::class_by_search;
-@if(fine_cells) import package::lib::fine_cell::fine_cell_class;
+@if(fine_cells) import package::lib::fine_cell::fine_class;
 @if(dark_points) import package::lib::light::light_dark;
 @if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
@@ -156,7 +156,7 @@ fn class_by_cell(candidate: u32) -> u32 {
 @if(fine_cells)
 fn refined(word: u32, light: u32, position: vec3f, normal: vec3f) -> u32 {
     if is_decided(class_of(word)) { return word; }
-    let fine = fine_cell_class(light, position, normal);
+    let fine = fine_class(light, position, normal);
     if !is_decided(fine.class_) { return word; }
     var decided = class_word(CLASS_LIT, nearest, 0u, 1.0);
     if fine.class_ == CLASS_SHADOWED { decided = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }

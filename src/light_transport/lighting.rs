@@ -26,7 +26,7 @@ pub(crate) struct Lighting {
     pub cells: Option<CellVisibility>,
     /// The surfaces around each light.
     pub light_buffers: Option<BoundLightBuffer>,
-    /// Shadow rays of earlier samples.
+    /// Where the map does not decide: the shadow rays of earlier samples as photons.
     pub fine_cells: Option<FineCellMap>,
     pub adaptive_testing: Option<AdaptiveTesting>,
     /// Direct light, if the technique computes it separately.
@@ -78,18 +78,20 @@ impl Lighting {
         self.bind_direct_light(shared)
     }
 
-    /// Classifies the fine cells by the rays of the samples so far.
-    pub fn classify_fine_cells(&mut self, gpu: &Gpu) -> Result<()> {
-        self.fine_cells.as_mut().map_or(Ok(()), |cells| cells.classify(gpu))
+    /// See [`FineCellMap::classify`].
+    pub fn classify_fine_cells(&mut self, gpu: &Gpu, samples: u32) -> Result<()> {
+        self.fine_cells.as_mut().map_or(Ok(()), |cells| cells.classify(gpu, samples))
     }
 
     /// The state that samples left in the visibility map, or in adaptive shadow testing.
     pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
-        match (&self.visibility_map, &self.adaptive_testing) {
-            (Some(map), _) => map.state(gpu),
-            (None, Some(testing)) => Ok(MapState { rest: testing.state(gpu)?, ..MapState::default() }),
-            (None, None) => Ok(MapState::default()),
-        }
+        let state = match (&self.visibility_map, &self.adaptive_testing) {
+            (Some(map), _) => map.state(gpu)?,
+            (None, Some(testing)) => MapState { rest: testing.state(gpu)?, ..MapState::default() },
+            (None, None) => MapState::default(),
+        };
+        let fine_cells = self.fine_cells.as_ref().map_or(Ok(Vec::new()), |cells| cells.state(gpu))?;
+        Ok(MapState { fine_cells, ..state })
     }
 
     /// Restores that state before the first sample; false if it belongs to another render.
@@ -102,6 +104,11 @@ impl Lighting {
             (None, Some(testing)) => testing.restore(shared.gpu, &state.rest),
             (None, None) => state.rest.is_empty(),
         };
+        let fits = fits
+            && match &mut self.fine_cells {
+                Some(cells) => cells.restore(shared.gpu, &state.fine_cells),
+                None => state.fine_cells.is_empty(),
+            };
         self.bind_direct_light(shared)?;
         Ok(fits)
     }
@@ -111,6 +118,7 @@ impl Lighting {
         self.direct.as_ref().map_or(0, DirectLight::frame_bytes)
             + self.adaptive_testing.as_ref().map_or(0, AdaptiveTesting::frame_bytes)
             + self.light_sampler.as_ref().map_or(0, LightSampler::frame_bytes)
+            + self.fine_cells.as_ref().map_or(0, FineCellMap::bytes)
             + self.indirect.as_ref().map_or(0, IndirectLight::frame_bytes)
     }
 }

@@ -1,6 +1,6 @@
 //! Pass `fine_cells`: classifies pieces of surface as large as a few pixels by the shadow rays of earlier samples.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
+use kernel_kit::{BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
 
 use super::kernel;
 use crate::Result;
@@ -28,18 +28,18 @@ shared_struct! {
 shared_struct! {
     /// A fine cell, or an empty slot of their table; see `shaders/lib/fine_cell.wgsl`.
     pub struct FineCell {
-        /// Hash of light and place, 0 in an empty slot.
+        /// Hash of light and place with the [`crate::kernels::Class`], 0 in an empty slot.
         pub tag: u32,
         /// Light, side of the surface, and size.
         pub kind: u32,
-        /// Shadow rays that reached the light.
+        /// Points with a shadow ray that reached the light.
         pub illumination: u32,
-        /// Shadow rays that did not.
+        /// Points with one that did not.
         pub shadow: u32,
         /// In widths of a cell.
         pub place: [i32; 3],
-        /// A [`crate::kernels::Class`].
-        pub class_: u32,
+        /// To a multiple of 16 bytes.
+        pub padding: u32,
     }
 }
 
@@ -57,10 +57,14 @@ bindings! {
     /// The table, as passes look up cells and add photons; none where there are no fine cells.
     #[derive(Default)]
     pub struct FineCellBindings {
+        /// [`FineCellTable::view`].
         pub fine_cell_view: Option<&Buffer>,
+        /// [`FineCellTable::cells`].
         pub fine_cells: Option<&Buffer>,
-        pub fine_cell_count: Option<&Buffer>,
+        /// [`FineCellTable::list`].
         pub fine_cell_list: Option<&Buffer>,
+        /// [`FineCellTable::count`].
+        pub fine_cell_count: Option<&Buffer>,
     }
 }
 
@@ -123,6 +127,6 @@ impl FineCellTable {
 
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        self.view.bytes + self.cells.bytes + self.count.bytes
+        self.view.bytes + self.cells.bytes + self.list.bytes + self.count.bytes
     }
 }

@@ -72,7 +72,7 @@ kernel_kit::features! {
         PaperCounting,
         /// Method: n_i and n_s of boundaries are counted exactly, because they are shown.
         ExactCounts,
-        /// Method: the shadow rays of earlier samples decide pieces of surface as large as a few pixels.
+        /// Method: where the map does not decide, the shadow rays of earlier samples are photons.
         FineCells,
         /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,

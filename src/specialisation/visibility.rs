@@ -65,7 +65,6 @@ impl Specialisation {
             "photons are counted by their normals",
             "false shadows beside objects",
         );
-        let estimated_alone = settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         let shown = settings.image.aovs.contains(&Aov::Shadow)
             || settings.technique.requirements().visibility == Visibility::PhotonsAlone;
         self.decide(
@@ -75,15 +74,29 @@ impl Specialisation {
             "cells decide: no point searches for its nearest photons",
             "a search for each boundary point",
         );
-        let fine = wanted && !shown && !estimated_alone && !settings.visibility_map.paper_counting && settings.image.spp > 1;
+        self.of_fine_cells(settings, wanted, shown);
+        wanted
+    }
+
+    /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: what its photons tell is shown.
+    fn of_fine_cells(&mut self, settings: &Settings, mapped: bool, shown: bool) {
+        let unneeded = if !mapped {
+            "photons classify no points"
+        } else if shown {
+            "what the photons tell is shown"
+        } else if settings.visibility_map.audit == 0.0 || settings.visibility_map.paper_counting {
+            "the method of the paper alone is requested"
+        } else {
+            "there is one sample per pixel, and none to learn from"
+        };
+        let learning = settings.image.spp > 1 && settings.visibility_map.audit > 0.0;
         self.decide(
             Feature::FineCells,
-            fine,
-            "shadow rays of earlier samples decide where photons do not".into(),
-            "photons alone decide",
-            "a table of 32 B per pixel and light",
+            mapped && !shown && learning && !settings.visibility_map.paper_counting,
+            "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
+            unneeded,
+            "pass fine_cells; 144 to 576 B per pixel, at most 151 MB",
         );
-        wanted
     }
 
     /// Decides on the techniques that may estimate visibility without shadow rays: equation 1, cells, and adaptive
@@ -164,13 +177,17 @@ impl Specialisation {
         for feature in
             [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts, Feature::Audit]
         {
-            if feature == Feature::Audit && self.features.has(Feature::FineCells) { continue; }
+            // Fine cells decide points without the map, too.
+            if feature == Feature::Audit && self.features.has(Feature::FineCells) {
+                continue;
+            }
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
                 let item = self.kept.remove(at);
                 self.left_out.push(Item { reason: reason.to_owned(), ..item });
                 self.features.set(feature, false);
             }
         }
-        self.features.set(Feature::FewSampled, false);
+        self.features
+            .set(Feature::FewSampled, self.features.has(Feature::FewSampled) && self.features.has(Feature::FineCells));
     }
 }
