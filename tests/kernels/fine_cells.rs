@@ -16,6 +16,8 @@ const NEAREST: u32 = 20;
 const VIEW: FineCellView =
     FineCellView { eye: [0.0, 0.0, 1.5], slope: 0.004, width: 0.0, mask: (1 << 15) - 1, closed: 0, padding: 0 };
 
+/// A point whose shadow rays are stored: position and word (rays that reached the light in bits 0-7, those that did not
+/// in bits 8-15, the light above), and normal.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Rays {

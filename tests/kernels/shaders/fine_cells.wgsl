@@ -3,17 +3,11 @@
 import package::kit::group_index;
 import package::lib::fine_cell::{fine_class, store_rays};
 
-struct Rays {
-    position: vec3f,
-    // Rays that reached the light in bits 0-7, those that did not in bits 8-15, the light above.
-    word: u32,
-    normal: vec3f,
-    padding: u32,
-}
-
 override count: u32;
 
-@group(0) @binding(0) var<storage, read> rays: array<Rays>;
+// Of each point two vectors: position and word (rays that reached the light in bits 0-7, those that did not in bits
+// 8-15, the light above), and normal.
+@group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 // The class, and 8 where a boundary is near.
 @group(0) @binding(1) var<storage, read_write> found: array<u32>;
 
@@ -25,8 +19,9 @@ fn store(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
-    let r = rays[i % arrayLength(&rays)];
-    store_rays(r.word >> 16u, r.position, r.normal, r.word & 255u, (r.word >> 8u) & 255u);
+    let point = i % (arrayLength(&rays) / 2u);
+    let word = bitcast<u32>(rays[2u * point].w);
+    store_rays(word >> 16u, rays[2u * point].xyz, rays[2u * point + 1u].xyz, word & 255u, (word >> 8u) & 255u);
 }
 
 @compute @workgroup_size(64)
@@ -37,7 +32,7 @@ fn look_up(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= count { return; }
-    let r = rays[i];
-    let fine = fine_class(r.word >> 16u, r.position, r.normal);
+    let word = bitcast<u32>(rays[2u * i].w);
+    let fine = fine_class(word >> 16u, rays[2u * i].xyz, rays[2u * i + 1u].xyz);
     found[i] = fine.class_ | (u32(fine.near) << 3u);
 }
