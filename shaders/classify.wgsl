@@ -11,7 +11,8 @@
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near, with_class};
-@if(visibility_map) import package::lib::class_word::{boundary_word, near_word};
+@if(visibility_map) import package::lib::class_word::boundary_word;
+@if(visibility_map || fine_cells) import package::lib::class_word::near_word;
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
 import package::lib::cell_class::{
     COS_CLUSTER, CellClass, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, decode_cell_class, holds_at, load_cell_classes,
@@ -19,8 +20,9 @@ import package::lib::cell_class::{
 };
 import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest};
 @if(exact_counts) import package::lib::photon_search::class_by_search;
+@if(fine_cells) import package::lib::fine_cell::fine_class;
 @if(dark_points) import package::lib::light::light_dark;
-@if(visibility_map && environment) import package::lib::light::environment::is_environment;
+@if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -125,17 +127,41 @@ fn class_by_cell(candidate: u32) -> u32 {
     @if(dark_points) {
         if light_dark(light, point.position, normal) { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     }
-    @if(!visibility_map) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
+    // The environment has no photons.
+    @if((visibility_map || fine_cells) && environment) {
+        if is_environment(light) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
+    }
+    @if(!visibility_map) {
+        let word = class_word(CLASS_UNKNOWN, 0u, 0u, 0.0);
+        @if(fine_cells) { return refined(word, light, point.position, normal); }
+        @else { return word; }
+    }
     @if(visibility_map) {
-        // The environment has no photons.
-        @if(environment) { if is_environment(light) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); } }
         let cell = cell_class_at(light, point.position, normal);
         if cell.reach == 0.0 {
+            @if(fine_cells) {
+                let word = refined(UNDECIDED, light, point.position, normal);
+                if word != UNDECIDED { return word; }
+            }
             request_cell(light, point.position, normal);
             return UNDECIDED;
         }
-        return word_of_cell_class(cell);
+        let word = word_of_cell_class(cell);
+        @if(fine_cells) { return refined(word, light, point.position, normal); }
+        @else { return word; }
     }
+}
+
+// The word of a candidate that its cell may have left undecided: its fine cell decides, if it can.
+@if(fine_cells)
+fn refined(word: u32, light: u32, position: vec3f, normal: vec3f) -> u32 {
+    if is_decided(class_of(word)) { return word; }
+    let fine = fine_class(light, position, normal);
+    if !is_decided(fine.class_) { return word; }
+    var decided = class_word(CLASS_LIT, nearest, 0u, 1.0);
+    if fine.class_ == CLASS_SHADOWED { decided = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+    if fine.near { return near_word(decided); }
+    return decided;
 }
 
 // The first request of a cell allocates its entry.
@@ -258,6 +284,7 @@ fn query(
             word = near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
         }
     }
+    @if(fine_cells) { word = refined(word, light, point.position, normal); }
     classes[candidate] = word;
 }
 

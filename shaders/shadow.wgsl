@@ -14,6 +14,8 @@ import package::lib::point::Point;
 import package::lib::rng::hash3;
 @if(audit) import package::lib::photon::{Photon, photon_word};
 @if(audit) import package::lib::class_word::{class_of, is_near};
+@if(fine_cells) import package::lib::fine_cell::store_rays;
+@if(fine_cells && environment) import package::lib::light::environment::is_environment;
 import package::lib::constants::{
     CLASS_LIT, COUNTER_AUDITS_WRONG, COUNTER_AUDITS_WRONG_NEAR, COUNTER_AUDIT_RAYS, COUNTER_OVERRUN,
     COUNTER_PENUMBRA_SEEN, COUNTER_SHADOW_RAYS, DIMENSION_SHADOW_ALPHA, QUEUE_AUDIT, QUEUE_BOUNDARY, QUEUE_COUNT
@@ -41,8 +43,8 @@ struct ShadowParameters {
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(9) var<storage, read_write> radiance_direct: array<vec4f>;
 // Photons of the other kind where an audit contradicted a class, and how many.
-@if(audit) @group(0) @binding(6) var<storage, read_write> repair_photons: array<Photon>;
-@if(audit) @group(0) @binding(7) var<storage, read_write> repair_count: atomic<u32>;
+@if(audit && visibility_map) @group(0) @binding(6) var<storage, read_write> repair_photons: array<Photon>;
+@if(audit && visibility_map) @group(0) @binding(7) var<storage, read_write> repair_count: atomic<u32>;
 
 var<immediate> parameters: ShadowParameters;
 
@@ -113,6 +115,15 @@ fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
     return vec2u(traced, visible);
 }
 
+// Leaves the photons of a candidate's rays in its fine cell.
+@if(fine_cells)
+fn store_in_fine_cell(candidate: u32, visible: u32, blocked: u32) {
+    let c = load_candidate(candidate);
+    // Nearly every point sees a part of the environment, so that few cells would be decided, and these wrongly.
+    @if(environment) { if is_environment(c.light) { return; } }
+    if !traversal_overrun { store_rays(c.light, c.position, c.normal, visible, blocked); }
+}
+
 @compute @workgroup_size(64)
 fn shadow(
     @builtin(workgroup_id) group: vec3u,
@@ -132,6 +143,7 @@ fn shadow(
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x { atomicAdd(&mixed_points, 1u); }
         if traversal_overrun { drop_sample(queued.candidate); }
+        @if(fine_cells) { store_in_fine_cell(queued.candidate, rays.y, rays.x - rays.y); }
     }
     workgroupBarrier();
     if lane == 0u {
@@ -156,12 +168,15 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     // Where the light point faces away no ray is traced, and the class stands.
     if !faces { return lit; }
     atomicAdd(&rays_traced, 1u);
+    @if(fine_cells) { store_in_fine_cell(candidate, u32(visible), u32(!visible)); }
     if visible != lit && !traversal_overrun {
         atomicAdd(&mixed_points, 1u);
         if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
-        let index = atomicAdd(&repair_count, 1u);
-        if index < parameters.repair_capacity {
-            repair_photons[index] = Photon(c.position, photon_word(oct_encode7(c.normal), c.light, 1.0, !visible));
+        @if(visibility_map) {
+            let index = atomicAdd(&repair_count, 1u);
+            if index < parameters.repair_capacity {
+                repair_photons[index] = Photon(c.position, photon_word(oct_encode7(c.normal), c.light, 1.0, !visible));
+            }
         }
     }
     return visible;

@@ -152,6 +152,10 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("RECORD_VALUE_TEXELS_FLAT", numbers::RECORD_VALUE_TEXELS_FLAT),
     ("RECORD_VALUE_TEXELS_CURVED", numbers::RECORD_VALUE_TEXELS_CURVED),
     ("GATHER_GROUP", numbers::GATHER_GROUP),
+    ("FINE_CELL_PIXELS", numbers::FINE_CELL_PIXELS),
+    ("FINE_CELL_LEVELS", numbers::FINE_CELL_LEVELS),
+    ("FINE_CELL_DEPTH", numbers::FINE_CELL_DEPTH),
+    ("FINE_CELL_PROBES", numbers::FINE_CELL_PROBES),
 ];
 
 /// The value of a constant, as kernels import it.

@@ -184,6 +184,18 @@ pub const RECORD_VALUE_TEXELS_CURVED: u32 = 6;
 /// Minimum radius of an irradiance record in pixels: denser records cost more than they improve.
 pub const MIN_RADIUS_PIXELS: u32 = 3;
 
+/// Width of the coarsest fine cells in pixels; up to twice that, as it is rounded up to a power of two.
+pub const FINE_CELL_PIXELS: u32 = 4;
+
+/// Sizes of fine cells: the width halves from each to the next, to a quarter of a pixel.
+pub const FINE_CELL_LEVELS: u32 = 5;
+
+/// Depth of a fine cell along the dominant axis of its normal, in widths: few surfaces cross its faces there.
+pub const FINE_CELL_DEPTH: u32 = 4;
+
+/// Maximum number of slots that are searched for a fine cell. In a table that is half full, about two are.
+pub const FINE_CELL_PROBES: u32 = 1024;
+
 /// Invocations of a workgroup of pass `gather`, by which the rays to be followed are dispatched.
 pub const GATHER_GROUP: u32 = 64;
 

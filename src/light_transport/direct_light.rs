@@ -4,6 +4,7 @@
 
 use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
+use super::fine_cells::FineCellMap;
 use super::light_sampler::LightSampler;
 use super::shared::Shared;
 use super::visibility_map::VisibilityMap;
@@ -79,6 +80,7 @@ impl DirectLightKernels {
 pub(crate) struct Guides<'a> {
     pub visibility_map: Option<&'a VisibilityMap>,
     pub light_sampler: Option<&'a LightSampler>,
+    pub fine_cells: Option<&'a FineCellMap>,
 }
 
 pub(crate) struct DirectLight {
@@ -184,7 +186,8 @@ impl DirectLight {
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
         let Buffers { classify, visibility, shadow_samples } = &self.buffers;
         let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
-        let scene: [&dyn Bindings; 2] = [gpu_scene, &sampled];
+        let fine_cells = guides.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
+        let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
         let classes = classify.final_classes(self.dilate);
         let shadow = ShadowBuffers {
             classes,

@@ -3,6 +3,7 @@
 
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
+use super::fine_cells::FineCellMap;
 use super::indirect_light::{IndirectLight, IndirectSetup};
 use super::kernels::{DirectKernels, IndirectKernels};
 use super::light_sampler::LightSampler;
@@ -47,6 +48,14 @@ impl FirstPass<'_> {
     pub fn make_visibility_map(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.visibility_map.take() {
             self.lighting.visibility_map = Some(VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?);
+        }
+        Ok(())
+    }
+
+    /// Makes an empty table of fine cells, which the shadow rays of the first samples fill.
+    pub fn make_fine_cells(&mut self) -> Result<()> {
+        if let Some(kernel) = self.direct_kernels.fine_cells.take() {
+            self.lighting.fine_cells = Some(FineCellMap::new(&self.shared, &kernel, self.camera, self.settings)?);
         }
         Ok(())
     }

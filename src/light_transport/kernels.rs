@@ -10,6 +10,7 @@ use super::light_sampler::LightSamplerKernels;
 use super::visibility_map::MapKernels;
 use crate::Result;
 use crate::passes::cells::Cells;
+use crate::passes::fine_cells::FineCells;
 use crate::passes::light_buffer::LightBufferPass;
 use crate::passes::path::Path;
 use crate::passes::ward::Ward;
@@ -25,6 +26,7 @@ pub(crate) struct DirectKernels {
     pub cells: Option<Cells>,
     pub light_buffer: Option<LightBufferPass>,
     pub ward: Option<Ward>,
+    pub fine_cells: Option<FineCells>,
     pub direct_light: Option<DirectLightKernels>,
 }
 
@@ -43,7 +45,8 @@ impl DirectKernels {
         let light_sampler = || LightSamplerKernels::new(gpu, features, constants, settings);
         let has = |name| features.has(name);
         let light_buffer = || LightBufferPass::new(gpu, features, constants);
-        let ((direct_light, visibility_map), ((cells, light_buffer, ward), light_sampler)) = rayon::join(
+        let nearest = settings.visibility_map.nearest;
+        let ((direct_light, visibility_map), ((cells, light_buffer, ward, fine_cells), light_sampler)) = rayon::join(
             || {
                 rayon::join(
                     || DirectLightKernels::new(gpu, features, constants, settings),
@@ -56,7 +59,8 @@ impl DirectKernels {
                         let cells = has(Feature::Cells).then(|| Cells::new(gpu, features, constants)).transpose();
                         let light_buffer = has(Feature::LightBuffer).then(light_buffer).transpose();
                         let ward = has(Feature::Ward).then(|| Ward::new(gpu, features, constants)).transpose();
-                        (cells, light_buffer, ward)
+                        let fine = has(Feature::FineCells).then(|| FineCells::new(gpu, features, nearest)).transpose();
+                        (cells, light_buffer, ward, fine)
                     },
                     || has(Feature::LightSampling).then(light_sampler).transpose(),
                 )
@@ -68,6 +72,7 @@ impl DirectKernels {
             cells: cells?,
             light_buffer: light_buffer?,
             ward: ward?,
+            fine_cells: fine_cells?,
             direct_light: Some(direct_light?),
         })
     }

@@ -6,6 +6,7 @@ use super::adaptive_testing::AdaptiveTesting;
 use super::caustic_map::CausticMap;
 use super::cell_visibility::CellVisibility;
 use super::direct_light::{DirectLight, DirectLightKernels, Guides};
+use super::fine_cells::FineCellMap;
 use super::indirect_light::IndirectLight;
 use super::light_sampler::LightSampler;
 use super::shared::Shared;
@@ -25,6 +26,8 @@ pub(crate) struct Lighting {
     pub cells: Option<CellVisibility>,
     /// The surfaces around each light.
     pub light_buffers: Option<BoundLightBuffer>,
+    /// Where the map does not decide: the shadow rays of earlier samples as photons.
+    pub fine_cells: Option<FineCellMap>,
     pub adaptive_testing: Option<AdaptiveTesting>,
     /// Direct light, if the technique computes it separately.
     pub direct: Option<DirectLight>,
@@ -35,7 +38,11 @@ pub(crate) struct Lighting {
 
 impl Lighting {
     fn guides(&self) -> Guides<'_> {
-        Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() }
+        Guides {
+            visibility_map: self.visibility_map.as_ref(),
+            light_sampler: self.light_sampler.as_ref(),
+            fine_cells: self.fine_cells.as_ref(),
+        }
     }
 
     /// Makes direct light for tiles of `points` points, guided by the visibility map and the light sampler.
@@ -52,8 +59,11 @@ impl Lighting {
 
     fn bind_direct_light(&mut self, shared: &Shared<'_>) -> Result<()> {
         // Not `self.guides()`: direct light is borrowed at the same time.
-        let guides =
-            Guides { visibility_map: self.visibility_map.as_ref(), light_sampler: self.light_sampler.as_ref() };
+        let guides = Guides {
+            visibility_map: self.visibility_map.as_ref(),
+            light_sampler: self.light_sampler.as_ref(),
+            fine_cells: self.fine_cells.as_ref(),
+        };
         self.direct.as_mut().map_or(Ok(()), |direct| direct.bind(shared, guides))
     }
 
@@ -68,13 +78,20 @@ impl Lighting {
         self.bind_direct_light(shared)
     }
 
+    /// See [`FineCellMap::classify`].
+    pub fn classify_fine_cells(&mut self, gpu: &Gpu, samples: u32) -> Result<()> {
+        self.fine_cells.as_mut().map_or(Ok(()), |cells| cells.classify(gpu, samples))
+    }
+
     /// The state that samples left in the visibility map, or in adaptive shadow testing.
     pub fn map_state(&self, gpu: &Gpu) -> Result<MapState> {
-        match (&self.visibility_map, &self.adaptive_testing) {
-            (Some(map), _) => map.state(gpu),
-            (None, Some(testing)) => Ok(MapState { rest: testing.state(gpu)?, ..MapState::default() }),
-            (None, None) => Ok(MapState::default()),
-        }
+        let state = match (&self.visibility_map, &self.adaptive_testing) {
+            (Some(map), _) => map.state(gpu)?,
+            (None, Some(testing)) => MapState { rest: testing.state(gpu)?, ..MapState::default() },
+            (None, None) => MapState::default(),
+        };
+        let fine_cells = self.fine_cells.as_ref().map_or(Ok(Vec::new()), |cells| cells.state(gpu))?;
+        Ok(MapState { fine_cells, ..state })
     }
 
     /// Restores that state before the first sample; false if it belongs to another render.
@@ -87,6 +104,11 @@ impl Lighting {
             (None, Some(testing)) => testing.restore(shared.gpu, &state.rest),
             (None, None) => state.rest.is_empty(),
         };
+        let fits = fits
+            && match &mut self.fine_cells {
+                Some(cells) => cells.restore(shared.gpu, &state.fine_cells),
+                None => state.fine_cells.is_empty(),
+            };
         self.bind_direct_light(shared)?;
         Ok(fits)
     }
@@ -96,6 +118,7 @@ impl Lighting {
         self.direct.as_ref().map_or(0, DirectLight::frame_bytes)
             + self.adaptive_testing.as_ref().map_or(0, AdaptiveTesting::frame_bytes)
             + self.light_sampler.as_ref().map_or(0, LightSampler::frame_bytes)
+            + self.fine_cells.as_ref().map_or(0, FineCellMap::bytes)
             + self.indirect.as_ref().map_or(0, IndirectLight::frame_bytes)
     }
 }

@@ -5,6 +5,7 @@ pub(crate) mod adaptive_testing;
 pub(crate) mod caustic_map;
 pub(crate) mod cell_visibility;
 pub(crate) mod direct_light;
+pub(crate) mod fine_cells;
 pub(crate) mod first_pass;
 pub(crate) mod global_map;
 pub(crate) mod indirect_light;

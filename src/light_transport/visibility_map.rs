@@ -66,12 +66,16 @@ pub(crate) struct MapState {
     /// [`PhotonGrid::requested_cells_state`], empty if no cell was requested yet; or the visible share of each light
     /// ([`super::adaptive_testing`]).
     pub rest: Vec<u32>,
+    /// [`super::fine_cells::FineCellMap::state`], empty if there are no fine cells.
+    pub fine_cells: Vec<u32>,
 }
 
 impl MapState {
     /// Everything but `left`, in order.
     pub fn words(&self) -> Vec<u32> {
-        [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept), &self.rest].concat()
+        let fine_cells = [self.fine_cells.len() as u32];
+        let photons = [bytemuck::cast_slice(&self.added), bytemuck::cast_slice(&self.kept)];
+        [photons[0], photons[1], &fine_cells, &self.fine_cells, &self.rest].concat()
     }
 
     /// From [`MapState::words`]; none where there are too few, or more photons than audits can leave.
@@ -82,8 +86,16 @@ impl MapState {
         let size = size_of::<Photon>() / 4;
         let (first, rest) = words.split_at_checked(added * size)?;
         let (then, rest) = rest.split_at_checked(left.min(REPAIR_BATCH) as usize * size)?;
+        let (fine_cells, rest) = rest.split_first()?;
+        let (fine_cells, rest) = rest.split_at_checked(*fine_cells as usize)?;
         let photons = |words: &[u32]| bytemuck::pod_collect_to_vec(words);
-        Some(MapState { added: photons(first), left, kept: photons(then), rest: rest.to_vec() })
+        Some(MapState {
+            added: photons(first),
+            left,
+            kept: photons(then),
+            rest: rest.to_vec(),
+            fine_cells: fine_cells.to_vec(),
+        })
     }
 }
 
@@ -160,6 +172,7 @@ impl VisibilityMap {
             left,
             kept: gpu.read(&self.repair_photons, left.min(REPAIR_BATCH) as usize)?,
             rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.requested_cells_state(gpu))?,
+            ..MapState::default()
         })
     }
 

@@ -4,6 +4,7 @@ pub mod cache;
 pub mod cells;
 pub mod classify;
 pub mod film;
+pub mod fine_cells;
 pub mod flux;
 pub mod gather;
 pub mod grid;
@@ -70,6 +71,8 @@ pub const SHARED: &[&SharedStruct] = &[
     &cells::CellPoint::SHARED,
     &classify::ClassifyParameters::SHARED,
     &film::FilmParameters::SHARED,
+    &fine_cells::FineCell::SHARED,
+    &fine_cells::FineCellView::SHARED,
     &flux::FluxParameters::SHARED,
     &gather::GatherParameters::SHARED,
     &grid::RequestedCell::SHARED,
@@ -101,6 +104,7 @@ const COMMON: &[Declared] = &[
     cache::RecordBindings::DECLARED,
     cache::PathQueueBindings::DECLARED,
     zones::ZoneListBindings::DECLARED,
+    fine_cells::FineCellBindings::DECLARED,
     sample_lights::SampledLightBindings::DECLARED,
 ];
 

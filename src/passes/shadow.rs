@@ -39,8 +39,8 @@ bindings! {
     struct AuditBindings {
         pub classes: &Buffer,
         pub audit_queue: &Buffer,
-        pub repair_photons: &Buffer,
-        pub repair_count: &Buffer,
+        pub repair_photons: Option<&Buffer>,
+        pub repair_count: Option<&Buffer>,
     }
 }
 
@@ -102,11 +102,11 @@ impl Shadow {
             counters: &tile.counters,
             radiance_direct: &tile.radiance_direct,
         };
-        let audit = buffers.repair.map(|[repair_photons, repair_count]| AuditBindings {
+        let audit = self.audits.then_some(AuditBindings {
             classes: buffers.classes,
             audit_queue: buffers.audit_queue,
-            repair_photons,
-            repair_count,
+            repair_photons: buffers.repair.map(|[photons, _]| photons),
+            repair_count: buffers.repair.map(|[_, count]| count),
         });
         let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
         sets.extend(audit.as_ref().map(|audit| audit as &dyn Bindings));

@@ -64,20 +64,23 @@ impl Renderer<'_> {
     fn layers_of_batch(&self, limit: u32) -> u32 {
         let most = self.tile_size.layers.min(limit.max(1));
         let missing = self.settings.image.spp.saturating_sub(self.samples);
-        // The first sample of each pixel is the pilot.
-        match self.batches == 0 && self.specialisation.features.has(Feature::VisibilityMap) {
-            true => 1,
-            false if missing > 0 => most.min(missing),
-            false => most,
+        let most = if missing > 0 { most.min(missing) } else { most };
+        match self.batches {
+            // The first sample of each pixel is the pilot.
+            0 if self.specialisation.features.has(Feature::VisibilityMap) => 1,
+            // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
+            _ if self.specialisation.features.has(Feature::FineCells) => most.min(self.samples),
+            _ => most,
         }
     }
 
-    /// Repairs the visibility map after the second batch, the fourth, the eighth, and so on: audits find most mistakes
-    /// early, and sorting the map again takes a small part of a long render. There is no repair after the pilot,
-    /// because one sample per pixel finds few photons.
+    /// Classifies the fine cells by the shadow rays so far, and repairs the visibility map after the second batch, the
+    /// fourth, the eighth, and so on: audits find most mistakes early, and sorting the map again takes a small part of
+    /// a long render. There is no repair after one or two samples per pixel, which find few photons.
     fn repair_map(&mut self) -> Result<()> {
+        let due = self.samples > 2 && self.batches.is_power_of_two();
+        self.lighting.classify_fine_cells(self.gpu, self.samples)?;
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
-        let due = self.batches > 1 && self.batches.is_power_of_two();
         self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 

@@ -1,7 +1,7 @@
 //! Checkpoints: the state that the samples of a render left, in memory or in a file.
 //!
-//! A checkpoint holds the sums of the film, the photons of audits, the cells that points requested, the visible share
-//! of each light, and the counts. Other photons and irradiance records are not in it, because they are computed again
+//! A checkpoint holds the sums of the film, the photons of audits, the cells that points requested, the fine cells, the
+//! visible share of each light, and the counts. Other photons and irradiance records are not in it, because they are computed again
 //! from their seed.
 
 use std::io::Write;
@@ -15,7 +15,7 @@ use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 3\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 4\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;

@@ -74,6 +74,8 @@ kernel_kit::features! {
         PaperCounting,
         /// Method: n_i and n_s of boundaries are counted exactly, because they are shown.
         ExactCounts,
+        /// Method: where the map does not decide, the shadow rays of earlier samples are photons.
+        FineCells,
         /// Method: rays from the cells of a grid estimate the visibility of lights from the points in them.
         Cells,
         /// Method: a cell decides only if its neighbours agree with it.

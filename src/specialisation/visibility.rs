@@ -75,7 +75,29 @@ impl Specialisation {
             "cells decide: no point searches for its nearest photons",
             "a search for each boundary point",
         );
+        self.of_fine_cells(settings, wanted, shown);
         wanted
+    }
+
+    /// Decides on fine cells. `mapped`: there is a visibility map; `shown`: what its photons tell is shown.
+    fn of_fine_cells(&mut self, settings: &Settings, mapped: bool, shown: bool) {
+        let unneeded = if !mapped {
+            "photons classify no points"
+        } else if shown {
+            "what the photons tell is shown"
+        } else if settings.visibility_map.audit == 0.0 || settings.visibility_map.paper_counting {
+            "the method of the paper alone is requested"
+        } else {
+            "there is one sample per pixel, and none to learn from"
+        };
+        let learning = settings.image.spp > 1 && settings.visibility_map.audit > 0.0;
+        self.decide(
+            Feature::FineCells,
+            mapped && !shown && learning && !settings.visibility_map.paper_counting,
+            "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
+            unneeded,
+            "pass fine_cells; 144 to 576 B per pixel, at most 151 MB",
+        );
     }
 
     /// Decides on the techniques that may estimate visibility without shadow rays: equation 1, cells, and adaptive
@@ -155,14 +177,11 @@ impl Specialisation {
 
     /// Leaves out the visibility map and the features that only it uses.
     pub(crate) fn leave_map_out(&mut self, reason: &str) {
-        for feature in [
-            Feature::VisibilityMap,
-            Feature::LightTags,
-            Feature::PaperCounting,
-            Feature::ExactCounts,
-            Feature::Audit,
-            Feature::FewSampled,
-        ] {
+        // Fine cells decide points without the map, too.
+        let by_fine_cells = self.features.has(Feature::FineCells);
+        let map_alone = [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts];
+        let deciding = [Feature::Audit, Feature::FewSampled];
+        for feature in map_alone.into_iter().chain(deciding.into_iter().filter(|_| !by_fine_cells)) {
             if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
                 let item = self.kept.remove(at);
                 self.left_out.push(Item { reason: reason.to_owned(), ..item });

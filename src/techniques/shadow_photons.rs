@@ -38,6 +38,8 @@ fn first_pass(setup: &mut FirstPass<'_>) -> Result<()> {
     setup.make_light_sampler()?;
     // Illumination and shadow photons of every light ("Extending the photon map").
     setup.make_visibility_map()?;
+    // Not in the paper: where these photons do not decide, the shadow rays of earlier samples are photons that do.
+    setup.make_fine_cells()?;
     setup.make_direct_light()?;
     // The global map and the irradiance cache of the two-pass method.
     setup.make_indirect_light()

@@ -7,6 +7,7 @@ mod classify;
 mod environment;
 mod features;
 mod film;
+mod fine_cells;
 mod flux;
 mod gather;
 mod grid;

@@ -1,0 +1,59 @@
+// fine_cells: the classes of fine cells (lib/fine_cell) by their photons, after a batch of samples. In: the table. Out:
+// the class of each of its cells that is not divided yet. Paper, "Extending the photon map": the three cases, with the
+// shadow rays of earlier samples as photons.
+
+import package::kit::group_index;
+import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED, CLASS_UNKNOWN};
+import package::lib::fine_cell::{
+    FINE_CELL_ABSENT, FineCellKey, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list, fine_cells
+};
+
+// Photons that decide a cell (k).
+override nearest: u32;
+
+@compute @workgroup_size(64)
+fn classify_fine_cells(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= atomicLoad(&fine_cell_count) { return; }
+    let slot = fine_cell_list[i];
+    let tag = atomicLoad(&fine_cells[slot].tag);
+    if (tag & CLASS_MASK) == CLASS_BOUNDARY { return; }
+    atomicStore(&fine_cells[slot].tag, (tag & ~CLASS_MASK) | class_of_cell(slot));
+}
+
+// Illumination and shadow photons of a cell.
+fn photons_of(slot: u32) -> vec2u {
+    return vec2u(atomicLoad(&fine_cells[slot].illumination), atomicLoad(&fine_cells[slot].shadow));
+}
+
+// The class of a cell by its photons and those of the eight cells around it on its surface. Cells across its depth are
+// left out: few surfaces go on there.
+fn class_of_cell(slot: u32) -> u32 {
+    var photons = photons_of(slot);
+    if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
+    let place = fine_cells[slot].place;
+    let kind = fine_cells[slot].kind;
+    for (var i = 0; i < 9; i++) {
+        if i == 4 { continue; }
+        let neighbour = find_cell(FineCellKey(place + step_across(cell_axis(kind), i), kind));
+        if neighbour.slot == FINE_CELL_ABSENT { continue; }
+        photons += photons_of(neighbour.slot);
+        if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
+    }
+    // Points in parts of divided cells are audited 16 times as often, so mistakes there cost less.
+    let enough = select(nearest, (nearest + 1u) / 2u, cell_level(kind) > 0u);
+    if photons.x + photons.y < enough { return CLASS_UNKNOWN; }
+    return select(CLASS_SHADOWED, CLASS_LIT, photons.y == 0u);
+}
+
+// To the i-th of the 3 x 3 cells at right angles to the axis.
+fn step_across(axis: u32, i: i32) -> vec3i {
+    let across = vec2i(i % 3, i / 3) - 1;
+    if axis == 0u { return vec3i(0, across); }
+    if axis == 1u { return vec3i(across.x, 0, across.y); }
+    return vec3i(across, 0);
+}

@@ -1,0 +1,125 @@
+//! Fine cells: where the map's photons do not decide, the shadow rays of earlier samples are photons that do.
+
+use kernel_kit::{BoundKernel, Gpu};
+
+use super::shared::Shared;
+use crate::Result;
+use crate::gpu_scene::CameraUniform;
+use crate::passes::fine_cells::{FineCell, FineCellBindings, FineCellTable, FineCellView, FineCells};
+use crate::settings::Settings;
+
+/// Slots of the table for each pixel and light, of at most [`COUNTED_LIGHTS`] lights. A view full of small shadows
+/// (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
+const SLOTS_PER_PIXEL: u64 = 4;
+
+/// More lights seldom have boundaries at the same pixels.
+const COUNTED_LIGHTS: u64 = 4;
+
+/// Bounds of the number of slots: 36 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
+const MIN_SLOTS: u64 = 1 << 12;
+const MAX_SLOTS: u64 = 1 << 22;
+
+/// Words of a cell in [`FineCellMap::state`]: its slot, and the cell.
+const ENTRY_WORDS: usize = 1 + size_of::<FineCell>() / size_of::<u32>();
+
+pub(crate) struct FineCellMap {
+    table: FineCellTable,
+    view: FineCellView,
+    classify: BoundKernel,
+    /// Samples per pixel when the cells were classified last.
+    classified_at: u32,
+}
+
+impl FineCellMap {
+    /// An empty table for the camera's view.
+    pub fn new(
+        shared: &Shared<'_>,
+        kernel: &FineCells,
+        camera: &CameraUniform,
+        settings: &Settings,
+    ) -> Result<FineCellMap> {
+        let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
+        let lights = shared.scene.placed_lights().len() as u64;
+        let wanted = SLOTS_PER_PIXEL * pixels * lights.clamp(1, COUNTED_LIGHTS);
+        let slots = wanted.next_power_of_two().clamp(MIN_SLOTS, MAX_SLOTS) as u32;
+        let view = FineCellView::new(camera, settings.image.height, slots);
+        let table = FineCellTable::new(shared.gpu, view)?;
+        let classify = kernel.bind(shared.gpu, &table)?;
+        Ok(FineCellMap { table, view, classify, classified_at: 0 })
+    }
+
+    /// Classifies all cells by their photons, if the number of `samples` per pixel has doubled since the last time.
+    pub fn classify(&mut self, gpu: &Gpu, samples: u32) -> Result<()> {
+        if samples < 2 * self.classified_at.max(1) && self.classified_at > 0 {
+            return Ok(());
+        }
+        self.classified_at = samples;
+        let count = self.close_if_full(gpu)?;
+        let mut frame = gpu.frame("fine cells");
+        frame.run(&self.classify, count, &());
+        Ok(frame.submit()?)
+    }
+
+    /// A table that is three quarters full takes no new cells, so that searches stay short. Which cells found room
+    /// would depend on chance if it were full: it is emptied then. Returns the number of cells.
+    fn close_if_full(&mut self, gpu: &Gpu) -> Result<u32> {
+        let slots = self.view.mask + 1;
+        let mut count = gpu.read::<u32>(&self.table.count, 1)?[0];
+        if self.view.closed == 0 && count > slots / 4 * 3 {
+            self.view.closed = 1;
+            gpu.write(&self.table.view, &[self.view]);
+            if count > slots / 16 * 15 {
+                count = 0;
+                let mut frame = gpu.frame("fine cells");
+                frame.clear(&self.table.cells);
+                frame.clear(&self.table.count);
+                frame.submit()?;
+            }
+        }
+        Ok(count)
+    }
+
+    /// The table, for the passes that read and fill it.
+    pub fn bindings(&self) -> FineCellBindings<'_> {
+        self.table.bindings()
+    }
+
+    /// The cells that samples left so far: whether the table is closed, the samples at the last classification, and
+    /// slot and words of each cell.
+    pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
+        let cells: Vec<FineCell> = gpu.read(&self.table.cells, self.view.mask as usize + 1)?;
+        let mut state = vec![self.view.closed, self.classified_at];
+        for (slot, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.tag != 0) {
+            state.push(slot as u32);
+            state.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(cell)));
+        }
+        Ok(state)
+    }
+
+    /// Restores that state; false if it belongs to another table.
+    pub fn restore(&mut self, gpu: &Gpu, state: &[u32]) -> bool {
+        let Some(([closed, classified_at], entries)) = state.split_first_chunk() else { return false };
+        let mut cells = vec![FineCell::default(); self.view.mask as usize + 1];
+        let mut list = Vec::with_capacity(entries.len() / ENTRY_WORDS);
+        for entry in entries.chunks(ENTRY_WORDS) {
+            let cell = cells.get_mut(entry[0] as usize).filter(|_| entry.len() == ENTRY_WORDS);
+            let Some(cell) = cell else { return false };
+            *cell = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&entry[1..]));
+            list.push(entry[0]);
+        }
+        if list.len() > cells.len() {
+            return false;
+        }
+        (self.view.closed, self.classified_at) = (*closed, *classified_at);
+        gpu.write(&self.table.view, &[self.view]);
+        gpu.write(&self.table.cells, &cells);
+        gpu.write(&self.table.list, &list);
+        gpu.write(&self.table.count, &[list.len() as u32]);
+        true
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.table.bytes()
+    }
+}

@@ -1,0 +1,132 @@
+//! Pass `fine_cells`: classifies pieces of surface as large as a few pixels by the shadow rays of earlier samples.
+
+use kernel_kit::{BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
+
+use super::kernel;
+use crate::Result;
+use crate::gpu_scene::CameraUniform;
+use crate::specialisation::features::Features;
+
+shared_struct! {
+    /// The view for which cells are a few pixels wide, and the size of their table; see `shaders/lib/fine_cell.wgsl`.
+    pub struct FineCellView {
+        /// Position of the camera, in normalised space.
+        pub eye: [f32; 3],
+        /// Width of a pixel at unit distance from the eye; 0 in an orthographic view.
+        pub slope: f32,
+        /// Width of a pixel in an orthographic view, else 0.
+        pub width: f32,
+        /// Slots of the table, a power of two, less one.
+        pub mask: u32,
+        /// 1 if the table takes no new cells.
+        pub closed: u32,
+        /// To a multiple of 16 bytes.
+        pub padding: u32,
+    }
+}
+
+shared_struct! {
+    /// A fine cell, or an empty slot of their table; see `shaders/lib/fine_cell.wgsl`.
+    pub struct FineCell {
+        /// Hash of light and place with the [`crate::kernels::Class`], 0 in an empty slot.
+        pub tag: u32,
+        /// Light, side of the surface, and size.
+        pub kind: u32,
+        /// Points with a shadow ray that reached the light.
+        pub illumination: u32,
+        /// Points with one that did not.
+        pub shadow: u32,
+        /// In widths of a cell.
+        pub place: [i32; 3],
+        /// To a multiple of 16 bytes.
+        pub padding: u32,
+    }
+}
+
+impl FineCellView {
+    /// The view of a camera whose image has `height` pixel rows, and a table of `slots` slots, a power of two.
+    pub fn new(camera: &CameraUniform, height: u32, slots: u32) -> FineCellView {
+        let half = glam::Vec3::from(camera.up).length();
+        let pixel = 2.0 * half / height as f32;
+        let (slope, width) = if camera.orthographic == 1 { (0.0, pixel) } else { (pixel, 0.0) };
+        FineCellView { eye: camera.position, slope, width, mask: slots - 1, closed: 0, padding: 0 }
+    }
+}
+
+bindings! {
+    /// The table, as passes look up cells and add photons; none where there are no fine cells.
+    #[derive(Default)]
+    pub struct FineCellBindings {
+        /// [`FineCellTable::view`].
+        pub fine_cell_view: Option<&Buffer>,
+        /// [`FineCellTable::cells`].
+        pub fine_cells: Option<&Buffer>,
+        /// [`FineCellTable::list`].
+        pub fine_cell_list: Option<&Buffer>,
+        /// [`FineCellTable::count`].
+        pub fine_cell_count: Option<&Buffer>,
+    }
+}
+
+/// The pass; see `shaders/fine_cells.wgsl`.
+pub struct FineCells(Kernel);
+
+/// The table of fine cells.
+pub struct FineCellTable {
+    /// [`FineCellView`].
+    pub view: Buffer,
+    /// [`FineCell`]s.
+    pub cells: Buffer,
+    /// Slots of the cells.
+    pub list: Buffer,
+    /// Number of cells in the table.
+    pub count: Buffer,
+}
+
+impl FineCells {
+    /// Compiles the kernel; `nearest` is k, the photons that decide a cell.
+    ///
+    /// # Errors
+    /// As [`Kernel::new`].
+    pub fn new(gpu: &Gpu, features: &Features, nearest: u32) -> Result<FineCells> {
+        Ok(FineCells(kernel(gpu, "fine_cells", features, &[("nearest", f64::from(nearest))], &[])?))
+    }
+
+    /// Binds the pass to a table.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind(&self, gpu: &Gpu, table: &FineCellTable) -> Result<BoundKernel> {
+        Ok(self.0.bind(gpu, "classify_fine_cells", &[&table.bindings()])?)
+    }
+}
+
+impl FineCellTable {
+    /// An empty table with as many slots as the view says.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, view: FineCellView) -> Result<FineCellTable> {
+        Ok(FineCellTable {
+            view: gpu.upload("penumbra/fine_cells/view", &[view])?,
+            cells: gpu.buffer::<FineCell>("penumbra/fine_cells/cells", view.mask as usize + 1)?,
+            list: gpu.buffer::<u32>("penumbra/fine_cells/list", view.mask as usize + 1)?,
+            count: gpu.buffer::<u32>("penumbra/fine_cells/count", 1)?,
+        })
+    }
+
+    /// The table's buffers, by their names.
+    pub fn bindings(&self) -> FineCellBindings<'_> {
+        FineCellBindings {
+            fine_cell_view: Some(&self.view),
+            fine_cells: Some(&self.cells),
+            fine_cell_count: Some(&self.count),
+            fine_cell_list: Some(&self.list),
+        }
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.view.bytes + self.cells.bytes + self.list.bytes + self.count.bytes
+    }
+}
