@@ -19,29 +19,29 @@ fn classify_fine_cells(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= atomicLoad(&fine_cell_count) { return; }
-    let slot = fine_cell_list[i];
-    let tag = atomicLoad(&fine_cells[slot].tag);
+    let entry = fine_cell_list[i];
+    let tag = atomicLoad(&fine_cells[entry].tag);
     if (tag & CLASS_MASK) == CLASS_BOUNDARY { return; }
-    atomicStore(&fine_cells[slot].tag, (tag & ~CLASS_MASK) | class_of_cell(slot));
+    atomicStore(&fine_cells[entry].tag, (tag & ~CLASS_MASK) | class_of_cell(entry));
 }
 
 // Illumination and shadow photons of a cell.
-fn photons_of(slot: u32) -> vec2u {
-    return vec2u(atomicLoad(&fine_cells[slot].illumination), atomicLoad(&fine_cells[slot].shadow));
+fn photons_of(entry: u32) -> vec2u {
+    return vec2u(atomicLoad(&fine_cells[entry].illumination), atomicLoad(&fine_cells[entry].shadow));
 }
 
 // The class of a cell by its photons and those of the eight cells around it on its surface. Cells across its depth are
 // left out: few surfaces go on there.
-fn class_of_cell(slot: u32) -> u32 {
-    var photons = photons_of(slot);
+fn class_of_cell(entry: u32) -> u32 {
+    var photons = photons_of(entry);
     if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
-    let place = fine_cells[slot].place;
-    let kind = fine_cells[slot].kind;
+    let index = fine_cells[entry].index;
+    let kind = fine_cells[entry].kind;
     for (var i = 0; i < 9; i++) {
         if i == 4 { continue; }
-        let neighbour = find_cell(FineCellKey(place + step_across(cell_axis(kind), i), kind));
-        if neighbour.slot == FINE_CELL_ABSENT { continue; }
-        photons += photons_of(neighbour.slot);
+        let neighbour = find_cell(FineCellKey(index + step_across(cell_axis(kind), i), kind));
+        if neighbour.entry == FINE_CELL_ABSENT { continue; }
+        photons += photons_of(neighbour.entry);
         if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
     }
     // Points in parts of divided cells are audited 16 times as often, so mistakes there cost less.

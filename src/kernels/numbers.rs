@@ -193,7 +193,7 @@ pub const FINE_CELL_LEVELS: u32 = 5;
 /// Depth of a fine cell along the dominant axis of its normal, in widths: few surfaces cross its faces there.
 pub const FINE_CELL_DEPTH: u32 = 4;
 
-/// Maximum number of slots that are searched for a fine cell. In a table that is half full, about two are.
+/// Maximum number of entries that are searched for a fine cell. In a table that is half full, about two are.
 pub const FINE_CELL_PROBES: u32 = 1024;
 
 /// Invocations of a workgroup of pass `gather`, by which the rays to be followed are dispatched.

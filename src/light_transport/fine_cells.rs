@@ -8,18 +8,18 @@ use crate::gpu_scene::CameraUniform;
 use crate::passes::fine_cells::{FineCell, FineCellBindings, FineCellTable, FineCellView, FineCells};
 use crate::settings::Settings;
 
-/// Slots of the table for each pixel and light, of at most [`COUNTED_LIGHTS`] lights. A view full of small shadows
+/// Entries of the table for each pixel and light, of at most [`COUNTED_LIGHTS`] lights. A view full of small shadows
 /// (`scenes/crowd.glb`, 256 x 256) uses 2.2 a pixel; twice that keeps searches short.
-const SLOTS_PER_PIXEL: u64 = 4;
+const ENTRIES_PER_PIXEL: u64 = 4;
 
 /// More lights seldom have boundaries at the same pixels.
 const COUNTED_LIGHTS: u64 = 4;
 
-/// Bounds of the number of slots: 36 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
-const MIN_SLOTS: u64 = 1 << 12;
-const MAX_SLOTS: u64 = 1 << 22;
+/// Bounds of the number of entries: 36 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
+const MIN_ENTRIES: u64 = 1 << 12;
+const MAX_ENTRIES: u64 = 1 << 22;
 
-/// Words of a cell in [`FineCellMap::state`]: its slot, and the cell.
+/// Words of a cell in [`FineCellMap::state`]: its entry, and the cell.
 const ENTRY_WORDS: usize = 1 + size_of::<FineCell>() / size_of::<u32>();
 
 pub(crate) struct FineCellMap {
@@ -40,9 +40,9 @@ impl FineCellMap {
     ) -> Result<FineCellMap> {
         let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
         let lights = shared.scene.placed_lights().len() as u64;
-        let wanted = SLOTS_PER_PIXEL * pixels * lights.clamp(1, COUNTED_LIGHTS);
-        let slots = wanted.next_power_of_two().clamp(MIN_SLOTS, MAX_SLOTS) as u32;
-        let view = FineCellView::new(camera, settings.image.height, slots);
+        let wanted = ENTRIES_PER_PIXEL * pixels * lights.clamp(1, COUNTED_LIGHTS);
+        let entries = wanted.next_power_of_two().clamp(MIN_ENTRIES, MAX_ENTRIES) as u32;
+        let view = FineCellView::new(camera, settings.image.height, entries);
         let table = FineCellTable::new(shared.gpu, view)?;
         let classify = kernel.bind(shared.gpu, &table)?;
         Ok(FineCellMap { table, view, classify, classified_at: 0 })
@@ -63,12 +63,12 @@ impl FineCellMap {
     /// A table that is three quarters full takes no new cells, so that searches stay short. Which cells found room
     /// would depend on chance if it were full: it is emptied then. Returns the number of cells.
     fn close_if_full(&mut self, gpu: &Gpu) -> Result<u32> {
-        let slots = self.view.mask + 1;
+        let entries = self.view.mask + 1;
         let mut count = gpu.read::<u32>(&self.table.count, 1)?[0];
-        if self.view.closed == 0 && count > slots / 4 * 3 {
+        if self.view.closed == 0 && count > entries / 4 * 3 {
             self.view.closed = 1;
             gpu.write(&self.table.view, &[self.view]);
-            if count > slots / 16 * 15 {
+            if count > entries / 16 * 15 {
                 count = 0;
                 let mut frame = gpu.frame("fine cells");
                 frame.clear(&self.table.cells);
@@ -85,12 +85,12 @@ impl FineCellMap {
     }
 
     /// The cells that samples left so far: whether the table is closed, the samples at the last classification, and
-    /// slot and words of each cell.
+    /// entry and words of each cell.
     pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
         let cells: Vec<FineCell> = gpu.read(&self.table.cells, self.view.mask as usize + 1)?;
         let mut state = vec![self.view.closed, self.classified_at];
-        for (slot, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.tag != 0) {
-            state.push(slot as u32);
+        for (entry, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.tag != 0) {
+            state.push(entry as u32);
             state.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(cell)));
         }
         Ok(state)
@@ -98,14 +98,14 @@ impl FineCellMap {
 
     /// Restores that state; false if it belongs to another table.
     pub fn restore(&mut self, gpu: &Gpu, state: &[u32]) -> bool {
-        let Some(([closed, classified_at], entries)) = state.split_first_chunk() else { return false };
+        let Some(([closed, classified_at], parts)) = state.split_first_chunk() else { return false };
         let mut cells = vec![FineCell::default(); self.view.mask as usize + 1];
-        let mut list = Vec::with_capacity(entries.len() / ENTRY_WORDS);
-        for entry in entries.chunks(ENTRY_WORDS) {
-            let cell = cells.get_mut(entry[0] as usize).filter(|_| entry.len() == ENTRY_WORDS);
+        let mut list = Vec::with_capacity(parts.len() / ENTRY_WORDS);
+        for part in parts.chunks(ENTRY_WORDS) {
+            let cell = cells.get_mut(part[0] as usize).filter(|_| part.len() == ENTRY_WORDS);
             let Some(cell) = cell else { return false };
-            *cell = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&entry[1..]));
-            list.push(entry[0]);
+            *cell = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&part[1..]));
+            list.push(part[0]);
         }
         if list.len() > cells.len() {
             return false;

@@ -16,7 +16,7 @@ shared_struct! {
         pub slope: f32,
         /// Width of a pixel in an orthographic view, else 0.
         pub width: f32,
-        /// Slots of the table, a power of two, less one.
+        /// Entries of the table, a power of two, less one.
         pub mask: u32,
         /// 1 if the table takes no new cells.
         pub closed: u32,
@@ -26,9 +26,9 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// A fine cell, or an empty slot of their table; see `shaders/lib/fine_cell.wgsl`.
+    /// A fine cell, or an empty entry of their table; see `shaders/lib/fine_cell.wgsl`.
     pub struct FineCell {
-        /// Hash of light and place with the [`crate::kernels::Class`], 0 in an empty slot.
+        /// Hash of light and position with the [`crate::kernels::Class`], 0 in an empty entry.
         pub tag: u32,
         /// Light, side of the surface, and size.
         pub kind: u32,
@@ -36,20 +36,20 @@ shared_struct! {
         pub illumination: u32,
         /// Points with one that did not.
         pub shadow: u32,
-        /// In widths of a cell.
-        pub place: [i32; 3],
+        /// Position along each axis, in widths of a cell.
+        pub index: [i32; 3],
         /// To a multiple of 16 bytes.
         pub padding: u32,
     }
 }
 
 impl FineCellView {
-    /// The view of a camera whose image has `height` pixel rows, and a table of `slots` slots, a power of two.
-    pub fn new(camera: &CameraUniform, height: u32, slots: u32) -> FineCellView {
+    /// The view of a camera whose image has `height` pixel rows, and a table of `entries` entries, a power of two.
+    pub fn new(camera: &CameraUniform, height: u32, entries: u32) -> FineCellView {
         let half = glam::Vec3::from(camera.up).length();
         let pixel = 2.0 * half / height as f32;
         let (slope, width) = if camera.orthographic == 1 { (0.0, pixel) } else { (pixel, 0.0) };
-        FineCellView { eye: camera.position, slope, width, mask: slots - 1, closed: 0, padding: 0 }
+        FineCellView { eye: camera.position, slope, width, mask: entries - 1, closed: 0, padding: 0 }
     }
 }
 
@@ -77,7 +77,7 @@ pub struct FineCellTable {
     pub view: Buffer,
     /// [`FineCell`]s.
     pub cells: Buffer,
-    /// Slots of the cells.
+    /// Entries of the cells.
     pub list: Buffer,
     /// Number of cells in the table.
     pub count: Buffer,
@@ -102,7 +102,7 @@ impl FineCells {
 }
 
 impl FineCellTable {
-    /// An empty table with as many slots as the view says.
+    /// An empty table with as many entries as the view says.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].

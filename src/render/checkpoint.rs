@@ -1,8 +1,8 @@
 //! Checkpoints: the state that the samples of a render left, in memory or in a file.
 //!
 //! A checkpoint holds the sums of the film, the photons of audits, the cells that points requested, the fine cells, the
-//! visible share of each light, and the counts. Other photons and irradiance records are not in it, because they are computed again
-//! from their seed.
+//! visible share of each light, and the counts. Other photons and irradiance records are not in it, because they are
+//! computed again from their seed.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -52,7 +52,7 @@ fn cell_at(rays: &Rays, exponent: i32, level: u32) -> (Key, f64) {
     let normal = Vec3::from(rays.normal).as_dvec3();
     let size = normal.abs();
     let axis = if size.z > size.x.max(size.y) { 2 } else { usize::from(size.y > size.x) };
-    let offset = DVec3::new(0.31830989, 0.27182818, 0.41421356);
+    let offset = DVec3::new(0.3173, 0.2719, 0.4142);
     let mut scale = DVec3::splat((-f64::from(exponent)).exp2());
     scale[axis] /= 4.0;
     let at = (Vec3::from(rays.position).as_dvec3() + offset) * scale;
@@ -246,7 +246,7 @@ fn all_points_count(gpu: &Gpu) {
 
 /// A closed table takes no new cell. A full one loses cells, but no word outside them is written.
 #[kernel_test("PENUMBRA_DEVICE")]
-fn tables_that_are_full_take_nothing(gpu: &Gpu) {
+fn full_and_closed_take_nothing(gpu: &Gpu) {
     let points = points(&mut Random(5), 5000);
     let closed = Device::new(gpu, FineCellView { closed: 1, ..VIEW });
     closed.run("store", &points, points.len());

@@ -7,6 +7,7 @@ use penumbra::internal::passes::grid::Photon;
 use penumbra::internal::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
+use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
@@ -79,7 +80,10 @@ const REPAIR_ROOM: usize = 2000;
 impl Setup {
     fn new(gpu: &Gpu, chunk: [u32; 2], samples: u32) -> Setup {
         let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
-        let stage = Stage::new(gpu, room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| features);
+        let stage = Stage::new(gpu, room(), &view, [65, 2], Technique::SHADOW_PHOTONS, |features| {
+            // Fine cells are tested on their own.
+            features.with(Feature::FineCells, false)
+        });
         // Two layers of later samples.
         let tile = Tile { first_sample: 5, ..whole([65, 2], 2) };
         let points = points(tile.point_count as usize);

@@ -165,8 +165,8 @@ fn clearcoat_value(lobe: Clearcoat, pair: LocalPair) -> vec3f {
     return vec3f(lobe.factor * fresnel * microfacets(pair, h));
 }
 
-// Upper bound of the density of directions sampled from the coat, for a view at the given cosine to the base's normal; 0
-// without a coat.
+// Upper bound of the density of directions sampled from the coat, for a view at the given cosine to the base's normal;
+// 0 without a coat.
 @if(clearcoat)
 fn clearcoat_max_density(lobe: Clearcoat, view: vec3f, view_z: f32) -> f32 {
     @if(coat_normals) let height = max(dot(view, lobe.normal), 1e-4);
