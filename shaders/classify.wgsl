@@ -158,10 +158,15 @@ fn refined(word: u32, light: u32, position: vec3f, normal: vec3f) -> u32 {
     if is_decided(class_of(word)) { return word; }
     let fine = fine_class(light, position, normal);
     if !is_decided(fine.class_) { return word; }
-    var decided = class_word(CLASS_LIT, nearest, 0u, 1.0);
-    if fine.class_ == CLASS_SHADOWED { decided = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-    if fine.near { return near_word(decided); }
-    return decided;
+    return decided_word(fine.class_, fine.near);
+}
+
+// The word of a candidate in a lit or shadowed cell.
+@if(visibility_map || fine_cells)
+fn decided_word(class_: u32, near: bool) -> u32 {
+    var word = class_word(CLASS_LIT, nearest, 0u, 1.0);
+    if class_ == CLASS_SHADOWED { word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
+    return select(word, near_word(word), near);
 }
 
 // The first request of a cell allocates its entry.
@@ -218,13 +223,8 @@ fn in_cell(from_centre: vec3f) -> bool {
 // The class word of a cell class; UNDECIDED where the exact counts are to be found.
 @if(visibility_map)
 fn word_of_cell_class(cell: CellClass) -> u32 {
-    if cell.class_ == CLASS_LIT {
-        let word = class_word(CLASS_LIT, nearest, 0u, 1.0);
-        return select(word, near_word(word), cell.visibility < 1.0);
-    }
-    if cell.class_ == CLASS_SHADOWED {
-        let word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0);
-        return select(word, near_word(word), cell.visibility > 0.0);
+    if is_decided(cell.class_) {
+        return decided_word(cell.class_, cell.visibility != f32(cell.class_ == CLASS_LIT));
     }
     @if(exact_counts) { return UNDECIDED; }
     @if(!exact_counts) {

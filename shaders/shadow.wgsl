@@ -117,8 +117,7 @@ fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
 
 // Leaves the photons of a candidate's rays in its fine cell.
 @if(fine_cells)
-fn store_in_fine_cell(candidate: u32, visible: u32, blocked: u32) {
-    let c = load_candidate(candidate);
+fn store_in_fine_cell(c: Candidate, visible: u32, blocked: u32) {
     // Nearly every point sees a part of the environment, so that few cells would be decided, and these wrongly.
     @if(environment) { if is_environment(c.light) { return; } }
     if !traversal_overrun { store_rays(c.light, c.position, c.normal, visible, blocked); }
@@ -143,7 +142,7 @@ fn shadow(
         atomicAdd(&rays_traced, rays.x);
         if rays.y > 0u && rays.y < rays.x { atomicAdd(&mixed_points, 1u); }
         if traversal_overrun { drop_sample(queued.candidate); }
-        @if(fine_cells) { store_in_fine_cell(queued.candidate, rays.y, rays.x - rays.y); }
+        @if(fine_cells) { store_in_fine_cell(load_candidate(queued.candidate), rays.y, rays.x - rays.y); }
     }
     workgroupBarrier();
     if lane == 0u {
@@ -168,7 +167,7 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     // Where the light point faces away no ray is traced, and the class stands.
     if !faces { return lit; }
     atomicAdd(&rays_traced, 1u);
-    @if(fine_cells) { store_in_fine_cell(candidate, u32(visible), u32(!visible)); }
+    @if(fine_cells) { store_in_fine_cell(c, u32(visible), u32(!visible)); }
     if visible != lit && !traversal_overrun {
         atomicAdd(&mixed_points, 1u);
         if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }

@@ -50,7 +50,7 @@ impl FineCellMap {
 
     /// Classifies all cells by their photons, if the number of `samples` per pixel has doubled since the last time.
     pub fn classify(&mut self, gpu: &Gpu, samples: u32) -> Result<()> {
-        if samples < 2 * self.classified_at.max(1) && self.classified_at > 0 {
+        if self.classified_at > 0 && samples < 2 * self.classified_at {
             return Ok(());
         }
         self.classified_at = samples;

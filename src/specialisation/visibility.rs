@@ -96,7 +96,7 @@ impl Specialisation {
             mapped && !shown && learning && !settings.visibility_map.paper_counting,
             "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
             unneeded,
-            "pass fine_cells; 144 to 576 B per pixel, at most 151 MB",
+            "pass fine_cells; 144 to 288 B per pixel and light, of at most four lights; 151 MB at most",
         );
     }
 
