@@ -5,7 +5,8 @@
 import package::kit::group_index;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::fine_cell::{
-    FINE_CELL_ABSENT, FineCellKey, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list, fine_cells
+    FINE_CELL_ABSENT, FineCellKey, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list,
+    fine_cell_tags, fine_cells
 };
 
 // Photons that decide a cell (k).
@@ -20,9 +21,9 @@ fn classify_fine_cells(
     let i = group_index(group, groups) * 64u + lane;
     if i >= atomicLoad(&fine_cell_count) { return; }
     let entry = fine_cell_list[i];
-    let tag = atomicLoad(&fine_cells[entry].tag);
+    let tag = atomicLoad(&fine_cell_tags[entry]);
     if (tag & CLASS_MASK) == CLASS_BOUNDARY { return; }
-    atomicStore(&fine_cells[entry].tag, (tag & ~CLASS_MASK) | class_of_cell(entry));
+    atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | class_of_cell(entry));
 }
 
 // Illumination and shadow photons of a cell.

@@ -3,7 +3,7 @@
 // cell with both kinds about it is divided; its parts are cells of half the width.
 // In and out: a hash table of cells by light and position. Positions are in normalised space.
 
-import package::lib::rng::hash3;
+@if(texture_loads) import package::lib::table::table_texel;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_MASK, CLASS_UNKNOWN, FINE_CELL_DEPTH, FINE_CELL_LEVELS, FINE_CELL_PIXELS, FINE_CELL_PROBES
 };
@@ -30,19 +30,22 @@ struct FineCellKey {
 }
 
 struct FineCell {
-    // A hash of the key, with the class in CLASS_MASK; 0 in an empty entry. The class is what the photons told after an
-    // earlier batch of samples: lit, shadowed, boundary (divided) or unknown.
-    tag: atomic<u32>,
+    index: vec3i,
     kind: u32,
     // Photons of both kinds.
     illumination: atomic<u32>,
     shadow: atomic<u32>,
-    index: vec3i,
-    padding: u32,
+    padding: vec2u,
 }
 
 @group(1) @binding(26) var<storage, read> fine_cell_view: FineCellView;
 @group(1) @binding(27) var<storage, read_write> fine_cells: array<FineCell>;
+// Of each entry a hash of the key, with the class in CLASS_MASK; 0 if it is empty. The class is what the photons told
+// after an earlier batch of samples: lit, shadowed, boundary (divided) or unknown.
+@group(1) @binding(30) var<storage, read_write> fine_cell_tags: array<atomic<u32>>;
+// The tags after that batch, four to a record. Cells that samples added since then have no class yet.
+@if(texture_loads) @group(1) @binding(31) var fine_cell_tag_table: texture_storage_2d<rgba32uint, read>;
+@if(!texture_loads) @group(1) @binding(31) var<storage, read> fine_cell_tag_table: array<vec4u>;
 // Entries of the cells, and how many there are.
 @group(1) @binding(28) var<storage, read_write> fine_cell_list: array<u32>;
 @group(1) @binding(29) var<storage, read_write> fine_cell_count: atomic<u32>;
@@ -59,9 +62,8 @@ const LEVEL_SHIFT = 20u;
 // The coarsest cell of a point.
 fn coarsest_cell(light: u32, position: vec3f, normal: vec3f) -> FineCellKey {
     let pixel = fine_cell_view.width + fine_cell_view.slope * distance(position, fine_cell_view.eye);
-    // Room for all divisions.
-    let lowest = f32(LOWEST_EXPONENT + i32(FINE_CELL_LEVELS));
-    let exponent = i32(clamp(ceil(log2(f32(FINE_CELL_PIXELS) * pixel)), lowest, 2.0));
+    // From below: room for all divisions.
+    let exponent = clamp(ceil_log2(f32(FINE_CELL_PIXELS) * pixel), LOWEST_EXPONENT + i32(FINE_CELL_LEVELS), 2);
     let size = abs(normal);
     let axis = select(select(0u, 1u, size.y > size.x), 2u, size.z > max(size.x, size.y));
     let side = u32(normal[axis] < 0.0);
@@ -69,10 +71,16 @@ fn coarsest_cell(light: u32, position: vec3f, normal: vec3f) -> FineCellKey {
     return cell_at(kind | (u32(exponent - LOWEST_EXPONENT) << EXPONENT_SHIFT), position);
 }
 
+// The smallest power of two that is no less than a positive number; by its bits, so that devices agree on it.
+fn ceil_log2(x: f32) -> i32 {
+    let bits = bitcast<u32>(x);
+    return i32(bits >> 23u) - 127 + i32((bits & 0x7fffffu) != 0u);
+}
+
 // The cell of that kind at a position.
 fn cell_at(kind: u32, position: vec3f) -> FineCellKey {
     let exponent = i32((kind >> EXPONENT_SHIFT) & 63u) + LOWEST_EXPONENT;
-    var scale = vec3f(exp2(f32(-exponent)));
+    var scale = vec3f(bitcast<f32>(u32(127 - exponent) << 23u));
     scale[cell_axis(kind)] /= f32(FINE_CELL_DEPTH);
     return FineCellKey(vec3i(floor((position + POSITION_OFFSET) * scale)), kind);
 }
@@ -92,7 +100,7 @@ fn cell_level(kind: u32) -> u32 {
     return kind >> LEVEL_SHIFT;
 }
 
-// The entry of a cell and its class.
+// The entry of a cell, and its class.
 struct FoundCell {
     // Or FINE_CELL_ABSENT.
     entry: u32,
@@ -101,83 +109,106 @@ struct FoundCell {
 
 const FINE_CELL_ABSENT = 0xffffffffu;
 
-// Cells whose tags agree and whose entries follow one another are taken for one: of a million cells, 0.003 on average.
-fn tag_of(cell: FineCellKey) -> u32 {
-    let index = bitcast<vec3u>(cell.index);
-    return max(hash3(hash3(index.x, index.y, index.z), cell.kind, 1u) & ~CLASS_MASK, CLASS_MASK + 1u);
+// Where a cell is searched for.
+struct CellHash {
+    tag: u32,
+    // Of four entries, which one record of the table holds.
+    bucket: u32,
 }
 
-fn first_entry(cell: FineCellKey) -> u32 {
-    let index = bitcast<vec3u>(cell.index);
-    return hash3(hash3(index.z, index.x, index.y), cell.kind, 2u) & fine_cell_view.mask;
+// Cells whose hashes agree are taken for one: of a million cells, 0.01 on average.
+fn hash_of(cell: FineCellKey) -> CellHash {
+    let hash = hash_cell(vec4u(bitcast<vec3u>(cell.index), cell.kind));
+    return CellHash(max(hash.x & ~CLASS_MASK, CLASS_MASK + 1u), hash.y & (fine_cell_view.mask >> 2u));
 }
 
+// pcg4d (Jarzynski and Olano 2020): one hash for a bucket and a tag costs a quarter of lib/rng's.
+fn hash_cell(key: vec4u) -> vec4u {
+    var v = key * 1664525u + 1013904223u;
+    v += v.yzxy * v.wxyz;
+    v ^= v >> vec4u(16u);
+    v += v.yzxy * v.wxyz;
+    return v;
+}
+
+fn load_tags(bucket: u32) -> vec4u {
+    @if(texture_loads) { return textureLoad(fine_cell_tag_table, table_texel(bucket)); }
+    @else { return fine_cell_tag_table[bucket]; }
+}
+
+// The cell as it was after the last batch that was classified.
 fn find_cell(cell: FineCellKey) -> FoundCell {
-    let tag = tag_of(cell);
-    var entry = first_entry(cell);
-    for (var probe = 0u; probe < FINE_CELL_PROBES; probe++) {
-        let found = atomicLoad(&fine_cells[entry].tag);
-        if found == 0u { break; }
-        if (found & ~CLASS_MASK) == tag { return FoundCell(entry, found & CLASS_MASK); }
-        entry = (entry + 1u) & fine_cell_view.mask;
+    let hash = hash_of(cell);
+    var bucket = hash.bucket;
+    for (var probe = 0u; probe < FINE_CELL_PROBES; probe += 4u) {
+        let tags = load_tags(bucket);
+        let same = (tags & vec4u(~CLASS_MASK)) == vec4u(hash.tag);
+        if any(same) {
+            let tag = select(vec4u(0u), tags, same);
+            let i = dot(vec4u(same), vec4u(0u, 1u, 2u, 3u));
+            return FoundCell(4u * bucket + i, (tag.x | tag.y | tag.z | tag.w) & CLASS_MASK);
+        }
+        // Entries are taken in order.
+        if tags.w == 0u { break; }
+        bucket = (bucket + 1u) & (fine_cell_view.mask >> 2u);
     }
     return FoundCell(FINE_CELL_ABSENT, CLASS_UNKNOWN);
 }
 
-// As `find_cell`, but a cell that is absent takes an entry if there is room.
-fn find_or_add_cell(cell: FineCellKey) -> FoundCell {
-    if fine_cell_view.closed != 0u { return find_cell(cell); }
-    let tag = tag_of(cell);
-    var entry = first_entry(cell);
+// The entry of a cell as it is now. A cell that is absent takes one if there is room; else FINE_CELL_ABSENT.
+fn find_or_add_cell(cell: FineCellKey) -> u32 {
+    let hash = hash_of(cell);
+    var entry = 4u * hash.bucket;
     for (var probe = 0u; probe < FINE_CELL_PROBES; probe++) {
-        var found = atomicLoad(&fine_cells[entry].tag);
+        var found = atomicLoad(&fine_cell_tags[entry]);
         if found == 0u {
-            let exchanged = atomicCompareExchangeWeak(&fine_cells[entry].tag, 0u, tag | CLASS_UNKNOWN);
+            if fine_cell_view.closed != 0u { break; }
+            let exchanged = atomicCompareExchangeWeak(&fine_cell_tags[entry], 0u, hash.tag | CLASS_UNKNOWN);
             if exchanged.exchanged {
                 fine_cells[entry].kind = cell.kind;
                 fine_cells[entry].index = cell.index;
                 fine_cell_list[atomicAdd(&fine_cell_count, 1u)] = entry;
-                return FoundCell(entry, CLASS_UNKNOWN);
+                return entry;
             }
             found = exchanged.old_value;
         }
-        if (found & ~CLASS_MASK) == tag { return FoundCell(entry, found & CLASS_MASK); }
+        if (found & ~CLASS_MASK) == hash.tag { return entry; }
         entry = (entry + 1u) & fine_cell_view.mask;
     }
-    return FoundCell(FINE_CELL_ABSENT, CLASS_UNKNOWN);
+    return FINE_CELL_ABSENT;
 }
 
 // What the fine cells tell of a point.
 struct FineClass {
+    cell: FineCellKey,
+    // Of the cell, or FINE_CELL_ABSENT.
+    entry: u32,
     class_: u32,
-    // Its cell is part of a divided one: a boundary is near.
+    // The cell is part of a divided one: a boundary is near.
     near: bool,
 }
 
-// The class of the point's cell that is not divided.
+// The point's cell that is not divided, and its class; the smallest cell where all are divided.
 fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var cell = coarsest_cell(light, position, normal);
-    for (var level = 0u; level < FINE_CELL_LEVELS; level++) {
-        let found = find_cell(cell);
-        if found.class_ != CLASS_BOUNDARY { return FineClass(found.class_, level > 0u); }
+    var found = find_cell(cell);
+    for (var level = 1u; level < FINE_CELL_LEVELS; level++) {
+        if found.class_ != CLASS_BOUNDARY { break; }
         cell = finer_cell(cell, position);
+        found = find_cell(cell);
     }
-    return FineClass(CLASS_BOUNDARY, true);
+    return FineClass(cell, found.entry, found.class_, cell_level(cell.kind) > 0u || found.class_ == CLASS_BOUNDARY);
 }
 
 // Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is
 // not divided. Rays of one point are not counted one by one: to a small light, all of them go the same way.
 fn store_rays(light: u32, position: vec3f, normal: vec3f, visible: u32, blocked: u32) {
     if visible + blocked == 0u { return; }
-    var cell = coarsest_cell(light, position, normal);
-    for (var level = 0u; level < FINE_CELL_LEVELS; level++) {
-        let found = find_or_add_cell(cell);
-        if found.entry == FINE_CELL_ABSENT { return; }
-        if found.class_ != CLASS_BOUNDARY {
-            if visible > 0u { atomicAdd(&fine_cells[found.entry].illumination, 1u); }
-            if blocked > 0u { atomicAdd(&fine_cells[found.entry].shadow, 1u); }
-            return;
-        }
-        cell = finer_cell(cell, position);
-    }
+    let found = fine_class(light, position, normal);
+    if found.class_ == CLASS_BOUNDARY { return; }
+    var entry = found.entry;
+    if entry == FINE_CELL_ABSENT { entry = find_or_add_cell(found.cell); }
+    if entry == FINE_CELL_ABSENT { return; }
+    if visible > 0u { atomicAdd(&fine_cells[entry].illumination, 1u); }
+    if blocked > 0u { atomicAdd(&fine_cells[entry].shadow, 1u); }
 }

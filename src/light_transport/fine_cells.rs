@@ -15,12 +15,12 @@ const ENTRIES_PER_PIXEL: u64 = 4;
 /// More lights seldom have boundaries at the same pixels.
 const COUNTED_LIGHTS: u64 = 4;
 
-/// Bounds of the number of entries: 36 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
+/// Bounds of the number of entries: 44 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
 const MIN_ENTRIES: u64 = 1 << 12;
 const MAX_ENTRIES: u64 = 1 << 22;
 
-/// Words of a cell in [`FineCellMap::state`]: its entry, and the cell.
-const ENTRY_WORDS: usize = 1 + size_of::<FineCell>() / size_of::<u32>();
+/// Words of a cell in [`FineCellMap::state`]: its entry, its tag, and the cell.
+const ENTRY_WORDS: usize = 2 + size_of::<FineCell>() / size_of::<u32>();
 
 pub(crate) struct FineCellMap {
     table: FineCellTable,
@@ -56,7 +56,10 @@ impl FineCellMap {
         self.classified_at = samples;
         let count = self.close_if_full(gpu)?;
         let mut frame = gpu.frame("fine cells");
+        // Once for cells to find the new ones around them, once for points.
+        self.table.publish(&mut frame);
         frame.run(&self.classify, count, &());
+        self.table.publish(&mut frame);
         Ok(frame.submit()?)
     }
 
@@ -72,6 +75,7 @@ impl FineCellMap {
                 count = 0;
                 let mut frame = gpu.frame("fine cells");
                 frame.clear(&self.table.cells);
+                frame.clear(&self.table.tags);
                 frame.clear(&self.table.count);
                 frame.submit()?;
             }
@@ -87,35 +91,45 @@ impl FineCellMap {
     /// The cells that samples left so far: whether the table is closed, the samples at the last classification, and
     /// entry and words of each cell.
     pub fn state(&self, gpu: &Gpu) -> Result<Vec<u32>> {
-        let cells: Vec<FineCell> = gpu.read(&self.table.cells, self.view.mask as usize + 1)?;
+        let entries = self.view.mask as usize + 1;
+        let cells: Vec<FineCell> = gpu.read(&self.table.cells, entries)?;
+        let tags: Vec<u32> = gpu.read(&self.table.tags, entries)?;
         let mut state = vec![self.view.closed, self.classified_at];
-        for (entry, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.tag != 0) {
-            state.push(entry as u32);
+        for ((entry, cell), tag) in cells.iter().enumerate().zip(&tags).filter(|(_, tag)| **tag != 0) {
+            state.extend([entry as u32, *tag]);
             state.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(cell)));
         }
         Ok(state)
     }
 
     /// Restores that state; false if it belongs to another table.
-    pub fn restore(&mut self, gpu: &Gpu, state: &[u32]) -> bool {
-        let Some(([closed, classified_at], parts)) = state.split_first_chunk() else { return false };
+    pub fn restore(&mut self, gpu: &Gpu, state: &[u32]) -> Result<bool> {
+        let Some(([closed, classified_at], parts)) = state.split_first_chunk() else { return Ok(false) };
         let mut cells = vec![FineCell::default(); self.view.mask as usize + 1];
+        let mut tags = vec![0; cells.len()];
         let mut list = Vec::with_capacity(parts.len() / ENTRY_WORDS);
         for part in parts.chunks(ENTRY_WORDS) {
-            let cell = cells.get_mut(part[0] as usize).filter(|_| part.len() == ENTRY_WORDS);
-            let Some(cell) = cell else { return false };
-            *cell = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&part[1..]));
+            let entry = part[0] as usize;
+            if part.len() != ENTRY_WORDS || entry >= cells.len() {
+                return Ok(false);
+            }
+            tags[entry] = part[1];
+            cells[entry] = bytemuck::pod_read_unaligned(bytemuck::cast_slice(&part[2..]));
             list.push(part[0]);
         }
         if list.len() > cells.len() {
-            return false;
+            return Ok(false);
         }
         (self.view.closed, self.classified_at) = (*closed, *classified_at);
         gpu.write(&self.table.view, &[self.view]);
         gpu.write(&self.table.cells, &cells);
+        gpu.write(&self.table.tags, &tags);
         gpu.write(&self.table.list, &list);
         gpu.write(&self.table.count, &[list.len() as u32]);
-        true
+        let mut frame = gpu.frame("fine cells");
+        self.table.publish(&mut frame);
+        frame.submit()?;
+        Ok(true)
     }
 
     /// Bytes on the device.

@@ -106,7 +106,7 @@ impl Lighting {
         };
         let fits = fits
             && match &mut self.fine_cells {
-                Some(cells) => cells.restore(shared.gpu, &state.fine_cells),
+                Some(cells) => cells.restore(shared.gpu, &state.fine_cells)?,
                 None => state.fine_cells.is_empty(),
             };
         self.bind_direct_light(shared)?;

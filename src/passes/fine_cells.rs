@@ -1,6 +1,6 @@
 //! Pass `fine_cells`: classifies pieces of surface as large as a few pixels by the shadow rays of earlier samples.
 
-use kernel_kit::{BoundKernel, Buffer, Gpu, Kernel, bindings, shared_struct};
+use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
 
 use super::kernel;
 use crate::Result;
@@ -28,18 +28,16 @@ shared_struct! {
 shared_struct! {
     /// A fine cell, or an empty entry of their table; see `shaders/lib/fine_cell.wgsl`.
     pub struct FineCell {
-        /// Hash of light and position with the [`crate::kernels::Class`], 0 in an empty entry.
-        pub tag: u32,
+        /// Position along each axis, in widths of a cell.
+        pub index: [i32; 3],
         /// Light, side of the surface, and size.
         pub kind: u32,
         /// Points with a shadow ray that reached the light.
         pub illumination: u32,
         /// Points with one that did not.
         pub shadow: u32,
-        /// Position along each axis, in widths of a cell.
-        pub index: [i32; 3],
         /// To a multiple of 16 bytes.
-        pub padding: u32,
+        pub padding: [u32; 2],
     }
 }
 
@@ -61,6 +59,10 @@ bindings! {
         pub fine_cell_view: Option<&Buffer>,
         /// [`FineCellTable::cells`].
         pub fine_cells: Option<&Buffer>,
+        /// [`FineCellTable::tags`].
+        pub fine_cell_tags: Option<&Buffer>,
+        /// [`FineCellTable::tag_table`].
+        pub fine_cell_tag_table: Option<&Table>,
         /// [`FineCellTable::list`].
         pub fine_cell_list: Option<&Buffer>,
         /// [`FineCellTable::count`].
@@ -77,6 +79,10 @@ pub struct FineCellTable {
     pub view: Buffer,
     /// [`FineCell`]s.
     pub cells: Buffer,
+    /// Of each entry a hash of its cell with the [`crate::kernels::Class`], 0 if it is empty; then padding.
+    pub tags: Buffer,
+    /// The tags when [`FineCellTable::publish`] copied them last.
+    pub tag_table: Table,
     /// Entries of the cells.
     pub list: Buffer,
     /// Number of cells in the table.
@@ -107,10 +113,14 @@ impl FineCellTable {
     /// # Errors
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, view: FineCellView) -> Result<FineCellTable> {
+        let entries = view.mask as usize + 1;
+        let records = whole_rows(entries.div_ceil(4));
         Ok(FineCellTable {
             view: gpu.upload("penumbra/fine_cells/view", &[view])?,
-            cells: gpu.buffer::<FineCell>("penumbra/fine_cells/cells", view.mask as usize + 1)?,
-            list: gpu.buffer::<u32>("penumbra/fine_cells/list", view.mask as usize + 1)?,
+            cells: gpu.buffer::<FineCell>("penumbra/fine_cells/cells", entries)?,
+            tags: gpu.buffer::<[u32; 4]>("penumbra/fine_cells/tags", records)?,
+            tag_table: gpu.empty_table("penumbra/fine_cells/tag_table", records, TableFormat::Uint)?,
+            list: gpu.buffer::<u32>("penumbra/fine_cells/list", entries)?,
             count: gpu.buffer::<u32>("penumbra/fine_cells/count", 1)?,
         })
     }
@@ -120,13 +130,21 @@ impl FineCellTable {
         FineCellBindings {
             fine_cell_view: Some(&self.view),
             fine_cells: Some(&self.cells),
+            fine_cell_tags: Some(&self.tags),
+            fine_cell_tag_table: Some(&self.tag_table),
             fine_cell_count: Some(&self.count),
             fine_cell_list: Some(&self.list),
         }
     }
 
+    /// Lets look-ups find the cells and their classes as they are now.
+    pub fn publish(&self, frame: &mut Frame<'_>) {
+        frame.fill_table(&self.tags, &self.tag_table);
+    }
+
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        self.view.bytes + self.cells.bytes + self.list.bytes + self.count.bytes
+        // The tags twice: the table has a copy.
+        self.view.bytes + self.cells.bytes + 2 * self.tags.bytes + self.list.bytes + self.count.bytes
     }
 }

@@ -180,13 +180,17 @@ impl<'a> Device<'a> {
         let bound =
             FineCells::new(self.gpu, &features(self.gpu), NEAREST).unwrap().bind(self.gpu, &self.table).unwrap();
         let mut frame = self.gpu.frame("test");
+        self.table.publish(&mut frame);
         frame.run(&bound, self.count(), &());
+        self.table.publish(&mut frame);
         frame.submit().unwrap();
     }
 
     fn cells(&self) -> Vec<FineCell> {
-        let cells: Vec<FineCell> = self.gpu.read(&self.table.cells, (self.table.cells.bytes / 32) as usize).unwrap();
-        cells.into_iter().filter(|cell| cell.tag != 0).collect()
+        let entries = (self.table.cells.bytes / 32) as usize;
+        let cells: Vec<FineCell> = self.gpu.read(&self.table.cells, entries).unwrap();
+        let tags: Vec<u32> = self.gpu.read(&self.table.tags, entries).unwrap();
+        cells.into_iter().zip(tags).filter(|(_, tag)| *tag != 0).map(|(cell, _)| cell).collect()
     }
 }
 

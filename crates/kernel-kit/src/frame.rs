@@ -148,6 +148,14 @@ impl Frame<'_> {
         );
     }
 
+    /// Copies a buffer into a table of as many records, which are whole rows of [`TABLE_WIDTH`].
+    pub fn fill_table(&mut self, from: &Buffer, to: &Table) {
+        match to {
+            Table::Texture(view) => self.copy_to_table(from, view.texture()),
+            Table::Buffer(buffer) => self.copy(from, buffer, 0, from.bytes.min(buffer.bytes)),
+        }
+    }
+
     /// Submits what was recorded.
     ///
     /// # Errors

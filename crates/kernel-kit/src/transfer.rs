@@ -126,6 +126,17 @@ impl Gpu {
         Ok(Table::Texture(texture.create_view(&Default::default())))
     }
 
+    /// A table of `count` zeros, for [`Frame::fill_table`](crate::Frame::fill_table).
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn empty_table(&self, label: &str, count: usize, format: TableFormat) -> Result<Table> {
+        if !self.texture_loads {
+            return Ok(Table::Buffer(self.buffer::<[u32; 4]>(label, count)?));
+        }
+        Ok(Table::Texture(self.table_texture(label, count, format)?.create_view(&Default::default())))
+    }
+
     /// The texture of a table of `count` records, for kernels' results that are copied into it.
     ///
     /// # Errors
