@@ -1,17 +1,19 @@
 // classify: the class of each candidate, a (light, point) pair of a tile and a chunk of lights, and the queues that
-// shadow rays and audits are traced from. In: points (normalised space), the visibility map and its cell classes. Out:
-// class words (lib/class_word), queues of candidates, indirect arguments, counters. Paper,
+// shadow rays and audits are traced from. In: points (normalised space), fine cells, the visibility map and its cell
+// classes. Out: class words (lib/class_word), queues of candidates, indirect arguments, counters. Paper,
 // "Extending the photon map": the three cases.
 //
-// `classify` looks up cell classes and requests those that are missing, `request_cells` notes the points that they are
-// for, `query` looks up the requested classes, `dilate` widens boundaries, `compact` fills the queues. A point that its
+// `classify` asks the fine cells and queues the candidates of which they know nothing yet. For these `look_up` looks up
+// the classes of the map's cells and requests those that are missing, `request_cells` notes the points that they are
+// for, and `query` looks up the requested classes. What the map decides becomes a photon of the fine cells, so that the
+// map is asked once for a piece of surface. `dilate` widens boundaries, `compact` fills the queues. A point that its
 // cell does not decide is a boundary: a search for the nearest photons of one point costs as much as one to forty
 // shadow rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
 import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near, with_class};
-@if(visibility_map) import package::lib::class_word::boundary_word;
+@if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
 @if(visibility_map || fine_cells) import package::lib::class_word::near_word;
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
 import package::lib::cell_class::{
@@ -20,7 +22,7 @@ import package::lib::cell_class::{
 };
 import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest};
 @if(exact_counts) import package::lib::photon_search::class_by_search;
-@if(fine_cells) import package::lib::fine_cell::fine_class;
+@if(fine_cells) import package::lib::fine_cell::{fine_class, store_rays};
 @if(dark_points) import package::lib::light::light_dark;
 @if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
@@ -82,7 +84,7 @@ var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
 @if(visibility_estimate) var<workgroup> group_traced: atomic<u32>;
 
-// The classes of candidates whose cell has one; the others are queued for `query`.
+// The classes that need no photons of the map; the other candidates are queued.
 @compute @workgroup_size(64)
 fn classify(
     @builtin(workgroup_id) group: vec3u,
@@ -95,7 +97,7 @@ fn classify(
     var rank = 0u;
     var queued = false;
     if candidate < classify_pass.candidate_count {
-        let word = class_by_cell(candidate);
+        let word = class_without_map(candidate);
         queued = word == UNDECIDED;
         if queued { rank = atomicAdd(&group_length, 1u); } else { classes[candidate] = word; }
     }
@@ -118,7 +120,7 @@ fn point_of(candidate: u32) -> u32 {
     return candidate - local_light * classify_pass.tile.point_count;
 }
 
-fn class_by_cell(candidate: u32) -> u32 {
+fn class_without_map(candidate: u32) -> u32 {
     let point = points[point_of(candidate)];
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let normal = oct_decode16(point.normal);
@@ -131,34 +133,14 @@ fn class_by_cell(candidate: u32) -> u32 {
     @if((visibility_map || fine_cells) && environment) {
         if is_environment(light) { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
     }
-    @if(!visibility_map) {
-        let word = class_word(CLASS_UNKNOWN, 0u, 0u, 0.0);
-        @if(fine_cells) { return refined(word, light, point.position, normal); }
-        @else { return word; }
+    @if(fine_cells) {
+        let fine = fine_class(light, point.position, normal);
+        if is_decided(fine.class_) { return decided_word(fine.class_, fine.near); }
+        // Shadow rays know more of a divided cell than the map does.
+        if fine.near { return boundary_word(fine.visibility, nearest); }
     }
-    @if(visibility_map) {
-        let cell = cell_class_at(light, point.position, normal);
-        if cell.reach == 0.0 {
-            @if(fine_cells) {
-                let word = refined(UNDECIDED, light, point.position, normal);
-                if word != UNDECIDED { return word; }
-            }
-            request_cell(light, point.position, normal);
-            return UNDECIDED;
-        }
-        let word = word_of_cell_class(cell);
-        @if(fine_cells) { return refined(word, light, point.position, normal); }
-        @else { return word; }
-    }
-}
-
-// The word of a candidate that its cell may have left undecided: its fine cell decides, if it can.
-@if(fine_cells)
-fn refined(word: u32, light: u32, position: vec3f, normal: vec3f) -> u32 {
-    if is_decided(class_of(word)) { return word; }
-    let fine = fine_class(light, position, normal);
-    if !is_decided(fine.class_) { return word; }
-    return decided_word(fine.class_, fine.near);
+    @if(visibility_map) { return UNDECIDED; }
+    @else { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
 }
 
 // The word of a candidate in a lit or shadowed cell.
@@ -167,6 +149,39 @@ fn decided_word(class_: u32, near: bool) -> u32 {
     var word = class_word(CLASS_LIT, nearest, 0u, 1.0);
     if class_ == CLASS_SHADOWED { word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
     return select(word, near_word(word), near);
+}
+
+// The classes of the queued candidates whose cell has one that holds; the others request one.
+@if(visibility_map)
+@compute @workgroup_size(64)
+fn look_up(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
+    let candidate = query_queue[i];
+    let point = points[point_of(candidate)];
+    let normal = oct_decode16(point.normal);
+    let light = light_of(candidate);
+    let cell = cell_class_at(light, point.position, normal);
+    if cell.reach == 0.0 {
+        request_cell(light, point.position, normal);
+        classes[candidate] = UNDECIDED;
+        return;
+    }
+    classes[candidate] = word_of_cell_class(cell);
+    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
+}
+
+// What the map decides away from boundaries is a photon of the point's fine cell.
+@if(visibility_map && fine_cells)
+fn tell_fine_cell(cell: CellClass, light: u32, position: vec3f, normal: vec3f) {
+    let lit = cell.class_ == CLASS_LIT;
+    if is_decided(cell.class_) && cell.visibility == f32(lit) {
+        store_rays(light, position, normal, u32(lit), u32(!lit));
+    }
 }
 
 // The first request of a cell allocates its entry.
@@ -195,6 +210,7 @@ fn request_cells(
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
     let candidate = query_queue[i];
+    if classes[candidate] != UNDECIDED { return; }
     let point = points[point_of(candidate)];
     let cell = cell_of(classify_pass.grid, point.position);
     let from_centre = from_centre_of(cell, point.position);
@@ -261,7 +277,7 @@ fn requested_class_at(light: u32, position: vec3f, normal: vec3f) -> CellClass {
     return no_cell_class();
 }
 
-// The classes of the candidates that `classify` left undecided.
+// The classes of the candidates that `look_up` left undecided.
 @if(visibility_map)
 @compute @workgroup_size(64)
 fn query(
@@ -272,6 +288,7 @@ fn query(
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
     let candidate = query_queue[i];
+    if classes[candidate] != UNDECIDED { return; }
     let point = points[point_of(candidate)];
     let light = light_of(candidate);
     let normal = oct_decode16(point.normal);
@@ -284,8 +301,8 @@ fn query(
             word = near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
         }
     }
-    @if(fine_cells) { word = refined(word, light, point.position, normal); }
     classes[candidate] = word;
+    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
 }
 
 // How far the neighbour may lie from the point's plane, as a share of its distance: about 15 degrees.

@@ -5,8 +5,8 @@
 import package::kit::group_index;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::fine_cell::{
-    FINE_CELL_ABSENT, FineCellKey, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list,
-    fine_cell_tags, fine_cells
+    FINE_CELL_ABSENT, FineCellKey, MOSTLY_LIT, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list,
+    fine_cell_tags, fine_cells, is_divided
 };
 
 // Photons that decide a cell (k).
@@ -22,8 +22,8 @@ fn classify_fine_cells(
     if i >= atomicLoad(&fine_cell_count) { return; }
     let entry = fine_cell_list[i];
     let tag = atomicLoad(&fine_cell_tags[entry]);
-    if (tag & CLASS_MASK) == CLASS_BOUNDARY { return; }
-    atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | class_of_cell(entry));
+    if is_divided(tag & CLASS_MASK) { return; }
+    atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | verdict_on(entry));
 }
 
 // Illumination and shadow photons of a cell.
@@ -31,11 +31,11 @@ fn photons_of(entry: u32) -> vec2u {
     return vec2u(atomicLoad(&fine_cells[entry].illumination), atomicLoad(&fine_cells[entry].shadow));
 }
 
-// The class of a cell by its photons and those of the eight cells around it on its surface. Cells across its depth are
+// The verdict of a cell's photons and of those in the eight cells around it on its surface. Cells across its depth are
 // left out: few surfaces go on there.
-fn class_of_cell(entry: u32) -> u32 {
+fn verdict_on(entry: u32) -> u32 {
     var photons = photons_of(entry);
-    if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
+    if all(photons > vec2u(0u)) { return divided(photons); }
     let index = fine_cells[entry].index;
     let kind = fine_cells[entry].kind;
     for (var i = 0; i < 9; i++) {
@@ -43,12 +43,16 @@ fn class_of_cell(entry: u32) -> u32 {
         let neighbour = find_cell(FineCellKey(index + step_across(cell_axis(kind), i), kind));
         if neighbour.entry == FINE_CELL_ABSENT { continue; }
         photons += photons_of(neighbour.entry);
-        if all(photons > vec2u(0u)) { return CLASS_BOUNDARY; }
+        if all(photons > vec2u(0u)) { return divided(photons); }
     }
     // Points in parts of divided cells are audited 16 times as often, so mistakes there cost less.
     let enough = select(nearest, (nearest + 1u) / 2u, cell_level(kind) > 0u);
     if photons.x + photons.y < enough { return CLASS_UNKNOWN; }
     return select(CLASS_SHADOWED, CLASS_LIT, photons.y == 0u);
+}
+
+fn divided(photons: vec2u) -> u32 {
+    return select(CLASS_BOUNDARY, MOSTLY_LIT, photons.x >= photons.y);
 }
 
 // To the i-th of the 3 x 3 cells at right angles to the axis.

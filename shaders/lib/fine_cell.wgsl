@@ -40,8 +40,8 @@ struct FineCell {
 
 @group(1) @binding(26) var<storage, read> fine_cell_view: FineCellView;
 @group(1) @binding(27) var<storage, read_write> fine_cells: array<FineCell>;
-// Of each entry a hash of the key, with the class in CLASS_MASK; 0 if it is empty. The class is what the photons told
-// after an earlier batch of samples: lit, shadowed, boundary (divided) or unknown.
+// Of each entry a hash of the key, with the verdict in CLASS_MASK; 0 if it is empty. The verdict is what the photons told
+// after an earlier batch of samples: the class lit, shadowed, boundary (divided), or unknown, or MOSTLY_LIT.
 @group(1) @binding(30) var<storage, read_write> fine_cell_tags: array<atomic<u32>>;
 // The tags after that batch, four to a record. Cells that samples added since then have no class yet.
 @if(texture_loads) @group(1) @binding(31) var fine_cell_tag_table: texture_storage_2d<rgba32uint, read>;
@@ -49,6 +49,14 @@ struct FineCell {
 // Entries of the cells, and how many there are.
 @group(1) @binding(28) var<storage, read_write> fine_cell_list: array<u32>;
 @group(1) @binding(29) var<storage, read_write> fine_cell_count: atomic<u32>;
+
+// A divided cell with at least as many illumination photons as shadow photons.
+const MOSTLY_LIT = 7u;
+const UNDIVIDED = 0u;
+
+fn is_divided(verdict: u32) -> bool {
+    return verdict == CLASS_BOUNDARY || verdict == MOSTLY_LIT;
+}
 
 // Keeps surfaces at round coordinates, such as a floor at 0, off the faces of cells.
 const POSITION_OFFSET = vec3f(0.3173, 0.2719, 0.4142);
@@ -100,11 +108,11 @@ fn cell_level(kind: u32) -> u32 {
     return kind >> LEVEL_SHIFT;
 }
 
-// The entry of a cell, and its class.
+// The entry of a cell, and its verdict.
 struct FoundCell {
     // Or FINE_CELL_ABSENT.
     entry: u32,
-    class_: u32,
+    verdict: u32,
 }
 
 const FINE_CELL_ABSENT = 0xffffffffu;
@@ -186,18 +194,27 @@ struct FineClass {
     class_: u32,
     // The cell is part of a divided one: a boundary is near.
     near: bool,
+    // Rounded visibility of the smallest divided cell about the point.
+    visibility: f32,
 }
 
 // The point's cell that is not divided, and its class; the smallest cell where all are divided.
 fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var cell = coarsest_cell(light, position, normal);
     var found = find_cell(cell);
+    var divided = UNDIVIDED;
     for (var level = 1u; level < FINE_CELL_LEVELS; level++) {
-        if found.class_ != CLASS_BOUNDARY { break; }
+        if !is_divided(found.verdict) { break; }
+        divided = found.verdict;
         cell = finer_cell(cell, position);
         found = find_cell(cell);
     }
-    return FineClass(cell, found.entry, found.class_, cell_level(cell.kind) > 0u || found.class_ == CLASS_BOUNDARY);
+    if is_divided(found.verdict) {
+        divided = found.verdict;
+        found.verdict = CLASS_BOUNDARY;
+    }
+    let visibility = f32(divided == MOSTLY_LIT);
+    return FineClass(cell, found.entry, found.verdict, divided != UNDIVIDED, visibility);
 }
 
 // Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is

@@ -234,9 +234,9 @@ impl DirectLight {
         self.bound().classify.classify(frame, &self.buffers.classify, tile, chunk);
     }
 
-    /// See [`BoundClassify::request_cells`].
-    pub fn request_cells(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        self.bound().classify.request_cells(frame, &self.buffers.classify, tile, chunk);
+    /// See [`BoundClassify::look_up`].
+    pub fn look_up_map_cells(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        self.bound().classify.look_up(frame, &self.buffers.classify, tile, chunk);
     }
 
     /// See [`BoundClassify::classify_requested_cells`].

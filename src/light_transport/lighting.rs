@@ -68,9 +68,9 @@ impl Lighting {
     }
 
     /// Adds the photons of audits to the visibility map and sorts it again, if that is `due` or their buffer is nearly
-    /// full.
+    /// full. Fine cells take the photons themselves, at once.
     pub fn repair_map(&mut self, shared: &Shared<'_>, due: bool, totals: &mut Totals) -> Result<()> {
-        let Some(map) = &mut self.visibility_map else { return Ok(()) };
+        let Some(map) = self.visibility_map.as_mut().filter(|_| self.fine_cells.is_none()) else { return Ok(()) };
         if map.take_repairs(shared.gpu, due, totals)? {
             unbind(&mut self.direct);
             map.sort(shared.gpu)?;

@@ -45,15 +45,16 @@ impl SecondPass<'_, '_> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its cell for each light, if the cell has one. Without a visibility map every point
+    /// Gives each point the class of its fine cell for each light, if the cell has one. Without cells and map every point
     /// that does not face away from the light is unknown (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
 
-    /// Requests classes for the cells of the undecided points (pass `classify`).
-    pub fn request_cells(&mut self, lights: &Chunk) {
-        self.direct(|direct, frame, tile| direct.request_cells(frame, tile, lights));
+    /// Gives the undecided points the classes of the visibility map's cells, and requests those that are missing (pass
+    /// `classify`).
+    pub fn look_up_map_cells(&mut self, lights: &Chunk) {
+        self.direct(|direct, frame, tile| direct.look_up_map_cells(frame, tile, lights));
     }
 
     /// Classifies the cells that were requested for the first time (pass `grid`).

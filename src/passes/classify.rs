@@ -110,6 +110,7 @@ pub struct BoundClassify {
 }
 
 struct CellRequests {
+    look_up: BoundKernel,
     request_cells: BoundKernel,
     classify_requested_cells: ClassifyRequestedCells,
     query: BoundKernel,
@@ -161,6 +162,7 @@ impl Classify {
             classify: bind("classify", dilated)?,
             requests: match grid {
                 Some(grid) if self.map => Some(CellRequests {
+                    look_up: bind("look_up", dilated)?,
                     request_cells: bind("request_cells", dilated)?,
                     classify_requested_cells: grid.classify_requested_cells(),
                     query: bind("query", dilated)?,
@@ -188,27 +190,30 @@ impl BoundClassify {
         queue_group: u32,
     ) {
         self.classify(frame, buffers, tile, chunk);
-        self.request_cells(frame, buffers, tile, chunk);
+        self.look_up(frame, buffers, tile, chunk);
         self.classify_requested_cells(frame);
         self.query(frame, buffers, tile, chunk);
         self.dilate(frame, buffers, tile, chunk);
         self.compact(frame, tile, chunk, queue_group);
     }
 
-    /// Empties the queues, and gives each point the class of its cell where the cell has one. Queues the other points
-    /// for [`BoundClassify::query`].
+    /// Empties the queues, and gives each point the class of its fine cell where the cell has one. Queues the other
+    /// points for [`BoundClassify::look_up`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);
         frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
     }
 
-    /// Requests a class for each cell that has queued points but no class yet.
-    pub fn request_cells(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
-        let Some(CellRequests { request_cells, .. }) = &self.requests else { return };
+    /// Gives the queued points the classes of the map's cells, and requests a class for each cell that has queued points
+    /// but no class yet.
+    pub fn look_up(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
+        let Some(CellRequests { look_up, request_cells, .. }) = &self.requests else { return };
         self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
         let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        frame.run_indirect(request_cells, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+        for kernel in [look_up, request_cells] {
+            frame.run_indirect(kernel, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
+        }
     }
 
     /// Classifies the requested cells.
@@ -218,7 +223,7 @@ impl BoundClassify {
         }
     }
 
-    /// Classifies the queued points by the requested cells; with [`Feature::ExactCounts`] by a search for their nearest
+    /// Classifies the points that are left by the requested cells; with [`Feature::ExactCounts`] by a search for their nearest
     /// photons.
     pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { query, .. }) = &self.requests else { return };

@@ -40,9 +40,6 @@ impl Renderer<'_> {
         self.refine()?;
         let start = Instant::now();
         let layers = self.layers_of_batch(limit);
-        if self.batches == 1 {
-            self.end_pilot()?;
-        }
         if self.batches > 0 {
             self.repair_map()?;
         }
@@ -65,13 +62,9 @@ impl Renderer<'_> {
         let most = self.tile_size.layers.min(limit.max(1));
         let missing = self.settings.image.spp.saturating_sub(self.samples);
         let most = if missing > 0 { most.min(missing) } else { most };
-        match self.batches {
-            // The first sample of each pixel is the pilot.
-            0 if self.specialisation.features.has(Feature::VisibilityMap) => 1,
-            // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
-            _ if self.specialisation.features.has(Feature::FineCells) => most.min(self.samples),
-            _ => most,
-        }
+        // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
+        let learning = self.specialisation.features.has(Feature::FineCells);
+        if learning { most.min(self.samples.max(1)) } else { most }
     }
 
     /// Classifies the fine cells by the shadow rays so far, and repairs the visibility map after the second batch, the
@@ -103,7 +96,9 @@ impl Renderer<'_> {
         frame.submit()?;
         let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
         self.totals.add(&counters, u64::from(tile.point_count));
-        if self.specialisation.features.has(Feature::VisibilityMap) {
+        // Fine cells decide where the map does not.
+        let features = &self.specialisation.features;
+        if features.has(Feature::VisibilityMap) && !features.has(Feature::FineCells) {
             self.totals.add_mapped(&counters);
         }
         Ok(())

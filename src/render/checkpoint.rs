@@ -29,8 +29,6 @@ pub(super) struct Header {
     pub samples: u32,
     pub batches: u32,
     pub totals: Totals,
-    /// The reason if the pilot left the visibility map out.
-    pub map_left_out: Option<String>,
     /// Number of photons that audits added to the map.
     pub added: usize,
     /// Number of photons of audits since then; perhaps more than were kept.

@@ -99,10 +99,8 @@ fn number_warnings(totals: &Totals) -> Vec<Warning> {
 /// A visibility map that leaves many points unknown.
 fn unknown_warning(totals: &Totals) -> Option<Warning> {
     let count = totals.mapped_unknown;
-    // If the pilot left the map out, another note says so.
-    let mapped = totals.mapped_points == totals.points().total;
     let many = count as f64 > MANY_UNKNOWN * totals.mapped_points as f64;
-    (mapped && many).then(|| {
+    many.then(|| {
         let percent = 100.0 * count as f64 / totals.mapped_points as f64;
         let text = format!(
             "{percent:.0} % of the points have too few photons near to tell light from shadow: more \

@@ -8,7 +8,6 @@ pub mod film;
 mod keeping;
 mod notes;
 mod output;
-mod pilot;
 pub mod recovery;
 mod refinement;
 mod renderer;

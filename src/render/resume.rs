@@ -7,7 +7,6 @@ use super::checkpoint::{Checkpoint, Header};
 use super::renderer::Renderer;
 use crate::light_transport::shared::Shared;
 use crate::light_transport::visibility_map::MapState;
-use crate::specialisation::features::Feature;
 use crate::{Error, Result};
 
 impl Renderer<'_> {
@@ -36,14 +35,12 @@ impl Renderer<'_> {
         }
         let map = self.lighting.map_state(self.gpu)?;
         words.extend(map.words());
-        let left_out = self.specialisation.left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
         let header = Header {
             version: Header::version(),
             fingerprint: String::new(),
             samples: self.samples,
             batches: self.batches,
             totals: self.totals.clone(),
-            map_left_out: left_out.map(|item| item.reason.clone()),
             added: map.added.len(),
             left: map.left,
         };
@@ -77,10 +74,6 @@ impl Renderer<'_> {
         // Counts are by light, and a render cannot have more samples than requested.
         if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
             return Err(damaged());
-        }
-        let left_out = header.map_left_out.as_ref();
-        if let Some(reason) = left_out.filter(|_| self.specialisation.features.has(Feature::VisibilityMap)) {
-            self.leave_map_out(reason)?;
         }
         let mut rest = words.as_slice();
         for plane in self.planes() {

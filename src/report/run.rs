@@ -87,7 +87,7 @@ pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Res
     renderer.render_up_to(1)?;
     subject.gpu.wait("warm-up")?;
     if sample.elapsed().as_secs_f64() <= longest {
-        // The pilot may leave out the visibility map, which changes the kernels of later samples.
+        // Later samples find fine cells.
         renderer.render_up_to(1)?;
         subject.gpu.wait("warm-up")?;
     }

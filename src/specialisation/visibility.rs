@@ -1,6 +1,6 @@
 //! Decisions on visibility: photons, cells, shadow rays, audits.
 
-use super::decisions::{Item, Specialisation, bytes_text, is_lit};
+use super::decisions::{Specialisation, bytes_text, is_lit};
 use crate::kernels::{GridShape, MAX_LIGHTS};
 use crate::scene::Scene;
 use crate::settings::technique::Visibility;
@@ -9,11 +9,6 @@ use crate::specialisation::features::Feature;
 
 /// The reason why the environment has no visibility photons.
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
-
-/// The visibility map is left out if more than this share of the points are boundary or unknown after the first sample
-/// of each pixel. Photons are then too sparse for the shadows of the scene, and queries cost more than the rays that
-/// they save. Measured on the still life (0.57): 42 s with the map, 17 s without.
-const PILOT_SHARE: f64 = 0.5;
 
 impl Specialisation {
     pub(super) fn of_visibility(&mut self, scene: &Scene, settings: &Settings) {
@@ -161,32 +156,5 @@ impl Specialisation {
         let why = "most points are lit or shadowed: the others are queued".to_owned();
         let unneeded = "every point traces shadow rays";
         self.decide(Feature::FewSampled, few, why, unneeded, "a queue, and the surfaces of its points read again");
-    }
-
-    /// The reason to leave out the visibility map after the pilot samples, given their share of boundary and unknown
-    /// points. None if the map pays, or if the settings request output that only the map provides.
-    pub(crate) fn of_pilot(&self, settings: &Settings, boundary_share: f64) -> Option<String> {
-        let shown = settings.technique.requirements().visibility == Visibility::PhotonsAlone
-            || self.features.has(Feature::AovShadow);
-        let pays = boundary_share <= PILOT_SHARE;
-        (self.features.has(Feature::VisibilityMap) && !shown && !pays).then(|| {
-            let percent = 100.0 * boundary_share;
-            format!("it does not pay: {percent:.0} % of the first points were boundary or unknown")
-        })
-    }
-
-    /// Leaves out the visibility map and the features that only it uses.
-    pub(crate) fn leave_map_out(&mut self, reason: &str) {
-        // Fine cells decide points without the map, too.
-        let by_fine_cells = self.features.has(Feature::FineCells);
-        let map_alone = [Feature::VisibilityMap, Feature::LightTags, Feature::PaperCounting, Feature::ExactCounts];
-        let deciding = [Feature::Audit, Feature::FewSampled];
-        for feature in map_alone.into_iter().chain(deciding.into_iter().filter(|_| !by_fine_cells)) {
-            if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
-                let item = self.kept.remove(at);
-                self.left_out.push(Item { reason: reason.to_owned(), ..item });
-                self.features.set(feature, false);
-            }
-        }
     }
 }

@@ -52,7 +52,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         // Lit, shadowed or boundary, by n_i and n_s of the nearest photons ("Extending the photon map", cases 1 to 3).
         // The class of a cell is computed once; points look it up.
         frame.classify(&lights);
-        frame.request_cells(&lights);
+        frame.look_up_map_cells(&lights);
         frame.classify_requested_cells();
         frame.query_photons(&lights);
         // Not in the paper: otherwise faint penumbrae of wide lights would be missed.

@@ -39,7 +39,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
     for lights in frame.light_chunks() {
         // n_i and n_s of the nearest photons, exactly.
         frame.classify(&lights);
-        frame.request_cells(&lights);
+        frame.look_up_map_cells(&lights);
         frame.classify_requested_cells();
         frame.query_photons(&lights);
         frame.dilate_boundaries(&lights);
