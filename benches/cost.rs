@@ -38,7 +38,7 @@ const GROWTHS: [Growth; 5] = [
             (
                 room(1, 0),
                 square_image(64).with(|s| {
-                    s.visibility_map.photons_per_light = photons;
+                    s.visibility_map.photons_per_light = Some(photons);
                     s.indirect.photons = photons;
                 }),
             )
@@ -59,7 +59,7 @@ const GROWTHS: [Growth; 5] = [
         name: "lights",
         sizes: [2, 6, 20, 63, 200],
         // So few photons for each light that their total stays below every limit.
-        of: |lights| (room(1, lights), square_image(128).with(|s| s.visibility_map.photons_per_light = 16_384)),
+        of: |lights| (room(1, lights), square_image(128).with(|s| s.visibility_map.photons_per_light = Some(16_384))),
     },
     Growth {
         name: "pixels",

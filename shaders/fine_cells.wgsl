@@ -23,7 +23,7 @@ fn classify_fine_cells(
     let entry = fine_cell_list[i];
     let tag = atomicLoad(&fine_cell_tags[entry]);
     if is_divided(tag & CLASS_MASK) { return; }
-    atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | verdict_on(entry));
+    atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | code_of_cell(entry));
 }
 
 // Illumination and shadow photons of a cell.
@@ -31,9 +31,9 @@ fn photons_of(entry: u32) -> vec2u {
     return vec2u(atomicLoad(&fine_cells[entry].illumination), atomicLoad(&fine_cells[entry].shadow));
 }
 
-// The verdict of a cell's photons and of those in the eight cells around it on its surface. Cells across its depth are
-// left out: few surfaces go on there.
-fn verdict_on(entry: u32) -> u32 {
+// What the photons of a cell and of the eight cells around it on its surface tell. Cells across its depth are left out:
+// few surfaces go on there.
+fn code_of_cell(entry: u32) -> u32 {
     var photons = photons_of(entry);
     if all(photons > vec2u(0u)) { return divided(photons); }
     let index = fine_cells[entry].index;

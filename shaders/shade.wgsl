@@ -8,7 +8,7 @@
 //   Boundary, unknown: a U + (1/N) sum (V_j - a) f_j / p_j.
 // Where most points are decided (`few_sampled`), `shade` adds the light that the diffuse part of the BSDF reflects
 // where the class decides (c U), and a U; it queues the points for which `shade_sampled` adds the rest: highlights,
-// audits, and light points with shadow rays.
+// audits, and light points with shadow rays. While few are, `shade_sampled` adds all of it at once.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
@@ -26,7 +26,7 @@ import package::lib::bsdf::bsdf_diffuse;
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(bsdf_rays) import package::lib::sampling::mis_weight;
 import package::lib::constants::{
-    CLASS_DARK, CLASS_LIT, COUNTER_NOT_FINITE_SHADE, INVALID_POINT, QUEUE_COUNT, QUEUE_SAMPLED
+    CLASS_DARK, CLASS_LIT, COUNTER_NOT_FINITE_SHADE, COUNTER_SAMPLED, INVALID_POINT, QUEUE_COUNT, QUEUE_SAMPLED
 };
 import package::lib::visible_point::{points, surfaces, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
@@ -44,7 +44,8 @@ struct ShadeParameters {
     visibility_words: u32,
     // Probability that a decided candidate is audited, away from boundaries.
     audit_probability: f32,
-    padding: u32,
+    // `shade_sampled` adds all terms to all points.
+    at_once: u32,
 }
 
 @group(0) @binding(2) var<storage, read> classes: array<u32>;
@@ -313,14 +314,18 @@ fn shade(
         if i < parameters.tile.point_count { sampled = shade_point(i, Terms(true, false)); }
         if sampled { rank = atomicAdd(&group_sampled, 1u); }
         workgroupBarrier();
-        if lane == 0u { group_base = atomicAdd(&queue_lengths[QUEUE_SAMPLED], atomicLoad(&group_sampled)); }
+        if lane == 0u {
+            let length = atomicLoad(&group_sampled);
+            group_base = atomicAdd(&queue_lengths[QUEUE_SAMPLED], length);
+            atomicAdd(&counters[COUNTER_SAMPLED], length);
+        }
         workgroupBarrier();
         if sampled { sampled_points[group_base + rank] = i; }
     }
 }
 
 // The other terms at the points that `shade` queued. Few points have any, but software devices would execute them for
-// all points.
+// all points. Or all terms at all points.
 @if(few_sampled)
 @compute @workgroup_size(64)
 fn shade_sampled(
@@ -328,6 +333,15 @@ fn shade_sampled(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let i = group_index(group, groups) * 64u + lane;
-    if i < atomicLoad(&queue_lengths[QUEUE_SAMPLED]) { _ = shade_point(sampled_points[i], Terms(false, true)); }
+    let item = group_index(group, groups) * 64u + lane;
+    let at_once = parameters.at_once != 0u;
+    if lane == 0u { atomicStore(&group_sampled, 0u); }
+    workgroupBarrier();
+    if item < select(atomicLoad(&queue_lengths[QUEUE_SAMPLED]), parameters.tile.point_count, at_once) {
+        var i = item;
+        if !at_once { i = sampled_points[item]; }
+        if shade_point(i, Terms(at_once, true)) { atomicAdd(&group_sampled, 1u); }
+    }
+    workgroupBarrier();
+    if lane == 0u && at_once { atomicAdd(&counters[COUNTER_SAMPLED], atomicLoad(&group_sampled)); }
 }

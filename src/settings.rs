@@ -9,6 +9,12 @@ use std::str::FromStr;
 
 use crate::{Error, Result};
 
+/// Default numbers of visibility photons of a light, without and with fine cells. The second only has to tell about
+/// large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072 photons gave the
+/// same error at 16 and 64 samples; after 64, 8,192 needed 20 % more rays in the sphere and 3 % more in the box.
+const MAP_PHOTONS: u32 = 131_072;
+const LEARNING_PHOTONS: u32 = 16_384;
+
 pub use builder::SettingsBuilder;
 pub use groups::{
     CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings, LightSamplingSettings,
@@ -200,6 +206,21 @@ impl Settings {
         self
     }
 
+    /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
+    /// shown, or where the method of the paper alone is requested.
+    pub(crate) fn learns_from_shadow_rays(&self) -> bool {
+        let map = &self.visibility_map;
+        let shown = self.image.aovs.contains(&Aov::Shadow);
+        self.technique.traces_by_photons() && !shown && self.image.spp > 1 && map.audit > 0.0 && !map.paper_counting
+    }
+
+    /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say: 16,384
+    /// where the shadow rays of earlier samples decide what the map does not, else 131,072.
+    pub fn photons_per_light(&self) -> u32 {
+        let default = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
+        self.visibility_map.photons_per_light.unwrap_or(default)
+    }
+
     /// Checks every range, and that the settings do not contradict each other.
     ///
     /// # Errors
@@ -219,7 +240,7 @@ impl Settings {
         range("image.width", image.width, 1, Self::MAX_SIDE)?;
         range("image.height", image.height, 1, Self::MAX_SIDE)?;
         range("image.spp", image.spp, 1, u32::MAX)?;
-        range("visibility_map.photons_per_light", visibility_map.photons_per_light, 1, Self::MAX_PHOTONS)?;
+        range("visibility_map.photons_per_light", self.photons_per_light(), 1, Self::MAX_PHOTONS)?;
         range("visibility_map.nearest", visibility_map.nearest, 1, Self::MAX_NEAREST)?;
         let stored = visibility_map.shadow_photons_per_ray;
         range("visibility_map.shadow_photons_per_ray", stored, 1, Self::MAX_SHADOW_PHOTONS)?;

@@ -40,8 +40,8 @@ struct FineCell {
 
 @group(1) @binding(26) var<storage, read> fine_cell_view: FineCellView;
 @group(1) @binding(27) var<storage, read_write> fine_cells: array<FineCell>;
-// Of each entry a hash of the key, with the verdict in CLASS_MASK; 0 if it is empty. The verdict is what the photons told
-// after an earlier batch of samples: the class lit, shadowed, boundary (divided), or unknown, or MOSTLY_LIT.
+// Of each entry a hash of the key, with a code in CLASS_MASK; 0 if it is empty. The code is what the photons told after
+// an earlier batch of samples: the class lit, shadowed, boundary (divided) or unknown, or MOSTLY_LIT.
 @group(1) @binding(30) var<storage, read_write> fine_cell_tags: array<atomic<u32>>;
 // The tags after that batch, four to a record. Cells that samples added since then have no class yet.
 @if(texture_loads) @group(1) @binding(31) var fine_cell_tag_table: texture_storage_2d<rgba32uint, read>;
@@ -54,8 +54,8 @@ struct FineCell {
 const MOSTLY_LIT = 7u;
 const UNDIVIDED = 0u;
 
-fn is_divided(verdict: u32) -> bool {
-    return verdict == CLASS_BOUNDARY || verdict == MOSTLY_LIT;
+fn is_divided(code: u32) -> bool {
+    return code == CLASS_BOUNDARY || code == MOSTLY_LIT;
 }
 
 // Keeps surfaces at round coordinates, such as a floor at 0, off the faces of cells.
@@ -108,11 +108,11 @@ fn cell_level(kind: u32) -> u32 {
     return kind >> LEVEL_SHIFT;
 }
 
-// The entry of a cell, and its verdict.
+// The entry of a cell, and its code.
 struct FoundCell {
     // Or FINE_CELL_ABSENT.
     entry: u32,
-    verdict: u32,
+    code: u32,
 }
 
 const FINE_CELL_ABSENT = 0xffffffffu;
@@ -204,17 +204,17 @@ fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
     var found = find_cell(cell);
     var divided = UNDIVIDED;
     for (var level = 1u; level < FINE_CELL_LEVELS; level++) {
-        if !is_divided(found.verdict) { break; }
-        divided = found.verdict;
+        if !is_divided(found.code) { break; }
+        divided = found.code;
         cell = finer_cell(cell, position);
         found = find_cell(cell);
     }
-    if is_divided(found.verdict) {
-        divided = found.verdict;
-        found.verdict = CLASS_BOUNDARY;
+    if is_divided(found.code) {
+        divided = found.code;
+        found.code = CLASS_BOUNDARY;
     }
     let visibility = f32(divided == MOSTLY_LIT);
-    return FineClass(cell, found.entry, found.verdict, divided != UNDIVIDED, visibility);
+    return FineClass(cell, found.entry, found.code, divided != UNDIVIDED, visibility);
 }
 
 // Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is

@@ -286,9 +286,10 @@ impl IndirectOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Visibility map")]
 struct VisibilityMapOptions {
-    /// Visibility photons emitted from each light
-    #[arg(long, value_name = "N", default_value_t = Settings::default().visibility_map.photons_per_light)]
-    photons: u32,
+    /// Visibility photons emitted from each light [default: 16384 where earlier samples' shadow rays decide too, else
+    /// 131072]
+    #[arg(long, value_name = "N")]
+    photons: Option<u32>,
 
     /// Nearest photons that classify a point (k of the paper)
     #[arg(long, value_name = "K", default_value_t = Settings::default().visibility_map.nearest)]

@@ -99,6 +99,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("COUNTER_NOT_FINITE_IRRADIANCE", Counter::NotFiniteIrradiance as u32),
     ("COUNTER_NOT_FINITE_GATHER", Counter::NotFiniteGather as u32),
     ("COUNTER_NOT_FINITE_PRIMARY", Counter::NotFinitePrimary as u32),
+    ("COUNTER_SAMPLED", Counter::Sampled as u32),
     ("COUNTER_NOT_FINITE_SHADE", Counter::NotFiniteShade as u32),
     ("COUNTER_NOT_FINITE_PATH", Counter::NotFinitePath as u32),
     // The counts by class: the class is added to the first one.

@@ -295,8 +295,8 @@ impl DirectLight {
         }
     }
 
-    /// Adds the light of the chunk to the tile's points.
-    pub fn shade(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+    /// Adds the light of the chunk to the tile's points; see [`ShadeParameters::at_once`].
+    pub fn shade(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, at_once: bool) {
         let Bound { classify, shade, .. } = self.bound();
         let parameters = ShadeParameters {
             tile: *tile,
@@ -305,7 +305,7 @@ impl DirectLight {
             light_samples: self.sizes.light_samples,
             visibility_words: self.sizes.visibility_words,
             audit_probability: chunk.audit_probability,
-            padding: 0,
+            at_once: at_once.into(),
         };
         let arrange = |frame: &mut Frame<'_>, group| {
             classify.record_arguments(frame, tile, chunk, Queue::Sampled, group);

@@ -118,7 +118,7 @@ fn zone_table(
 ) -> Result<ZoneTable> {
     let Shared { gpu, scene, gpu_scene, .. } = *shared;
     let lights = scene.placed_lights().len() as u32;
-    let rays = settings.visibility_map.photons_per_light.min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
+    let rays = settings.photons_per_light().min(ZONE_RAYS / lights).clamp(1, RAYS_PER_LIGHT);
     let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, 0)?;
     totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
     totals.count(Counter::Overrun, traced.overruns);

@@ -22,6 +22,8 @@ pub(crate) struct SecondPass<'a, 'g> {
     pub settings: &'a Settings,
     /// The film's planes for the tile.
     pub planes: Vec<&'a Plane>,
+    /// Few points are decided: [`crate::passes::shade::ShadeParameters::at_once`].
+    pub shade_at_once: bool,
     /// The films of the lights' classes, if the AOV `shadow` is requested.
     pub class_films: &'a [Plane],
 }
@@ -45,8 +47,8 @@ impl SecondPass<'_, '_> {
         self.lighting.direct.as_ref().map(DirectLight::chunks).into_iter().flatten()
     }
 
-    /// Gives each point the class of its fine cell for each light, if the cell has one. Without cells and map every point
-    /// that does not face away from the light is unknown (pass `classify`).
+    /// Gives each point the class of its fine cell for each light, if the cell has one. Without cells and map every
+    /// point that does not face away from the light is unknown (pass `classify`).
     pub fn classify(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.classify(frame, tile, lights));
     }
@@ -92,7 +94,8 @@ impl SecondPass<'_, '_> {
 
     /// Adds the lights' direct light to each point by its class (pass `shade`).
     pub fn shade(&mut self, lights: &Chunk) {
-        self.direct(|direct, frame, tile| direct.shade(frame, tile, lights));
+        let at_once = self.shade_at_once;
+        self.direct(|direct, frame, tile| direct.shade(frame, tile, lights, at_once));
     }
 
     /// Adds the classes to their films (pass `film`), if the AOV `shadow` is requested.

@@ -109,7 +109,7 @@ impl VisibilityMap {
     ) -> Result<VisibilityMap> {
         let Shared { gpu, scene, gpu_scene, .. } = *shared;
         let lights = scene.placed_lights().len() as u32;
-        let rays = settings.visibility_map.photons_per_light.min(MAX_RAYS / lights);
+        let rays = settings.photons_per_light().min(MAX_RAYS / lights);
         let traced = kernels.photons.trace(gpu, gpu_scene, lights, rays, settings.image.seed, REPAIR_ROOM)?;
         totals.photon_rays += traced.emitted.iter().map(|n| u64::from(*n)).sum::<u64>();
         totals.count(Counter::Overrun, traced.overruns);

@@ -205,8 +205,8 @@ impl BoundClassify {
         frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
     }
 
-    /// Gives the queued points the classes of the map's cells, and requests a class for each cell that has queued points
-    /// but no class yet.
+    /// Gives the queued points the classes of the map's cells, and requests a class for each cell that has queued
+    /// points but no class yet.
     pub fn look_up(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { look_up, request_cells, .. }) = &self.requests else { return };
         self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);

@@ -21,8 +21,8 @@ shared_struct! {
         pub visibility_words: u32,
         /// Probability that a lit or shadowed candidate is audited.
         pub audit_probability: f32,
-        /// To a multiple of eight bytes.
-        pub padding: u32,
+        /// Whether `shade_sampled` adds all terms to all points, where the kernels have a queue.
+        pub at_once: u32,
     }
 }
 
@@ -130,10 +130,16 @@ impl BoundShade {
         arrange: impl FnOnce(&mut Frame<'_>, u32),
         (arguments, offset): (&Buffer, u64),
     ) {
-        frame.run(&self.shade, parameters.tile.point_count, parameters);
-        if let Some((sampled, group)) = &self.sampled {
-            arrange(frame, *group);
-            frame.run_indirect(sampled, arguments, offset, parameters);
+        match &self.sampled {
+            Some((sampled, _)) if parameters.at_once != 0 => {
+                frame.run(sampled, parameters.tile.point_count, parameters)
+            }
+            Some((sampled, group)) => {
+                frame.run(&self.shade, parameters.tile.point_count, parameters);
+                arrange(frame, *group);
+                frame.run_indirect(sampled, arguments, offset, parameters);
+            }
+            None => frame.run(&self.shade, parameters.tile.point_count, parameters),
         }
     }
 }

@@ -28,6 +28,8 @@ pub(super) struct Header {
     pub fingerprint: String,
     pub samples: u32,
     pub batches: u32,
+    /// How the next batch is shaded.
+    pub shade_at_once: bool,
     pub totals: Totals,
     /// Number of photons that audits added to the map.
     pub added: usize,

@@ -44,6 +44,8 @@ pub struct Renderer<'g> {
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
     pub(super) samples: u32,
+    /// See [`crate::passes::shade::ShadeParameters::at_once`].
+    pub(super) shade_at_once: bool,
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
@@ -117,6 +119,7 @@ impl<'g> Renderer<'g> {
             tiles,
             tile_size,
             samples: 0,
+            shade_at_once: false,
             batches: 0,
             totals,
             keeping: None,

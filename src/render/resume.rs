@@ -40,6 +40,7 @@ impl Renderer<'_> {
             fingerprint: String::new(),
             samples: self.samples,
             batches: self.batches,
+            shade_at_once: self.shade_at_once,
             totals: self.totals.clone(),
             added: map.added.len(),
             left: map.left,
@@ -89,6 +90,7 @@ impl Renderer<'_> {
         self.refine_for(header.samples)?;
         self.samples = header.samples;
         self.batches = header.batches;
+        self.shade_at_once = header.shade_at_once;
         self.totals = header.totals.clone().after(&self.totals);
         Ok(())
     }

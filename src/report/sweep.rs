@@ -50,7 +50,7 @@ impl Swept {
 
     fn set(self, settings: &mut Settings, value: u32) {
         match self {
-            Swept::Photons => settings.visibility_map.photons_per_light = value,
+            Swept::Photons => settings.visibility_map.photons_per_light = Some(value),
             Swept::Nearest => settings.visibility_map.nearest = value,
         }
     }

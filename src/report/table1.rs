@@ -111,7 +111,7 @@ impl PaperScene {
             s.image.spp = options.spp.unwrap_or(if path { self.reference_spp } else { self.spp });
             // The reference has its own seed: with the same random numbers the noise would be correlated.
             s.image.seed = u32::from(path);
-            s.visibility_map.photons_per_light = self.photons;
+            s.visibility_map.photons_per_light = Some(self.photons);
             s.visibility_map.nearest = self.nearest;
             s.shadow_rays.samples = 1;
             s.visibility_map.dilate = Some(0);

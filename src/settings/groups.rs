@@ -28,9 +28,10 @@ impl Default for ImageSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct VisibilityMapSettings {
-    /// Visibility photons emitted from each light, 1 to [`Settings::MAX_PHOTONS`].
+    /// Visibility photons emitted from each light, 1 to [`Settings::MAX_PHOTONS`]. `None`: as many as
+    /// [`Settings::photons_per_light`] says.
     #[serde(rename = "photons")]
-    pub photons_per_light: u32,
+    pub photons_per_light: Option<u32>,
     /// Nearest photons that classify a point: k of the paper, 1 to [`Settings::MAX_NEAREST`].
     pub nearest: u32,
     /// Maximum number of shadow photons stored along one photon ray, 1 to [`Settings::MAX_SHADOW_PHOTONS`].
@@ -47,7 +48,7 @@ pub struct VisibilityMapSettings {
 impl Default for VisibilityMapSettings {
     fn default() -> Self {
         VisibilityMapSettings {
-            photons_per_light: 131_072,
+            photons_per_light: None,
             // At 50 the sphere of the paper keeps 7.0 % of its shadow rays, at 36 5.8 %; the error of the box is the
             // same.
             nearest: 36,

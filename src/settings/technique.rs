@@ -125,6 +125,11 @@ impl Technique {
         matches!(self.requirements().visibility, Visibility::Photons | Visibility::PhotonsAlone)
     }
 
+    /// Whether photons decide which points trace shadow rays.
+    pub fn traces_by_photons(self) -> bool {
+        self.requirements().visibility == Visibility::Photons
+    }
+
     /// Whether rays from the cells of a grid determine visibility before the first sample.
     pub fn uses_cells(self) -> bool {
         matches!(self.requirements().visibility, Visibility::Cells | Visibility::Voxels)

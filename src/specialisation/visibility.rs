@@ -23,7 +23,7 @@ impl Specialisation {
     fn of_visibility_map(&mut self, scene: &Scene, settings: &Settings) -> bool {
         let map = settings.technique.uses_visibility_map();
         let placed = scene.placed_lights().len();
-        let photons = u64::from(settings.visibility_map.photons_per_light) * placed as u64;
+        let photons = u64::from(settings.photons_per_light()) * placed as u64;
         let many = placed > MAX_LIGHTS as usize;
         let few_sampled = self.features.has(Feature::LightSampling);
         let unneeded = if few_sampled {
@@ -85,10 +85,9 @@ impl Specialisation {
         } else {
             "there is one sample per pixel, and none to learn from"
         };
-        let learning = settings.image.spp > 1 && settings.visibility_map.audit > 0.0;
         self.decide(
             Feature::FineCells,
-            mapped && !shown && learning && !settings.visibility_map.paper_counting,
+            mapped && settings.learns_from_shadow_rays(),
             "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
             unneeded,
             "pass fine_cells; 144 to 288 B per pixel and light, of at most four lights; 151 MB at most",

@@ -59,9 +59,11 @@ pub enum Counter {
     ProceduralOverruns,
     /// [`super::Conditioning::procedural_invalid`]: likewise.
     ProceduralInvalid,
+    /// Points that pass `shade` adds other terms to than those that classes tell; once for each chunk of lights.
+    Sampled,
 }
 
 impl Counter {
     /// Words of the buffer `counters`.
-    pub const COUNT: usize = 27;
+    pub const COUNT: usize = 28;
 }

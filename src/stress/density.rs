@@ -45,7 +45,8 @@ fn photons(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
         let stage = Stage::new(eye)
             .with(square(DVec3::ZERO, DVec3::Z, DVec3::X), Paint::matte(0.5))
             .with(lamp.clone(), Paint::lamp(1.0));
-        let settings = settings(technique, 16, 16, 0).with(|s| s.visibility_map.photons_per_light = photons as u32);
+        let settings =
+            settings(technique, 16, 16, 0).with(|s| s.visibility_map.photons_per_light = Some(photons as u32));
         Ok(worst_mean(&image(gpu, &stage, &settings)?, &eye, &outline(&lamp), DVec3::Y))
     }))
 }

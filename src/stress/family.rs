@@ -99,7 +99,7 @@ pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> 
         s.image.height = side;
         s.image.spp = spp;
         s.indirect.max_bounces = max_bounces;
-        s.visibility_map.photons_per_light = 1 << 14;
+        s.visibility_map.photons_per_light = Some(1 << 14);
         s.indirect.photons = 1 << 14;
         s.indirect.irradiance_cache.gather_rays = 64;
     })

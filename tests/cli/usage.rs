@@ -40,7 +40,7 @@ fn help_states_the_defaults_and_names() {
         Settings::default().image.height,
         Settings::default().image.spp,
         Settings::default().image.seed,
-        Settings::default().visibility_map.photons_per_light,
+        Settings::default().photons_per_light(),
         Settings::default().visibility_map.nearest,
         Settings::default().visibility_map.shadow_photons_per_ray,
     );

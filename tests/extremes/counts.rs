@@ -53,7 +53,7 @@ fn thin_slats_keep_their_shadow() {
         } else {
             Stage { parts: [0, 2].map(|i| stage.parts[i].clone()).into(), ..stage.clone() }
         };
-        let settings = settings(technique, 32, 64, 0).with(|s| s.visibility_map.photons_per_light = 2048);
+        let settings = settings(technique, 32, 64, 0).with(|s| s.visibility_map.photons_per_light = Some(2048));
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };
     let (all, few, none) =

@@ -69,7 +69,7 @@ fn runs_give_the_same_bits() {
         let (runs, side) = if technique == Technique::default() { (20, 96) } else { (3, 24) };
         // Without the class channels, the pilot may leave out the map. Classes by a single photon are sometimes wrong.
         let settings = settings(technique, side, side, 8).with(|s| {
-            s.visibility_map.photons_per_light = 8192;
+            s.visibility_map.photons_per_light = Some(8192);
             s.visibility_map.nearest = 1;
             s.visibility_map.audit = 1.0;
             s.visibility_map.dilate = Some(0);

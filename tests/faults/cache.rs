@@ -74,7 +74,7 @@ fn a_damaged_cache_is_refused_or_replaced() {
     let settings = Settings::default().with(|s| {
         s.image.width = 16;
         s.image.height = 16;
-        s.visibility_map.photons_per_light = 4096;
+        s.visibility_map.photons_per_light = Some(4096);
     });
     let subject = Subject { gpu: gpu(), scene: &scene, camera: &scene.cameras[0], settings: &settings };
     let folder = folder();

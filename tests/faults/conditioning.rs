@@ -28,7 +28,7 @@ fn settings(technique: Technique) -> Settings {
     let (photons, flux_photons) = (4096, 4096);
     Settings::default().with(|s| {
         s.technique = technique;
-        s.visibility_map.photons_per_light = photons;
+        s.visibility_map.photons_per_light = Some(photons);
         s.indirect.photons = flux_photons;
         s.image.width = 24;
         s.image.height = 24;
@@ -139,7 +139,7 @@ fn sums_near_overflow_are_counted() {
 fn missing_photons_are_reported_above_a_tenth_of_the_points() {
     // The class channels keep the map whatever the pilot finds.
     let sparse = settings(Technique::SHADOW_PHOTONS).with(|s| {
-        s.visibility_map.photons_per_light = 64;
+        s.visibility_map.photons_per_light = Some(64);
         s.indirect.max_bounces = 0;
         s.image.aovs = vec![Aov::Shadow];
     });
@@ -236,7 +236,7 @@ fn failing_procedural_objects_are_counted() {
         let (photons, flux_photons, gather_rays) = (64, 64, 16);
         let settings = settings(technique).with(|s| {
             s.indirect.max_bounces = 1;
-            s.visibility_map.photons_per_light = photons;
+            s.visibility_map.photons_per_light = Some(photons);
             s.indirect.photons = flux_photons;
             s.indirect.irradiance_cache.gather_rays = gather_rays;
             s.image.spp = 1;

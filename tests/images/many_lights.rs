@@ -38,7 +38,7 @@ fn render(lights: u32, changed: impl Fn(Settings) -> Settings) -> (Image, Statis
         s.image.width = 32;
         s.image.height = 32;
         s.indirect.max_bounces = 0;
-        s.visibility_map.photons_per_light = 2000;
+        s.visibility_map.photons_per_light = Some(2000);
         s.image.aovs = vec![Aov::Variance];
     });
     render_scene(scene, &view, &changed(settings))
@@ -120,7 +120,7 @@ fn sampled_lights_give_all_light() {
     let one_photon = |audit| {
         render(200, |s| {
             settings(32, 4)(s).with(|s| {
-                s.visibility_map.photons_per_light = 1;
+                s.visibility_map.photons_per_light = Some(1);
                 s.visibility_map.audit = audit;
             })
         })

@@ -93,7 +93,7 @@ fn shares_match_the_simulation() {
         let visibility = truth.channel(&of("visibility")).unwrap();
         for row in rows {
             let settings = base.clone().with(|s| {
-                s.visibility_map.photons_per_light = row.photons;
+                s.visibility_map.photons_per_light = Some(row.photons);
                 s.visibility_map.nearest = row.nearest;
                 s.visibility_map.paper_counting = row.paper_counting;
                 s.visibility_map.dilate = Some(row.dilate);

@@ -45,6 +45,7 @@ struct Setup {
     /// Albedo and code of the shading normal.
     surfaces: Vec<[f32; 4]>,
     audit_probability: f32,
+    kernels: Kernels,
 }
 
 struct Outcome {
@@ -52,21 +53,25 @@ struct Outcome {
     shadow_samples: Vec<[f32; 4]>,
     /// Points that were queued for light points, in order; none if there is no queue.
     sampled: Option<Vec<u32>>,
+    /// Points that were counted as having other terms than those that classes tell.
+    sampled_count: u32,
     /// Points that were counted as not finite.
     not_finite: u32,
 }
 
-/// How the points are shaded: by one kernel or with a queue, and with light points in place of missing closed forms
-/// beside the closed form or among the other terms.
+/// How the points are shaded: by one kernel, with a queue, or by the queue's kernel at once, and with light points in
+/// place of missing closed forms beside the closed form or among the other terms.
 #[derive(Clone, Copy, Debug)]
 struct Kernels {
     few_sampled: bool,
     sampled_forms: bool,
+    at_once: bool,
 }
 
-const ONE_KERNEL: Kernels = Kernels { few_sampled: false, sampled_forms: true };
-const WITH_QUEUE: Kernels = Kernels { few_sampled: true, sampled_forms: true };
-const ALL_QUEUED: Kernels = Kernels { few_sampled: true, sampled_forms: false };
+const ONE_KERNEL: Kernels = Kernels { few_sampled: false, sampled_forms: true, at_once: false };
+const WITH_QUEUE: Kernels = Kernels { few_sampled: true, sampled_forms: true, at_once: false };
+const ALL_QUEUED: Kernels = Kernels { few_sampled: true, sampled_forms: false, at_once: false };
+const AT_ONCE: Kernels = Kernels { few_sampled: true, sampled_forms: true, at_once: true };
 
 fn stage(gpu: &Gpu, scene: Scene, size: [u32; 2], kernels: Kernels) -> Stage {
     let view = camera(DVec3::new(0.0, 0.0, 2.0), DVec3::NEG_Z, 1.0);
@@ -111,7 +116,7 @@ impl Setup {
             light_samples: self.candidates.samples,
             visibility_words: self.candidates.words() as u32,
             audit_probability: self.audit_probability,
-            padding: 0,
+            at_once: self.kernels.at_once.into(),
         };
         let mut frame = gpu.frame("test");
         // As many workgroups as all points would need. Points that are not queued must not change.
@@ -128,7 +133,7 @@ impl Setup {
         let rest = queue.split_off(lengths[Queue::Sampled as usize] as usize);
         assert!(rest.iter().all(|word| *word == POISON) && lengths[..3] == [POISON; 3], "past the queue");
         queue.sort_unstable();
-        assert_eq!(arranged, features.has(Feature::FewSampled));
+        assert_eq!(arranged, self.kernels.few_sampled && !self.kernels.at_once);
         let mut radiance: Vec<[f32; 4]> = gpu.read(&tile.radiance_direct, radiance.len()).unwrap();
         let mut shadow_samples: Vec<[f32; 4]> = gpu.read(&samples, count).unwrap();
         for past in [radiance.pop(), shadow_samples.pop()] {
@@ -136,7 +141,8 @@ impl Setup {
         }
         let counters: Vec<u32> = gpu.read(&tile.counters, Counter::COUNT).unwrap();
         let not_finite = counters[Counter::NotFiniteShade as usize];
-        Outcome { radiance, shadow_samples, sampled: arranged.then_some(queue), not_finite }
+        let sampled_count = counters[Counter::Sampled as usize];
+        Outcome { radiance, shadow_samples, sampled: arranged.then_some(queue), sampled_count, not_finite }
     }
 
     fn normals(&self, i: usize) -> [DVec3; 2] {
@@ -303,7 +309,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
         (65, 3, [2, 1], 4, 0.0),
     ];
     let of_all_kernels =
-        cases.into_iter().flat_map(|case| [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED].map(|kernels| (case, kernels)));
+        cases.into_iter().flat_map(|case| [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED, AT_ONCE].map(|kernels| (case, kernels)));
     for ((width, layers, chunk, samples, audit_probability), kernels) in of_all_kernels {
         let tile = Tile { first_sample: u32::from(width == 32), height: 7, first_row: 6, ..whole([width, 1], layers) };
         let count = tile.point_count as usize;
@@ -324,6 +330,7 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             candidates: Candidates { stage: stage(gpu, lights(), [width, 7], kernels), tile, points, chunk, samples },
             surfaces,
             audit_probability,
+            kernels,
         };
         let closed: Vec<bool> =
             setup.candidates.stage.gpu_scene.lights.lights.iter().map(|light| light.closed_form).collect();
@@ -334,12 +341,14 @@ fn shading_follows_the_estimator(gpu: &Gpu) {
             .collect();
         let before: Vec<[f32; 4]> = (0..count).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
         let outcome = setup.run(gpu, &classes, &visibility, &before);
+        let is_sampled = |i: &u32| {
+            let mut candidates = (*i as usize..classes.len()).step_by(count);
+            candidates.any(|candidate| setup.is_sampled(candidate, classes[candidate]))
+        };
+        let expected: Vec<u32> = (0..count as u32).filter(is_sampled).collect();
+        let counted = if kernels.few_sampled { expected.len() } else { 0 };
+        assert_eq!(outcome.sampled_count as usize, counted, "{kernels:?}");
         if let Some(sampled) = &outcome.sampled {
-            let is_sampled = |i: &u32| {
-                let mut candidates = (*i as usize..classes.len()).step_by(count);
-                candidates.any(|candidate| setup.is_sampled(candidate, classes[candidate]))
-            };
-            let expected: Vec<u32> = (0..count as u32).filter(is_sampled).collect();
             assert_eq!(*sampled, expected);
             assert!(count < 64 || sampled.len() < count, "a queue of all points is none");
         }
@@ -393,7 +402,7 @@ fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
     const POINTS: usize = 64;
     let normal = oct_encode(DVec3::Y);
     let x_of = |i: usize| if i % 4 == 1 { f32::NAN } else { 0.01 * i as f32 - 0.3 };
-    for kernels in [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED] {
+    for kernels in [ONE_KERNEL, WITH_QUEUE, ALL_QUEUED, AT_ONCE] {
         let point = |i: usize| Point { position: [x_of(i), -0.4, 0.1], normal };
         let albedo = |i: usize| if i % 4 == 2 { f32::INFINITY } else { 0.5 };
         let setup = Setup {
@@ -406,6 +415,7 @@ fn what_is_not_finite_is_counted_once(gpu: &Gpu) {
             },
             surfaces: (0..POINTS).map(|i| [albedo(i), 0.5, 0.5, f32::from_bits(normal)]).collect(),
             audit_probability: 1.0,
+            kernels,
         };
         let classes = vec![class_word(BOUNDARY, 10, 10, 2047); setup.candidates.count()];
         let before = |i: usize| match i % 8 {
@@ -456,6 +466,7 @@ fn shading_is_unbiased(gpu: &Gpu) {
         },
         surfaces: vec![[0.8, 0.8, 0.8, f32::from_bits(normal)]; count],
         audit_probability: 1.0 / 32.0,
+        kernels: WITH_QUEUE,
     };
     let light_points = setup.candidates.light_points(gpu);
     let visible: Vec<Vec<bool>> = light_points

@@ -18,7 +18,7 @@ fn audits_state_honest_intervals() {
         s.image.height = 96;
         s.image.spp = 1;
         s.indirect.max_bounces = 0;
-        s.visibility_map.photons_per_light = 4096;
+        s.visibility_map.photons_per_light = Some(4096);
         s.visibility_map.nearest = 3;
         s.image.aovs = vec![Aov::Shadow];
     });

@@ -158,7 +158,7 @@ fn another_scene_or_view_has_its_own_folder() {
     assert_eq!(different.len(), folders.len());
     // Settings that `path` does not use.
     let same = settings.clone().with(|s| {
-        s.visibility_map.photons_per_light = 7;
+        s.visibility_map.photons_per_light = Some(7);
         s.visibility_map.nearest = 8;
         s.visibility_map.audit = 0.0;
         s.image.seed = 9;
