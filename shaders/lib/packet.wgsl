@@ -59,6 +59,18 @@ fn trace_occluded_together(ray: Ray, seed: u32, lane: u32) -> bool {
     }
 }
 
+// Whether it is so in any lane of the packet; where each ray is traced alone, in this one.
+fn in_any_lane(condition: bool, lane: u32) -> bool {
+    @if(!packets) { return condition; }
+    @if(packets) {
+        var any_lane = select(0u, 1u, condition);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
+        return subgroupBroadcast(any_lane, 0u) != 0u;
+    }
+}
+
 // What the box test needs of a ray.
 @if(packets)
 struct Slabs {
@@ -117,16 +129,6 @@ fn min_keys(keys: vec4u, lane: u32) -> vec4u {
     let lowest = min(half, subgroupShuffle(half, lane ^ 1u));
     let of_first = vec2u(subgroupBroadcast(lowest, 0u), subgroupBroadcast(lowest, 4u));
     return sorted(vec4u(of_first, subgroupBroadcast(lowest, 2u), subgroupBroadcast(lowest, 6u)));
-}
-
-// Whether it is so in any lane.
-@if(packets)
-fn in_any_lane(condition: bool, lane: u32) -> bool {
-    var any_lane = select(0u, 1u, condition);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
-    return subgroupBroadcast(any_lane, 0u) != 0u;
 }
 
 // The entries to be visited, as lib/bvh has them: the one with index 8 i + l is in lane l of word i. A node adds three
