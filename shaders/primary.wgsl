@@ -107,8 +107,8 @@ fn visible_surface(found: SurfaceHit) -> VisibleSurface {
 @if(specular_chains) const MAX_LINKS = 32u;
 
 // Follows the camera's ray, where it met a surface, through clear glass and over mirrors to a surface that is neither,
-// and leaves that in `found`; where there is no such surface, the chain's last one. Adds the emission along the chain to
-// `direct`. Gives the chain's throughput and the direction back along it, as VisibleSurface has them.
+// and leaves that in `found`; where there is no such surface, the chain's last one. Adds the emission along the chain
+// to `direct`. Gives the chain's throughput and the direction back along it, as VisibleSurface has them.
 @if(specular_chains)
 fn chain_from(
     found: ptr<function, SurfaceHit>,

@@ -276,8 +276,8 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
     return found.closest;
 }
 
-// Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry. `resumes`: the first entry
-// may be a leaf that was interrupted.
+// Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry. `resumes`: the first
+// entry may be a leaf that was interrupted.
 @if(packets)
 fn visit_nodes(
     stack: ptr<function, PacketStack>,

@@ -50,9 +50,9 @@ var<private> heavy_path: bool;
 // Iterations of a search for a direction of the environment, which has at most 1024 x 512 cells.
 @if(environment) const ENVIRONMENT_ITERATIONS = 20u;
 
-// Maximum iterations of all traversals of a path. Beyond it, the path ends and sets `traversal_overrun`. For rays one by
-// one it is a quarter of what software devices allow: they count iterations for all lanes of a vector together, and the
-// slowest lane may differ between traversals. The lanes of a packet have the same iterations.
+// Maximum iterations of all traversals of a path. Beyond it, the path ends and sets `traversal_overrun`. For rays one
+// by one it is a quarter of what software devices allow: they count iterations for all lanes of a vector together, and
+// the slowest lane may differ between traversals. The lanes of a packet have the same iterations.
 @if(!packets) const PATH_ITERATIONS = 16384u;
 @if(packets) const PATH_ITERATIONS = PACKET_ITERATIONS;
 
