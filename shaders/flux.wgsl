@@ -9,7 +9,8 @@
 
 import package::lib::bsdf::{bsdf_sample, leaving_normal};
 @if(caustics) import package::lib::bsdf::focuses;
-import package::lib::bvh::{trace_closest, traversal_overrun};
+import package::lib::bvh::traversal_overrun;
+import package::lib::packet::{in_any_lane, no_ray, trace_closest_together};
 import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
@@ -73,26 +74,35 @@ struct LightHit {
     flux: vec3f,
 }
 
-// Continues a light's ray straight on behind its first hit and stores shadow photons. Returns the number of rays
-// traced.
+// Continues a light's ray straight on behind its first hit, if there is one, and stores shadow photons. Returns the
+// number of rays traced.
 @if(negative_photons)
-fn store_shadows(first: LightHit, xi: f32, seed: u32) -> u32 {
+fn store_shadows(first: LightHit, there: bool, xi: f32, seed: u32, lane: u32) -> u32 {
     var found = first.found;
     var distance = first.hit.t;
     // The range window of a punctual light depends on the distance from the light: replace that of the first hit.
     let emitted = first.flux / max(flux_window(first.light, distance), 1e-20);
-    for (var rays = 0u; ; rays++) {
-        let on = ray_behind(found, first.ray.direction, FAR_AWAY);
-        let hit = trace_closest(on, seed);
-        if hit.triangle == NO_HIT || traversal_overrun { return rays + 1u; }
-        found = surface_at(hit, on);
-        distance += hit.t;
-        if any(found.surface.albedo > vec3f(0.0)) {
-            let flux = emitted * flux_window(first.light, distance);
-            store(found.triangle_position, found.triangle_normal, flux, xi, true);
+    var goes_on = there;
+    var rays = 0u;
+    loop {
+        var on = no_ray();
+        if goes_on {
+            on = ray_behind(found, first.ray.direction, FAR_AWAY);
+            rays++;
         }
+        let hit = trace_closest_together(on, seed, lane);
+        goes_on &= hit.triangle != NO_HIT && !traversal_overrun;
+        if goes_on {
+            found = surface_at(hit, on);
+            distance += hit.t;
+            if any(found.surface.albedo > vec3f(0.0)) {
+                let flux = emitted * flux_window(first.light, distance);
+                store(found.triangle_position, found.triangle_normal, flux, xi, true);
+            }
+        }
+        if !in_any_lane(goes_on, lane) { break; }
     }
-    return 0u;
+    return rays;
 }
 
 // The light that emits this ray: the last one whose first ray is not after it.
@@ -137,49 +147,61 @@ fn flux(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= flux_pass.ray_count { return; }
-    let ray = flux_pass.first_ray + i;
+    // Lanes whose ray has ended trace none beside the others.
+    let there = i < flux_pass.ray_count;
+    let ray = flux_pass.first_ray + min(i, flux_pass.ray_count - 1u);
     let light = light_of_ray(ray);
     let first = flux_rays[light];
     let seed = hash3(flux_pass.seed, DIMENSION_FLUX, light);
     let emitted = light_emit(light, sobol4(ray - first, seed));
     let share = emitted.flux * (flux_pass.inverse_unit / f32(flux_rays[light + 1u] - first));
     var leaving = FluxRay(emitted.origin, emitted.normal, emitted.direction, share);
+    var goes_on = there;
     var rays = 0u;
     for (var bounce = 0u; ; bounce++) {
-        let here = Ray(offset_origin(leaving.position, leaving.normal), 0.0, leaving.direction, FAR_AWAY);
+        var here = no_ray();
+        if goes_on {
+            here = Ray(offset_origin(leaving.position, leaving.normal), 0.0, leaving.direction, FAR_AWAY);
+            rays++;
+        }
         let bounce_seed = hash3(seed, ray, bounce);
-        let hit = trace_closest(here, bounce_seed);
-        rays++;
-        if hit.triangle == NO_HIT || traversal_overrun { break; }
-        let found = surface_at(hit, here);
-        if bounce == 0u { leaving.flux *= flux_window(light, hit.t); }
-        @if(transmission) { leaving.flux *= found.transmittance; }
+        let hit = trace_closest_together(here, bounce_seed, lane);
+        goes_on &= hit.triangle != NO_HIT && !traversal_overrun;
         let xi = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
-        var stores = any(found.surface.albedo > vec3f(0.0));
+        var found: SurfaceHit;
+        if goes_on {
+            found = surface_at(hit, here);
+            if bounce == 0u { leaving.flux *= flux_window(light, hit.t); }
+            @if(transmission) { leaving.flux *= found.transmittance; }
+        }
         @if(negative_photons) {
             // Direct light counts as unshadowed at the first hit and at all hits behind it; shadow photons subtract the
             // excess.
-            stores &= bounce > 0u;
             if bounce == 0u {
-                rays += store_shadows(LightHit(light, here, hit, found, leaving.flux), xi.x, bounce_seed);
+                let met = LightHit(light, here, hit, found, leaving.flux);
+                rays += store_shadows(met, goes_on, xi.x, bounce_seed, lane);
             }
         }
-        if found.unlit { break; }
-        var goes_on = bounce < flux_pass.max_bounces;
-        @if(caustics) {
-            if caustic_photons == 1u {
-                stores &= bounce > 0u;
-                goes_on &= focuses(found.surface);
+        goes_on &= !found.unlit;
+        if goes_on {
+            var stores = any(found.surface.albedo > vec3f(0.0));
+            @if(negative_photons) { stores &= bounce > 0u; }
+            goes_on = bounce < flux_pass.max_bounces;
+            @if(caustics) {
+                if caustic_photons == 1u {
+                    stores &= bounce > 0u;
+                    goes_on &= focuses(found.surface);
+                }
             }
+            if stores { store(found.triangle_position, found.triangle_normal, leaving.flux, xi.x, false); }
+            // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
+            let u = sobol2(ray, hash3(seed, bounce, 3u));
+            let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
+            if goes_on { goes_on = scatter(&leaving, found, vec3f(u, lobe), xi.y); }
         }
-        if stores { store(found.triangle_position, found.triangle_normal, leaving.flux, xi.x, false); }
-        if !goes_on { break; }
-        // One Sobol sequence over all rays stratifies their bounces together, as it stratifies their emission.
-        let u = sobol2(ray, hash3(seed, bounce, 3u));
-        let lobe = uniform_from_bits(hash2(bounce_seed, 4u));
-        if !scatter(&leaving, found, vec3f(u, lobe), xi.y) { break; }
+        if !in_any_lane(goes_on, lane) { break; }
     }
+    if !there { return; }
     atomicAdd(&flux_counts[FLUX_TRACED], rays);
     if traversal_overrun { atomicAdd(&flux_counts[FLUX_OVERRUNS], 1u); }
 }

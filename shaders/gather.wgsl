@@ -21,7 +21,7 @@ import package::lib::point::{Point, VisibleSurface};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
-import package::lib::surface::surface_at;
+import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::constants::{DIMENSION_GATHER, GATHER_GROUP, MIN_RADIUS_PIXELS, RECORD_HEAD_TEXELS};
 import package::lib::constants::{COUNTER_GATHER_RAYS, COUNTER_HEAVY_PATHS, COUNTER_NOT_FINITE_GATHER, COUNTER_OVERRUN};
 
@@ -156,18 +156,25 @@ fn follow(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * GATHER_GROUP + lane;
-    if i >= atomicLoad(&follow_count[0]) { return; }
-    let id = follow_rays[i] & ~FOLLOW_RESIDUAL;
-    let words = follow_hits[i];
-    let gathering = gather_ray(id);
-    let found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
+    let there = i < atomicLoad(&follow_count[0]);
+    var id = 0u;
+    var words = vec4f(0.0);
+    var gathering: GatherRay;
+    var found: SurfaceHit;
     var vertex: PathVertex;
-    vertex.position = found.position;
-    vertex.surface = found.surface;
-    vertex.sample_index = gathering.stratum;
-    @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
-    let start = PathStart(1u, spread_along(gathering.pdf, words.x));
-    var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u).indirect;
+    if there {
+        id = follow_rays[i] & ~FOLLOW_RESIDUAL;
+        words = follow_hits[i];
+        gathering = gather_ray(id);
+        found = surface_at(Hit(words.x, words.y, words.z, bitcast<u32>(words.w)), gathering.ray);
+        vertex.position = found.position;
+        vertex.surface = found.surface;
+        vertex.sample_index = gathering.stratum;
+        @if(glossy) { vertex.residual = (follow_rays[i] & FOLLOW_RESIDUAL) != 0u; }
+    }
+    let start = PathStart(there, 1u, spread_along(gathering.pdf, words.x));
+    var radiance = trace_path(vertex, start, gathering.seed, gather_pass.max_bounces, 0u, lane).indirect;
+    if !there { return; }
     @if(transmission) { radiance *= found.transmittance; }
     gathered[id] = vec4f(gathered[id].xyz + finite_or_dark(radiance), words.x);
     atomicAdd(&counters[COUNTER_GATHER_RAYS], bounce_rays + shadow_rays);

@@ -66,12 +66,15 @@ fn path(
     var items = parameters.tile.point_count;
     @if(irradiance_cache && !highlights) { items = path_count[0]; }
     @if(highlights) { items = atomicLoad(&path_count[0]); }
-    if i < items {
-        @if(irradiance_cache || highlights) { i = path_points[i]; }
+    let there = i < items;
+    @if(irradiance_cache || highlights) { if there { i = path_points[i]; } }
+    // Lanes without a point trace no rays beside the others.
+    let begins = there && points[i].normal != INVALID_POINT && light_count() > 0u;
+    var found = radiance_along(i, begins, lane);
+    if there {
         var indirect = vec3f(0.0);
         var finite = true;
-        if points[i].normal != INVALID_POINT && light_count() > 0u {
-            var found = radiance_along(i);
+        if begins {
             finite = is_finite3(found.direct) && is_finite3(found.indirect);
             // The results of a path that exceeded the loop budget are wrong.
             if traversal_overrun { found = PathRadiance(vec3f(invalid_sample(i)), vec3f(invalid_sample(i))); }
@@ -81,7 +84,7 @@ fn path(
         }
         @if(irradiance_cache || photon_map) { indirect += radiance_indirect[i].xyz; }
         radiance_indirect[i] = vec4f(indirect, 0.0);
-        if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
+        if begins && traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }
         atomicAdd(&group_shadow_rays, shadow_rays + (u32(!finite) << SECOND_COUNT));
         atomicAdd(&group_bounce_rays, bounce_rays + (u32(heavy_path) << SECOND_COUNT));
     }
@@ -102,15 +105,18 @@ fn path(
     }
 }
 
-// The radiance of a path from point i, as it reaches the camera through the specular chain.
-fn radiance_along(i: u32) -> PathRadiance {
+// The radiance of a path from point i, if it begins, as it reaches the camera through the specular chain.
+fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     var vertex: PathVertex;
-    vertex.position = points[i].position;
-    vertex.surface = visible_surface(i);
+    if begins {
+        vertex.position = points[i].position;
+        vertex.surface = visible_surface(i);
+    }
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
-    var found = trace_path(vertex, PathStart(0u, 0.0), seed, parameters.max_bounces, parameters.light_samples);
+    let start = PathStart(begins, 0u, 0.0);
+    var found = trace_path(vertex, start, seed, parameters.max_bounces, parameters.light_samples, lane);
     @if(specular_chains) {
         let throughput = visible_chain(i).throughput;
         found.direct *= throughput;

@@ -7,11 +7,9 @@ import package::lib::math::oct_encode7;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
-import package::lib::bvh::{
-    MAX_ITERATIONS, Traversal, begin_traversal, intersect_primitive, next_triangle, stops, traversal_iterations,
-    traversal_overrun, triangle_corners, triangle_word
-};
+import package::lib::ray::{Hit, NO_HIT, Ray, intersect_triangle, offset_origin, shear_ray};
+import package::lib::bvh::{stops, traversal_iterations, traversal_overrun, triangle_corners, triangle_word};
+import package::lib::packet::{LINE_ITERATIONS, begin_line, next_on_line, no_ray};
 import package::lib::photon::{Photon, photon_word};
 @if(procedurals) import package::lib::procedural::{
     crossing_normal, crossing_t, enter_object, next_crossing, procedural_count, procedural_double_sided,
@@ -78,8 +76,6 @@ struct Kept {
     seed: u32,
     // The largest hash of those kept.
     largest: u32,
-    // Iterations of the loop over them.
-    visits: u32,
     primitives: array<u32, MAX_SHADOW_PHOTONS>,
     distances: array<f32, MAX_SHADOW_PHOTONS>,
     // Octahedral normals of crossings of procedural objects, as the photon has them.
@@ -107,7 +103,7 @@ fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
     var second = 0u;
     var largest_at = 0u;
     for (var i = 0u; i < (*kept).count; i++) {
-        (*kept).visits++;
+        traversal_iterations++;
         if coincide((*kept).distances[i], t) { return; }
         let other = hash2((*kept).primitives[i], (*kept).seed);
         second = max(second, min(largest, other));
@@ -128,16 +124,26 @@ fn keep(kept: ptr<function, Kept>, t: f32, primitive: u32, found: Arrival) {
 // Adds a hit with a surface that stops light: the nearest is lit, all others lie in its shadow.
 fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, primitive: u32, found: Arrival) {
     let first = *nearest;
+    let met = Nearest(t, primitive, found);
+    // The one that is not the nearest. One call adds either: software devices run both, whose loops share the budget.
+    var farther = met;
     if first.primitive != NO_HIT && coincide(t, first.t) {
         // A coplanar twin is the same surface; the side that stores is the one that counts.
         let same_side = found.stores == first.arrival.stores;
-        if select(found.stores, primitive < first.primitive, same_side) { *nearest = Nearest(t, primitive, found); }
+        if select(found.stores, primitive < first.primitive, same_side) { *nearest = met; }
+        farther.arrival.stores = false;
     } else if t < first.t {
-        if first.primitive != NO_HIT { keep(kept, first.t, first.primitive, first.arrival); }
-        *nearest = Nearest(t, primitive, found);
-    } else {
-        keep(kept, t, primitive, found);
+        *nearest = met;
+        farther = first;
     }
+    keep(kept, farther.t, farther.primitive, farther.arrival);
+}
+
+fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit: Hit, direction: vec3f) {
+    // The loop over kept photons runs once even where there is no hit.
+    @if(packets) { traversal_iterations++; }
+    if hit.triangle == NO_HIT || !stops(hit, 0.0, FAR, (*kept).seed) { return; }
+    meet(kept, nearest, hit.t, hit.triangle, arrival(hit.triangle, direction));
 }
 
 // Bits of the object's number in a crossing's primitive index.
@@ -196,33 +202,33 @@ fn photons(
     let i = group_index(group, groups) * 64u + lane;
     var kept: Kept;
     var nearest = Nearest(FAR, NO_HIT, Arrival(vec3f(0.0), false));
-    var direction = vec3f(0.0, 0.0, 1.0);
-    var traversal: Traversal;
     var light = 0u;
     var stored = 0u;
     var rank = 0u;
-    if i < photon_pass.ray_count {
+    // Lanes without a ray trace none beside the others.
+    let there = i < photon_pass.ray_count;
+    var ray = no_ray();
+    if there {
         let number = photon_pass.first_ray + i;
         light = number % photon_pass.light_count;
         let index = number / photon_pass.light_count;
         let seed = hash3(photon_pass.seed, DIMENSION_PHOTON, light);
         let emitted = light_emit(light, sobol4(index, seed));
-        direction = emitted.direction;
         kept.seed = hash2(seed, index);
-        let ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, direction, FAR);
-        traversal = begin_traversal(ray);
-        while !traversal.done {
-            let primitive = next_triangle(&traversal, FAR);
-            if primitive == NO_HIT { continue; }
-            let hit = intersect_primitive(&traversal, primitive);
-            if !stops(hit, 0.0, FAR, kept.seed) { continue; }
-            meet(&kept, &nearest, hit.t, primitive, arrival(primitive, direction));
-        }
+        ray = Ray(offset_origin(emitted.origin, emitted.normal), 0.0, emitted.direction, FAR);
+    }
+    var line = begin_line(ray, lane);
+    while !line.done {
+        let hits = next_on_line(&line, lane);
+        meet_triangle(&kept, &nearest, hits.first, ray.direction);
+        @if(packets) { meet_triangle(&kept, &nearest, hits.second, ray.direction); }
+    }
+    if there {
         @if(procedurals) { meet_procedurals(&kept, &nearest, ray); }
         stored = kept.count + u32(nearest.arrival.stores);
         // Lavapipe silently ends all loops of an invocation after some 65,000 iterations together. The nearest surface
         // until then may not be the ray's nearest.
-        if traversal_overrun || traversal_iterations + kept.visits > MAX_ITERATIONS {
+        if traversal_overrun || traversal_iterations > LINE_ITERATIONS {
             atomicAdd(&traced_counts[1], 1u);
             stored = 0u;
         }
@@ -235,8 +241,8 @@ fn photons(
     }
     workgroupBarrier();
     if stored == 0u { return; }
-    let next = store_nearest(group_base + rank, &traversal, nearest, direction, light);
-    if kept.count > 0u { store_kept(next, &traversal, &kept, direction, light); }
+    let next = store_nearest(group_base + rank, ray, nearest, light);
+    if kept.count > 0u { store_kept(next, ray, &kept, light); }
 }
 
 // Index of a light's illumination photons in the counts; its shadow photons follow.
@@ -245,7 +251,7 @@ fn count_index(light: u32) -> u32 {
 }
 
 // Stores the illumination photon at index `at`, if there is one; the next index.
-fn store_nearest(at: u32, traversal: ptr<function, Traversal>, nearest: Nearest, direction: vec3f, light: u32) -> u32 {
+fn store_nearest(at: u32, ray: Ray, nearest: Nearest, light: u32) -> u32 {
     if !nearest.arrival.stores { return at; }
     var photon: Stored;
     photon.primitive = nearest.primitive;
@@ -256,13 +262,13 @@ fn store_nearest(at: u32, traversal: ptr<function, Traversal>, nearest: Nearest,
         photon.t = nearest.t;
         photon.object_normal = oct_encode7(nearest.arrival.normal);
     }
-    store(at, traversal, photon, direction);
+    store(at, ray, photon);
     atomicAdd(&traced_counts[count_index(light)], 1u);
     return at + 1u;
 }
 
 // Stores the shadow photons from index `at` on.
-fn store_kept(at: u32, traversal: ptr<function, Traversal>, kept: ptr<function, Kept>, direction: vec3f, light: u32) {
+fn store_kept(at: u32, ray: Ray, kept: ptr<function, Kept>, light: u32) {
     var photon: Stored;
     photon.light = light;
     photon.weight = f32((*kept).hits) / f32((*kept).count);
@@ -273,24 +279,24 @@ fn store_kept(at: u32, traversal: ptr<function, Traversal>, kept: ptr<function, 
             photon.t = (*kept).distances[k];
             photon.object_normal = (*kept).normals[k];
         }
-        store(at + k, traversal, photon, direction);
+        store(at + k, ray, photon);
     }
     atomicAdd(&traced_counts[count_index(light) + 1u], (*kept).count);
 }
 
-fn store(at: u32, traversal: ptr<function, Traversal>, photon: Stored, direction: vec3f) {
+fn store(at: u32, ray: Ray, photon: Stored) {
     @if(procedurals) {
         if (photon.primitive & PROCEDURAL) != 0u {
-            let position = (*traversal).sheared.origin + photon.t * direction;
+            let position = ray.origin + photon.t * ray.direction;
             let word = photon_word(photon.object_normal, photon.light, photon.weight, photon.shadow);
             traced_photons[at] = Photon(position, word);
             return;
         }
     }
     // The point of the triangle itself: the far end of a long ray would be off its plane.
-    let hit = intersect_primitive(traversal, photon.primitive);
     let corners = triangle_corners(photon.primitive);
-    let position = corners[0] + hit.u * (corners[1] - corners[0]) + hit.v * (corners[2] - corners[0]);
-    let normal = oct_encode7(arrival(photon.primitive, direction).normal);
+    let hit = intersect_triangle(shear_ray(ray), corners[0], corners[1], corners[2]);
+    let position = corners[0] + hit.y * (corners[1] - corners[0]) + hit.z * (corners[2] - corners[0]);
+    let normal = oct_encode7(arrival(photon.primitive, ray.direction).normal);
     traced_photons[at] = Photon(position, photon_word(normal, photon.light, photon.weight, photon.shadow));
 }

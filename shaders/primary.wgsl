@@ -9,8 +9,8 @@ import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
 import package::lib::bvh::traversal_overrun;
-@if(specular_chains) import package::lib::bvh::trace_closest;
 import package::lib::packet::{no_ray, trace_closest_together};
+@if(specular_chains) import package::lib::packet::in_any_lane;
 @if(environment) import package::lib::environment::environment_radiance;
 import package::lib::ray::NO_HIT;
 import package::lib::surface::{SurfaceHit, surface_at};
@@ -52,22 +52,25 @@ fn primary(
     var ray = no_ray();
     if i < tile.point_count { ray = camera.ray; }
     let hit = trace_closest_together(ray, hash2(seed, DIMENSION_ALPHA + sample_index), lane);
-    if i >= tile.point_count { return; }
-
-    var point = Point(vec3f(0.0), INVALID_POINT);
+    let met = hit.triangle != NO_HIT;
+    var found: SurfaceHit;
     var direct = vec4f(0.0);
-    @if(environment) { if hit.triangle == NO_HIT { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); } }
+    @if(environment) { if !met { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); } }
     @if(aov_albedo) var albedo = vec4f(0.0);
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
-    if hit.triangle != NO_HIT {
-        @if(!specular_chains) let found = surface_at(hit, camera.ray);
-        @if(specular_chains) var found = surface_at(hit, camera.ray);
+    if met {
+        found = surface_at(hit, camera.ray);
         direct = vec4f(found.emission, 1.0);
         @if(aov_albedo) { albedo = vec4f(found.base_colour, 1.0); }
         @if(aov_normal) { normal = vec4f(found.surface.shading_normal, 1.0); }
         @if(aov_position) { position = vec4f(found.triangle_position, hit.t * camera.cosine); }
-        @if(specular_chains) let chain = chain_from(&found, &direct, seed, sample_index);
+    }
+    @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
+    if i >= tile.point_count { return; }
+
+    var point = Point(vec3f(0.0), INVALID_POINT);
+    if met {
         @if(specular_chains) let ends = found.unlit || is_clear(found.surface);
         @if(!specular_chains) let ends = found.unlit;
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
@@ -103,33 +106,51 @@ fn visible_surface(found: SurfaceHit) -> VisibleSurface {
 // left in it.
 @if(specular_chains) const MAX_LINKS = 32u;
 
-// Follows the camera's ray through clear glass and over mirrors to a surface that is neither, and leaves that in
-// `found`; where there is no such surface, the chain's last one. Adds the emission along the chain to `direct`. Gives
-// the chain's throughput and the direction back along it, as VisibleSurface has them.
+// Follows the camera's ray, where it met a surface, through clear glass and over mirrors to a surface that is neither,
+// and leaves that in `found`; where there is no such surface, the chain's last one. Adds the emission along the chain
+// to `direct`. Gives the chain's throughput and the direction back along it, as VisibleSurface has them.
 @if(specular_chains)
-fn chain_from(found: ptr<function, SurfaceHit>, direct: ptr<function, vec4f>, seed: u32, sample_index: u32) -> vec4f {
+fn chain_from(
+    found: ptr<function, SurfaceHit>,
+    direct: ptr<function, vec4f>,
+    met: bool,
+    seed: u32,
+    sample_index: u32,
+    lane: u32,
+) -> vec4f {
     var throughput = vec3f(1.0);
     var way_back = INVALID_POINT;
-    var link = 0u;
-    while link < MAX_LINKS && !(*found).unlit && is_clear((*found).surface) {
+    var goes_on = met;
+    var links = 0u;
+    for (var link = 0u; link < MAX_LINKS; link++) {
+        goes_on &= !(*found).unlit && is_clear((*found).surface);
         let link_seed = hash3(seed, DIMENSION_CHAIN, link);
-        let lobe = uniform_from_bits(hash2(link_seed, sample_index));
-        let scattered = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lobe));
-        if scattered.pdf <= 0.0 { break; }
-        throughput *= scattered.weight;
-        link++;
-        let origin = offset_origin((*found).position, leaving_normal((*found).surface, scattered.direction));
-        let ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
-        let hit = trace_closest(ray, ~link_seed + sample_index);
-        if hit.triangle == NO_HIT || traversal_overrun {
-            @if(environment) { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }
-            break;
+        var ray = no_ray();
+        if goes_on {
+            let lobe = uniform_from_bits(hash2(link_seed, sample_index));
+            let scattered = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lobe));
+            goes_on = scattered.pdf > 0.0;
+            if goes_on {
+                throughput *= scattered.weight;
+                links++;
+                let origin = offset_origin((*found).position, leaving_normal((*found).surface, scattered.direction));
+                ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
+            }
         }
-        *found = surface_at(hit, ray);
-        @if(transmission) { throughput *= (*found).transmittance; }
-        *direct += vec4f(throughput * (*found).emission, 0.0);
-        way_back = oct_encode16(-scattered.direction);
+        if !in_any_lane(goes_on, lane) { break; }
+        let hit = trace_closest_together(ray, ~link_seed + sample_index, lane);
+        let ends = hit.triangle == NO_HIT || traversal_overrun;
+        @if(environment) {
+            if goes_on && ends { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }
+        }
+        goes_on &= !ends;
+        if goes_on {
+            *found = surface_at(hit, ray);
+            @if(transmission) { throughput *= (*found).transmittance; }
+            *direct += vec4f(throughput * (*found).emission, 0.0);
+            way_back = oct_encode16(-ray.direction);
+        }
     }
-    if link > 0u { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], link); }
+    if links > 0u { atomicAdd(&counters[COUNTER_BOUNCE_RAYS], links); }
     return vec4f(throughput, bitcast<f32>(way_back));
 }

@@ -13,9 +13,11 @@
 
 import package::lib::ray::{Hit, Ray};
 import package::lib::bvh::{trace_closest, trace_occluded};
+@if(!packets) import package::lib::bvh::{Traversal, begin_traversal, intersect_primitive, next_triangle};
+@if(!packets) import package::lib::ray::NO_HIT;
 @if(packets) import package::lib::ray::{NO_HIT, ShearedRay, intersect_triangle, nonzero_direction, shear_ray};
 @if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before, triangle_texel};
-@if(packets && !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
+@if(!packets || !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
 @if(packets) import package::lib::bvh::{sorted, traversal_iterations, traversal_overrun, within};
 @if(packets) import package::lib::constants::{BVH_TRIANGLE_TEXELS, PACKET_LANES};
 @if(packets) import package::lib::table::table_texel;
@@ -56,6 +58,18 @@ fn trace_occluded_together(ray: Ray, seed: u32, lane: u32) -> bool {
             }
         }
         return occluded;
+    }
+}
+
+// Whether it is so in any lane of the packet; where each ray is traced alone, in this one.
+fn in_any_lane(condition: bool, lane: u32) -> bool {
+    @if(!packets) { return condition; }
+    @if(packets) {
+        var any_lane = select(0u, 1u, condition);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
+        any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
+        return subgroupBroadcast(any_lane, 0u) != 0u;
     }
 }
 
@@ -117,16 +131,6 @@ fn min_keys(keys: vec4u, lane: u32) -> vec4u {
     let lowest = min(half, subgroupShuffle(half, lane ^ 1u));
     let of_first = vec2u(subgroupBroadcast(lowest, 0u), subgroupBroadcast(lowest, 4u));
     return sorted(vec4u(of_first, subgroupBroadcast(lowest, 2u), subgroupBroadcast(lowest, 6u)));
-}
-
-// Whether it is so in any lane.
-@if(packets)
-fn in_any_lane(condition: bool, lane: u32) -> bool {
-    var any_lane = select(0u, 1u, condition);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 4u);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 2u);
-    any_lane |= subgroupShuffle(any_lane, lane ^ 1u);
-    return subgroupBroadcast(any_lane, 0u) != 0u;
 }
 
 // The entries to be visited, as lib/bvh has them: the one with index 8 i + l is in lane l of word i. A node adds three
@@ -222,6 +226,15 @@ fn keep_hit(found: ptr<function, Found>, hit: Hit, any_hit: bool) {
 @if(packets && alpha_test) const PACKET_ITERATIONS: u32 = 45000u;
 @if(packets && !alpha_test) const PACKET_ITERATIONS: u32 = MAX_ITERATIONS;
 
+// Iterations so far, the same in all lanes, which share the budget of a loop.
+@if(packets)
+fn shared_iterations(lane: u32) -> u32 {
+    var iterations = traversal_iterations;
+    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 4u));
+    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 2u));
+    return max(iterations, subgroupShuffle(iterations, lane ^ 1u));
+}
+
 // The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
 @if(packets)
 fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
@@ -231,15 +244,11 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
     found.closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
     var stack: PacketStack;
     var entry = 0u;
-    // All lanes share the budget of a loop.
-    var iterations = traversal_iterations;
-    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 4u));
-    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 2u));
-    iterations = max(iterations, subgroupShuffle(iterations, lane ^ 1u));
+    var iterations = shared_iterations(lane);
     @if(!alpha_test) {
         loop {
             iterations++;
-            entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane);
+            entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, false);
             entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
             if entry == NO_ENTRY { break; }
         }
@@ -250,7 +259,7 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
             var waits = false;
             loop {
                 iterations++;
-                entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane);
+                entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, true);
                 entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
                 waits = in_any_lane(found.undecided.triangle != NO_HIT, lane);
                 if entry == NO_ENTRY || waits { break; }
@@ -267,7 +276,8 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
     return found.closest;
 }
 
-// Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry.
+// Visits nodes until the next entry is a leaf, or there is none; a leaf stays the next entry. `resumes`: the first
+// entry may be a leaf that was interrupted.
 @if(packets)
 fn visit_nodes(
     stack: ptr<function, PacketStack>,
@@ -276,6 +286,7 @@ fn visit_nodes(
     slabs: Slabs,
     t_max: f32,
     lane: u32,
+    resumes: bool,
 ) -> u32 {
     var entry = first_entry;
     loop {
@@ -296,8 +307,7 @@ fn visit_nodes(
         let pops = keys.x == NO_KEY;
         var next = select(nearest, top_entry(*stack), pops);
         var next_height = select((*stack).height, lower_height(*stack), pops);
-        @if(alpha_test) {
-            // The alpha test interrupted a leaf.
+        if resumes {
             next = select(next, entry, entry >= ONE_TRIANGLE);
             next_height = select(next_height, height, entry >= ONE_TRIANGLE);
         }
@@ -346,6 +356,118 @@ fn visit_leaves(
         var waits = false;
         @if(alpha_test) { waits = in_any_lane((*found).undecided.triangle != NO_HIT, lane); }
         if entry < ONE_TRIANGLE || entry == NO_ENTRY || waits { break; }
+    }
+    return entry;
+}
+
+// All surfaces along a ray, in any order:
+//
+//     var line = begin_line(ray, lane);
+//     while !line.done {
+//         let hits = next_on_line(&line, lane);
+//         if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, seed) { ... }
+//         if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, seed) { ... }
+//     }
+//
+// A packet stops for as many hits at a time as its lanes can hold, because what a kernel does with them takes all lanes
+// as long as one.
+struct Line {
+    done: bool,
+    @if(!packets) t_max: f32,
+    @if(!packets) traversal: Traversal,
+    @if(packets) ray: Ray,
+    @if(packets) slabs: Slabs,
+    @if(packets) sheared: ShearedRay,
+    @if(packets) stack: PacketStack,
+    @if(packets) entry: u32,
+}
+
+// The next hits of a lane, as far as there are any; one by one there is no second.
+struct LineHits {
+    first: Hit,
+    second: Hit,
+}
+
+// The budget of a line. The caller's loop, one iteration for two hits, is counted.
+@if(!packets) const LINE_ITERATIONS: u32 = MAX_ITERATIONS;
+@if(packets) const LINE_ITERATIONS: u32 = PACKET_ITERATIONS;
+
+fn begin_line(ray: Ray, lane: u32) -> Line {
+    var line: Line;
+    @if(!packets) {
+        line.t_max = ray.t_max;
+        line.traversal = begin_traversal(ray);
+    }
+    @if(packets) {
+        line.ray = ray;
+        line.slabs = slabs_of(ray);
+        line.sheared = shear_ray(ray);
+    }
+    return line;
+}
+
+fn next_on_line(line: ptr<function, Line>, lane: u32) -> LineHits {
+    let none = Hit(0.0, 0.0, 0.0, NO_HIT);
+    var hits = LineHits(none, none);
+    @if(!packets) {
+        var traversal = (*line).traversal;
+        let primitive = next_triangle(&traversal, (*line).t_max);
+        if primitive != NO_HIT { hits.first = intersect_primitive(&traversal, primitive); }
+        (*line).done = traversal.done;
+        (*line).traversal = traversal;
+    }
+    @if(packets) {
+        let packet_lane = lane % PACKET_LANES;
+        let t_max = (*line).ray.t_max;
+        var iterations = shared_iterations(packet_lane) + 1u;
+        var stack = (*line).stack;
+        var entry = (*line).entry;
+        var full = false;
+        loop {
+            iterations++;
+            entry = visit_nodes(&stack, &iterations, entry, (*line).slabs, t_max, packet_lane, true);
+            entry = visit_leaves_on_line(*line, &stack, &iterations, entry, &hits, packet_lane);
+            full = in_any_lane(hits.second.triangle != NO_HIT, packet_lane);
+            if entry == NO_ENTRY || full { break; }
+        }
+        (*line).stack = stack;
+        (*line).entry = entry;
+        (*line).done = entry == NO_ENTRY;
+        traversal_iterations = iterations;
+        traversal_overrun |= iterations >= PACKET_ITERATIONS;
+    }
+    return hits;
+}
+
+// Tests the triangles of leaves until the next entry is a node, or there is none, or a lane has two hits.
+@if(packets)
+fn visit_leaves_on_line(
+    line: Line,
+    stack: ptr<function, PacketStack>,
+    iterations: ptr<function, u32>,
+    first_entry: u32,
+    hits: ptr<function, LineHits>,
+    lane: u32,
+) -> u32 {
+    var entry = first_entry;
+    loop {
+        *iterations += 1u;
+        let primitive = entry & (ONE_TRIANGLE - 1u);
+        let there = entry != NO_ENTRY;
+        let texel = triangle_texel(BVH_TRIANGLE_TEXELS * primitive + lane).xyz;
+        let corners = array(subgroupBroadcast(texel, 0u), subgroupBroadcast(texel, 1u), subgroupBroadcast(texel, 2u));
+        let met = intersect_triangle(line.sheared, corners[0], corners[1], corners[2]);
+        let hit = Hit(met.x, met.y, met.z, primitive);
+        if there && within(hit, line.ray.t_min, line.ray.t_max) {
+            if (*hits).first.triangle == NO_HIT { (*hits).first = hit; } else { (*hits).second = hit; }
+        }
+        let more = there && entry >= 2u * ONE_TRIANGLE;
+        let next = select(top_entry(*stack), entry + 1u - ONE_TRIANGLE, more);
+        let height = select(lower_height(*stack), (*stack).height, more);
+        entry = subgroupBroadcast(next, 0u);
+        (*stack).height = subgroupBroadcast(height, 0u);
+        let full = in_any_lane((*hits).second.triangle != NO_HIT, lane);
+        if entry < ONE_TRIANGLE || entry == NO_ENTRY || full { break; }
     }
     return entry;
 }

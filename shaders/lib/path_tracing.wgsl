@@ -19,7 +19,7 @@ import package::lib::bsdf::{BsdfSample, bsdf_evaluate, bsdf_pdf, bsdf_sample, le
 @if(bsdf_rays) import package::lib::bsdf_rays::takes_bsdf_rays;
 @if(global_map) import package::lib::bsdf::{bsdf_seen_afar, reflects_more};
 @if(caustics) import package::lib::bsdf::focuses;
-import package::lib::bvh::{trace_closest, trace_occluded, traversal_iterations, traversal_overrun};
+import package::lib::bvh::{traversal_iterations, traversal_overrun};
 @if(global_map) import package::lib::irradiance::irradiance_near;
 import package::lib::light::{BEYOND_SCENE, sample_light, is_beyond, light_sample, shadow_ray};
 import package::lib::light::table::load_light_texel;
@@ -28,6 +28,8 @@ import package::lib::light::table::load_light_texel;
 @if(mesh_lights) import package::lib::light::mesh::emitter_of;
 @if(mesh_lights || environment) import package::lib::light::light_probability;
 @if(global_map) import package::lib::math::PI;
+@if(packets) import package::lib::packet::PACKET_ITERATIONS;
+import package::lib::packet::{in_any_lane, no_ray, trace_closest_together, trace_occluded_together};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{mis_weight, sobol2};
@@ -48,10 +50,11 @@ var<private> heavy_path: bool;
 // Iterations of a search for a direction of the environment, which has at most 1024 x 512 cells.
 @if(environment) const ENVIRONMENT_ITERATIONS = 20u;
 
-// Maximum iterations of all traversals of a path. Beyond it, the path ends and sets `traversal_overrun`. It is a
-// quarter of what software devices allow: they count iterations for all lanes of a vector together, and the slowest
-// lane may differ between traversals.
-const PATH_ITERATIONS = 16384u;
+// Maximum iterations of all traversals of a path. Beyond it, the path ends and sets `traversal_overrun`. For rays one
+// by one it is a quarter of what software devices allow: they count iterations for all lanes of a vector together, and
+// the slowest lane may differ between traversals. The lanes of a packet have the same iterations.
+@if(!packets) const PATH_ITERATIONS = 16384u;
+@if(packets) const PATH_ITERATIONS = PACKET_ITERATIONS;
 
 // Maximum number of loop iterations at a vertex besides its traversals: binary searches for a light and, twice, for one
 // of the emitter triangles, or for a direction of the environment.
@@ -81,6 +84,8 @@ struct PathRadiance {
 
 // How a path reaches its first vertex.
 struct PathStart {
+    // Whether there is a path.
+    there: bool,
     // Bounces before the first vertex.
     bounce: u32,
     // Radius of the path's footprint there: that of the cone of directions that it samples.
@@ -113,6 +118,7 @@ struct Path {
 fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
     var path: Path;
     path.vertex = first;
+    path.goes_on = start.there;
     path.bounce = start.bounce;
     path.throughput = vec3f(1.0);
     path.light_samples = light_samples;
@@ -129,21 +135,41 @@ fn begin_path(first: PathVertex, start: PathStart, light_samples: u32) -> Path {
 }
 
 // The radiance that a path gathers from its first vertex on. `light_samples`: light points per light in pass `shade`,
-// where that pass ran.
-fn trace_path(first: PathVertex, start: PathStart, seed: u32, max_bounces: u32, light_samples: u32) -> PathRadiance {
+// where that pass ran. All lanes of a subgroup trace at the same time (lib/packet), those whose path has ended no rays.
+fn trace_path(
+    first: PathVertex,
+    start: PathStart,
+    seed: u32,
+    max_bounces: u32,
+    light_samples: u32,
+    lane: u32,
+) -> PathRadiance {
     var path = begin_path(first, start, light_samples);
     for (; ; path.bounce++) {
+        let begins = path.goes_on;
         traversal_iterations += vertex_iterations();
         path.vertex.seed = hash2(seed, path.bounce);
-        path.vertex.lobe_and_light = sobol2(path.vertex.sample_index, hash2(path.vertex.seed, 2u));
-        add_sampled_light(&path);
-        let scattered = scatter_path(&path);
+        let vertex_seed = path.vertex.seed;
+        let sample_index = path.vertex.sample_index;
+        path.vertex.lobe_and_light = sobol2(sample_index, hash2(vertex_seed, 2u));
+        var connection = Connection(no_ray(), vec3f(0.0));
+        if begins { connection = connection_of(&path); }
+        let blocked = trace_occluded_together(connection.ray, hash2(vertex_seed, 4u + sample_index), lane);
+        var scattered: BsdfSample;
+        if begins {
+            if !blocked { add_radiance(&path, light_throughput(&path) * connection.reflected); }
+            scattered = scatter_path(&path);
+        }
         // Without lights that a ray can hit, the last ray would find nothing.
         @if(!mesh_lights && !environment) { path.goes_on &= path.bounce < max_bounces; }
-        if path.goes_on { extend_path(&path, scattered); }
-        traversal_overrun |= traversal_iterations > PATH_ITERATIONS;
-        if traversal_overrun || !path.goes_on || path.bounce >= max_bounces { break; }
-        @if(global_map) { if add_known_irradiance(&path) { break; } }
+        var ray = no_ray();
+        if path.goes_on { ray = scattered_ray(path.vertex, scattered); }
+        let hit = trace_closest_together(ray, hash2(~vertex_seed, sample_index), lane);
+        if path.goes_on { extend_path(&path, scattered, ray, hit); }
+        traversal_overrun |= begins && traversal_iterations > PATH_ITERATIONS;
+        path.goes_on &= !traversal_overrun && path.bounce < max_bounces;
+        @if(global_map) { if path.goes_on { path.goes_on = !add_known_irradiance(&path); } }
+        if !in_any_lane(path.goes_on, lane) { break; }
     }
     return path.radiance;
 }
@@ -167,34 +193,39 @@ fn reflection(vertex: PathVertex, direction: vec3f) -> vec3f {
     return bsdf_evaluate(vertex.surface, direction);
 }
 
-// Next-event estimation, unless another pass has done it.
-fn add_sampled_light(path: ptr<function, Path>) {
-    @if(indirect && !transmission) { if (*path).bounce == 0u { return; } }
-    @if(indirect && transmission) {
-        if (*path).bounce == 0u && !any((*path).vertex.surface.transmission.tint > vec3f(0.0)) { return; }
-    }
-    add_radiance(path, light_throughput(path) * light_at((*path).vertex, (*path).bounce));
+// A shadow ray to one sampled light.
+struct Connection {
+    ray: Ray,
+    // The light reflected by the vertex if nothing stops the ray, over the probability of sampling that light.
+    reflected: vec3f,
 }
 
-// The light reflected by the vertex from one sampled light, over the probability of sampling that light.
-fn light_at(vertex: PathVertex, bounce: u32) -> vec3f {
+// Next-event estimation, unless another pass has done it.
+fn connection_of(path: ptr<function, Path>) -> Connection {
+    let nothing = Connection(no_ray(), vec3f(0.0));
+    @if(indirect && !transmission) { if (*path).bounce == 0u { return nothing; } }
+    @if(indirect && transmission) {
+        if (*path).bounce == 0u && !any((*path).vertex.surface.transmission.tint > vec3f(0.0)) { return nothing; }
+    }
+    return connect((*path).vertex, (*path).bounce);
+}
+
+fn connect(vertex: PathVertex, bounce: u32) -> Connection {
+    let nothing = Connection(no_ray(), vec3f(0.0));
     let selected = sample_light(vertex.lobe_and_light.y);
     let lit = light_sample(selected.light, vertex.position, sobol2(vertex.sample_index, hash2(vertex.seed, 1u)));
-    if lit.pdf <= 0.0 { return vec3f(0.0); }
+    if lit.pdf <= 0.0 { return nothing; }
     // `shade` has sampled the lights on the viewer's side.
-    @if(indirect && transmission) {
-        if bounce == 0u && !bsdf_passes(vertex.surface, lit.direction) { return vec3f(0.0); }
-    }
+    @if(indirect && transmission) { if bounce == 0u && !bsdf_passes(vertex.surface, lit.direction) { return nothing; } }
     let pdf = lit.pdf * selected.probability;
     var reflected = reflection(vertex, lit.direction) * lit.radiance / pdf;
-    if all(reflected == vec3f(0.0)) { return vec3f(0.0); }
+    if all(reflected == vec3f(0.0)) { return nothing; }
     let ray = shadow_ray(vertex.position, leaving_normal(vertex.surface, lit.direction), lit);
     if !lit.delta && !is_beyond(ray.origin, vertex.position, lit) {
         reflected *= mis_weight(pdf, bsdf_pdf(vertex.surface, lit.direction));
     }
     shadow_rays++;
-    if trace_occluded(ray, hash2(vertex.seed, 4u + vertex.sample_index)) { return vec3f(0.0); }
-    return reflected;
+    return Connection(ray, reflected);
 }
 
 // Samples the BSDF for the next ray, and updates the throughput; `goes_on` is false where the BSDF or roulette ends the
@@ -236,13 +267,14 @@ fn play_roulette(path: ptr<function, Path>) {
     @if(caustics) { (*path).residual_throughput /= survival; }
 }
 
-// Traces the scattered ray, adds the light that it hits, and moves to the next vertex.
-fn extend_path(path: ptr<function, Path>, scattered: BsdfSample) {
+fn scattered_ray(vertex: PathVertex, scattered: BsdfSample) -> Ray {
     bounce_rays++;
-    let vertex = (*path).vertex;
     let origin = offset_origin(vertex.position, leaving_normal(vertex.surface, scattered.direction));
-    let ray = Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
-    let hit = trace_closest(ray, hash2(~vertex.seed, vertex.sample_index));
+    return Ray(origin, 0.0, scattered.direction, BEYOND_SCENE);
+}
+
+// Adds the light that the scattered ray hits, and moves to the next vertex.
+fn extend_path(path: ptr<function, Path>, scattered: BsdfSample, ray: Ray, hit: Hit) {
     if hit.triangle == NO_HIT {
         (*path).goes_on = false;
         @if(environment) {

@@ -101,6 +101,12 @@ impl Traced {
         occluded
     }
 
+    fn lines(&self, gpu: &Gpu, rays: &[Ray]) -> Vec<[u32; 4]> {
+        let lines = self.run(gpu, "line", rays);
+        assert_eq!(lines, self.run(gpu, "line_together", rays), "in packets");
+        lines
+    }
+
     fn corners(&self, primitive: u32) -> [DVec3; 3] {
         let texels = &self.bvh.triangles[3 * primitive as usize..][..3];
         std::array::from_fn(|i| Vec3::from_slice(&texels[i][..3]).as_dvec3())
@@ -305,7 +311,7 @@ fn an_empty_scene_blocks_no_ray(gpu: &Gpu) {
     let traced = Traced::new(gpu, &[]);
     assert!(traced.closest(gpu, &rays).iter().all(|answer| answer.primitive == NO_HIT && answer.t == FAR));
     assert!(traced.occluded(gpu, &rays).iter().all(|answer| *answer == [0; 4]));
-    assert!(traced.run(gpu, "line", &rays).iter().all(|answer| *answer == [0; 4]));
+    assert!(traced.lines(gpu, &rays).iter().all(|answer| *answer == [0; 4]));
 }
 
 /// A ray is occluded exactly if it hits a triangle before its end, for directions of any length, and a line counts all
@@ -323,7 +329,7 @@ fn occlusion_and_lines_are_those_of_all_triangles(gpu: &Gpu) {
         }
     }
     let occluded = traced.occluded(gpu, &rays);
-    let lines = traced.run(gpu, "line", &rays);
+    let lines = traced.lines(gpu, &rays);
     let (mut checked, mut stopped) = (0, 0);
     for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
         let meetings: Vec<_> = (0..1000).map(|primitive| meeting(ray, traced.corners(primitive))).collect();
@@ -367,7 +373,7 @@ fn closed_boxes_are_watertight(gpu: &Gpu) {
     assert_eq!(escaped.count(), 0);
     assert!(traced.occluded(gpu, &rays).iter().all(|answer| answer[0] == 1));
     let endless: Vec<_> = rays.iter().copied().step_by(2).collect();
-    let lines = traced.run(gpu, "line", &endless);
+    let lines = traced.lines(gpu, &endless);
     // From inside, a line crosses each of the four boxes once, or more often where triangles touch.
     assert!(lines.iter().all(|line| line[0] >= 4 && line[2] == 0));
 }
@@ -499,6 +505,8 @@ fn a_traversal_that_gives_up_says_so(gpu: &Gpu) {
     let lines = traced.run(gpu, "line", &rays);
     assert!(lines[0][0] == count || lines[0][2] == 1, "{lines:?}");
     assert_eq!(lines[1], [0; 4]);
+    let together = traced.run(gpu, "line_together", &rays);
+    assert!(together[0][0] == count || together[0][2] == 1, "{together:?}");
     // Through the corner of all boxes, where no triangle is.
     let beside = [ray(vec3(0.9, 0.9, 1.0), vec3(0.0, 0.0, -1.0)); 9];
     assert_eq!(traced.occluded(gpu, &beside), [[0, 1, 0, 0]; 9]);

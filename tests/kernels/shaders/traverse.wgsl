@@ -5,7 +5,7 @@ import package::kit::group_index;
 import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
 import package::lib::bvh::{begin_traversal, next_triangle, intersect_primitive, stops, traversal_overrun};
 import package::lib::bvh::{trace_closest, trace_occluded};
-import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_together};
+import package::lib::packet::{begin_line, next_on_line, no_ray, trace_closest_together, trace_occluded_together};
 
 override ray_count: u32;
 override primitive_count: u32;
@@ -116,6 +116,32 @@ fn line(
         }
     }
     answers[i] = vec4u(count, sum, u32(traversal_overrun), 0u);
+}
+
+// As line, in packets.
+@compute @workgroup_size(64)
+fn line_together(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    let ray = ray_or_none(i);
+    var line = begin_line(ray, lane);
+    var count = 0u;
+    var sum = 0u;
+    while !line.done {
+        let hits = next_on_line(&line, lane);
+        if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, 0u) {
+            count++;
+            sum += hits.first.triangle;
+        }
+        if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, 0u) {
+            count++;
+            sum += hits.second.triangle;
+        }
+    }
+    if i < ray_count { answers[i] = vec4u(count, sum, u32(traversal_overrun), 0u); }
 }
 
 // The origin of ray i, offset as if the direction were the normal.
