@@ -56,7 +56,7 @@ fn everything_is_written_and_as_documented() {
         lines.map(|line| line.split(',').nth(1).unwrap()).collect::<std::collections::BTreeSet<_>>().len()
     };
     assert_eq!((seeds("path,"), seeds("two-pass,")), (3, 0));
-    for plot in ["error", "rays", "passes", "sweep-nearest"] {
+    for plot in ["error", "rays", "passes", "sweep-nearest", "savings-nearest"] {
         let svg = fs::read_to_string(folder.join(format!("report/{plot}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{svg}");
     }
