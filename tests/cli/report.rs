@@ -27,7 +27,9 @@ fn read_json(folder: &Path) -> Value {
 fn everything_is_written_and_as_documented() {
     let folder = folder();
     let folder = folder.path();
-    let arguments = "--techniques shadow-photons,path --budgets 6,2 --reference-error 0.1 --sweep nearest=10..20";
+    // A sweep renders nine times for each value: direct light alone is quick.
+    let arguments = "--techniques shadow-photons,path --budgets 6,2 --reference-error 0.1 --sweep nearest=10..20 \
+                     --max-bounces 0";
     let answer = report(folder, arguments);
     answer.assert_done();
     assert!(answer.stdout.is_empty() && answer.stderr.contains("reference: "), "{answer:?}");
