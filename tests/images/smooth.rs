@@ -26,8 +26,8 @@ fn ball(rings: usize) -> Scene {
     scene
 }
 
-/// With 131,072 photons the discs of the nearest ones on the ball are about as high as its points are above 128
-/// triangles a side of 22 degrees.
+/// With 131,072 photons the discs of the nearest ones on the ball are about as high as its points are above triangles
+/// that span 22 degrees.
 fn render(rings: usize, technique: Technique, change: impl FnOnce(&mut Settings)) -> (Image, Statistics) {
     let view = camera(DVec3::new(-0.8, 0.8, 2.4), DVec3::new(0.8, -0.8, -2.4), 0.42);
     let settings = Settings::default().with(|s| {
@@ -100,7 +100,7 @@ fn decided(rings: usize) -> Decided {
 }
 
 /// Points of a coarse ball that are far from shadow boundaries are decided by photons as on a fine one. (They are no
-/// longer where photons are much denser: with a million, whose discs are lower than the points, 57 %.)
+/// longer where photons are much denser: with a million, whose discs are lower than the points, 46 %.)
 #[test]
 fn photons_decide_on_coarse_surfaces() {
     for rings in [8, 96] {
