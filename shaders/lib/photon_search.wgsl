@@ -12,22 +12,28 @@ import package::lib::photon::{photon_has_weight, photon_is_shadow, photon_weight
 
 // Visit budget of a query: photons and rows of cells, as a multiple of k between bounds. A point that needs more is
 // unknown. Where so many photons are not of its surface (foliage), the search costs more than the shadow rays that it
-// could save. Counting gets as much again.
-const VISITS_PER_NEAREST = 64u;
-const MIN_VISITS = 3200u;
-// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. Half
-// of an eighth each for the search and for the counting.
-@if(texture_loads) const MAX_VISITS = 4000u;
-@if(!texture_loads) const MAX_VISITS = 24000u;
+// could save.
+const VISITS_PER_NEAREST = 128u;
+const MIN_VISITS = 6400u;
+// On lavapipe the eight lanes of a vector share 65,535 iterations: while one visits a long row, all others wait. An
+// eighth of them, less 600 for the loops around the rows.
+@if(texture_loads) const MAX_VISITS = 7591u;
+@if(!texture_loads) const MAX_VISITS = 48000u;
 
 var<private> visits_left: u32;
 
 fn visit_budget() -> u32 {
-    // Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed,
-    // and queries of neighbours visit the same rows: each has more than its share of the vector's iterations.
-    @if(paper_counting) { return 24000u; }
+    // Without the normals a search covers a ball, not a disc. This counting is there for comparison, not for its speed.
+    @if(paper_counting) { return MAX_VISITS; }
     @if(!paper_counting) { return clamp(VISITS_PER_NEAREST * nearest, MIN_VISITS, MAX_VISITS); }
 }
+
+// The first reach of a search at most, in cells, and the factor by which it grows at most. The balls of the paper's
+// counting reach other surfaces, whose photons a reach that is too large visits again and again.
+@if(paper_counting) const MAX_FIRST_REACH = 0.5 * MAX_REACH;
+@if(paper_counting) const MAX_GROWTH = 1.25;
+@if(!paper_counting) const MAX_FIRST_REACH = MAX_REACH;
+@if(!paper_counting) const MAX_GROWTH = 2.0;
 
 // Margins for the rounding of cells' borders.
 const REACH_FACTOR = 1.0001;
@@ -35,14 +41,14 @@ const REACH_MARGIN = 1e-3;
 
 // What a search finds within a distance.
 struct Found {
-    // Photons, and illumination photons of them.
+    // Photons, and illumination photons of them. Once there are k, no further rows are visited.
     all: u32,
     lit: u32,
     // The visit budget was enough.
     complete: bool,
 }
 
-// Counts the photons within the squared distance `limit`.
+// Counts the photons within the squared distance `limit`, until there are k.
 fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f32) -> Found {
     var result = Found(0u, 0u, false);
     let units = (position - grid.origin) * grid.inverse_cell;
@@ -60,6 +66,10 @@ fn search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, limit: f3
                 result.all += u32(within);
                 result.lit += u32(within && !photon_is_shadow(photon.w));
             }
+            if result.all >= nearest {
+                result.complete = true;
+                return result;
+            }
         }
     }
     result.complete = true;
@@ -75,17 +85,24 @@ fn class_by_search(grid: GridShape, light: u32, position: vec3f, normal: vec3f, 
     if reach == 0.0 {
         reach = grid.cell * max(reach_guess(grid, light, cell_of(grid, position), 1.3), 0.1);
     }
-    reach = min(reach, farthest);
+    reach = min(reach, MAX_FIRST_REACH * grid.cell);
+    // What the search before found, within its reach.
+    var closer = Found(0u, 0u, true);
+    var closer_reach = 0.0;
     loop {
         let found = search(grid, light, position, normal, reach * reach);
         if !found.complete { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.5); }
         if found.all >= nearest { break; }
         if reach >= farthest { return class_word(CLASS_UNKNOWN, found.lit, found.all - found.lit, 0.5); }
         let more = 1.15 * sqrt(f32(nearest) / f32(max(found.all, 1u)));
-        reach = min(reach * clamp(more, 1.25, 2.0), farthest);
+        closer = found;
+        closer_reach = reach;
+        reach = min(reach * clamp(more, 1.25, MAX_GROWTH), farthest);
     }
-    visits_left += visit_budget();
-    return class_by_counts(grid, light, position, normal, reach);
+    let floor_ = closer_reach * closer_reach;
+    // A margin for rounding: the photons that ended the search are within the last mark.
+    let marks = Marks(floor_, 1.0001 * reach * reach - floor_);
+    return class_by_counts(grid, light, position, normal, marks, closer);
 }
 
 // Counts of photons within eight marks of squared distance: `floor_` plus eighths of `span`.
@@ -150,16 +167,18 @@ fn tally(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32
     return result;
 }
 
-// The class word with the exact n_i and n_s of a point whose nearest k are within `reach`.
-fn class_by_counts(grid: GridShape, light: u32, position: vec3f, normal: vec3f, reach: f32) -> u32 {
+// The class word with the exact n_i and n_s of a point of whose photons `closer` are within the marks' floor, and k or
+// more within their last.
+fn class_by_counts(grid: GridShape, light: u32, position: vec3f, normal: vec3f, first: Marks, closer: Found) -> u32 {
     let unknown = class_word(CLASS_UNKNOWN, 0u, 0u, 0.5);
-    var marks = Marks(0.0, reach * reach);
+    let reach = sqrt(first.floor_ + first.span);
+    var marks = first;
     var found = tally(grid, light, position, normal, reach, marks);
     if !found.complete { return unknown; }
 
     // The k-th is between two marks; narrow them until it is alone between them.
-    var all_below = 0u;
-    var lit_below = 0u;
+    var all_below = closer.all;
+    var lit_below = closer.lit;
     for (var pass_ = 0u; ; pass_++) {
         let below = vec4u(found.all_a < vec4u(nearest)) + vec4u(found.all_b < vec4u(nearest));
         let mark = below.x + below.y + below.z + below.w;

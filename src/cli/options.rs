@@ -315,6 +315,10 @@ struct VisibilityMapOptions {
     /// Count photons regardless of their normals, as the paper does
     #[arg(long)]
     paper_counting: bool,
+
+    /// Let photons alone decide, without the shadow rays of earlier samples
+    #[arg(long)]
+    no_fine_cells: bool,
 }
 
 impl VisibilityMapOptions {
@@ -326,6 +330,7 @@ impl VisibilityMapOptions {
         map.dilate = self.dilate;
         map.audit = self.audit;
         map.paper_counting = self.paper_counting;
+        map.fine_cells = !self.no_fine_cells;
         settings.shadow_rays.samples = self.shadow_samples;
     }
 }

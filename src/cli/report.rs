@@ -439,7 +439,9 @@ impl Arguments {
         write(&rays, &plot::error_over_rays(report)?)?;
         write(&passes, &plot::time_by_pass(report)?)?;
         for sweep in &report.sweeps {
-            write(&self.output.join(format!("sweep-{}.svg", sweep.setting.name())), &plot::sweep(sweep)?)?;
+            let setting = sweep.setting.name();
+            write(&self.output.join(format!("sweep-{setting}.svg")), &plot::sweep(sweep)?)?;
+            write(&self.output.join(format!("savings-{setting}.svg")), &plot::savings(sweep)?)?;
         }
         reference.image.write_exr(&image)?;
         self.tell(format!("{}\nwrote {}", report.advice, html.display()));

@@ -13,8 +13,9 @@ use super::run::{Run, Snapshot};
 use crate::Result;
 use crate::settings::Technique;
 
-/// Version of the keys of `report.json`; 2 has `finding` for conclusions and `visible` in `classes`.
-const SCHEMA: u32 = 2;
+/// Version of the keys of `report.json`; 2 has `finding` for conclusions and `visible` in `classes`, 3 savings in
+/// `sweeps`.
+const SCHEMA: u32 = 3;
 
 impl Report {
     /// Measures the runs and draws conclusions.

@@ -64,6 +64,7 @@ pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<Stri
     ];
     for sweep in &report.sweeps {
         plots.push((sweep.setting.name(), plot::sweep(sweep)?));
+        plots.push(("savings", plot::savings(sweep)?));
     }
     let figure = |(id, svg): &(&str, String)| format!("<figure id=\"{id}\">{}</figure>\n", themed(svg));
     let plots: String = plots.iter().map(figure).collect();

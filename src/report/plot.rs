@@ -10,7 +10,7 @@ use plotters::prelude::*;
 use super::document::{Report, SnapshotReport, TechniqueReport};
 use super::format::number;
 use super::interval::Interval;
-use super::sweep::{Sweep, SweepPoint};
+use super::sweep::{Savings, Sweep, SweepPoint};
 use crate::settings::Technique;
 use crate::stress::{self, Family, Reading};
 use crate::{Error, Result};
@@ -58,9 +58,7 @@ pub fn error_over_time(report: &Report) -> Result<String> {
             Series::new(technique, slope, |snapshot| snapshot.time.value)
         })
         .collect();
-    draw("error.svg", SIZE, |area| {
-        logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), report.reference.relmse)
-    })
+    draw("error.svg", SIZE, |area| logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), floor(report)))
 }
 
 /// relMSE against the rays that determine visibility: shadow rays, audits, photons and rays of cells. `path` is left
@@ -78,11 +76,12 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
     let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
     draw("rays.svg", SIZE, |area| {
         let names = ["shadow rays, audits, photons and rays of cells", "relMSE"];
-        logarithmic(area, &curves, names, None, report.reference.relmse)
+        logarithmic(area, &curves, names, None, floor(report))
     })
 }
 
-/// The effect of a setting of the visibility map, with the power law that the boundary share follows at hard edges.
+/// The effect of a setting on the visibility map and its error, with the power law that the boundary share follows at
+/// hard edges.
 ///
 /// # Errors
 /// As [`error_over_time`].
@@ -91,16 +90,64 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
         let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(point)));
         // 0 cannot be drawn on a logarithmic axis.
         let points = points.filter(|(_, y)| y.value > 0.0).collect();
-        Series { name: name.to_owned(), colour, points, bound: Vec::new() }
+        Series { name: name.to_owned(), colour, points, dashed: Vec::new() }
     };
     let series = [
         series("boundary share", COLOURS[0], &|point| exact(point.boundary_share)),
         series("fill", COLOURS[1], &|point| point.fill),
         series("miss", COLOURS[2], &|point| point.miss),
-        series("relMSE", COLOURS[3], &|point| exact(point.relmse)),
+        series("relMSE", COLOURS[3], &|point| exact(point.fine_cells.relmse)),
     ];
     let (setting, law) = (sweep.setting.name(), sweep.setting.law());
     draw(&format!("sweep-{setting}.svg"), SIZE, |area| logarithmic(area, &series, [setting, ""], Some(law), None))
+}
+
+/// What a setting saves in rays and in time, and at what accuracy: with fine cells, and by photons alone.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn savings(sweep: &Sweep) -> Result<String> {
+    let series = |name: &str, colour: RGBColor, quantity: &dyn Fn(&Savings) -> f64| {
+        let values = |of: &dyn Fn(&SweepPoint) -> Savings| -> Vec<(f64, f64)> {
+            let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(&of(point))));
+            // 0 cannot be drawn on a logarithmic axis.
+            points.filter(|(_, y)| *y > 0.0).collect()
+        };
+        Series {
+            name: name.to_owned(),
+            colour,
+            points: values(&|point| point.fine_cells).into_iter().map(|(x, y)| (x, exact(y))).collect(),
+            dashed: values(&|point| point.photons_alone),
+        }
+    };
+    let series = [
+        series("time over two-pass", COLOURS[0], &|savings| savings.time),
+        series("all rays over two-pass", COLOURS[1], &|savings| savings.rays),
+        series("1 - reduction", COLOURS[2], &|savings| 1.0 - savings.reduction),
+        series("fill seen", COLOURS[3], &|savings| savings.fill_seen),
+        // Often no audit finds a miss, and 0 cannot be drawn.
+        series("upper bound of miss bias", COLOURS[4], &|savings| savings.miss_bias.high),
+    ];
+    let setting = sweep.setting.name();
+    let names = [setting, "solid: with fine cells; dashed: photons alone"];
+    draw(&format!("savings-{setting}.svg"), SIZE, |area| logarithmic(area, &series, names, None, None))
+}
+
+/// Render times over that of `two-pass`, by the names of the techniques, against the price of a shadow ray in
+/// microseconds, with a line where they are equal.
+///
+/// # Errors
+/// As [`error_over_time`].
+pub fn break_even(prices: &[f64], ratios: &[(&str, Vec<f64>)]) -> Result<String> {
+    let series = ratios.iter().zip(COLOURS).map(|((name, ratios), colour)| Series {
+        name: (*name).to_owned(),
+        colour,
+        points: prices.iter().zip(ratios).map(|(price, ratio)| (*price, exact(*ratio))).collect(),
+        dashed: Vec::new(),
+    });
+    let series: Vec<_> = series.collect();
+    let names = ["microseconds a shadow ray", "time over two-pass"];
+    draw("break-even.svg", SIZE, |area| logarithmic(area, &series, names, None, Some(("two-pass", 1.0))))
 }
 
 /// Smaller deviations, 0 among them, are drawn at this value, because the axis is logarithmic.
@@ -121,7 +168,7 @@ pub fn stress(family: &Family, curves: &[(&stress::Series, Vec<Reading>)]) -> Re
             name: series.name.to_owned(),
             colour,
             points: readings.iter().filter_map(finite).collect(),
-            bound: readings.iter().map(|reading| (reading.value, drawn(reading.bound))).collect(),
+            dashed: readings.iter().map(|reading| (reading.value, drawn(reading.bound))).collect(),
         }
     });
     let series: Vec<_> = series.collect();
@@ -246,8 +293,8 @@ struct Series {
     colour: RGBColor,
     /// x, and y with its interval, drawn as a band.
     points: Vec<(f64, Interval)>,
-    /// Upper bound of y, drawn dashed; may be empty.
-    bound: Vec<(f64, f64)>,
+    /// Other values of y, drawn dashed; may be empty.
+    dashed: Vec<(f64, f64)>,
 }
 
 impl Series {
@@ -258,7 +305,7 @@ impl Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],
             points: technique.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
-            bound: Vec::new(),
+            dashed: Vec::new(),
         }
     }
 }
@@ -287,22 +334,27 @@ fn text_style() -> (&'static str, i32) {
 /// Names of the axes.
 type AxisNames<'a> = [&'a str; 2];
 
-const FLOOR: &str = "reference's own error";
+/// A constant for comparison: its name and its value.
+type Level = (&'static str, f64);
 
-/// A plot of positive numbers on logarithmic axes, with an optional power law and an optional floor for comparison.
+/// The error of the reference itself, if it is known and not 0.
+fn floor(report: &Report) -> Option<Level> {
+    report.reference.relmse.filter(|relmse| *relmse > 0.0).map(|relmse| ("reference's own error", relmse))
+}
+
+/// A plot of positive numbers on logarithmic axes, with an optional power law and an optional level for comparison.
 fn logarithmic(
     area: &Area<'_>,
     series: &[Series],
     [x_name, y_name]: AxisNames<'_>,
     power: Option<f64>,
-    floor: Option<f64>,
+    level: Option<Level>,
 ) -> Drawn {
     if series.iter().all(|series| series.points.is_empty()) {
         let middle = (i32::try_from(SIZE.0 / 2)? - 80, i32::try_from(SIZE.1 / 2)?);
         return Ok(area.draw_text("there is nothing to show", &text_style().into_text_style(area), middle)?);
     }
-    let floor = floor.filter(|floor| *floor > 0.0);
-    let [x, y] = ranges(series, floor);
+    let [x, y] = ranges(series, level);
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(44)
@@ -318,8 +370,8 @@ fn logarithmic(
         .light_line_style(BLACK.mix(0.05))
         .bold_line_style(BLACK.mix(0.15))
         .draw()?;
-    if let Some(floor) = floor {
-        draw_floor(&mut chart, floor)?;
+    if let Some(level) = level {
+        draw_level(&mut chart, level)?;
     }
     if let Some((power, (from, error))) = power.zip(series.first().and_then(|series| series.points.first())) {
         draw_power_law(&mut chart, power, (*from, error.value))?;
@@ -329,8 +381,12 @@ fn logarithmic(
     }
     let values = |points: &[(f64, Interval)]| points.iter().map(|(x, y)| (*x, y.value)).collect::<Vec<_>>();
     let mut lines: Vec<_> = series.iter().map(|series| values(&series.points)).collect();
-    lines.extend(floor.map(|floor| vec![(x.start, floor), (x.end, floor)]));
-    let entries = series.iter().map(|series| series.name.as_str()).chain([FLOOR; 2]);
+    lines.extend(level.map(|(_, level)| vec![(x.start, level), (x.end, level)]));
+    let entries = series
+        .iter()
+        .map(|series| series.name.as_str())
+        .chain(level.map(|level| level.0))
+        .chain(power.map(|_| "power"));
     let shares = lines.iter().map(|line| line.iter().map(|point| [share(&x, point.0), share(&y, point.1)]).collect());
     chart
         .configure_series_labels()
@@ -344,21 +400,21 @@ fn logarithmic(
 
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Logarithmic, Logarithmic>>;
 
-/// The ranges of both axes: of all values with their bounds and intervals, of which at most a factor of 2 below the
+/// The ranges of both axes: of all values, dashed ones and intervals, of which at most a factor of 2 below the
 /// value counts.
-fn ranges(series: &[Series], floor: Option<f64>) -> [Range<f64>; 2] {
+fn ranges(series: &[Series], level: Option<Level>) -> [Range<f64>; 2] {
     let points = || series.iter().flat_map(|series| &series.points);
-    let bounds = series.iter().flat_map(|series| &series.bound).map(|(_, y)| *y);
+    let dashed = series.iter().flat_map(|series| &series.dashed).map(|(_, y)| *y);
     let y = points().flat_map(|(_, y)| [y.value, y.low.max(y.value / 2.0), y.high]);
-    [axis(points().map(|(x, _)| *x)), axis(y.chain(floor).chain(bounds))]
+    [axis(points().map(|(x, _)| *x)), axis(y.chain(level.map(|level| level.1)).chain(dashed))]
 }
 
-fn draw_floor(chart: &mut Chart<'_, '_>, floor: f64) -> Drawn {
+fn draw_level(chart: &mut Chart<'_, '_>, (name, level): Level) -> Drawn {
     let x = chart.x_range();
-    let line = [(x.start, floor), (x.end, floor)];
+    let line = [(x.start, level), (x.end, level)];
     chart
         .draw_series(DashedLineSeries::new(line, 6, 4, BLACK.stroke_width(1)))?
-        .label(FLOOR)
+        .label(name)
         .legend(|(x, y)| PathElement::new([(x, y), (x + 16, y)], BLACK));
     Ok(())
 }
@@ -376,8 +432,8 @@ fn draw_power_law(chart: &mut Chart<'_, '_>, power: f64, (from, value): (f64, f6
     Ok(())
 }
 
-fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, points, bound }: &Series) -> Drawn {
-    let dashes = DashedLineSeries::new(bound.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
+fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, points, dashed }: &Series) -> Drawn {
+    let dashes = DashedLineSeries::new(dashed.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
     chart.draw_series(dashes)?;
     let y = chart.y_range();
     let inside = |value: f64| value.clamp(y.start, y.end);

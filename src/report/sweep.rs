@@ -1,4 +1,5 @@
-//! Sweeps: the effect of a setting of the visibility map on error, rays and classes.
+//! Sweeps: the effect of a setting of the visibility map on classes, error, rays and time, for photons alone and with
+//! fine cells.
 
 use std::str::FromStr;
 
@@ -10,13 +11,18 @@ use super::metrics;
 use super::reference::Reference;
 use super::run::{Subject, colour};
 use crate::settings::{Settings, Technique};
-use crate::{Error, Result};
+use crate::statistics::Statistics;
+use crate::{Error, Image, Result};
 
 /// Number of values of a sweep, at equal ratios: at least two per decade in a sweep over three decades.
 const VALUES: u32 = 7;
 
-/// Samples per pixel of the renders whose error and rays are measured: enough for several repairs of the map.
-const SAMPLES: u32 = 16;
+/// Samples per pixel of the renders whose error, rays and time are measured: as many as in the tables of
+/// `docs/decisions.md`.
+const SAMPLES: u32 = 64;
+
+/// Renders for each time. The median of three leaves out one during which the machine did other work.
+const ROUNDS: usize = 3;
 
 /// The settings that can be swept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -122,20 +128,39 @@ pub struct Sweep {
 pub struct SweepPoint {
     /// The value.
     pub value: u32,
-    /// relMSE after 16 samples per pixel.
-    pub relmse: f64,
-    /// Shadow rays of those samples.
-    pub shadow_rays: u64,
     /// Boundary and unknown points over all points, with one sample at the centre of each pixel.
     pub boundary_share: f64,
     /// See [`Classes`].
     pub fill: Interval,
     /// See [`Classes`].
     pub miss: Interval,
+    /// `shadow-photons` whose photons alone decide.
+    pub photons_alone: Savings,
+    /// `shadow-photons` with fine cells.
+    pub fine_cells: Savings,
+}
+
+/// A render of `shadow-photons` with 64 samples per pixel, beside one of `two-pass`.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Savings {
+    /// relMSE.
+    pub relmse: f64,
+    /// Shadow rays.
+    pub shadow_rays: u64,
+    /// 1 - shadow rays over those of `two-pass`.
+    pub reduction: f64,
+    /// Photon rays, shadow rays and audits over the shadow rays of `two-pass`.
+    pub rays: f64,
+    /// See [`Points::fill_seen`](crate::statistics::Points::fill_seen).
+    pub fill_seen: f64,
+    /// See [`Audits::miss_bias`](crate::statistics::Audits::miss_bias).
+    pub miss_bias: Interval,
+    /// Render time over that of `two-pass`, both medians of renders in turn.
+    pub time: f64,
 }
 
 impl Sweep {
-    /// Renders `shadow-photons` with every value of the range. `None` once `stop` returns true.
+    /// Renders `shadow-photons` and `two-pass` with every value of the range. `None` once `stop` returns true.
     ///
     /// # Errors
     /// As [`crate::Renderer::new`]; [`Error::Usage`] if the scene needs no visibility map.
@@ -149,9 +174,6 @@ impl Sweep {
         let technique = Technique::SHADOW_PHOTONS;
         let mut points = Vec::new();
         for value in range.values() {
-            if stop() {
-                return Ok(None);
-            }
             let mut settings = subject.settings.clone().with(|s| {
                 s.technique = technique;
                 s.image.spp = SAMPLES;
@@ -162,19 +184,65 @@ impl Sweep {
             let Some(classes) = Classes::new(&subject, technique, truth)? else {
                 return Err(Error::Usage("`sweep`: the scene needs no visibility map".to_owned()));
             };
-            let mut renderer = subject.renderer(&settings)?;
-            while renderer.samples() < SAMPLES {
-                renderer.render_batch()?;
-            }
+            let Some([photons_alone, fine_cells]) = savings(&subject, reference, stop)? else { return Ok(None) };
             points.push(SweepPoint {
                 value,
-                relmse: metrics::relmse(&colour(renderer.image()?), &reference.image)?,
-                shadow_rays: renderer.statistics()?.rays.shadow,
                 boundary_share: classes.boundary_share(),
                 fill: classes.fill,
                 miss: classes.miss,
+                photons_alone,
+                fine_cells,
             });
         }
         Ok(Some(Sweep { setting: range.swept, points }))
     }
+}
+
+/// Renders `shadow-photons` with photons alone and with fine cells, in turn with `two-pass`. `None` once `stop` returns
+/// true.
+fn savings(subject: &Subject<'_>, reference: &Reference, stop: &dyn Fn() -> bool) -> Result<Option<[Savings; 2]>> {
+    let photons_alone = subject.settings.clone().with(|s| s.visibility_map.fine_cells = false);
+    let two_pass = subject.settings.clone().with(|s| s.technique = Technique::TWO_PASS);
+    let compared = [&two_pass, &photons_alone, subject.settings];
+    let mut renders: [Vec<(Image, Statistics)>; 3] = Default::default();
+    for _ in 0..ROUNDS {
+        for (settings, renders) in compared.into_iter().zip(&mut renders) {
+            if stop() {
+                return Ok(None);
+            }
+            renders.push(render(subject, settings)?);
+        }
+    }
+    let [baseline, others @ ..] = &renders;
+    let all = baseline[0].1.rays.shadow.max(1) as f64;
+    let savings = |renders: &[(Image, Statistics)]| -> Result<Savings> {
+        // Rounds differ in time alone.
+        let (image, Statistics { rays, points, audits, .. }) = &renders[0];
+        let [low, high] = audits.miss_bias_interval;
+        Ok(Savings {
+            relmse: metrics::relmse(image, &reference.image)?,
+            shadow_rays: rays.shadow,
+            reduction: 1.0 - rays.shadow as f64 / all,
+            rays: (rays.photon + rays.shadow + rays.audit) as f64 / all,
+            fill_seen: points.fill_seen,
+            miss_bias: Interval { value: audits.miss_bias, low, high },
+            time: median_time(renders) / median_time(baseline),
+        })
+    };
+    let [photons_alone, fine_cells] = others;
+    Ok(Some([savings(photons_alone)?, savings(fine_cells)?]))
+}
+
+fn render(subject: &Subject<'_>, settings: &Settings) -> Result<(Image, Statistics)> {
+    let mut renderer = subject.renderer(settings)?;
+    while renderer.samples() < SAMPLES {
+        renderer.render_batch()?;
+    }
+    Ok((colour(renderer.image()?), renderer.statistics()?))
+}
+
+fn median_time(renders: &[(Image, Statistics)]) -> f64 {
+    let mut times: Vec<f64> = renders.iter().map(|(_, statistics)| statistics.time.render).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }

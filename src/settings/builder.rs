@@ -45,6 +45,7 @@ setters! {
     dilate: u32 => "VisibilityMapSettings::dilate", visibility_map.dilate;
     audit: f32 => "VisibilityMapSettings::audit", visibility_map.audit;
     paper_counting: bool => "VisibilityMapSettings::paper_counting", visibility_map.paper_counting;
+    fine_cells: bool => "VisibilityMapSettings::fine_cells", visibility_map.fine_cells;
     shadow_samples: u32 => "ShadowRaySettings::samples", shadow_rays.samples;
     light_sampling: LightSampling => "LightSamplingSettings::strategy", light_sampling.strategy;
     sampled_lights: u32 => "LightSamplingSettings::sampled_lights", light_sampling.sampled_lights;

@@ -43,6 +43,8 @@ pub struct VisibilityMapSettings {
     pub audit: f32,
     /// Count photons regardless of their normals, as the paper does.
     pub paper_counting: bool,
+    /// Let the shadow rays of earlier samples decide where photons do not. `false`: photons alone decide.
+    pub fine_cells: bool,
 }
 
 impl Default for VisibilityMapSettings {
@@ -56,6 +58,7 @@ impl Default for VisibilityMapSettings {
             dilate: None,
             audit: 1.0 / 64.0,
             paper_counting: false,
+            fine_cells: true,
         }
     }
 }

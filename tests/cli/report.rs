@@ -27,7 +27,9 @@ fn read_json(folder: &Path) -> Value {
 fn everything_is_written_and_as_documented() {
     let folder = folder();
     let folder = folder.path();
-    let arguments = "--techniques shadow-photons,path --budgets 6,2 --reference-error 0.1 --sweep nearest=10..20";
+    // A sweep renders nine times for each value: direct light alone is quick.
+    let arguments = "--techniques shadow-photons,path --budgets 6,2 --reference-error 0.1 --sweep nearest=10..20 \
+                     --max-bounces 0";
     let answer = report(folder, arguments);
     answer.assert_done();
     assert!(answer.stdout.is_empty() && answer.stderr.contains("reference: "), "{answer:?}");
@@ -56,7 +58,7 @@ fn everything_is_written_and_as_documented() {
         lines.map(|line| line.split(',').nth(1).unwrap()).collect::<std::collections::BTreeSet<_>>().len()
     };
     assert_eq!((seeds("path,"), seeds("two-pass,")), (3, 0));
-    for plot in ["error", "rays", "passes", "sweep-nearest"] {
+    for plot in ["error", "rays", "passes", "sweep-nearest", "savings-nearest"] {
         let svg = fs::read_to_string(folder.join(format!("report/{plot}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{svg}");
     }

@@ -17,5 +17,6 @@ mod setup;
 #[path = "../common/shared_files.rs"]
 mod shared_files;
 mod shown;
+mod smooth;
 mod table;
 mod table1;

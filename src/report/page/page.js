@@ -113,9 +113,20 @@ fill(
 element("swept").hidden = report.sweeps.length === 0;
 fill(
   "sweeps",
-  ["setting", "value", "boundary share", "fill", "miss", "relMSE", "shadow rays"],
+  ["setting", "value", "boundary share", "fill", "miss"],
   report.sweeps.flatMap(({ setting, points }) =>
-    points.map((p) => [setting, p.value, percent(p.boundary_share), interval(p.fill, percent), interval(p.miss, percent), digits(p.relmse), p.shadow_rays.toLocaleString("en")]),
+    points.map((p) => [setting, p.value, percent(p.boundary_share), interval(p.fill, percent), interval(p.miss, percent)]),
+  ),
+);
+fill(
+  "savings",
+  ["setting", "value", "decided by", "relMSE", "shadow rays", "reduction", "all rays over two-pass", "time over two-pass", "fill seen", "miss bias"],
+  report.sweeps.flatMap(({ setting, points }) =>
+    points.flatMap((p) =>
+      [["photons alone", p.photons_alone], ["fine cells, too", p.fine_cells]].map(([name, s]) => [
+        setting, p.value, name, digits(s.relmse), s.shadow_rays.toLocaleString("en"), percent(s.reduction), digits(s.rays), digits(s.time), percent(s.fill_seen), interval(s.miss_bias),
+      ]),
+    ),
   ),
 );
 
