@@ -211,7 +211,8 @@ impl Settings {
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
-        self.technique.traces_by_photons() && !shown && self.image.spp > 1 && map.audit > 0.0 && !map.paper_counting
+        let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells;
+        self.technique.traces_by_photons() && !shown && self.image.spp > 1 && !photons_alone
     }
 
     /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say: 16,384

@@ -41,15 +41,6 @@ impl Specialisation {
         let list = if on { &mut self.kept } else { &mut self.left_out };
         list.push(Item { feature, reason, cost: cost.to_owned() });
     }
-
-    /// Leaves a feature out that was kept.
-    pub(super) fn leave_out(&mut self, feature: Feature, reason: &str) {
-        if let Some(at) = self.kept.iter().position(|item| item.feature == feature) {
-            let item = self.kept.remove(at);
-            self.left_out.push(Item { reason: reason.to_owned(), ..item });
-            self.features.set(feature, false);
-        }
-    }
 }
 
 impl Item {

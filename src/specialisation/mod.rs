@@ -44,9 +44,6 @@ impl Specialisation {
         specialisation.of_lights(scene, &facts);
         specialisation.of_light_sampling(scene, settings);
         specialisation.of_visibility(scene, settings);
-        if !settings.visibility_map.fine_cells {
-            specialisation.leave_out(Feature::FineCells, "photons alone are to decide");
-        }
         specialisation.of_indirect_light(scene, settings, &facts);
         specialisation.of_channels(settings);
         specialisation

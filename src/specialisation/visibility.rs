@@ -82,6 +82,8 @@ impl Specialisation {
             "what the photons tell is shown"
         } else if settings.visibility_map.audit == 0.0 || settings.visibility_map.paper_counting {
             "the method of the paper alone is requested"
+        } else if !settings.visibility_map.fine_cells {
+            "photons alone are to decide"
         } else {
             "there is one sample per pixel, and none to learn from"
         };
@@ -90,7 +92,7 @@ impl Specialisation {
             mapped && settings.learns_from_shadow_rays(),
             "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
             unneeded,
-            "pass fine_cells; 144 to 288 B per pixel and light, of at most four lights; 151 MB at most",
+            "pass fine_cells; 176 to 352 B per pixel and light, of at most four lights; 185 MB at most",
         );
     }
 

@@ -34,7 +34,7 @@ fn render(rings: usize, technique: Technique, change: impl FnOnce(&mut Settings)
         s.technique = technique;
         (s.image.width, s.image.height) = (SIDE, SIDE);
         s.indirect.max_bounces = 0;
-        s.visibility_map.photons_per_light = 131_072;
+        s.visibility_map.photons_per_light = Some(131_072);
         change(s);
     });
     render_scene(ball(rings), &view, &settings)
