@@ -6,13 +6,14 @@
 // `classify` asks the fine cells and queues the candidates of which they know nothing yet. For these `look_up` looks up
 // the classes of the map's cells and requests those that are missing, `request_cells` notes the points that they are
 // for, and `query` looks up the requested classes. What the map decides becomes a photon of the fine cells, so that the
-// map is asked once for a piece of surface. `dilate` widens boundaries, `compact` fills the queues. A point that its
+// map is asked once for a piece of surface. Both fill the queues of candidates whose class they find, and `dilate`
+// widens boundaries. `compact` fills the queues where another pass has found the classes. A point that its
 // cell does not decide is a boundary: a search for the nearest photons of one point costs as much as one to forty
 // shadow rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
-import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near, with_class};
+import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near};
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
 @if(visibility_map || fine_cells) import package::lib::class_word::near_word;
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
@@ -31,7 +32,7 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
     COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
-    QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY
+    QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
 };
 
 struct ClassifyParameters {
@@ -52,12 +53,11 @@ struct ClassifyParameters {
 var<immediate> classify_pass: ClassifyParameters;
 
 @group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read_write> classes: array<u32>;
+@group(0) @binding(1) var<storage, read_write> classes: array<atomic<u32>>;
 @group(0) @binding(2) var<storage, read_write> query_queue: array<u32>;
 // By queue.
 @group(0) @binding(3) var<storage, read_write> queue_lengths: array<atomic<u32>, QUEUE_COUNT>;
 @group(0) @binding(4) var<storage, read_write> queue_arguments: array<u32, QUEUE_ARGUMENT_WORDS * QUEUE_COUNT>;
-@group(0) @binding(5) var<storage, read_write> dilated_classes: array<u32>;
 @group(0) @binding(6) var<storage, read_write> boundary_queue: array<u32>;
 @group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
 @group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
@@ -73,7 +73,8 @@ var<immediate> classify_pass: ClassifyParameters;
 const UNDECIDED = 0xffffffffu;
 const CLASSIFY_GROUP = 64u;
 
-var<workgroup> group_length: atomic<u32>;
+var<workgroup> group_undecided: atomic<u32>;
+var<workgroup> query_base: u32;
 var<workgroup> group_base: u32;
 // A byte for each class but unknown.
 var<workgroup> group_classes: atomic<u32>;
@@ -84,7 +85,7 @@ var<workgroup> group_near: atomic<u32>;
 var<workgroup> audit_base: u32;
 @if(visibility_estimate) var<workgroup> group_traced: atomic<u32>;
 
-// The classes that need no photons of the map; the other candidates are queued.
+// The classes that need no photons of the map; the other candidates are queued for them.
 @compute @workgroup_size(64)
 fn classify(
     @builtin(workgroup_id) group: vec3u,
@@ -92,22 +93,14 @@ fn classify(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    if lane == 0u { atomicStore(&group_length, 0u); }
-    workgroupBarrier();
-    var rank = 0u;
-    var queued = false;
-    if candidate < classify_pass.candidate_count {
-        let word = class_without_map(candidate);
-        queued = word == UNDECIDED;
-        if queued { rank = atomicAdd(&group_length, 1u); } else { classes[candidate] = word; }
+    var word = UNDECIDED;
+    var there = candidate < classify_pass.candidate_count;
+    if there {
+        word = class_without_map(candidate);
+        atomicStore(&classes[candidate], word);
+        there = is_candidate(candidate);
     }
-    workgroupBarrier();
-    if lane == 0u {
-        let length = atomicLoad(&group_length);
-        if length > 0u { group_base = atomicAdd(&queue_lengths[QUEUE_QUERY], length); }
-    }
-    workgroupBarrier();
-    if queued { query_queue[group_base + rank] = candidate; }
+    enqueue(candidate, word, there, lane);
 }
 
 fn light_of(candidate: u32) -> u32 {
@@ -168,10 +161,10 @@ fn look_up(
     let cell = cell_class_at(light, point.position, normal);
     if cell.reach == 0.0 {
         request_cell(light, point.position, normal);
-        classes[candidate] = UNDECIDED;
+        atomicStore(&classes[candidate], UNDECIDED);
         return;
     }
-    classes[candidate] = word_of_cell_class(cell);
+    atomicStore(&classes[candidate], word_of_cell_class(cell));
     @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
 }
 
@@ -210,7 +203,7 @@ fn request_cells(
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
     let candidate = query_queue[i];
-    if classes[candidate] != UNDECIDED { return; }
+    if atomicLoad(&classes[candidate]) != UNDECIDED { return; }
     let point = points[point_of(candidate)];
     let cell = cell_of(classify_pass.grid, point.position);
     let from_centre = from_centre_of(cell, point.position);
@@ -277,7 +270,7 @@ fn requested_class_at(light: u32, position: vec3f, normal: vec3f) -> CellClass {
     return no_cell_class();
 }
 
-// The classes of the candidates that `look_up` left undecided.
+// The classes of the candidates that `look_up` left undecided, and the queues of all that it looked up.
 @if(visibility_map)
 @compute @workgroup_size(64)
 fn query(
@@ -286,23 +279,36 @@ fn query(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
-    let candidate = query_queue[i];
-    if classes[candidate] != UNDECIDED { return; }
+    let there = i < atomicLoad(&queue_lengths[QUEUE_QUERY]);
+    var candidate = 0u;
+    var word = UNDECIDED;
+    if there {
+        candidate = query_queue[i];
+        word = atomicLoad(&classes[candidate]);
+        if word == UNDECIDED {
+            word = class_by_requested_cell(candidate);
+            atomicStore(&classes[candidate], word);
+        }
+    }
+    enqueue(candidate, word, there, lane);
+}
+
+@if(visibility_map)
+fn class_by_requested_cell(candidate: u32) -> u32 {
     let point = points[point_of(candidate)];
     let light = light_of(candidate);
     let normal = oct_decode16(point.normal);
     @if(!exact_counts) let cell = requested_class_at(light, point.position, normal);
     @if(exact_counts) var cell = cell_class_at(light, point.position, normal);
     @if(exact_counts) { if cell.reach == 0.0 { cell = requested_class_at(light, point.position, normal); } }
-    var word = word_of_cell_class(cell);
+    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
+    let word = word_of_cell_class(cell);
     @if(exact_counts) {
         if word == UNDECIDED {
-            word = near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
+            return near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
         }
     }
-    classes[candidate] = word;
-    @if(fine_cells) { tell_fine_cell(cell, light, point.position, normal); }
+    return word;
 }
 
 // How far the neighbour may lie from the point's plane, as a share of its distance: about 15 degrees.
@@ -311,17 +317,16 @@ const DILATE_SLOPE = 0.25;
 const DILATE_COSINE = 0.9063;
 
 // A lit or shadowed candidate becomes a boundary where a neighbour on the same surface is one, or is unknown. These are
-// few: each of them visits its neighbours and writes their words; the others are copied beforehand.
+// few, and queued: each of them visits its neighbours.
 @compute @workgroup_size(64)
 fn dilate(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
-    if candidate >= classify_pass.candidate_count { return; }
-    let own = class_of(classes[candidate]);
-    if own != CLASS_BOUNDARY && own != CLASS_UNKNOWN { return; }
+    let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    if i >= atomicLoad(&queue_lengths[QUEUE_UNDILATED]) { return; }
+    let candidate = boundary_queue[i];
     let pixel = point_of(candidate);
     let first = candidate - pixel;
     // Neighbours are of the same sample: the tile's samples are layers of whole rows.
@@ -335,12 +340,35 @@ fn dilate(
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
             let other = u32(y * width + x);
-            let word = classes[first + other];
-            if is_decided(class_of(word)) && same_surface(points[other], points[pixel]) {
-                dilated_classes[first + other] = with_class(word, CLASS_BOUNDARY);
-            }
+            if same_surface(points[other], points[pixel]) { widen_to(first + other); }
         }
     }
+}
+
+// Makes a decided candidate a boundary.
+fn widen_to(candidate: u32) {
+    if !is_decided(class_of(atomicLoad(&classes[candidate]))) { return; }
+    // The bits of lit and those of shadowed together: the first of several neighbours finds the class that was.
+    let word = atomicOr(&classes[candidate], CLASS_BOUNDARY);
+    if !is_decided(class_of(word)) { return; }
+    boundary_queue[atomicAdd(&queue_lengths[QUEUE_BOUNDARY], 1u)] = candidate;
+    atomicSub(&counters[COUNTER_DARK + class_of(word)], 1u);
+    atomicAdd(&counters[COUNTER_DARK + CLASS_BOUNDARY], 1u);
+    // It stays in the queue of audits, which leave boundaries out.
+    let audited = u32(audits(candidate, word));
+    atomicSub(&counters[COUNTER_AUDITED], audited);
+    if is_near(word) {
+        atomicSub(&counters[COUNTER_NEAR], 1u);
+        atomicSub(&counters[COUNTER_NEAR_AUDITED], audited);
+    }
+}
+
+// Whether a decided candidate is audited.
+fn audits(candidate: u32, word: u32) -> bool {
+    let pixel = point_of(candidate);
+    let sample_index = tile_sample(classify_pass.tile, pixel);
+    let chance = audit_chance(word, classify_pass.audit_probability);
+    return is_audited(pixel_seed(classify_pass.tile, pixel), sample_index, light_of(candidate), chance);
 }
 
 fn same_surface(a: Point, b: Point) -> bool {
@@ -375,9 +403,8 @@ fn is_candidate(candidate: u32) -> bool {
 }
 
 // Counts the candidate in its workgroup.
-fn count_candidate(candidate: u32) -> QueueEntry {
+fn count_candidate(candidate: u32, word: u32) -> QueueEntry {
     var entry = no_entry();
-    let word = dilated_classes[candidate];
     entry.class_ = class_of(word);
     if entry.class_ == CLASS_UNKNOWN {
         entry.rank = atomicAdd(&group_unknown, 1u);
@@ -386,11 +413,7 @@ fn count_candidate(candidate: u32) -> QueueEntry {
         entry.rank = atomicAdd(&group_classes, 1u << (8u * entry.class_)) >> (8u * CLASS_BOUNDARY);
     }
     if is_decided(entry.class_) {
-        let pixel = point_of(candidate);
-        let sample_index = tile_sample(classify_pass.tile, pixel);
-        let chance = audit_chance(word, classify_pass.audit_probability);
-        let seed = pixel_seed(classify_pass.tile, pixel);
-        entry.audited = is_audited(seed, sample_index, light_of(candidate), chance);
+        entry.audited = audits(candidate, word);
         if is_near(word) { atomicAdd(&group_near, 1u + (u32(entry.audited) << 16u)); }
     }
     if entry.audited { entry.rank = atomicAdd(&group_audits, 1u); }
@@ -416,29 +439,29 @@ fn reserve_queues(traced: u32) {
     }
 }
 
-// Counts the classes, and queues the candidates that are traced or audited.
-@compute @workgroup_size(64)
-fn compact(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
+// Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of
+// its invocations call it at the same time; `there` is false in those without a candidate.
+fn enqueue(candidate: u32, word: u32, there: bool, lane: u32) {
     if lane == 0u {
         atomicStore(&group_classes, 0u);
         atomicStore(&group_unknown, 0u);
         atomicStore(&group_audits, 0u);
         atomicStore(&group_near, 0u);
+        atomicStore(&group_undecided, 0u);
         @if(visibility_estimate) { atomicStore(&group_traced, 0u); }
     }
     workgroupBarrier();
     var entry = no_entry();
-    if candidate < classify_pass.candidate_count && is_candidate(candidate) { entry = count_candidate(candidate); }
+    let undecided = there && word == UNDECIDED;
+    if undecided { entry.rank = atomicAdd(&group_undecided, 1u); }
+    if there && !undecided { entry = count_candidate(candidate, word); }
     workgroupBarrier();
     let classes_here = atomicLoad(&group_classes);
     let unknown_here = atomicLoad(&group_unknown);
     let boundaries = classes_here >> (8u * CLASS_BOUNDARY);
     if lane == 0u {
+        let undecided_here = atomicLoad(&group_undecided);
+        if undecided_here > 0u { query_base = atomicAdd(&queue_lengths[QUEUE_QUERY], undecided_here); }
         @if(visibility_estimate) { reserve_queues(atomicLoad(&group_traced)); }
         @if(!visibility_estimate) { reserve_queues(boundaries + unknown_here); }
     }
@@ -447,6 +470,7 @@ fn compact(
         if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }
     workgroupBarrier();
+    if undecided { query_queue[query_base + entry.rank] = candidate; }
     @if(visibility_estimate) { if entry.traced { boundary_queue[group_base + entry.rank] = candidate; } }
     @if(!visibility_estimate) {
         if entry.class_ == CLASS_BOUNDARY { boundary_queue[group_base + entry.rank] = candidate; }
@@ -455,10 +479,28 @@ fn compact(
     if entry.audited { audit_queue[audit_base + entry.rank] = candidate; }
 }
 
+// The queues of candidates that another pass classified.
+@compute @workgroup_size(64)
+fn compact(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let candidate = group_index(group, groups) * CLASSIFY_GROUP + lane;
+    var word = 0u;
+    var there = candidate < classify_pass.candidate_count;
+    if there {
+        word = atomicLoad(&classes[candidate]);
+        there = is_candidate(candidate);
+    }
+    enqueue(candidate, word, there, lane);
+}
+
 // Makes a queue's length into the arguments of an indirect dispatch.
 @compute @workgroup_size(1)
 fn arrange_queue() {
     let items = atomicLoad(&queue_lengths[classify_pass.queue]);
+    if classify_pass.queue == QUEUE_BOUNDARY { atomicStore(&queue_lengths[QUEUE_UNDILATED], items); }
     let size = dispatch_groups(items, classify_pass.queue_group);
     for (var axis = 0u; axis < 3u; axis++) {
         queue_arguments[QUEUE_ARGUMENT_WORDS * classify_pass.queue + axis] = size[axis];

@@ -13,7 +13,7 @@ import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candi
 import package::lib::point::Point;
 import package::lib::rng::hash3;
 @if(audit) import package::lib::photon::{Photon, photon_word};
-@if(audit) import package::lib::class_word::{class_of, is_near};
+@if(audit) import package::lib::class_word::{class_of, is_decided, is_near};
 @if(fine_cells) import package::lib::fine_cell::store_rays;
 @if(fine_cells && environment) import package::lib::light::environment::is_environment;
 import package::lib::constants::{
@@ -196,7 +196,11 @@ fn audit(
     workgroupBarrier();
     let item = group_index(group, groups) * 64u + lane;
     var queued = Queued(0u, item < queue_lengths[QUEUE_AUDIT]);
-    if queued.there { queued.candidate = audit_queue[item]; }
+    if queued.there {
+        queued.candidate = audit_queue[item];
+        // Dilation has made a boundary of some.
+        queued.there = is_decided(class_of(classes[queued.candidate]));
+    }
     let visible = audit_candidate(queued, lane);
     if queued.there {
         visibility[queued.candidate * parameters.visibility_words] = u32(visible);

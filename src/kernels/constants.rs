@@ -43,6 +43,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("QUEUE_BOUNDARY", Queue::Boundary as u32),
     ("QUEUE_AUDIT", Queue::Audit as u32),
     ("QUEUE_SAMPLED", Queue::Sampled as u32),
+    ("QUEUE_UNDILATED", Queue::Undilated as u32),
     ("QUEUE_COUNT", Queue::COUNT as u32),
     ("QUEUE_ARGUMENT_WORDS", Queue::ARGUMENT_WORDS),
     ("SURFACE_FLAT", scene_texels::SURFACE_FLAT),

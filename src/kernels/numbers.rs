@@ -76,11 +76,13 @@ pub enum Queue {
     Audit = 2,
     /// Points (not candidates) whose light is sampled. Pass `shade` fills and consumes it.
     Sampled = 3,
+    /// No queue, but the length of the boundary queue before dilation adds to it.
+    Undilated = 4,
 }
 
 impl Queue {
-    /// How many queues there are.
-    pub const COUNT: usize = 4;
+    /// How many lengths there are.
+    pub const COUNT: usize = 5;
 
     /// Words of a queue's indirect arguments: three and one unused.
     pub const ARGUMENT_WORDS: u32 = 4;

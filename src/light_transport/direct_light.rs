@@ -188,9 +188,8 @@ impl DirectLight {
         let sampled = SampledLightBindings { sampled_lights: guides.light_sampler.map(LightSampler::sampled_lights) };
         let fine_cells = guides.fine_cells.map(FineCellMap::bindings).unwrap_or_default();
         let scene: [&dyn Bindings; 3] = [gpu_scene, &sampled, &fine_cells];
-        let classes = classify.final_classes(self.dilate);
         let shadow = ShadowBuffers {
-            classes,
+            classes: &classify.classes,
             boundary_queue: &classify.boundary_queue,
             audit_queue: &classify.audit_queue,
             queue_lengths: &classify.queue_lengths,
@@ -198,7 +197,7 @@ impl DirectLight {
             repair: guides.visibility_map.map(VisibilityMap::repair_buffers),
         };
         let shade = ShadeBuffers {
-            classes,
+            classes: &classify.classes,
             visibility,
             shadow_samples: shadow_samples.as_ref(),
             sampled_points: classify.sampled_points(),
@@ -261,28 +260,27 @@ impl DirectLight {
 
     /// See [`BoundClassify::compact`].
     pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        self.bound().classify.compact(frame, tile, chunk, self.kernels.shadow.workgroup_size());
-    }
-
-    /// Traces the shadow rays of a boundary queue that pass `ward` filled.
-    pub fn trace_filled_queue(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        let group = self.kernels.shadow.workgroup_size();
-        self.bound().classify.record_arguments(frame, tile, chunk, Queue::Boundary, group);
-        self.trace_shadow_rays(frame, tile, chunk);
+        self.bound().classify.compact(frame, tile, chunk);
     }
 
     /// Traces the shadow rays of the boundary queue.
     pub fn trace_shadow_rays(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        let arguments = &self.buffers.classify.queue_arguments;
+        let arguments = self.arrange(frame, tile, chunk, Queue::Boundary);
         let offset = Queue::Boundary.arguments_offset();
         self.bound().shadow.trace(frame, arguments, offset, &self.shadow_parameters(tile, chunk));
     }
 
     /// Traces the shadow rays of the audit queue, if there are audits.
     pub fn audit(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
-        let arguments = &self.buffers.classify.queue_arguments;
+        let arguments = self.arrange(frame, tile, chunk, Queue::Audit);
         let offset = Queue::Audit.arguments_offset();
         self.bound().shadow.audit(frame, arguments, offset, &self.shadow_parameters(tile, chunk));
+    }
+
+    /// The indirect arguments of the queues, among them those of pass `shadow` for this one.
+    fn arrange(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue: Queue) -> &Buffer {
+        self.bound().classify.record_arguments(frame, tile, chunk, queue, self.kernels.shadow.workgroup_size());
+        &self.buffers.classify.queue_arguments
     }
 
     fn shadow_parameters(&self, tile: &Tile, chunk: &Chunk) -> ShadowParameters {

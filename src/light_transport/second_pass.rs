@@ -75,8 +75,8 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.dilate(frame, tile, lights));
     }
 
-    /// Counts the classes, and queues boundary and unknown points for shadow rays and some of the others for audits
-    /// (pass `classify`).
+    /// Counts the classes that another pass gave, and queues boundary and unknown points for shadow rays (pass
+    /// `classify`).
     pub fn queue_shadow_rays(&mut self, lights: &Chunk) {
         self.direct(|direct, frame, tile| direct.compact(frame, tile, lights));
     }
@@ -133,7 +133,7 @@ impl SecondPass<'_, '_> {
 
     /// Traces the shadow rays of the queued lights (pass `shadow`).
     pub fn test_queued_lights(&mut self, lights: &Chunk) {
-        self.direct(|direct, frame, tile| direct.trace_filled_queue(frame, tile, lights));
+        self.direct(|direct, frame, tile| direct.trace_shadow_rays(frame, tile, lights));
     }
 
     /// Estimates the visibility of the lights that were not tested (pass `ward`).

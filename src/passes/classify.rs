@@ -45,7 +45,6 @@ bindings! {
         pub query_queue: &Buffer,
         pub queue_lengths: &Buffer,
         pub queue_arguments: &Buffer,
-        pub dilated_classes: &Buffer,
         pub boundary_queue: &Buffer,
         pub audit_queue: &Buffer,
         pub counters: &Buffer,
@@ -54,10 +53,8 @@ bindings! {
 
 /// The buffers of the pass. Candidates are (light of the chunk, point) pairs, light by light.
 pub struct ClassifyBuffers {
-    /// Class words before dilation.
+    /// Class words.
     pub classes: Buffer,
-    /// Class words after dilation.
-    pub dilated_classes: Buffer,
     /// Boundary and unknown candidates.
     pub boundary_queue: Buffer,
     /// Candidates to audit.
@@ -79,7 +76,6 @@ impl ClassifyBuffers {
         let argument_words = Queue::COUNT * Queue::ARGUMENT_WORDS as usize;
         Ok(ClassifyBuffers {
             classes: words("penumbra/classify/classes")?,
-            dilated_classes: words("penumbra/classify/dilated_classes")?,
             boundary_queue: words("penumbra/classify/boundary_queue")?,
             audit_queue: words("penumbra/classify/audit_queue")?,
             queue_lengths: gpu.buffer::<u32>("penumbra/classify/queue_lengths", Queue::COUNT)?,
@@ -104,9 +100,9 @@ pub struct BoundClassify {
     requests: Option<CellRequests>,
     dilate: BoundKernel,
     compact: BoundKernel,
-    compact_undilated: BoundKernel,
     arrange: BoundKernel,
-    query_group: u32,
+    /// Invocations of a workgroup of each kernel.
+    group: u32,
 }
 
 struct CellRequests {
@@ -141,39 +137,36 @@ impl Classify {
         buffers: &ClassifyBuffers,
         scene: &dyn Bindings,
     ) -> Result<BoundClassify> {
-        let own = |dilated_classes| ClassifyBindings {
+        let own = ClassifyBindings {
             points: &tile.points,
             classes: &buffers.classes,
             query_queue: &buffers.query_queue,
             queue_lengths: &buffers.queue_lengths,
             queue_arguments: &buffers.queue_arguments,
-            dilated_classes,
             boundary_queue: &buffers.boundary_queue,
             audit_queue: &buffers.audit_queue,
             counters: &tile.counters,
         };
-        let bind = |entry, dilated| match grid {
-            Some(grid) => self.kernel.bind(gpu, entry, &[&own(dilated), grid, scene]),
-            None => self.kernel.bind(gpu, entry, &[&own(dilated), scene]),
+        let bind = |entry| match grid {
+            Some(grid) => self.kernel.bind(gpu, entry, &[&own, grid, scene]),
+            None => self.kernel.bind(gpu, entry, &[&own, scene]),
         };
-        let dilated = &buffers.dilated_classes;
         Ok(BoundClassify {
             shape: grid.map_or(GridShape::default(), |grid| grid.shape),
-            classify: bind("classify", dilated)?,
+            classify: bind("classify")?,
             requests: match grid {
                 Some(grid) if self.map => Some(CellRequests {
-                    look_up: bind("look_up", dilated)?,
-                    request_cells: bind("request_cells", dilated)?,
+                    look_up: bind("look_up")?,
+                    request_cells: bind("request_cells")?,
                     classify_requested_cells: grid.classify_requested_cells(),
-                    query: bind("query", dilated)?,
+                    query: bind("query")?,
                 }),
                 _ => None,
             },
-            dilate: bind("dilate", dilated)?,
-            compact: bind("compact", dilated)?,
-            compact_undilated: bind("compact", &buffers.classes)?,
-            arrange: bind("arrange_queue", dilated)?,
-            query_group: self.kernel.workgroup_size("query").unwrap_or(1),
+            dilate: bind("dilate")?,
+            compact: bind("compact")?,
+            arrange: bind("arrange_queue")?,
+            group: self.kernel.workgroup_size("classify").unwrap_or(1),
         })
     }
 }
@@ -194,23 +187,24 @@ impl BoundClassify {
         self.classify_requested_cells(frame);
         self.query(frame, buffers, tile, chunk);
         self.dilate(frame, buffers, tile, chunk);
-        self.compact(frame, tile, chunk, queue_group);
+        self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
+        self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
     }
 
-    /// Empties the queues, and gives each point the class of its fine cell where the cell has one. Queues the other
-    /// points for [`BoundClassify::look_up`].
+    /// Empties the queues, gives each point the class of its fine cell where the cell has one, and queues it by its class.
+    /// Queues the other points for [`BoundClassify::look_up`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);
-        frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+        frame.run(&self.classify, candidates, &self.parameters(tile, chunk, Queue::Query, self.group));
     }
 
     /// Gives the queued points the classes of the map's cells, and requests a class for each cell that has queued
     /// points but no class yet.
     pub fn look_up(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { look_up, request_cells, .. }) = &self.requests else { return };
-        self.record_arguments(frame, tile, chunk, Queue::Query, self.query_group);
-        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        self.record_arguments(frame, tile, chunk, Queue::Query, self.group);
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
         for kernel in [look_up, request_cells] {
             frame.run_indirect(kernel, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
         }
@@ -224,30 +218,28 @@ impl BoundClassify {
     }
 
     /// Classifies the points that are left by the requested cells; with [`Feature::ExactCounts`] by a search for their nearest
-    /// photons.
+    /// photons. Queues all that [`BoundClassify::look_up`] had.
     pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { query, .. }) = &self.requests else { return };
-        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
         frame.run_indirect(query, &buffers.queue_arguments, Queue::Query.arguments_offset(), &parameters);
     }
 
-    /// Widens boundaries by [`Chunk::dilate`] pixels.
+    /// Widens boundaries by [`Chunk::dilate`] pixels: adds the candidates around them to their queue.
     pub fn dilate(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         if chunk.dilate > 0 {
-            let candidates = tile.point_count * chunk.lights;
-            frame.copy(&buffers.classes, &buffers.dilated_classes, 0, u64::from(candidates) * 4);
-            frame.run(&self.dilate, candidates, &self.parameters(tile, chunk, Queue::Query, self.query_group));
+            self.record_arguments(frame, tile, chunk, Queue::Boundary, self.group);
+            let parameters = self.parameters(tile, chunk, Queue::Boundary, self.group);
+            let offset = Queue::Boundary.arguments_offset();
+            frame.run_indirect(&self.dilate, &buffers.queue_arguments, offset, &parameters);
         }
     }
 
-    /// Counts the classes, whichever pass wrote them, and queues the candidates that need shadow rays. The queues must
-    /// be empty.
-    pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk, queue_group: u32) {
-        let compact = if chunk.dilate > 0 { &self.compact } else { &self.compact_undilated };
-        let parameters = self.parameters(tile, chunk, Queue::Query, self.query_group);
-        frame.run(compact, tile.point_count * chunk.lights, &parameters);
-        self.record_arguments(frame, tile, chunk, Queue::Boundary, queue_group);
-        self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
+    /// Counts the classes that another pass wrote, and queues the candidates that need shadow rays. The queues must be
+    /// empty.
+    pub fn compact(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
+        let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
+        frame.run(&self.compact, tile.point_count * chunk.lights, &parameters);
     }
 
     /// Converts the length of a queue to indirect arguments for workgroups of `queue_group` invocations.
@@ -273,17 +265,12 @@ impl BoundClassify {
 impl ClassifyBuffers {
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let words = [&self.classes, &self.dilated_classes, &self.boundary_queue, &self.audit_queue, &self.query_queue];
+        let words = [&self.classes, &self.boundary_queue, &self.audit_queue, &self.query_queue];
         words.into_iter().map(|b| b.bytes).sum()
     }
 
     /// Room for [`Queue::Sampled`], a queue of all points: nothing reads the query queue once the classes are known.
     pub fn sampled_points(&self) -> &Buffer {
         &self.query_queue
-    }
-
-    /// The buffer in which [`BoundClassify::record`] leaves the class words, which depends on `dilate`.
-    pub fn final_classes(&self, dilate: u32) -> &Buffer {
-        if dilate > 0 { &self.dilated_classes } else { &self.classes }
     }
 }

@@ -58,7 +58,6 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         // Not in the paper: otherwise faint penumbrae of wide lights would be missed.
         frame.dilate_boundaries(&lights);
         // "It is only in case 3 that the use of shadow rays is beneficial."
-        frame.queue_shadow_rays(&lights);
         frame.trace_shadow_rays(&lights);
         frame.audit(&lights);
         frame.shade(&lights);

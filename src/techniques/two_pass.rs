@@ -39,7 +39,6 @@ pub(super) fn second_pass(frame: &mut SecondPass<'_, '_>) {
     for lights in frame.light_chunks() {
         // Every point is dark or unknown.
         frame.classify(&lights);
-        frame.queue_shadow_rays(&lights);
         frame.trace_shadow_rays(&lights);
         frame.shade(&lights);
         frame.add_classes_to_film(&lights);

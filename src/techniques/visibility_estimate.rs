@@ -42,9 +42,7 @@ fn second_pass(frame: &mut SecondPass<'_, '_>) {
         frame.look_up_map_cells(&lights);
         frame.classify_requested_cells();
         frame.query_photons(&lights);
-        frame.dilate_boundaries(&lights);
         // For lights without photons.
-        frame.queue_shadow_rays(&lights);
         frame.trace_shadow_rays(&lights);
         // The light times n_i / (n_s + n_i): equation 1.
         frame.shade(&lights);

@@ -68,7 +68,6 @@ impl<'a> Setup<'a> {
         let candidates = self.tile.point_count * self.chunk.lights;
         let mut buffers = ClassifyBuffers::new(gpu, candidates).unwrap();
         buffers.classes = gpu.poisoned::<u32>("test/classes", candidates as usize).unwrap();
-        buffers.dilated_classes = gpu.poisoned::<u32>("test/dilated", candidates as usize).unwrap();
         let pass = Classify::new(gpu, &features, self.nearest).unwrap();
         let bound = pass.bind(gpu, &tile, Some(&grid), &buffers, &Resources::new()).unwrap();
         let mut frame = gpu.frame("test");
@@ -76,7 +75,7 @@ impl<'a> Setup<'a> {
         frame.submit().unwrap();
         let lengths: Vec<u32> = gpu.read(&buffers.queue_lengths, Queue::COUNT).unwrap();
         Outcome {
-            words: gpu.read(buffers.final_classes(self.chunk.dilate), candidates as usize).unwrap(),
+            words: gpu.read(&buffers.classes, candidates as usize).unwrap(),
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
             boundary_queue: gpu.read(&buffers.boundary_queue, lengths[Queue::Boundary as usize] as usize).unwrap(),
             audit_queue: gpu.read(&buffers.audit_queue, lengths[Queue::Audit as usize] as usize).unwrap(),
@@ -185,8 +184,8 @@ fn a_room_is_classified_as_by_brute_force(gpu: &Gpu) {
     }
 }
 
-/// Boundaries are dilated by one pixel on the same surface, from a copy of the classes; counters and queues agree with
-/// the words, and the audited share is as set.
+/// Boundaries are dilated by one pixel on the same surface; counters and queues agree with the words, and the audited
+/// share is as set. The queue of audits may keep candidates of which dilation made boundaries.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn queues_hold_what_the_classes_say(gpu: &Gpu) {
     let room = Room::new(0.05);
@@ -236,8 +235,9 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
         assert_eq!(outcome.arguments[8..11], [(outcome.audit_queue.len() as u32).div_ceil(128), 1, 1]);
         let certain =
             |s: &u32| matches!(Classified::new(outcome.words[*s as usize]).class, Class::Lit | Class::Shadowed);
-        assert!(outcome.audit_queue.iter().all(certain));
-        assert_eq!(outcome.counters[Counter::Audited as usize] as usize, outcome.audit_queue.len());
+        let audited = outcome.audit_queue.iter().filter(|s| certain(s)).count();
+        assert!(dilate == 1 || audited == outcome.audit_queue.len());
+        assert_eq!(outcome.counters[Counter::Audited as usize] as usize, audited);
         // Near boundaries audits are sixteen times as frequent: all of those here. Of the others a quarter, within five
         // standard deviations of a binomial.
         let is_near = |word: u32| !matches!(word >> 21, 0 | 2047);
@@ -247,7 +247,7 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
         assert_eq!(outcome.counters[Counter::NearAudited as usize] as usize, near);
         assert!(near > 20, "{near} near boundaries: no test");
         let n = f64::from(classes[1] + classes[2]) - near as f64;
-        let deviation = (outcome.audit_queue.len() - near) as f64 - 0.25 * n;
+        let deviation = (audited - near) as f64 - 0.25 * n;
         assert!(deviation.abs() < 5.0 * (n * 0.25 * 0.75).sqrt(), "{deviation} of {n}");
     }
 }

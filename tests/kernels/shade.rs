@@ -100,7 +100,7 @@ impl Setup {
         let samples = gpu.poisoned::<[f32; 4]>("test/shadow_samples", count).unwrap();
         let points = self.candidates.tile.point_count;
         let sampled_points = gpu.poisoned::<u32>("test/sampled_points", points as usize + 1).unwrap();
-        let queue_lengths = gpu.upload("test/queue_lengths", &[POISON, POISON, POISON, 0]).unwrap();
+        let queue_lengths = gpu.upload("test/queue_lengths", &[POISON, POISON, POISON, 0, POISON]).unwrap();
         let buffers = ShadeBuffers {
             classes: &classes,
             visibility: &visibility,

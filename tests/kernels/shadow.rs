@@ -105,7 +105,7 @@ impl Setup {
         let classes = gpu.upload("test/classes", classes).unwrap();
         let boundary_queue = gpu.upload("test/boundary", boundary).unwrap();
         let audit_queue = gpu.upload("test/audits", audits).unwrap();
-        let lengths = [0, boundary.len() as u32, audits.len() as u32, 0];
+        let lengths = [0, boundary.len() as u32, audits.len() as u32, 0, 0];
         let queue_lengths = gpu.upload("test/lengths", &lengths).unwrap();
         let words = self.candidates.count() * self.candidates.words();
         let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
