@@ -216,7 +216,9 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
         schema: 2,
         version: env!("CARGO_PKG_VERSION"),
         device: gpu.info.clone(),
-        settings: renderer.settings.clone(),
+        settings: renderer.settings.clone().with(|s| {
+            s.visibility_map.photons_per_light = Some(renderer.settings.photons_per_light());
+        }),
         samples: renderer.samples,
         rays: totals.rays(),
         points: totals.points(),

@@ -94,7 +94,7 @@ pub struct TimeReport {
     pub setup: f64,
     /// Building the BVH; part of the set-up.
     pub bvh: f64,
-    /// Compilation, including that after the pilot.
+    /// Compilation.
     pub compile: f64,
     /// Time on the device until the last budget, by kernel and entry point.
     pub passes: BTreeMap<String, f64>,
