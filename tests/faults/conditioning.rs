@@ -201,11 +201,11 @@ fn rays_beyond_the_loop_budget_are_dropped_or_end_the_render() {
         let layer = square(DVec3::new(0.0, 0.0, -0.2), DVec3::X * half, DVec3::Y * half);
         room(0.7, 5.0, &[(layer.iter().copied().cycle().take(70_000).collect(), surface(0.5, 0.0))])
     };
-    // A pixel covers 0.03 at that distance. The spot is smaller than one of the 48 x 48 pixels, and few other rays hit
-    // it.
+    // A pixel covers 0.023 at that distance. The spot is smaller than one of the 64 x 64 pixels, and few other rays hit
+    // it; with such a ray the other seven of its packet are dropped.
     let spot = settings(Technique::PATH).with(|s| {
-        s.image.width = 48;
-        s.image.height = 48;
+        s.image.width = 64;
+        s.image.height = 64;
         s.image.spp = 8;
         s.indirect.max_bounces = 1;
     });
