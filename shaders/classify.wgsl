@@ -340,14 +340,16 @@ fn dilate(
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
             let other = u32(y * width + x);
-            if same_surface(points[other], points[pixel]) { widen_to(first + other); }
+            // Most neighbours of a boundary are boundaries: few points are loaded.
+            if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(points[other], points[pixel]) {
+                widen_to(first + other);
+            }
         }
     }
 }
 
 // Makes a decided candidate a boundary.
 fn widen_to(candidate: u32) {
-    if !is_decided(class_of(atomicLoad(&classes[candidate]))) { return; }
     // The bits of lit and those of shadowed together: the first of several neighbours finds the class that was.
     let word = atomicOr(&classes[candidate], CLASS_BOUNDARY);
     if !is_decided(class_of(word)) { return; }
