@@ -340,7 +340,7 @@ fn dilate(
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
             let other = u32(y * width + x);
-            // Most neighbours of a boundary are boundaries: few points are loaded.
+            // Few are: a boundary lies among boundaries.
             if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(points[other], points[pixel]) {
                 widen_to(first + other);
             }

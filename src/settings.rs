@@ -10,8 +10,8 @@ use std::str::FromStr;
 use crate::{Error, Result};
 
 /// Default numbers of visibility photons of a light, without and with fine cells. The second only has to tell about
-/// large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072 photons gave the
-/// same error at 16 and 64 samples; after 64, 8,192 needed 20 % more rays in the sphere and 3 % more in the box.
+/// large pieces of surface before shadow rays do. In sphere, box and crowd of scenes/, 8,192 to 131,072 photons gave
+/// the same error at 16 and 64 samples; after 64, 8,192 needed 20 % more rays in the sphere and 3 % more in the box.
 const MAP_PHOTONS: u32 = 131_072;
 const LEARNING_PHOTONS: u32 = 16_384;
 

@@ -191,8 +191,8 @@ impl BoundClassify {
         self.record_arguments(frame, tile, chunk, Queue::Audit, queue_group);
     }
 
-    /// Empties the queues, gives each point the class of its fine cell where the cell has one, and queues it by its class.
-    /// Queues the other points for [`BoundClassify::look_up`].
+    /// Empties the queues, gives each point the class of its fine cell where the cell has one, and queues it by its
+    /// class. Queues the other points for [`BoundClassify::look_up`].
     pub fn classify(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let candidates = tile.point_count * chunk.lights;
         frame.clear(&buffers.queue_lengths);

@@ -61,8 +61,8 @@ fn render((scene, camera): &(Scene, Camera), settings: &Settings, stop: Option<u
 }
 
 /// Repeated runs give the same bits: ten of the default technique, ten with photons alone, and three of each other
-/// technique. Every other run is interrupted and resumed from a checkpoint. Few photons and many audits cause repairs of
-/// the map in between; with fine cells these take what audits find.
+/// technique. Every other run is interrupted and resumed from a checkpoint. Few photons and many audits cause repairs
+/// of the map in between; with fine cells these take what audits find.
 #[test]
 fn runs_give_the_same_bits() {
     let scene = room().import().unwrap();
