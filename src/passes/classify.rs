@@ -217,8 +217,8 @@ impl BoundClassify {
         }
     }
 
-    /// Classifies the points that are left by the requested cells; with [`Feature::ExactCounts`] by a search for their nearest
-    /// photons. Queues all that [`BoundClassify::look_up`] had.
+    /// Classifies the points that are left by the requested cells; with [`Feature::ExactCounts`] by a search for their
+    /// nearest photons. Queues all that [`BoundClassify::look_up`] had.
     pub fn query(&self, frame: &mut Frame<'_>, buffers: &ClassifyBuffers, tile: &Tile, chunk: &Chunk) {
         let Some(CellRequests { query, .. }) = &self.requests else { return };
         let parameters = self.parameters(tile, chunk, Queue::Query, self.group);
