@@ -9,7 +9,7 @@
 
 use std::time::Instant;
 
-use kernel_kit::{Gpu, Resources};
+use kernel_kit::{Gpu, Resources, TableFormat};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT};
 use penumbra::internal::passes::classify::{Chunk, Classify, ClassifyBuffers};
 use penumbra::internal::passes::grid::Grid;
@@ -84,7 +84,10 @@ fn main() {
         });
         let built = grid.build(gpu, &photons, count as u32, 1, shape).unwrap();
         let mut buffers = TileBuffers::new(gpu, &features, 1_000_000, false).unwrap();
-        buffers.points = gpu.upload("bench/points", &points).unwrap();
+        buffers.points = gpu.table_of(gpu.upload("bench/points", &points).unwrap(), TableFormat::Uint).unwrap();
+        let mut frame = gpu.frame("bench");
+        frame.publish(&buffers.points, 1_000_000);
+        frame.submit().unwrap();
         let candidates = ClassifyBuffers::new(gpu, 1_000_000).unwrap();
         let tile =
             Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };

@@ -9,7 +9,8 @@ import package::kit::{dispatch_groups, group_index};
 import package::lib::math::{PI, oct_decode16};
 @if(glossy) import package::lib::bsdf::surface::reflects_beyond_diffuse;
 import package::lib::record::{Interpolated, interpolate_records};
-import package::lib::visible_point::{points, surfaces};
+import package::lib::point::{Point, VisibleSurface};
+import package::lib::visible_point::{load_point, load_surface};
 import package::lib::tile::{Tile, tile_pixel};
 import package::lib::constants::{INVALID_POINT, PATH_GROUP};
 
@@ -38,26 +39,26 @@ var<immediate> cache_pass: CacheParameters;
 // records, far out on their gradients.
 const MIN_WEIGHT = 0.3;
 
-fn interpolate_at(i: u32) -> Interpolated {
+fn interpolate_at(i: u32, surface: VisibleSurface, point: Point) -> Interpolated {
     let size = vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
     let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
     let last = vec2u(cache_pass.block_columns, cache_pass.block_rows) - 1u;
     let block = min(vec2u(film * cache_pass.blocks), last);
-    let normal = oct_decode16(bitcast<u32>(surfaces[i].packed.base.w));
-    return interpolate_records(block.y * cache_pass.block_columns + block.x, points[i].position, normal);
+    let normal = oct_decode16(bitcast<u32>(surface.packed.base.w));
+    return interpolate_records(block.y * cache_pass.block_columns + block.x, point.position, normal);
 }
 
 // Whether the camera sees the point through a specular chain. The blocks list records by where the camera sees them
 // directly.
-fn is_behind_chain(i: u32) -> bool {
+fn is_behind_chain(surface: VisibleSurface) -> bool {
     @if(specular_chains) {
-        return bitcast<u32>(surfaces[i].chain.w) != INVALID_POINT;
+        return bitcast<u32>(surface.chain.w) != INVALID_POINT;
     }
     @else { return false; }
 }
 
-fn reflects_diffusely(i: u32) -> bool {
-    return points[i].normal != INVALID_POINT && any(surfaces[i].packed.base.xyz > vec3f(0.0));
+fn reflects_diffusely(surface: VisibleSurface, point: Point) -> bool {
+    return point.normal != INVALID_POINT && any(surface.packed.base.xyz > vec3f(0.0));
 }
 
 @compute @workgroup_size(64)
@@ -67,15 +68,17 @@ fn request(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= cache_pass.tile.point_count || !reflects_diffusely(i) || is_behind_chain(i) { return; }
-    if interpolate_at(i).weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
+    if i >= cache_pass.tile.point_count { return; }
+    let point = load_point(i);
+    let surface = load_surface(i);
+    if !reflects_diffusely(surface, point) || is_behind_chain(surface) { return; }
+    if interpolate_at(i, surface, point).weight < MIN_WEIGHT { wanted_points[atomicAdd(&wanted_count[0], 1u)] = i; }
 }
 
 // Whether the surface is not Lambertian: it also reflects specularly, or transmits light.
-fn reflects_beyond(i: u32) -> bool {
+fn reflects_beyond(surface: VisibleSurface, point: Point) -> bool {
     @if(glossy) {
-        if points[i].normal == INVALID_POINT { return false; }
-        return reflects_beyond_diffuse(surfaces[i].packed);
+        return point.normal != INVALID_POINT && reflects_beyond_diffuse(surface.packed);
     }
     @else { return false; }
 }
@@ -88,14 +91,16 @@ fn interpolate(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= cache_pass.tile.point_count { return; }
+    let point = load_point(i);
+    let surface = load_surface(i);
     var light = vec4f(0.0, 0.0, 0.0, 1.0);
-    var queued = reflects_beyond(i);
-    if points[i].normal != INVALID_POINT && is_behind_chain(i) {
+    var queued = reflects_beyond(surface, point);
+    if point.normal != INVALID_POINT && is_behind_chain(surface) {
         light = vec4f(0.0);
         queued = true;
-    } else if reflects_diffusely(i) {
-        let found = interpolate_at(i);
-        light = vec4f(surfaces[i].packed.base.xyz * found.irradiance * (1.0 / PI), 1.0);
+    } else if reflects_diffusely(surface, point) {
+        let found = interpolate_at(i, surface, point);
+        light = vec4f(surface.packed.base.xyz * found.irradiance * (1.0 / PI), 1.0);
         if found.weight <= 0.0 {
             light = vec4f(0.0);
             queued = true;

@@ -5,6 +5,7 @@
 
 import package::lib::bvh::{traversal_overrun, triangle_corners};
 import package::lib::packet::{no_ray, trace_occluded_together};
+import package::lib::visible_point::load_point;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT_MAX, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_OVERRUN,
     DIMENSION_CELL, DIMENSION_SHADOW_ALPHA, INVALID_POINT
@@ -15,7 +16,6 @@ import package::lib::grid::{GridShape, cell_in_grid, cell_of, cells_of_a_light, 
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light::{light_sample, shadow_ray};
 import package::lib::math::oct_decode16;
-import package::lib::point::Point;
 import package::lib::rng::hash3;
 import package::lib::sampling::sobol2;
 import package::lib::tile::Tile;
@@ -51,7 +51,6 @@ var<immediate> cells_pass: CellParameters;
 // For each light and cell: the class word of the points in the cell.
 @group(0) @binding(2) var<storage, read_write> cell_words: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-@group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read_write> classes: array<u32>;
 
 // Index of a cell among those of all lights.
@@ -150,7 +149,7 @@ fn classify_points(
 
 fn word_of_candidate(candidate: u32) -> u32 {
     let local_light = candidate / cells_pass.tile.point_count;
-    let point = points[candidate - local_light * cells_pass.tile.point_count];
+    let point = load_point(candidate - local_light * cells_pass.tile.point_count);
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let light = cells_pass.light + local_light;
     @if(dark_points) {

@@ -28,6 +28,7 @@ import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest
 @if((visibility_map || fine_cells) && environment) import package::lib::light::environment::is_environment;
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
+import package::lib::visible_point::load_point;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
@@ -52,7 +53,6 @@ struct ClassifyParameters {
 
 var<immediate> classify_pass: ClassifyParameters;
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> classes: array<atomic<u32>>;
 @group(0) @binding(2) var<storage, read_write> query_queue: array<u32>;
 // By queue.
@@ -114,7 +114,7 @@ fn point_of(candidate: u32) -> u32 {
 }
 
 fn class_without_map(candidate: u32) -> u32 {
-    let point = points[point_of(candidate)];
+    let point = load_point(point_of(candidate));
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let normal = oct_decode16(point.normal);
     let light = light_of(candidate);
@@ -155,7 +155,7 @@ fn look_up(
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
     let candidate = query_queue[i];
-    let point = points[point_of(candidate)];
+    let point = load_point(point_of(candidate));
     let normal = oct_decode16(point.normal);
     let light = light_of(candidate);
     let cell = cell_class_at(light, point.position, normal);
@@ -204,7 +204,7 @@ fn request_cells(
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
     let candidate = query_queue[i];
     if atomicLoad(&classes[candidate]) != UNDECIDED { return; }
-    let point = points[point_of(candidate)];
+    let point = load_point(point_of(candidate));
     let cell = cell_of(classify_pass.grid, point.position);
     let from_centre = from_centre_of(cell, point.position);
     let index = cell_index(classify_pass.grid, light_of(candidate), cell);
@@ -295,7 +295,7 @@ fn query(
 
 @if(visibility_map)
 fn class_by_requested_cell(candidate: u32) -> u32 {
-    let point = points[point_of(candidate)];
+    let point = load_point(point_of(candidate));
     let light = light_of(candidate);
     let normal = oct_decode16(point.normal);
     @if(!exact_counts) let cell = requested_class_at(light, point.position, normal);
@@ -328,6 +328,7 @@ fn dilate(
     if i >= atomicLoad(&queue_lengths[QUEUE_UNDILATED]) { return; }
     let candidate = boundary_queue[i];
     let pixel = point_of(candidate);
+    let point = load_point(pixel);
     let first = candidate - pixel;
     // Neighbours are of the same sample: the tile's samples are layers of whole rows.
     let width = i32(classify_pass.tile.width);
@@ -341,7 +342,7 @@ fn dilate(
         for (var x = low.x; x <= high.x; x++) {
             let other = u32(y * width + x);
             // Few are: a boundary lies among boundaries.
-            if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(points[other], points[pixel]) {
+            if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(load_point(other), point) {
                 widen_to(first + other);
             }
         }
@@ -399,7 +400,7 @@ fn no_entry() -> QueueEntry {
 
 // Whether the candidate has a point and a light.
 fn is_candidate(candidate: u32) -> bool {
-    let is_point = points[point_of(candidate)].normal != INVALID_POINT;
+    let is_point = load_point(point_of(candidate)).normal != INVALID_POINT;
     @if(light_sampling) { return is_point && light_of(candidate) != NO_SAMPLED_LIGHT; }
     @else { return is_point; }
 }

@@ -17,7 +17,7 @@ import package::lib::light::BEYOND_SCENE;
 import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
 import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
-import package::lib::point::{Point, VisibleSurface};
+import package::lib::visible_point::{load_point, load_surface};
 import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
@@ -42,8 +42,6 @@ struct GatherParameters {
 
 var<immediate> gather_pass: GatherParameters;
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
-@group(0) @binding(1) var<storage, read> surfaces: array<VisibleSurface>;
 @group(0) @binding(2) var<storage, read> wanted: array<u32>;
 // For each ray: its radiance, and the distance of its hit.
 @group(0) @binding(3) var<storage, read_write> gathered: array<vec4f>;
@@ -72,14 +70,15 @@ struct GatherRay {
 }
 
 fn shading_normal(point: u32) -> vec3f {
-    return oct_decode16(bitcast<u32>(surfaces[point].packed.base.w));
+    return oct_decode16(bitcast<u32>(load_surface(point).packed.base.w));
 }
 
 fn gather_ray(id: u32) -> GatherRay {
     let rays = gather_pass.rings * gather_pass.sectors;
     let point = wanted[gather_pass.first + id / rays];
-    let position = points[point].position;
-    let geometric = oct_decode16(points[point].normal);
+    let visible = load_point(point);
+    let position = visible.position;
+    let geometric = oct_decode16(visible.normal);
     let normal = shading_normal(point);
     let stratum = id % rays;
     let bits = bitcast<vec3u>(position);
@@ -252,7 +251,7 @@ fn record(
     if i >= gather_pass.count { return; }
     let rays = gather_pass.rings * gather_pass.sectors;
     let point = wanted[gather_pass.first + i];
-    let position = points[point].position;
+    let position = load_point(point).position;
     let normal = shading_normal(point);
     let footprint = pixel_size(position, gather_pass.height);
     // In corners, distances go to 0 and gradients grow without bound. Distances below the minimum radius of a record

@@ -15,6 +15,7 @@ import package::lib::grid::{
 @if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
 @if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, invalid_sample};
 @if(photon_map || caustics) import package::lib::point::{Point, VisibleSurface};
+@if(photon_map || caustics) import package::lib::visible_point::{load_point, load_surface};
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
 import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::table::{light_count, light_has_closed_form};
@@ -43,8 +44,6 @@ var<immediate> irradiance_pass: IrradianceParameters;
 @group(0) @binding(0) var<storage, read> irradiance_points: array<Photon>;
 @group(0) @binding(1) var<storage, read_write> irradiances: array<vec4f>;
 
-@if(photon_map || caustics) @group(0) @binding(2) var<storage, read> points: array<Point>;
-@if(photon_map || caustics) @group(0) @binding(3) var<storage, read> surfaces: array<VisibleSurface>;
 @if(photon_map || caustics) @group(0) @binding(4) var<storage, read_write> radiance_indirect: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 
@@ -83,10 +82,12 @@ fn show(
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
     var radiance = vec3f(0.0);
-    if points[i].normal != INVALID_POINT {
-        let query = photon_query(i);
-        radiance = surfaces[i].packed.base.xyz * irradiance_at(query.position, query.normal).xyz / PI;
-        @if(specular_chains) { radiance *= surfaces[i].chain.xyz; }
+    let point = load_point(i);
+    if point.normal != INVALID_POINT {
+        let surface = load_surface(i);
+        let query = photon_query(surface, point);
+        radiance = surface.packed.base.xyz * irradiance_at(query.position, query.normal).xyz / PI;
+        @if(specular_chains) { radiance *= surface.chain.xyz; }
         radiance = checked(radiance, i);
     }
     radiance_indirect[i] = vec4f(radiance, 1.0);
@@ -103,10 +104,12 @@ fn caustics(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= irradiance_pass.count { return; }
-    var albedo = surfaces[i].packed.base.xyz;
-    @if(specular_chains) { albedo *= surfaces[i].chain.xyz; }
-    if points[i].normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
-    let query = photon_query(i);
+    let point = load_point(i);
+    let surface = load_surface(i);
+    var albedo = surface.packed.base.xyz;
+    @if(specular_chains) { albedo *= surface.chain.xyz; }
+    if point.normal == INVALID_POINT || !any(albedo > vec3f(0.0)) { return; }
+    let query = photon_query(surface, point);
     let disc = flux_about(query.position, query.normal);
     if disc.radius <= 0.0 && !traversal_overrun { return; }
     let radiance = albedo * disc.flux / (PI * PI * disc.radius * disc.radius);
@@ -121,12 +124,12 @@ struct PhotonQuery {
 
 // The position at which photons of point i are stored: on the triangle, not on the smooth surface that it approximates.
 @if(photon_map || caustics)
-fn photon_query(i: u32) -> PhotonQuery {
+fn photon_query(surface: VisibleSurface, point: Point) -> PhotonQuery {
     @if(smooth_normals) {
-        let stored = surfaces[i].triangle;
+        let stored = surface.triangle;
         return PhotonQuery(stored.xyz, oct_decode16(bitcast<u32>(stored.w)));
     }
-    @else { return PhotonQuery(points[i].position, oct_decode16(points[i].normal)); }
+    @else { return PhotonQuery(point.position, oct_decode16(point.normal)); }
 }
 
 // The radiance of point i, or an invalid sample where there were too many photons to visit. Counts radiance that is not

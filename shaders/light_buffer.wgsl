@@ -8,6 +8,7 @@
 import package::kit::group_index;
 import package::lib::bvh::triangle_corners;
 import package::lib::class_word::class_word;
+import package::lib::visible_point::load_point;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, INVALID_POINT, OCCLUDER_ANYTHING,
     OCCLUDER_COUNT_BITS, OCCLUDER_LIGHT_BEHIND, OCCLUDER_LIGHT_IN_FRONT, OCCLUDER_POROUS, OCCLUDER_TRIANGLE_MASK
@@ -15,7 +16,6 @@ import package::lib::constants::{
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light::BEYOND_SCENE;
 import package::lib::math::oct_decode16;
-import package::lib::point::Point;
 import package::lib::ray::offset_origin;
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::tile::Tile;
@@ -47,7 +47,6 @@ struct BufferedLight {
 
 var<immediate> light_buffer_pass: LightBufferParameters;
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> classes: array<u32>;
 @group(0) @binding(2) var<storage, read> buffered_lights: array<BufferedLight>;
 // The first texel of each cell's list, above OCCLUDER_COUNT_BITS bits for the number of its texels.
@@ -196,7 +195,7 @@ fn classify_by_buffer(
 
 fn word_of_candidate(candidate: u32) -> u32 {
     let local_light = candidate / light_buffer_pass.tile.point_count;
-    let point = points[candidate - local_light * light_buffer_pass.tile.point_count];
+    let point = load_point(candidate - local_light * light_buffer_pass.tile.point_count);
     if point.normal == INVALID_POINT { return class_word(CLASS_DARK, 0u, 0u, 0.0); }
     let light = light_buffer_pass.first_light + local_light;
     let normal = oct_decode16(point.normal);

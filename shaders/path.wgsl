@@ -17,7 +17,7 @@ import package::lib::light::table::light_count;
 import package::lib::math::{is_finite3, invalid_sample};
 import package::lib::path_tracing::{PathRadiance, PathStart, PathVertex, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
-import package::lib::visible_point::{points, visible_surface};
+import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::rng::hash2;
 import package::lib::constants::{INVALID_POINT, DIMENSION_PATH, PATH_GROUP, COUNTER_SHADOW_RAYS, COUNTER_BOUNCE_RAYS};
@@ -69,7 +69,7 @@ fn path(
     let there = i < items;
     @if(irradiance_cache || highlights) { if there { i = path_points[i]; } }
     // Lanes without a point trace no rays beside the others.
-    let begins = there && points[i].normal != INVALID_POINT && light_count() > 0u;
+    let begins = there && load_point(i).normal != INVALID_POINT && light_count() > 0u;
     var found = radiance_along(i, begins, lane);
     if there {
         var indirect = vec3f(0.0);
@@ -108,9 +108,11 @@ fn path(
 // The radiance of a path from point i, if it begins, as it reaches the camera through the specular chain.
 fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     var vertex: PathVertex;
+    let point = load_point(i);
+    let surface = load_surface(i);
     if begins {
-        vertex.position = points[i].position;
-        vertex.surface = visible_surface(i);
+        vertex.position = point.position;
+        vertex.surface = visible_surface(surface, point);
     }
     vertex.sample_index = tile_sample(parameters.tile, i);
     @if((irradiance_cache || photon_map) && glossy) { vertex.residual = radiance_indirect[i].w != 0.0; }
@@ -118,7 +120,7 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     let start = PathStart(begins, 0u, 0.0);
     var found = trace_path(vertex, start, seed, parameters.max_bounces, parameters.light_samples, lane);
     @if(specular_chains) {
-        let throughput = visible_chain(i).throughput;
+        let throughput = visible_chain(surface, point).throughput;
         found.direct *= throughput;
         found.indirect *= throughput;
     }
@@ -131,13 +133,14 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
 // Whether a ray from point i may add light: what `shade` left to rays, or light that passes through the surface.
 @if(highlights)
 fn may_have_highlight(i: u32) -> bool {
-    if points[i].normal == INVALID_POINT { return false; }
-    let density = bsdf_max_density(visible_surface(i));
+    let point = load_point(i);
+    if point.normal == INVALID_POINT { return false; }
+    let density = bsdf_max_density(visible_surface(load_surface(i), point));
     if density == 0.0 || density == UNBOUNDED_DENSITY { return density != 0.0; }
     let count = light_count();
     if count > MAX_TESTED_LIGHTS { return true; }
     for (var light = 0u; light < count; light++) {
-        if takes_bsdf_rays(density, points[i].position, light) { return true; }
+        if takes_bsdf_rays(density, point.position, light) { return true; }
     }
     return false;
 }

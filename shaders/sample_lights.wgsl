@@ -26,6 +26,7 @@ import package::lib::grid::GridShape;
 @if(contribution_sampling) import package::lib::light::table::light_count;
 @if(zones || contribution_sampling) import package::lib::math::oct_decode16;
 @if(zones) import package::lib::rng::uniform_from_bits;
+import package::lib::visible_point::load_point;
 @if(zones) import package::lib::constants::ZONE_LIGHTS;
 import package::lib::constants::{DIMENSION_LIGHT_SAMPLING, INVALID_POINT, NO_SAMPLED_LIGHT};
 
@@ -40,7 +41,6 @@ struct SampleLightsParameters {
     zones: GridShape,
 }
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
 @group(0) @binding(1) var<storage, read_write> sampled_lights: array<vec2u>;
 // ZONE_LIGHTS words per zone, four to a texel; see zones.wgsl.
 @if(zones && texture_loads) @group(0) @binding(2) var zone_lists: texture_storage_2d<rgba32uint, read>;
@@ -75,7 +75,7 @@ fn sample_lights(
     let tile = sample_lights_pass.tile;
     let i = group_index(group, groups) * SAMPLE_LIGHTS_GROUP + lane;
     if i >= tile.point_count { return; }
-    let point = points[i];
+    let point = load_point(i);
     var sampled = 0u;
     if point.normal != INVALID_POINT {
         let seed = hash2(pixel_seed(tile, i), DIMENSION_LIGHT_SAMPLING);

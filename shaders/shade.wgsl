@@ -28,7 +28,7 @@ import package::lib::bsdf::bsdf_diffuse;
 import package::lib::constants::{
     CLASS_DARK, CLASS_LIT, COUNTER_NOT_FINITE_SHADE, COUNTER_SAMPLED, INVALID_POINT, QUEUE_COUNT, QUEUE_SAMPLED
 };
-import package::lib::visible_point::{points, surfaces, visible_surface};
+import package::lib::visible_point::{load_point, load_surface, visible_surface};
 @if(specular_chains) import package::lib::visible_point::visible_chain;
 import package::lib::class_word::{class_of, class_visibility, is_decided, traces_shadow_rays};
 @if(aov_shadow) import package::lib::class_word::{class_illumination, class_shadow};
@@ -254,7 +254,8 @@ fn audited_contribution(shading: ShadingPoint, light: u32) -> vec3f {
 // tell.
 fn shade_point(i: u32, terms: Terms) -> bool {
     let point_count = parameters.tile.point_count;
-    if points[i].normal == INVALID_POINT {
+    let point = load_point(i);
+    if point.normal == INVALID_POINT {
         @if(aov_shadow) {
             for (var l = 0u; l < parameters.lights_in_chunk; l++) {
                 shadow_samples[l * point_count + i] = vec4f(0.0);
@@ -263,11 +264,12 @@ fn shade_point(i: u32, terms: Terms) -> bool {
         return false;
     }
     var shading: ShadingPoint;
-    shading.position = points[i].position;
-    shading.surface = visible_surface(i);
+    let stored = load_surface(i);
+    shading.position = point.position;
+    shading.surface = visible_surface(stored, point);
     shading.seed = pixel_seed(parameters.tile, i);
     shading.sample_index = tile_sample(parameters.tile, i);
-    shading.flat = bitcast<u32>(surfaces[i].packed.base.w) == points[i].normal;
+    shading.flat = bitcast<u32>(stored.packed.base.w) == point.normal;
     @if(glossy) { shading.max_density = bsdf_max_density(shading.surface); }
     var sum = vec3f(0.0);
     var others = false;
@@ -287,7 +289,7 @@ fn shade_point(i: u32, terms: Terms) -> bool {
             shadow_samples[candidate].y = estimate.visibility;
         }
     }
-    @if(specular_chains) { sum *= visible_chain(i).throughput; }
+    @if(specular_chains) { sum *= visible_chain(stored, point).throughput; }
     let so_far = radiance_direct[i];
     let radiance = so_far.xyz + sum;
     // Once, however many chunks of lights and entry points add to it.

@@ -10,8 +10,8 @@ import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
-import package::lib::point::Point;
 import package::lib::rng::hash3;
+import package::lib::visible_point::load_point;
 @if(audit) import package::lib::photon::{Photon, photon_word};
 @if(audit) import package::lib::class_word::{class_of, is_decided, is_near};
 @if(fine_cells) import package::lib::fine_cell::store_rays;
@@ -32,7 +32,6 @@ struct ShadowParameters {
     repair_capacity: u32,
 }
 
-@group(0) @binding(0) var<storage, read> points: array<Point>;
 @if(audit) @group(0) @binding(1) var<storage, read> classes: array<u32>;
 // Candidates to trace, and candidates to audit.
 @group(0) @binding(2) var<storage, read> boundary_queue: array<u32>;
@@ -65,9 +64,10 @@ struct Candidate {
 fn load_candidate(candidate: u32) -> Candidate {
     let tile = parameters.tile;
     let i = candidate % tile.point_count;
+    let point = load_point(i);
     return Candidate(
-        points[i].position,
-        oct_decode16(points[i].normal),
+        point.position,
+        oct_decode16(point.normal),
         candidate_light(candidate, parameters.first_light, tile.point_count),
         pixel_seed(tile, i),
         tile_sample(tile, i),

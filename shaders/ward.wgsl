@@ -14,7 +14,7 @@ import package::kit::group_index;
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::sampled_light::nth_light_sample;
 import package::lib::math::luminance;
-import package::lib::visible_point::{points, visible_surface};
+import package::lib::visible_point::{load_point, load_surface, visible_surface};
 import package::lib::tile::{Tile, pixel_seed, tile_sample};
 
 struct WardParameters {
@@ -79,8 +79,9 @@ struct ShadingPoint {
 
 fn shading_point(i: u32) -> ShadingPoint {
     var shading: ShadingPoint;
-    shading.position = points[i].position;
-    shading.surface = visible_surface(i);
+    let point = load_point(i);
+    shading.position = point.position;
+    shading.surface = visible_surface(load_surface(i), point);
     shading.seed = pixel_seed(ward_pass.tile, i);
     shading.sample_index = tile_sample(ward_pass.tile, i);
     return shading;
@@ -132,7 +133,7 @@ fn order(
     var state = WardState(0.0, 0.0, 0.0, 0.0, 0u, 0u);
     if ward_pass.first_light > 0u { state = ward_states[i]; }
     let shading = shading_point(i);
-    let empty = points[i].normal == INVALID_POINT;
+    let empty = load_point(i).normal == INVALID_POINT;
     for (var light = ward_pass.first_light; light < ward_pass.end_light; light++) {
         var dark = empty;
         @if(dark_points) { dark = dark || light_dark(light, shading.position, shading.surface.geometric_normal); }

@@ -15,6 +15,13 @@ use crate::{Error, Result};
 const MAP_PHOTONS: u32 = 131_072;
 const LEARNING_PHOTONS: u32 = 16_384;
 
+/// Shadow rays to a light for which one of its photons pays. A photon costs as much as ten to twenty shadow rays, with
+/// its share of the grid. At 256 x 256 pixels and one sample, 4,096 photons instead of 131,072 shortened the render of
+/// box, crowd and sphere from 0.25 to 0.52 s to 0.09 to 0.15 s.
+const RAYS_PER_PHOTON: u64 = 64;
+/// Fewer photons take no less time.
+const MIN_PHOTONS: u32 = 4096;
+
 pub use builder::SettingsBuilder;
 pub use groups::{
     CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings, LightSamplingSettings,
@@ -209,16 +216,29 @@ impl Settings {
     /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
     /// shown, or where the method of the paper alone is requested.
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
+        self.image.spp > 1 && !self.shows_photons()
+    }
+
+    /// Whether the image depends on the number of visibility photons by more than its noise.
+    fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
         let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells;
-        self.technique.traces_by_photons() && !shown && self.image.spp > 1 && !photons_alone
+        !self.technique.traces_by_photons() || shown || photons_alone
     }
 
-    /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say: 16,384
-    /// where the shadow rays of earlier samples decide what the map does not, else 131,072.
+    /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say:
+    /// 131,072 where the image shows what they tell. Else one for 64 shadow rays that they may save: at least 4,096, and
+    /// at most 16,384 where the shadow rays of earlier samples decide what the map does not, else 131,072.
     pub fn photons_per_light(&self) -> u32 {
-        let default = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
+        let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
+        let ImageSettings { width, height, spp, .. } = self.image;
+        let rays = [width, height, spp, self.shadow_rays.samples].map(u64::from).into_iter();
+        let rays = rays.fold(1, u64::saturating_mul);
+        let default = match self.shows_photons() {
+            true => MAP_PHOTONS,
+            false => (rays / RAYS_PER_PHOTON).clamp(u64::from(MIN_PHOTONS), u64::from(most)) as u32,
+        };
         self.visibility_map.photons_per_light.unwrap_or(default)
     }
 

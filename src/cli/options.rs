@@ -286,8 +286,8 @@ impl IndirectOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Visibility map")]
 struct VisibilityMapOptions {
-    /// Visibility photons emitted from each light [default: 16384 where earlier samples' shadow rays decide too, else
-    /// 131072]
+    /// Visibility photons emitted from each light [default: one for 64 shadow rays to the light, from 4096 to 16384
+    /// (131072 with one sample a pixel); 131072 where photons alone decide]
     #[arg(long, value_name = "N")]
     photons: Option<u32>,
 

@@ -22,8 +22,6 @@ shared_struct! {
 bindings! {
     /// Everything that the kernel reads and writes except the records.
     struct CacheBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub wanted_count: &Buffer,
         pub wanted_points: &Buffer,
         pub radiance_indirect: &Buffer,
@@ -235,8 +233,6 @@ impl Cache {
         records: &ViewRecords,
     ) -> Result<BoundCache> {
         let own = CacheBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
             wanted_count: &buffers.wanted_count,
             wanted_points: &buffers.wanted_points,
             radiance_indirect: tile.required_indirect("cache")?,
@@ -244,7 +240,7 @@ impl Cache {
             path_points: &buffers.path_points,
             path_arguments: &buffers.path_arguments,
         };
-        let entry = |name: &str| self.0.bind(gpu, name, &[&own, &records.bindings()]);
+        let entry = |name: &str| self.0.bind(gpu, name, &[&own, tile, &records.bindings()]);
         Ok(BoundCache {
             request: entry("request")?,
             interpolate: entry("interpolate")?,

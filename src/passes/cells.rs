@@ -55,7 +55,6 @@ bindings! {
 bindings! {
     /// What the look-up of the points' classes reads and writes.
     struct PointClassBindings {
-        pub points: &Buffer,
         pub cell_words: &Buffer,
         pub classes: &Buffer,
     }
@@ -159,8 +158,8 @@ impl Cells {
         classes: &Buffer,
         scene: &dyn Bindings,
     ) -> Result<BoundCells> {
-        let own = PointClassBindings { points: &tile.points, cell_words: &table.words, classes };
-        let classify = self.0.bind(gpu, "classify_points", &[&own, scene])?;
+        let own = PointClassBindings { cell_words: &table.words, classes };
+        let classify = self.0.bind(gpu, "classify_points", &[&own, tile, scene])?;
         Ok(BoundCells { shape: table.shape, classify })
     }
 }

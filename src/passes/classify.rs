@@ -40,7 +40,6 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write besides the visibility map.
     struct ClassifyBindings {
-        pub points: &Buffer,
         pub classes: &Buffer,
         pub query_queue: &Buffer,
         pub queue_lengths: &Buffer,
@@ -138,7 +137,6 @@ impl Classify {
         scene: &dyn Bindings,
     ) -> Result<BoundClassify> {
         let own = ClassifyBindings {
-            points: &tile.points,
             classes: &buffers.classes,
             query_queue: &buffers.query_queue,
             queue_lengths: &buffers.queue_lengths,
@@ -148,8 +146,8 @@ impl Classify {
             counters: &tile.counters,
         };
         let bind = |entry| match grid {
-            Some(grid) => self.kernel.bind(gpu, entry, &[&own, grid, scene]),
-            None => self.kernel.bind(gpu, entry, &[&own, scene]),
+            Some(grid) => self.kernel.bind(gpu, entry, &[&own, tile, grid, scene]),
+            None => self.kernel.bind(gpu, entry, &[&own, tile, scene]),
         };
         Ok(BoundClassify {
             shape: grid.map_or(GridShape::default(), |grid| grid.shape),

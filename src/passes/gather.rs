@@ -24,8 +24,6 @@ shared_struct! {
 bindings! {
     /// Everything that the kernel reads and writes except the scene and the global map.
     struct GatherBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub counters: &Buffer,
         pub wanted: &Buffer,
         pub gathered: &Buffer,
@@ -104,8 +102,6 @@ impl Gather {
         let follow_count = gpu.buffer::<u32>("penumbra/gather/follow_count", 1)?;
         let follow_arguments = gpu.buffer::<u32>("penumbra/gather/follow_arguments", 3)?;
         let own = GatherBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
             counters: &tile.counters,
             wanted: &wanted,
             gathered: &gpu.buffer::<[f32; 4]>("penumbra/gather/gathered", rays)?,
@@ -116,7 +112,7 @@ impl Gather {
             record_heads: &heads,
             record_values: values,
         };
-        let mut sets: Vec<&dyn Bindings> = vec![&own];
+        let mut sets: Vec<&dyn Bindings> = vec![&own, tile];
         sets.extend(scene);
         let entry = |name: &str| self.0.bind(gpu, name, &sets);
         Ok(BoundGather {

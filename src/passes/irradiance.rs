@@ -36,8 +36,6 @@ bindings! {
 bindings! {
     /// Everything that the entry points `show` and `caustics` read and write except the scene and the map.
     struct ShowBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub radiance_indirect: &Buffer,
         pub counters: &Buffer,
     }
@@ -197,13 +195,8 @@ impl Irradiance {
         scene: &dyn Bindings,
         shown: &ShownMap<'_>,
     ) -> Result<BoundShow> {
-        let own = ShowBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
-            radiance_indirect: tile.required_indirect("irradiance")?,
-            counters: &tile.counters,
-        };
-        let kernel = self.kernel.bind(gpu, entry, &[&own, shown.map, scene])?;
+        let own = ShowBindings { radiance_indirect: tile.required_indirect("irradiance")?, counters: &tile.counters };
+        let kernel = self.kernel.bind(gpu, entry, &[&own, tile, shown.map, scene])?;
         Ok(BoundShow { kernel, shape: shown.map.shape, step: shown.step as f32, shrink: shown.shrink as f32 })
     }
 }

@@ -21,7 +21,6 @@ shared_struct! {
 bindings! {
     /// What the classification reads and writes.
     struct ClassBindings {
-        pub points: &Buffer,
         pub classes: &Buffer,
         pub buffered_lights: &Buffer,
         pub buffer_cells: &Buffer,
@@ -55,14 +54,13 @@ impl LightBufferPass {
         scene: &dyn Bindings,
     ) -> Result<BoundLightBuffer> {
         let own = ClassBindings {
-            points: &tile.points,
             classes,
             buffered_lights: &gpu.upload::<BufferedLight>("penumbra/light_buffer/lights", &buffers.lights)?,
             buffer_cells: &gpu.upload("penumbra/light_buffer/cells", &buffers.cells)?,
             occluder_lists: &gpu.table("penumbra/light_buffer/lists", &buffers.lists, TableFormat::Uint)?,
             occluder_planes: &gpu.table("penumbra/light_buffer/planes", &buffers.planes, TableFormat::Float)?,
         };
-        Ok(BoundLightBuffer(self.0.bind(gpu, "classify_by_buffer", &[&own, scene])?))
+        Ok(BoundLightBuffer(self.0.bind(gpu, "classify_by_buffer", &[&own, tile, scene])?))
     }
 }
 

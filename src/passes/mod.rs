@@ -19,7 +19,10 @@ pub mod shadow;
 pub mod ward;
 pub mod zones;
 
-use kernel_kit::{Buffer, Composed, Declared, Gpu, Host, Kernel, SharedStruct, shared_struct};
+use kernel_kit::{
+    Binding, Bindings, Buffer, Composed, Declared, Gpu, Host, Kernel, KernelTable, SharedStruct, Table, TableFormat,
+    bindings, shared_struct,
+};
 
 use crate::Result;
 use crate::gpu_scene::light_buffer::BufferedLight;
@@ -98,6 +101,7 @@ pub const SHARED: &[&SharedStruct] = &[
 const COMMON: &[Declared] = &[
     SceneBindings::DECLARED,
     LightBindings::DECLARED,
+    VisiblePointBindings::DECLARED,
     grid::SortedPhotonBindings::DECLARED,
     grid::PhotonGridBindings::DECLARED,
     irradiance::IrradianceMapBindings::DECLARED,
@@ -118,8 +122,9 @@ pub(crate) fn kernel(
     own: &[Declared],
 ) -> Result<Kernel> {
     let composed = compose(stem, features)?;
-    let constants = &composed.overrides(constants);
-    let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * surface_vectors(features) as usize)];
+    let vectors = surface_vectors(features);
+    let constants = &composed.overrides(&[constants, &[("surface_vectors", f64::from(vectors))]].concat());
+    let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * vectors as usize)];
     Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
 }
 
@@ -132,12 +137,20 @@ pub fn new_kernel(gpu: &Gpu, composed: &Composed, constants: &[(&str, f64)], own
     Ok(Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque: &[], own, common: None })?)
 }
 
+bindings! {
+    /// The visible points and their surfaces; see `shaders/lib/visible_point.wgsl`.
+    struct VisiblePointBindings {
+        pub point_table: &Table,
+        pub surface_table: &Table,
+    }
+}
+
 /// The buffers that the passes of a tile share, for [`Tile::point_count`] points.
 pub struct TileBuffers {
     /// [`Point`]s.
-    pub points: Buffer,
+    pub points: KernelTable,
     /// Packed surfaces; see `shaders/lib/point.wgsl`.
-    pub surfaces: Buffer,
+    pub surfaces: KernelTable,
     /// Emission and direct light; w is 1 where the camera ray hit a surface or the environment.
     pub radiance_direct: Buffer,
     /// Indirect light, of one bounce and more; none where the technique computes none.
@@ -152,6 +165,14 @@ pub struct TileBuffers {
     pub zeros: Buffer,
     /// One word for each [`crate::statistics::Counter`].
     pub counters: Buffer,
+    /// Vectors of a point's surface.
+    surface_vectors: u32,
+}
+
+impl Bindings for TileBuffers {
+    fn get(&self, name: &str) -> Option<Binding<'_>> {
+        VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table }.find(name)
+    }
 }
 
 impl TileBuffers {
@@ -162,10 +183,12 @@ impl TileBuffers {
     pub fn new(gpu: &Gpu, features: &Features, points: u32, indirect: bool) -> Result<TileBuffers> {
         let points = points as usize;
         let vectors = surface_vectors(features) as usize;
+        let point_buffer = gpu.buffer::<Point>("penumbra/primary/points", points)?;
+        let surface_buffer = gpu.buffer::<[f32; 4]>("penumbra/primary/surfaces", points * vectors)?;
         let samples = |on: bool, name: &str| on.then(|| gpu.buffer::<[f32; 4]>(name, points)).transpose();
         Ok(TileBuffers {
-            points: gpu.buffer::<Point>("penumbra/primary/points", points)?,
-            surfaces: gpu.buffer::<[f32; 4]>("penumbra/primary/surfaces", points * vectors)?,
+            points: gpu.table_of(point_buffer, TableFormat::Uint)?,
+            surfaces: gpu.table_of(surface_buffer, TableFormat::Uint)?,
             radiance_direct: gpu.buffer::<[f32; 4]>("penumbra/shade/radiance_direct", points)?,
             radiance_indirect: samples(indirect, "penumbra/shade/radiance_indirect")?,
             albedo_samples: samples(features.has(Feature::AovAlbedo), "penumbra/primary/albedo_samples")?,
@@ -173,6 +196,7 @@ impl TileBuffers {
             position_samples: samples(features.has(Feature::AovPosition), "penumbra/primary/position_samples")?,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
+            surface_vectors: vectors as u32,
         })
     }
 
@@ -187,13 +211,13 @@ impl TileBuffers {
 
     /// Number of points that the buffers have room for.
     pub fn capacity(&self) -> u32 {
-        (self.points.bytes / size_of::<Point>() as u64) as u32
+        (self.points.buffer.bytes / size_of::<Point>() as u64) as u32
     }
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
         let optional = [&self.radiance_indirect, &self.albedo_samples, &self.normal_samples, &self.position_samples];
-        let fixed = [&self.points, &self.surfaces, &self.radiance_direct, &self.counters];
+        let fixed = [&self.points.buffer, &self.surfaces.buffer, &self.radiance_direct, &self.counters];
         fixed.into_iter().chain(optional.into_iter().flatten()).map(|b| b.bytes).sum()
     }
 }

@@ -24,8 +24,6 @@ bindings! {
     /// Everything that the kernel reads and writes except the scene, the global map and the queue of the irradiance
     /// cache.
     struct PathBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub radiance_direct: &Buffer,
         pub radiance_indirect: &Buffer,
         pub counters: &Buffer,
@@ -85,7 +83,7 @@ impl Path {
     /// As [`Kernel::bind`].
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &[&dyn Bindings]) -> Result<BoundPath> {
         let own = PathBindings::of(tile)?;
-        let mut sets: Vec<&dyn Bindings> = vec![&own];
+        let mut sets: Vec<&dyn Bindings> = vec![&own, tile];
         sets.extend(scene);
         Ok(BoundPath(self.0.bind(gpu, "path", &sets)?))
     }
@@ -105,7 +103,7 @@ impl Path {
         let HighlightQueue { path_count, path_points, path_arguments } = queue;
         let queued = PathQueueBindings { path_count, path_points };
         let arguments = ArgumentBindings { path_arguments };
-        let bind = |entry| self.0.bind(gpu, entry, &[&own, &queued, &arguments, scene]);
+        let bind = |entry| self.0.bind(gpu, entry, &[&own, tile, &queued, &arguments, scene]);
         Ok(BoundHighlights {
             queue_highlights: bind("queue_highlights")?,
             arrange_highlights: bind("arrange_highlights")?,
@@ -117,8 +115,6 @@ impl Path {
 impl PathBindings<'_> {
     fn of(tile: &TileBuffers) -> Result<PathBindings<'_>> {
         Ok(PathBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
             radiance_direct: &tile.radiance_direct,
             radiance_indirect: tile.required_indirect("path")?,
             counters: &tile.counters,

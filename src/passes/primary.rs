@@ -1,6 +1,6 @@
 //! Pass `primary`: traces camera rays, and stores the points and surfaces that they hit.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, KernelTable, bindings};
 
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
@@ -40,24 +40,38 @@ impl Primary {
     /// As [`Kernel::bind`].
     pub fn bind(&self, gpu: &Gpu, tile: &TileBuffers, scene: &dyn Bindings) -> Result<BoundPrimary> {
         let own = PrimaryBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
+            points: &tile.points.buffer,
+            surfaces: &tile.surfaces.buffer,
             radiance_direct: &tile.radiance_direct,
             counters: &tile.counters,
             albedo_samples: tile.albedo_samples.as_ref(),
             normal_samples: tile.normal_samples.as_ref(),
             position_samples: tile.position_samples.as_ref(),
         };
-        Ok(BoundPrimary(self.0.bind(gpu, "primary", &[&own, scene])?))
+        let kernel = self.0.bind(gpu, "primary", &[&own, scene])?;
+        Ok(BoundPrimary {
+            kernel,
+            points: tile.points.clone(),
+            surfaces: tile.surfaces.clone(),
+            surface_vectors: tile.surface_vectors,
+        })
     }
 }
 
 /// The pass, bound.
-pub struct BoundPrimary(BoundKernel);
+pub struct BoundPrimary {
+    kernel: BoundKernel,
+    points: KernelTable,
+    surfaces: KernelTable,
+    /// Vectors of a point's surface.
+    surface_vectors: u32,
+}
 
 impl BoundPrimary {
-    /// Traces one camera ray for each point of the tile.
+    /// Traces one camera ray for each point of the tile, and publishes points and surfaces.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        frame.run(&self.0, tile.point_count, tile);
+        frame.run(&self.kernel, tile.point_count, tile);
+        frame.publish(&self.points, tile.point_count);
+        frame.publish(&self.surfaces, tile.point_count * self.surface_vectors);
     }
 }

@@ -19,7 +19,6 @@ shared_struct! {
 bindings! {
     /// What the kernel reads, and the candidates that it writes.
     struct SampleLightsBindings {
-        pub points: &Buffer,
         pub sampled_lights: &Buffer,
     }
 }
@@ -76,9 +75,9 @@ impl SampleLights {
         zones: Option<&ZoneTable>,
         scene: &dyn Bindings,
     ) -> Result<BoundSampleLights> {
-        let own = SampleLightsBindings { points: &tile.points, sampled_lights };
+        let own = SampleLightsBindings { sampled_lights };
         let lists = zones.map(ZoneTable::bindings);
-        let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
+        let mut sets: Vec<&dyn Bindings> = vec![&own, tile, scene];
         sets.extend(lists.as_ref().map(|lists| lists as &dyn Bindings));
         let kernel = self.kernel.bind(gpu, "sample_lights", &sets)?;
         Ok(BoundSampleLights { kernel, zones: zones.map(|zones| zones.shape).unwrap_or_default() })

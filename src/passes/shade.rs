@@ -29,8 +29,6 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write whatever the features.
     struct ShadeBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub classes: &Buffer,
         pub visibility: &Buffer,
         pub radiance_direct: &Buffer,
@@ -94,8 +92,6 @@ impl Shade {
         scene: &dyn Bindings,
     ) -> Result<BoundShade> {
         let own = ShadeBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
             classes: buffers.classes,
             visibility: buffers.visibility,
             radiance_direct: &tile.radiance_direct,
@@ -103,7 +99,7 @@ impl Shade {
         };
         let queue = SampledBindings { sampled_points: buffers.sampled_points, queue_lengths: buffers.queue_lengths };
         let aov = buffers.shadow_samples.map(|shadow_samples| ShadowSampleBindings { shadow_samples });
-        let mut sets: Vec<&dyn Bindings> = vec![&own, &queue, scene];
+        let mut sets: Vec<&dyn Bindings> = vec![&own, tile, &queue, scene];
         sets.extend(aov.as_ref().map(|aov| aov as &dyn Bindings));
         let bind = |entry| self.0.bind(gpu, entry, &sets);
         let sampled_group = self.0.workgroup_size("shade_sampled");

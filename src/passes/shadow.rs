@@ -25,7 +25,6 @@ shared_struct! {
 bindings! {
     /// What shadow rays read and write.
     struct ShadowBindings {
-        pub points: &Buffer,
         pub boundary_queue: &Buffer,
         pub queue_lengths: &Buffer,
         pub visibility: &Buffer,
@@ -95,7 +94,6 @@ impl Shadow {
         scene: &dyn Bindings,
     ) -> Result<BoundShadow> {
         let own = ShadowBindings {
-            points: &tile.points,
             boundary_queue: buffers.boundary_queue,
             queue_lengths: buffers.queue_lengths,
             visibility: buffers.visibility,
@@ -108,7 +106,7 @@ impl Shadow {
             repair_photons: buffers.repair.map(|[photons, _]| photons),
             repair_count: buffers.repair.map(|[_, count]| count),
         });
-        let mut sets: Vec<&dyn Bindings> = vec![&own, scene];
+        let mut sets: Vec<&dyn Bindings> = vec![&own, tile, scene];
         sets.extend(audit.as_ref().map(|audit| audit as &dyn Bindings));
         let bind = |entry| self.kernel.bind(gpu, entry, &sets);
         Ok(BoundShadow { shadow: bind("shadow")?, audit: self.audits.then(|| bind("audit")).transpose()? })

@@ -46,8 +46,6 @@ shared_struct! {
 bindings! {
     /// What the kernels read and write.
     struct WardBindings {
-        pub points: &Buffer,
-        pub surfaces: &Buffer,
         pub classes: &Buffer,
         pub visibility: &Buffer,
         pub queue_lengths: &Buffer,
@@ -136,8 +134,6 @@ impl Ward {
         scene: &dyn Bindings,
     ) -> Result<BoundWard> {
         let own = WardBindings {
-            points: &tile.points,
-            surfaces: &tile.surfaces,
             classes: &classify.classes,
             visibility,
             queue_lengths: &classify.queue_lengths,
@@ -147,7 +143,7 @@ impl Ward {
             light_rates: &buffers.rates,
             light_tests: &buffers.tests,
         };
-        let bind = |entry| self.0.bind(gpu, entry, &[&own, scene]);
+        let bind = |entry| self.0.bind(gpu, entry, &[&own, tile, scene]);
         Ok(BoundWard { order: bind("order")?, next: bind("next")?, guess: bind("guess")?, learn: bind("learn")? })
     }
 }

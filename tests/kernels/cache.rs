@@ -10,7 +10,7 @@ use penumbra::internal::passes::gather::RecordHead;
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 
-use crate::kit::device_features;
+use crate::kit::{device_features, published};
 use crate::rooms::{point, point_normal};
 use crate::stage::oct_encode;
 use crate::statistics::Random;
@@ -123,8 +123,8 @@ impl Setup {
                 surfaces.extend([Vec3::splat(f0).extend(f90), Vec4::NAN]);
             }
         }
-        tile.points = gpu.upload("test/points", &self.points).unwrap();
-        tile.surfaces = gpu.upload("test/surfaces", &surfaces).unwrap();
+        tile.points = published(gpu, "test/points", &self.points);
+        tile.surfaces = published(gpu, "test/surfaces", &surfaces);
         tile.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/radiance", count + 3).unwrap());
         let mut buffers = CacheBuffers::new(gpu, self.tile.point_count).unwrap();
         buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();

@@ -12,6 +12,7 @@ use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::settings::Technique;
 
+use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{LightPoint, Stage, crossings, oct_encode, whole};
@@ -247,7 +248,7 @@ fn points_have_the_class_of_their_cell(gpu: &Gpu) {
     points.iter_mut().step_by(11).for_each(|point| point.normal = INVALID_POINT);
     let tile = whole([points.len() as u32, 1], 1);
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-    buffers.points = gpu.upload("test/points", &points).unwrap();
+    buffers.points = published(gpu, "test/points", &points);
     let candidates = 2 * points.len();
     let classes = gpu.poisoned::<u32>("test/classes", candidates + 3).unwrap();
     let bound = pass.bind(gpu, &buffers, &table, &classes, &stage.gpu_scene).unwrap();

@@ -9,7 +9,7 @@ use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 
-use crate::kit::device_features;
+use crate::kit::{device_features, published};
 use crate::rooms::{Random, Room, nearest_kinds, point_normal};
 
 struct Outcome {
@@ -60,7 +60,7 @@ impl<'a> Setup<'a> {
             .with(Feature::VisibilityMap, true);
         let photons = gpu.upload("test/photons", self.photons).unwrap();
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", self.points).unwrap();
+        tile.points = published(gpu, "test/points", self.points);
         let grid = Grid::new(gpu, &features, self.nearest)
             .unwrap()
             .build(gpu, &photons, self.photons.len() as u32, self.lights, self.shape)

@@ -16,6 +16,7 @@ use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
 use crate::irradiance::carrying;
+use crate::kit::published;
 use crate::light::{Corners, cube, form_factor, sphere, square};
 use crate::path::{camera, inside_out, scene, surface};
 use crate::rooms::point;
@@ -148,8 +149,8 @@ impl<'a> Gathering<'a> {
         let of_device: Vec<Point> = points.iter().map(|(p, n)| point(p.as_vec3(), n.as_vec3())).collect();
         let surfaces: Vec<[f32; 4]> =
             points.iter().map(|(_, n)| [0.5, 0.5, 0.5, f32::from_bits(oct_encode(*n))]).collect();
-        tile.points = gpu.upload("test/points", &of_device).unwrap();
-        tile.surfaces = gpu.upload("test/surfaces", &surfaces).unwrap();
+        tile.points = published(gpu, "test/points", &of_device);
+        tile.surfaces = published(gpu, "test/surfaces", &surfaces);
         let count = (self.before as usize + wanted.len()) * vectors;
         let values = gpu.poisoned::<[f32; 4]>("test/values", whole_rows(count + 1)).unwrap();
         let pass = Gather::new(gpu, features, &self.stage.gpu_scene.constants()).unwrap();

@@ -17,7 +17,7 @@ use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
 use crate::flux::steps;
-use crate::kit::new_kernel;
+use crate::kit::{new_kernel, published};
 use crate::path::{camera, scene, surface};
 use crate::rooms::{Random, Rectangle, photon, photon_normal, point, point_normal};
 use crate::stage::{Crossing, Stage, crossings, hash};
@@ -80,6 +80,8 @@ impl Bench {
         let composed = compose("irradiance", &stage.features).unwrap();
         let mut constants = stage.gpu_scene.constants().to_vec();
         constants.push(("nearest", f64::from(IRRADIANCE_NEAREST)));
+        // Albedo and normal alone.
+        constants.push(("surface_vectors", 1.0));
         let kernel = new_kernel(gpu, &composed, &composed.overrides(&constants), &[]).unwrap();
         Bench { grid: Grid::sorting_only(gpu, &sorting_grid(&stage.features)).unwrap(), kernel, stage }
     }
@@ -125,12 +127,12 @@ impl Bench {
         let mut before = vec![[if entry == "show" { f32::from_bits(POISON) } else { 1.0 }; 4]; count];
         before.push([f32::from_bits(POISON); 4]);
         let radiance = gpu.upload("test/radiance_indirect", &before).unwrap();
-        let points = gpu.upload("test/points", points).unwrap();
-        let surfaces = gpu.upload("test/surfaces", surfaces).unwrap();
+        let points = published(gpu, "test/points", points);
+        let surfaces = published(gpu, "test/surfaces", surfaces);
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
         let own = Resources::new()
-            .with("points", &points)
-            .with("surfaces", &surfaces)
+            .with("point_table", &points.table)
+            .with("surface_table", &surfaces.table)
             .with("radiance_indirect", &radiance)
             .with("counters", &counters);
         let bound = self.kernel.bind(gpu, entry, &[&own, map, &self.stage.gpu_scene]).unwrap();

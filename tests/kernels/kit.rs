@@ -1,6 +1,6 @@
 //! Code that kernel tests share: the device, its features, and kernels with Penumbra's structs.
 
-use kernel_kit::{Composed, Declared, Gpu, Host, Kernel};
+use kernel_kit::{Composed, Declared, Gpu, Host, Kernel, KernelTable, TableFormat};
 use penumbra::internal::passes::SHARED;
 use penumbra::internal::specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
@@ -21,4 +21,13 @@ pub fn new_kernel(
     // Surfaces of these tests are Lambertian and flat: albedo and normal alone.
     let opaque = &[("VisibleSurface", size_of::<[f32; 4]>())];
     Kernel::new(gpu, composed, &Host { constants, shared: SHARED, opaque, own, common: None })
+}
+
+/// A table of records, as if a kernel had written and published them.
+pub fn published<T: bytemuck::Pod>(gpu: &Gpu, label: &str, records: &[T]) -> KernelTable {
+    let table = gpu.table_of(gpu.upload(label, records).unwrap(), TableFormat::Uint).unwrap();
+    let mut frame = gpu.frame("test");
+    frame.publish(&table, (size_of_val(records) / 16) as u32);
+    frame.submit().unwrap();
+    table
 }

@@ -11,6 +11,7 @@ use penumbra::internal::passes::{Point, TileBuffers};
 use penumbra::internal::scene::{AlphaMode, LightKind, Material, Panorama, Scene};
 use penumbra::settings::Technique;
 
+use crate::kit::published;
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::stage::{EDGE, Stage, crossings, oct_decode, oct_encode, whole};
@@ -168,7 +169,7 @@ impl Setup {
         let pass = LightBufferPass::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
         let tile = whole([points.len() as u32, 1], 1);
         let mut tile_buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-        tile_buffers.points = gpu.upload("test/points", points).unwrap();
+        tile_buffers.points = published(gpu, "test/points", points);
         let mut all = Vec::new();
         // In two chunks.
         let lights = stage.scene.lights.len() as u32;
@@ -287,7 +288,7 @@ fn full_lists_decide_nothing(gpu: &Gpu) {
     let pass = LightBufferPass::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let tile = whole([points.len() as u32, 1], 1);
     let mut tile_buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-    tile_buffers.points = gpu.upload("test/points", points).unwrap();
+    tile_buffers.points = published(gpu, "test/points", points);
     let classes = |buffers: &LightBuffers| {
         let classes = gpu.poisoned::<u32>("test/classes", 3).unwrap();
         let bound = pass.bind(gpu, &tile_buffers, buffers, &classes, &stage.gpu_scene).unwrap();

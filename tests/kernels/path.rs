@@ -330,7 +330,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         let indirect: Vec<[f32; 4]> = gpu.read(buffers.radiance_indirect.as_ref().unwrap(), count).unwrap();
         assert!(indirect.iter().all(|v| v[..3] == [0.0; 3]), "nothing bounces");
         let counters: Vec<u32> = gpu.read(&buffers.counters, Counter::COUNT).unwrap();
-        let points = gpu.read(&buffers.points, count).unwrap();
+        let points = gpu.read(&buffers.points.buffer, count).unwrap();
         let direct: Vec<[f32; 4]> = gpu.read(&buffers.radiance_direct, count).unwrap();
         let bits = direct.iter().map(|v| v.map(f32::to_bits)).collect();
         (points, bits, counters[Counter::BounceRays as usize])

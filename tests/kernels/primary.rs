@@ -1,7 +1,7 @@
 //! Pass `primary` against f64 rays through the centres of pixels, and glTF's rules for the surfaces that they hit.
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
-use kernel_kit::{Gpu, POISON, kernel_test};
+use kernel_kit::{Gpu, POISON, TableFormat, kernel_test};
 use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Tile, TileBuffers};
@@ -362,8 +362,8 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     // One more, which must stay poisoned.
     let poisoned = |name: &str| gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap();
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
-    buffers.points = poisoned("test/points");
-    buffers.surfaces = poisoned("test/surfaces");
+    buffers.points = gpu.table_of(poisoned("test/points"), TableFormat::Uint).unwrap();
+    buffers.surfaces = gpu.table_of(poisoned("test/surfaces"), TableFormat::Uint).unwrap();
     buffers.radiance_direct = poisoned("test/radiance");
     buffers.albedo_samples = Some(poisoned("test/albedo"));
     buffers.normal_samples = Some(poisoned("test/normals"));
@@ -379,8 +379,8 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
         words
     };
     Outcome {
-        points: read(&buffers.points),
-        surfaces: read(&buffers.surfaces),
+        points: read(&buffers.points.buffer),
+        surfaces: read(&buffers.surfaces.buffer),
         radiance: read(&buffers.radiance_direct),
         albedo: read(buffers.albedo_samples.as_ref().unwrap()),
         normals: read(buffers.normal_samples.as_ref().unwrap()),
@@ -577,7 +577,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
     frame.submit().unwrap();
-    let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces, 3).unwrap();
+    let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
     let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());
 
     let m = |x: f32| f64::from(x);

@@ -15,7 +15,7 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::specialisation::kernels::sorting_grid;
 use penumbra::settings::Technique;
 
-use crate::kit::{device_features, new_kernel};
+use crate::kit::{device_features, new_kernel, published};
 use crate::light::{sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::rooms::photon;
@@ -125,7 +125,7 @@ impl Setup {
         let Stage { features, gpu_scene, .. } = &self.stage;
         let pass = SampleLights::new(gpu, features, &gpu_scene.constants(), LIGHTS_PER_POINT, audited).unwrap();
         let mut buffers = TileBuffers::new(gpu, features, self.tile.point_count, false).unwrap();
-        buffers.points = gpu.upload("test/points", &self.points).unwrap();
+        buffers.points = published(gpu, "test/points", &self.points);
         let candidates = (self.tile.point_count * LIGHTS_PER_POINT) as usize;
         let sampled = gpu.poisoned::<[u32; 2]>("test/sampled", candidates).unwrap();
         let bound = pass.bind(gpu, &buffers, &sampled, zones, gpu_scene).unwrap();

@@ -13,6 +13,7 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
+use crate::kit::published;
 use crate::light::{Corners, form_factor, sphere, square};
 use crate::path::{camera, scene, surface};
 use crate::stage::{Candidates, LightPoint, Stage, constant, hash, oct_decode, oct_encode, pixel_of, whole};
@@ -89,8 +90,8 @@ impl Setup {
         let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shade::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.candidates.points).unwrap();
-        tile.surfaces = gpu.upload("test/surfaces", &self.surfaces).unwrap();
+        tile.points = published(gpu, "test/points", &self.candidates.points);
+        tile.surfaces = published(gpu, "test/surfaces", &self.surfaces);
         // One extra vector, which must not change.
         let radiance = [before, &[[f32::from_bits(POISON); 4]]].concat();
         tile.radiance_direct = gpu.upload("test/radiance", &radiance).unwrap();

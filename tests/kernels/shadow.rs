@@ -11,6 +11,7 @@ use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
 use penumbra::settings::Technique;
 
+use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Candidates, LightPoint, Stage, oct_decode, oct_encode, whole};
@@ -101,7 +102,7 @@ impl Setup {
         let Stage { features, gpu_scene, .. } = &self.candidates.stage;
         let pass = Shadow::new(gpu, features, &gpu_scene.constants()).unwrap();
         let mut tile = TileBuffers::new(gpu, features, self.candidates.tile.point_count, false).unwrap();
-        tile.points = gpu.upload("test/points", &self.candidates.points).unwrap();
+        tile.points = published(gpu, "test/points", &self.candidates.points);
         tile.counters = gpu.upload("test/counters", &[BEFORE; Counter::COUNT]).unwrap();
         let classes = gpu.upload("test/classes", classes).unwrap();
         let boundary_queue = gpu.upload("test/boundary", boundary).unwrap();

@@ -10,6 +10,7 @@ use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::settings::Technique;
 
+use crate::kit::published;
 use crate::light::square;
 use crate::path::{camera, scene, surface};
 use crate::stage::{Stage, hash1, oct_encode, whole};
@@ -121,8 +122,8 @@ fn lights_are_tested_as_ward_does(gpu: &Gpu) {
     points[64].normal = INVALID_POINT;
     let normal = f32::from_bits(oct_encode(DVec3::Y));
     let mut buffers = TileBuffers::new(gpu, &stage.features, count, false).unwrap();
-    buffers.points = gpu.upload("test/points", &points).unwrap();
-    buffers.surfaces = gpu.upload("test/surfaces", &vec![[ALBEDO, ALBEDO, ALBEDO, normal]; count as usize]).unwrap();
+    buffers.points = published(gpu, "test/points", &points);
+    buffers.surfaces = published(gpu, "test/surfaces", &vec![[ALBEDO, ALBEDO, ALBEDO, normal]; count as usize]);
     let candidates = count * LIGHTS as u32;
     let visible: Vec<u32> = (0..candidates).map(|candidate| bits(candidate, count)).collect();
     let visibility = gpu.upload("test/visibility", &visible).unwrap();

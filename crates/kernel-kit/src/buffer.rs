@@ -18,12 +18,24 @@ impl Buffer {
 }
 
 /// Read-only records of four 32-bit words that kernels look up at random: a texture of width
-/// [`TABLE_WIDTH`] where [`Gpu::texture_loads`](crate::Gpu::texture_loads), a storage buffer elsewhere.
+/// [`TABLE_WIDTH`] where [`Gpu::texture_loads`](crate::Gpu::texture_loads), a storage buffer elsewhere. Clones are the
+/// same table.
+#[derive(Clone)]
 pub enum Table {
     /// Texel i is at (i % width, i / width).
     Texture(wgpu::TextureView),
     /// Word quadruple i.
     Buffer(Buffer),
+}
+
+/// Records that kernels write to a buffer, and that kernels read from a table after
+/// [`Frame::publish`](crate::Frame::publish). Where tables are buffers, the table is the buffer.
+#[derive(Clone)]
+pub struct KernelTable {
+    /// What kernels write.
+    pub buffer: Buffer,
+    /// What kernels read.
+    pub table: Table,
 }
 
 /// What a table's words are.

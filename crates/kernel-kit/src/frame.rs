@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bytemuck::Pod;
 
-use crate::buffer::{Buffer, TABLE_WIDTH, Table, TableFormat};
+use crate::buffer::{Buffer, KernelTable, TABLE_WIDTH, Table, TableFormat};
 use crate::compose::MAX_GROUPS;
 use crate::device::Gpu;
 use crate::error::Result;
@@ -134,18 +134,42 @@ impl Frame<'_> {
     pub fn copy_to_table(&mut self, buffer: &Buffer, texture: &wgpu::Texture) {
         let rows = (buffer.bytes / u64::from(TABLE_WIDTH * 16)) as u32;
         debug_assert!(rows > 0, "a buffer that is copied to a table is padded to whole rows");
+        self.copy_to_texture(buffer, texture, 0, [TABLE_WIDTH, rows.min(texture.height())]);
+    }
+
+    /// Copies records from a buffer, which begins at the table's first row, to a rectangle of the table's texture.
+    fn copy_to_texture(&mut self, buffer: &Buffer, texture: &wgpu::Texture, first_row: u32, [width, rows]: [u32; 2]) {
         self.encoder.copy_buffer_to_texture(
             wgpu::TexelCopyBufferInfo {
                 buffer: &buffer.raw,
                 layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
+                    offset: u64::from(first_row) * u64::from(TABLE_WIDTH * 16),
                     bytes_per_row: Some(TABLE_WIDTH * 16),
                     rows_per_image: None,
                 },
             },
-            texture.as_image_copy(),
-            wgpu::Extent3d { width: TABLE_WIDTH, height: rows.min(texture.height()), depth_or_array_layers: 1 },
+            wgpu::TexelCopyTextureInfo {
+                origin: wgpu::Origin3d { x: 0, y: first_row, z: 0 },
+                ..texture.as_image_copy()
+            },
+            wgpu::Extent3d { width, height: rows, depth_or_array_layers: 1 },
         );
+    }
+
+    /// Makes the first `records` records that kernels have written readable as a table.
+    ///
+    /// # Panics
+    /// If the table has fewer.
+    pub fn publish(&mut self, written: &KernelTable, records: u32) {
+        assert!(u64::from(records) * 16 <= written.buffer.bytes, "{} has fewer records", written.buffer.label);
+        let Table::Texture(view) = &written.table else { return };
+        let (rows, rest) = (records / TABLE_WIDTH, records % TABLE_WIDTH);
+        if rows > 0 {
+            self.copy_to_texture(&written.buffer, view.texture(), 0, [TABLE_WIDTH, rows]);
+        }
+        if rest > 0 {
+            self.copy_to_texture(&written.buffer, view.texture(), rows, [rest, 1]);
+        }
     }
 
     /// Copies a buffer into a table of as many records, which are whole rows of [`TABLE_WIDTH`].

@@ -23,7 +23,7 @@ mod transfer;
 
 pub use adapter::{DeviceChoice, DeviceInfo};
 pub use binding::{Binding, Bindings, Declared, Resources};
-pub use buffer::{Buffer, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
+pub use buffer::{Buffer, KernelTable, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
 pub use compose::{Composed, Composer, MAX_GROUPS, constants_module};
 pub use device::Gpu;
 pub use error::{Error, Result};

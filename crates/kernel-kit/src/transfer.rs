@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::buffer::{Buffer, EMPTY_BYTES, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
+use crate::buffer::{Buffer, EMPTY_BYTES, KernelTable, MIN_BYTES, POISON, TABLE_WIDTH, Table, TableFormat, table_rows};
 use crate::device::Gpu;
 use crate::error::{Error, Result, one_line};
 
@@ -135,6 +135,18 @@ impl Gpu {
             return Ok(Table::Buffer(self.buffer::<[u32; 4]>(label, count)?));
         }
         Ok(Table::Texture(self.table_texture(label, count, format)?.create_view(&Default::default())))
+    }
+
+    /// The table of the records that kernels write to `buffer`.
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn table_of(&self, buffer: Buffer, format: TableFormat) -> Result<KernelTable> {
+        let table = match self.texture_loads {
+            true => self.empty_table(&buffer.label, (buffer.bytes / 16) as usize, format)?,
+            false => Table::Buffer(buffer.clone()),
+        };
+        Ok(KernelTable { buffer, table })
     }
 
     /// The texture of a table of `count` records, for kernels' results that are copied into it.

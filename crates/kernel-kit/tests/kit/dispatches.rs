@@ -177,6 +177,32 @@ fn what_kernels_write_is_read_as_a_table(gpu: &Gpu) {
     assert_eq!(gpu.read::<u32>(&copies, 0).unwrap(), []);
 }
 
+/// Only the published records of a kernel's table are read anew: the rest of the last row is as it was.
+#[kernel_test]
+fn as_many_records_as_are_published_are_read(gpu: &Gpu) {
+    let features = device_features(gpu);
+    let composed = Composer::new().compose_source("look_up", LOOK_UP, &features).unwrap();
+    let kernel = Kernel::new(gpu, &composed, &Host::default()).unwrap();
+    let width = TABLE_WIDTH as usize;
+    for count in [0, 1, width - 1, width, width + 1, 2 * width + 5] {
+        let records: Vec<[u32; 4]> = (0..count as u32 + 1).map(|i| [i + 1, 2 * i, 3 * i, 4 * i]).collect();
+        let written = gpu.table_of(gpu.upload("test/records", &records).unwrap(), TableFormat::Uint).unwrap();
+        let copies = gpu.poisoned::<[u32; 4]>("test/copies", count + 1).unwrap();
+        let sets = Resources::new().with("table", &written.table).with("copies", &copies);
+        let bound = kernel.bind(gpu, "look_up", &[&sets]).unwrap();
+        let mut frame = gpu.frame("test");
+        frame.publish(&written, count as u32);
+        frame.run(&bound, count as u32 + 1, &(count as u32 + 1));
+        frame.submit().unwrap();
+        let mut expected = records.clone();
+        // A buffer that is the table shows all that is written to it.
+        if features.has(DeviceFeature::TextureLoads) {
+            expected[count] = [0; 4];
+        }
+        assert_eq!(gpu.read::<[u32; 4]>(&copies, count + 1).unwrap(), expected, "{count} records");
+    }
+}
+
 fn arguments_are_followed(gpu: &Gpu, bound: &kernel_kit::BoundKernel, arguments: &kernel_kit::Buffer) {
     let kernel = square_kernel(gpu, SQUARES);
     let numbers = gpu.upload("test/numbers", &[5u32; 100]).unwrap();
