@@ -228,8 +228,8 @@ impl Settings {
     }
 
     /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say:
-    /// 131,072 where the image shows what they tell. Else one for 64 shadow rays that they may save: at least 4,096, and
-    /// at most 16,384 where the shadow rays of earlier samples decide what the map does not, else 131,072.
+    /// 131,072 where the image shows what they tell. Else one for 64 shadow rays that they may save: at least 4,096,
+    /// and at most 16,384 where the shadow rays of earlier samples decide what the map does not, else 131,072.
     pub fn photons_per_light(&self) -> u32 {
         let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
         let ImageSettings { width, height, spp, .. } = self.image;
