@@ -41,6 +41,7 @@ import package::kit::group_index;
 import package::lib::ray::Ray;
 @if(texture_loads) import package::lib::table::table_texel;
 import package::lib::bvh::traversal_overrun;
+import package::lib::ray::RaySample;
 import package::lib::packet::{no_ray, trace_closest_together, trace_occluded_together};
 @if(texture_loads) @group(0) @binding(0) var rays: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
@@ -63,7 +64,7 @@ fn closest(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    let hit = trace_closest_together(ray_of(i), 0u, lane);
+    let hit = trace_closest_together(ray_of(i), RaySample(0u, 0u), lane);
     if i >= ray_count { return; }
     answers[i] = vec4f(hit.t, f32(traversal_overrun), hit.v, bitcast<f32>(hit.triangle));
 }
@@ -74,7 +75,7 @@ fn occluded(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    let occluded = trace_occluded_together(ray_of(i), 0u, lane);
+    let occluded = trace_occluded_together(ray_of(i), RaySample(0u, 0u), lane);
     if i >= ray_count { return; }
     answers[i] = vec4f(f32(occluded), f32(traversal_overrun), 0.0, 0.0);
 }";

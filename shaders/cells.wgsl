@@ -16,7 +16,8 @@ import package::lib::grid::{GridShape, cell_in_grid, cell_of, cells_of_a_light, 
 @if(dark_points) import package::lib::light::light_dark;
 import package::lib::light::{light_sample, shadow_ray};
 import package::lib::math::oct_decode16;
-import package::lib::rng::hash3;
+import package::lib::ray::RaySample;
+import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol2;
 import package::lib::tile::Tile;
 
@@ -77,7 +78,8 @@ fn trace(
     let faces = i < cells_pass.point_count && sampled.pdf > 0.0 && cosine != 0.0;
     var ray = no_ray();
     if faces { ray = shadow_ray(point.position, select(normal, -normal, cosine < 0.0), sampled); }
-    let visible = !trace_occluded_together(ray, hash3(seed, DIMENSION_SHADOW_ALPHA, i % cells_pass.rays), lane);
+    let ray_sample = RaySample(hash2(seed, DIMENSION_SHADOW_ALPHA), i % cells_pass.rays);
+    let visible = !trace_occluded_together(ray, ray_sample, lane);
     if !faces { return; }
     atomicAdd(&cell_counts[index], select(1u, 0x10001u, visible));
     if traversal_overrun { atomicAdd(&counters[COUNTER_OVERRUN], 1u); }

@@ -15,7 +15,7 @@ import package::kit::group_index;
 import package::lib::light::{flux_window, light_emit};
 import package::lib::math::{is_finite3, oct_encode7};
 import package::lib::photon::{Photon, flux_word};
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{sobol2, sobol4};
@@ -90,7 +90,7 @@ fn store_shadows(first: LightHit, there: bool, xi: f32, seed: u32, lane: u32) ->
             on = ray_behind(found, first.ray.direction, FAR_AWAY);
             rays++;
         }
-        let hit = trace_closest_together(on, seed, lane);
+        let hit = trace_closest_together(on, RaySample(seed, 0u), lane);
         goes_on &= hit.triangle != NO_HIT && !traversal_overrun;
         if goes_on {
             found = surface_at(hit, on);
@@ -165,7 +165,7 @@ fn flux(
             rays++;
         }
         let bounce_seed = hash3(seed, ray, bounce);
-        let hit = trace_closest_together(here, bounce_seed, lane);
+        let hit = trace_closest_together(here, RaySample(bounce_seed, 0u), lane);
         goes_on &= hit.triangle != NO_HIT && !traversal_overrun;
         let xi = vec2f(uniform_from_bits(hash2(bounce_seed, 1u)), uniform_from_bits(hash2(bounce_seed, 2u)));
         var found: SurfaceHit;

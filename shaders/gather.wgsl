@@ -18,7 +18,7 @@ import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
 import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface};
-import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::record::RECORD_VALUE_TEXELS;
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::surface::{SurfaceHit, surface_at};
@@ -112,7 +112,7 @@ fn gather(
     let gathering = gather_ray(id);
     var ray = no_ray();
     if there && gathering.pdf > 0.0 { ray = gathering.ray; }
-    let hit = trace_closest_together(ray, hash2(gathering.seed, ~id), lane);
+    let hit = trace_closest_together(ray, RaySample(~gathering.seed, gathering.stratum), lane);
     if !there { return; }
     var radiance = vec4f(0.0, 0.0, 0.0, NO_DISTANCE);
     if hit.triangle != NO_HIT {

@@ -22,7 +22,7 @@ import package::lib::constants::COUNTER_NOT_FINITE_IRRADIANCE;
 @if(negative_photons) import package::lib::light::{light_sample, light_unshadowed_irradiance};
 @if(negative_photons) import package::lib::sampling::sobol2;
 import package::lib::photon::{Photon, flux_of, photon_normal};
-import package::lib::ray::{NO_HIT, Ray, offset_origin};
+import package::lib::ray::{NO_HIT, Ray, RaySample, offset_origin};
 @if(negative_photons) import package::lib::ray::Hit;
 import package::lib::rng::{hash1, hash3, uniform_from_bits};
 @if(negative_photons) import package::lib::surface::{ray_behind, surface_at};
@@ -254,13 +254,13 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         // Half the height of the ellipsoid above this sample of the disc.
         let reach = height * sqrt(1.0 - part);
         let down = Ray(above, height - reach, -normal, height + reach);
-        let seed = hash1(bits.x + j);
-        let blocked = trace_occluded(there, seed);
+        let sample = RaySample(hash1(bits.x + j), 0u);
+        let blocked = trace_occluded(there, sample);
         @if(!negative_photons) { if blocked { continue; } }
-        let hit = trace_closest(down, seed);
+        let hit = trace_closest(down, sample);
         if hit.triangle == NO_HIT { continue; }
         @if(negative_photons) {
-            hidden += hidden_surfaces(down, hit, blocked, normal, seed);
+            hidden += hidden_surfaces(down, hit, blocked, normal, sample);
             if blocked { continue; }
         }
         let cosine = abs(dot(normalize(hit_normal(hit)), normal));
@@ -283,7 +283,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
 // The area of the hidden surfaces that a probe hits, over the area of the probe: the surfaces behind the visible one,
 // or all of them where the probe is blocked. Only surfaces that store photons count.
 @if(negative_photons)
-fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, seed: u32) -> f32 {
+fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, sample: RaySample) -> f32 {
     var ray = probe;
     var hit = first;
     var is_hidden = blocked;
@@ -295,7 +295,7 @@ fn hidden_surfaces(probe: Ray, first: Hit, blocked: bool, normal: vec3f, seed: u
         if is_hidden && compatible && any(found.surface.albedo > vec3f(0.0)) { area += 1.0 / cosine; }
         is_hidden = true;
         ray = ray_behind(found, ray.direction, ray.t_max - hit.t);
-        hit = trace_closest(ray, seed);
+        hit = trace_closest(ray, sample);
     }
     return area;
 }

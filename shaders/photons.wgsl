@@ -7,7 +7,7 @@ import package::lib::math::oct_encode7;
 import package::lib::rng::{hash2, hash3};
 import package::lib::sampling::sobol4;
 import package::lib::light::light_emit;
-import package::lib::ray::{Hit, NO_HIT, Ray, intersect_triangle, offset_origin, shear_ray};
+import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, intersect_triangle, offset_origin, shear_ray};
 import package::lib::bvh::{stops, traversal_iterations, traversal_overrun, triangle_corners, triangle_word};
 import package::lib::packet::{LINE_ITERATIONS, begin_line, next_on_line, no_ray};
 import package::lib::photon::{Photon, photon_word};
@@ -142,7 +142,7 @@ fn meet(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, t: f32, prim
 fn meet_triangle(kept: ptr<function, Kept>, nearest: ptr<function, Nearest>, hit: Hit, direction: vec3f) {
     // The loop over kept photons runs once even where there is no hit.
     @if(packets) { traversal_iterations++; }
-    if hit.triangle == NO_HIT || !stops(hit, 0.0, FAR, (*kept).seed) { return; }
+    if hit.triangle == NO_HIT || !stops(hit, 0.0, FAR, RaySample((*kept).seed, 0u)) { return; }
     meet(kept, nearest, hit.t, hit.triangle, arrival(hit.triangle, direction));
 }
 

@@ -12,18 +12,19 @@ import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 @if(specular_chains) import package::lib::packet::in_any_lane;
 @if(environment) import package::lib::environment::environment_radiance;
-import package::lib::ray::NO_HIT;
+import package::lib::ray::{NO_HIT, RaySample};
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
+@if(specular_chains) import package::lib::sampling::sobol1;
 import package::lib::bsdf::surface::pack_surface;
 import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::bsdf::{bsdf_sample, is_clear, leaving_normal};
 @if(specular_chains) import package::lib::constants::{COUNTER_BOUNCE_RAYS, DIMENSION_CHAIN};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
-@if(specular_chains) import package::lib::rng::{hash3, uniform_from_bits};
+@if(specular_chains) import package::lib::rng::hash3;
 import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
@@ -51,7 +52,7 @@ fn primary(
     let camera = camera_ray(film);
     var ray = no_ray();
     if i < tile.point_count { ray = camera.ray; }
-    let hit = trace_closest_together(ray, hash2(seed, DIMENSION_ALPHA + sample_index), lane);
+    let hit = trace_closest_together(ray, RaySample(hash2(seed, DIMENSION_ALPHA), sample_index), lane);
     let met = hit.triangle != NO_HIT;
     var found: SurfaceHit;
     var direct = vec4f(0.0);
@@ -127,7 +128,7 @@ fn chain_from(
         let link_seed = hash3(seed, DIMENSION_CHAIN, link);
         var ray = no_ray();
         if goes_on {
-            let lobe = uniform_from_bits(hash2(link_seed, sample_index));
+            let lobe = sobol1(sample_index, hash2(link_seed, 1u));
             let scattered = bsdf_sample((*found).surface, vec3f(sobol2(sample_index, link_seed), lobe));
             goes_on = scattered.pdf > 0.0;
             if goes_on {
@@ -138,7 +139,7 @@ fn chain_from(
             }
         }
         if !in_any_lane(goes_on, lane) { break; }
-        let hit = trace_closest_together(ray, ~link_seed + sample_index, lane);
+        let hit = trace_closest_together(ray, RaySample(~link_seed, sample_index), lane);
         let ends = hit.triangle == NO_HIT || traversal_overrun;
         @if(environment) {
             if goes_on && ends { *direct += vec4f(throughput * environment_radiance(ray.direction), 0.0); }

@@ -10,7 +10,8 @@ import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
-import package::lib::rng::hash3;
+import package::lib::ray::RaySample;
+import package::lib::rng::hash2;
 import package::lib::visible_point::load_point;
 @if(audit) import package::lib::photon::{Photon, photon_word};
 @if(audit) import package::lib::class_word::{class_of, is_decided, is_near};
@@ -102,8 +103,8 @@ fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
             let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
             var ray = no_ray();
             if faces { ray = shadow_ray(c.position, c.normal, sampled); }
-            let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, c.sample_index * count + j);
-            let visible = !trace_occluded_together(ray, ray_seed, lane);
+            let ray_sample = RaySample(hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index * count + j);
+            let visible = !trace_occluded_together(ray, ray_sample, lane);
             if faces {
                 traced++;
                 bits |= u32(visible) << (j - first);
@@ -162,8 +163,8 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
     let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
     var ray = no_ray();
     if faces { ray = shadow_ray(c.position, c.normal, sampled); }
-    let ray_seed = hash3(c.seed, DIMENSION_SHADOW_ALPHA + c.light, ~c.sample_index);
-    let visible = !trace_occluded_together(ray, ray_seed, lane);
+    let ray_sample = RaySample(~hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index);
+    let visible = !trace_occluded_together(ray, ray_sample, lane);
     // Where the light point faces away no ray is traced, and the class stands.
     if !faces { return lit; }
     atomicAdd(&rays_traced, 1u);

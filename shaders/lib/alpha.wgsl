@@ -2,7 +2,9 @@
 // blended surface stops a ray with the probability alpha.
 
 import package::lib::material::alpha_at;
-import package::lib::rng::{hash3, uniform_from_bits};
+import package::lib::ray::RaySample;
+import package::lib::rng::hash3;
+import package::lib::sampling::sobol1;
 import package::lib::constants::{MATERIAL_MASK, MATERIAL_BLEND};
 
 // Alpha at a point of a triangle: the share of rays that the surface stops there.
@@ -13,8 +15,8 @@ fn alpha_coverage(triangle: u32, u: f32, v: f32) -> f32 {
     return 1.0;
 }
 
-// Whether the triangle stops the ray whose random number is `seed`.
-fn alpha_blocks(triangle: u32, u: f32, v: f32, seed: u32) -> bool {
+// Whether the triangle stops the ray.
+fn alpha_blocks(triangle: u32, u: f32, v: f32, sample: RaySample) -> bool {
     // Each triangle has its own random number, so that two layers stop a ray independently.
-    return uniform_from_bits(hash3(seed, triangle, 0x616c7068u)) < alpha_coverage(triangle, u, v);
+    return sobol1(sample.index, hash3(sample.sequence, triangle, 0x616c7068u)) < alpha_coverage(triangle, u, v);
 }

@@ -14,12 +14,14 @@
 //         let primitive = next_triangle(&traversal, t_max);   // t_max may shrink from iteration to iteration
 //         if primitive != NO_HIT {
 //             let hit = intersect_primitive(&traversal, primitive);
-//             if stops(hit, t_min, t_max, seed) { ... }
+//             if stops(hit, t_min, t_max, sample) { ... }
 //         }
 //     }
 
 @if(texture_loads) import package::lib::table::table_texel;
-import package::lib::ray::{Ray, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle};
+import package::lib::ray::{
+    Ray, RaySample, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle,
+};
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
 @if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal};
 @if(procedurals) import package::lib::procedural::{procedural_ray_iterations, procedurals_occlude};
@@ -264,10 +266,10 @@ fn has_alpha_test(hit: Hit) -> bool {
 }
 
 // Whether a hit lies within the ray and its surface stops the ray.
-fn stops(hit: Hit, t_min: f32, t_max: f32, seed: u32) -> bool {
+fn stops(hit: Hit, t_min: f32, t_max: f32, sample: RaySample) -> bool {
     var stopped = within(hit, t_min, t_max);
     @if(alpha_test) {
-        if stopped && has_alpha_test(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, seed); }
+        if stopped && has_alpha_test(hit) { stopped = alpha_blocks(hit.triangle, hit.u, hit.v, sample); }
     }
     return stopped;
 }
@@ -285,8 +287,8 @@ fn before(hit: Hit, other: Hit) -> bool {
 }
 
 // The first surface that the ray meets; of several at the same distance the one of the lowest primitive index, so that
-// coplanar surfaces do not flicker. `seed` is for the random numbers of partly transparent surfaces (alpha blending).
-fn trace_closest(ray: Ray, seed: u32) -> Hit {
+// coplanar surfaces do not flicker. `sample` is for partly transparent surfaces (alpha blending).
+fn trace_closest(ray: Ray, sample: RaySample) -> Hit {
     var traversal = begin_traversal(ray);
     var closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
     @if(!alpha_test) {
@@ -313,7 +315,7 @@ fn trace_closest(ray: Ray, seed: u32) -> Hit {
                     }
                 }
             }
-            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, seed) {
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, sample) {
                 closest = undecided;
             }
         }
@@ -325,8 +327,8 @@ fn trace_closest(ray: Ray, seed: u32) -> Hit {
     return closest;
 }
 
-// Whether any surface stops the ray; `seed` as in trace_closest.
-fn trace_occluded(ray: Ray, seed: u32) -> bool {
+// Whether any surface stops the ray; `sample` as in trace_closest.
+fn trace_occluded(ray: Ray, sample: RaySample) -> bool {
     var traversal = begin_traversal(ray);
     @if(!alpha_test) {
         while !traversal.done {
@@ -349,7 +351,7 @@ fn trace_occluded(ray: Ray, seed: u32) -> bool {
                     }
                 }
             }
-            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, seed) {
+            if undecided.triangle != NO_HIT && alpha_blocks(undecided.triangle, undecided.u, undecided.v, sample) {
                 return true;
             }
         }

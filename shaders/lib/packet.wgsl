@@ -11,7 +11,7 @@
 // invocation's index within the workgroup, whose subgroups follow each other. Where a packet gives up, all of its lanes
 // have `traversal_overrun` set.
 
-import package::lib::ray::{Hit, Ray};
+import package::lib::ray::{Hit, Ray, RaySample};
 import package::lib::bvh::{trace_closest, trace_occluded};
 @if(!packets) import package::lib::bvh::{Traversal, begin_traversal, intersect_primitive, next_triangle};
 @if(!packets) import package::lib::ray::NO_HIT;
@@ -34,10 +34,10 @@ fn no_ray() -> Ray {
 }
 
 // As trace_closest.
-fn trace_closest_together(ray: Ray, seed: u32, lane: u32) -> Hit {
-    @if(!packets) { return trace_closest(ray, seed); }
+fn trace_closest_together(ray: Ray, sample: RaySample, lane: u32) -> Hit {
+    @if(!packets) { return trace_closest(ray, sample); }
     @if(packets) {
-        var closest = trace_packet(ray, seed, lane % PACKET_LANES, false);
+        var closest = trace_packet(ray, sample, lane % PACKET_LANES, false);
         @if(procedurals) {
             closest = closest_procedural(ray, closest);
             traversal_iterations += procedural_ray_iterations;
@@ -47,10 +47,10 @@ fn trace_closest_together(ray: Ray, seed: u32, lane: u32) -> Hit {
 }
 
 // As trace_occluded.
-fn trace_occluded_together(ray: Ray, seed: u32, lane: u32) -> bool {
-    @if(!packets) { return trace_occluded(ray, seed); }
+fn trace_occluded_together(ray: Ray, sample: RaySample, lane: u32) -> bool {
+    @if(!packets) { return trace_occluded(ray, sample); }
     @if(packets) {
-        var occluded = trace_packet(ray, seed, lane % PACKET_LANES, true).triangle != NO_HIT;
+        var occluded = trace_packet(ray, sample, lane % PACKET_LANES, true).triangle != NO_HIT;
         @if(procedurals) {
             if !occluded {
                 occluded = procedurals_occlude(ray);
@@ -237,7 +237,7 @@ fn shared_iterations(lane: u32) -> u32 {
 
 // The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
 @if(packets)
-fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
+fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
     let slabs = slabs_of(ray);
     let sheared = shear_ray(ray);
     var found: Found;
@@ -265,7 +265,7 @@ fn trace_packet(ray: Ray, seed: u32, lane: u32, any_hit: bool) -> Hit {
                 if entry == NO_ENTRY || waits { break; }
             }
             let hit = found.undecided;
-            if hit.triangle != NO_HIT && alpha_blocks(hit.triangle, hit.u, hit.v, seed) {
+            if hit.triangle != NO_HIT && alpha_blocks(hit.triangle, hit.u, hit.v, sample) {
                 keep_hit(&found, hit, any_hit);
             }
             if entry == NO_ENTRY { break; }
@@ -365,8 +365,8 @@ fn visit_leaves(
 //     var line = begin_line(ray, lane);
 //     while !line.done {
 //         let hits = next_on_line(&line, lane);
-//         if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, seed) { ... }
-//         if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, seed) { ... }
+//         if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, sample) { ... }
+//         if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, sample) { ... }
 //     }
 //
 // A packet stops for as many hits at a time as its lanes can hold, because what a kernel does with them takes all lanes

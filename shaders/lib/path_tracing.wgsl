@@ -30,7 +30,7 @@ import package::lib::light::table::load_light_texel;
 @if(global_map) import package::lib::math::PI;
 @if(packets) import package::lib::packet::PACKET_ITERATIONS;
 import package::lib::packet::{in_any_lane, no_ray, trace_closest_together, trace_occluded_together};
-import package::lib::ray::{Hit, NO_HIT, Ray, offset_origin};
+import package::lib::ray::{Hit, NO_HIT, Ray, RaySample, offset_origin};
 import package::lib::rng::{hash2, hash3, uniform_from_bits};
 import package::lib::sampling::{mis_weight, sobol2};
 import package::lib::surface::{SurfaceHit, surface_at};
@@ -154,7 +154,7 @@ fn trace_path(
         path.vertex.lobe_and_light = sobol2(sample_index, hash2(vertex_seed, 2u));
         var connection = Connection(no_ray(), vec3f(0.0));
         if begins { connection = connection_of(&path); }
-        let blocked = trace_occluded_together(connection.ray, hash2(vertex_seed, 4u + sample_index), lane);
+        let blocked = trace_occluded_together(connection.ray, RaySample(hash2(vertex_seed, 4u), sample_index), lane);
         var scattered: BsdfSample;
         if begins {
             if !blocked { add_radiance(&path, light_throughput(&path) * connection.reflected); }
@@ -164,7 +164,7 @@ fn trace_path(
         @if(!mesh_lights && !environment) { path.goes_on &= path.bounce < max_bounces; }
         var ray = no_ray();
         if path.goes_on { ray = scattered_ray(path.vertex, scattered); }
-        let hit = trace_closest_together(ray, hash2(~vertex_seed, sample_index), lane);
+        let hit = trace_closest_together(ray, RaySample(~vertex_seed, sample_index), lane);
         if path.goes_on { extend_path(&path, scattered, ray, hit); }
         traversal_overrun |= begins && traversal_iterations > PATH_ITERATIONS;
         path.goes_on &= !traversal_overrun && path.bounce < max_bounces;

@@ -10,6 +10,13 @@ struct Ray {
     t_max: f32,
 }
 
+// Which sample a ray is, for the random numbers by which it passes partly transparent surfaces. Samples that share a
+// sequence are stratified: of n rays, n times the transmittance pass, give or take one.
+struct RaySample {
+    sequence: u32,
+    index: u32,
+}
+
 struct Hit {
     t: f32,
     // Barycentric coordinates of the triangle's corners 1 and 2.

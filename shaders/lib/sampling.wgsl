@@ -37,6 +37,12 @@ fn sobol2(index: u32, seed: u32) -> vec2f {
     return vec2f(uniform_from_bits(a), uniform_from_bits(b));
 }
 
+// The first dimension of `sobol2`.
+fn sobol1(index: u32, seed: u32) -> f32 {
+    let i = owen_scramble(index, hash1(seed));
+    return uniform_from_bits(reverseBits(scramble_reversed(i, hash2(seed, 1u))));
+}
+
 // As `sobol2`, of four dimensions.
 fn sobol4(index: u32, seed: u32) -> vec4f {
     var left = owen_scramble(index, hash1(seed));

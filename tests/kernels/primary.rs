@@ -15,7 +15,7 @@ use penumbra::settings::Technique;
 
 use crate::light::{Corners, sphere, square};
 use crate::path::{camera, scene, surface};
-use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, whole};
+use crate::stage::{Crossing, Stage, constant, crossings, hash, oct_decode, pixel_of, sobol1, whole};
 use crate::statistics::Random;
 
 /// Faults planted in the oracle, which the comparison must find.
@@ -224,8 +224,8 @@ impl Oracle<'_> {
             AlphaMode::Mask { cutoff } => f64::from(cutoff),
             AlphaMode::Blend => {
                 let (seed, sample) = pixel_of(&self.tile, pixel);
-                let seed = hash(&[seed, constant("DIMENSION_ALPHA") + sample]);
-                f64::from(hash(&[seed, crossing.triangle as u32, 0x616c_7068]) >> 8) / 16_777_216.0
+                let sequence = hash(&[seed, constant("DIMENSION_ALPHA")]);
+                sobol1(sample, hash(&[sequence, crossing.triangle as u32, 0x616c_7068]))
             }
         };
         if (alpha - threshold).abs() < TEXEL { Err(()) } else { Ok(alpha > threshold) }

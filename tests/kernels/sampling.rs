@@ -61,6 +61,7 @@ fn elementary_intervals_hold_one_point_each(gpu: &Gpu) {
             assert_eq!(misplaced(&points, 0, 1), 0, "{entry}, seed {seed}");
             for point in &points {
                 assert!(point.iter().all(|v| (0.0..1.0).contains(v)), "{point:?}");
+                assert!(entry == "four" || point[2] == point[0], "one dimension: {point:?}");
             }
         }
     }

@@ -207,6 +207,20 @@ pub fn hash(words: &[u32]) -> u32 {
     words.iter().rev().copied().reduce(|inner, word| word.wrapping_add(hash1(inner))).map_or(0, hash1)
 }
 
+/// A number of the scrambled van der Corput sequence, the first dimension of the scrambled Sobol sequence (Burley
+/// 2020).
+pub fn sobol1(index: u32, seed: u32) -> f64 {
+    // Vegdahl's variant of the scramble of Laine and Karras (2011), of reversed bits.
+    let scramble = |bits: u32, seed: u32| {
+        let mut x = bits ^ bits.wrapping_mul(0x3d20_adea);
+        x = x.wrapping_add(seed).wrapping_mul((seed >> 16) | 1);
+        x ^= x.wrapping_mul(0x0552_6c56);
+        x ^ x.wrapping_mul(0x53a2_2864)
+    };
+    let shuffled = scramble(index.reverse_bits(), hash1(seed)).reverse_bits();
+    f64::from(scramble(shuffled, hash(&[seed, 1])).reverse_bits() >> 8) / 16_777_216.0
+}
+
 /// A constant that host and kernels share.
 pub fn constant(name: &str) -> u32 {
     penumbra::internal::kernels::constant(name).unwrap()

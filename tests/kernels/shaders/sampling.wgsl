@@ -2,7 +2,7 @@
 
 import package::kit::group_index;
 import package::lib::sampling::{
-    owen_scramble, sobol2, sobol4, sample_cosine, sample_disc, sample_cap, sample_triangle,
+    owen_scramble, sobol1, sobol2, sobol4, sample_cosine, sample_disc, sample_cap, sample_triangle,
     sample_spherical_triangle, spherical_triangle
 };
 import package::lib::math::{oct_encode16, oct_decode16, oct_encode7, oct_decode7, basis};
@@ -27,7 +27,7 @@ fn two(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = item(group, groups, lane);
-    if i < count { points[i] = vec4f(sobol2(i, seed), 0.0, 0.0); }
+    if i < count { points[i] = vec4f(sobol2(i, seed), sobol1(i, seed), 0.0); }
 }
 
 @compute @workgroup_size(64)

@@ -2,13 +2,16 @@
 // In: `rays`, two texels each (origin, t_min; direction, t_max). Out: `answers`; see each entry point.
 
 import package::kit::group_index;
-import package::lib::ray::{Ray, Hit, NO_HIT, offset_origin};
+import package::lib::ray::{Ray, RaySample, Hit, NO_HIT, offset_origin};
 import package::lib::bvh::{begin_traversal, next_triangle, intersect_primitive, stops, traversal_overrun};
 import package::lib::bvh::{trace_closest, trace_occluded};
 import package::lib::packet::{begin_line, next_on_line, no_ray, trace_closest_together, trace_occluded_together};
 
 override ray_count: u32;
 override primitive_count: u32;
+
+// Nothing is partly transparent here.
+const ANY_SAMPLE = RaySample(0u, 0u);
 
 @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> answers: array<vec4u>;
@@ -36,7 +39,7 @@ fn closest(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i < ray_count { answer(i, trace_closest(ray_of(i), 0u)); }
+    if i < ray_count { answer(i, trace_closest(ray_of(i), ANY_SAMPLE)); }
 }
 
 // As closest, by a loop over all triangles.
@@ -53,7 +56,8 @@ fn exhaustive(
     var first = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
     for (var primitive = 0u; primitive < primitive_count; primitive++) {
         let hit = intersect_primitive(&traversal, primitive);
-        if stops(hit, ray.t_min, ray.t_max, 0u) && (hit.t < first.t || first.triangle == NO_HIT) { first = hit; }
+        let nearer = hit.t < first.t || first.triangle == NO_HIT;
+        if nearer && stops(hit, ray.t_min, ray.t_max, ANY_SAMPLE) { first = hit; }
     }
     answer(i, first);
 }
@@ -66,7 +70,7 @@ fn closest_together(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    let hit = trace_closest_together(ray_or_none(i), 0u, lane);
+    let hit = trace_closest_together(ray_or_none(i), ANY_SAMPLE, lane);
     if i < ray_count { answer(i, hit); }
 }
 
@@ -78,7 +82,7 @@ fn occluded_together(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    let stopped = trace_occluded_together(ray_or_none(i), 0u, lane);
+    let stopped = trace_occluded_together(ray_or_none(i), ANY_SAMPLE, lane);
     if i < ray_count { answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u); }
 }
 
@@ -91,7 +95,7 @@ fn occluded(
 ) {
     let i = group_index(group, groups) * 64u + lane;
     if i >= ray_count { return; }
-    let stopped = trace_occluded(ray_of(i), 0u);
+    let stopped = trace_occluded(ray_of(i), ANY_SAMPLE);
     answers[i] = vec4u(u32(stopped), u32(traversal_overrun), 0u, 0u);
 }
 
@@ -110,7 +114,7 @@ fn line(
     var sum = 0u;
     while !traversal.done {
         let primitive = next_triangle(&traversal, ray.t_max);
-        if primitive != NO_HIT && stops(intersect_primitive(&traversal, primitive), ray.t_min, ray.t_max, 0u) {
+        if primitive != NO_HIT && stops(intersect_primitive(&traversal, primitive), ray.t_min, ray.t_max, ANY_SAMPLE) {
             count++;
             sum += primitive;
         }
@@ -132,11 +136,11 @@ fn line_together(
     var sum = 0u;
     while !line.done {
         let hits = next_on_line(&line, lane);
-        if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, 0u) {
+        if hits.first.triangle != NO_HIT && stops(hits.first, ray.t_min, ray.t_max, ANY_SAMPLE) {
             count++;
             sum += hits.first.triangle;
         }
-        if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, 0u) {
+        if hits.second.triangle != NO_HIT && stops(hits.second, ray.t_min, ray.t_max, ANY_SAMPLE) {
             count++;
             sum += hits.second.triangle;
         }
