@@ -29,6 +29,8 @@ struct PathParameters {
     max_bounces: u32,
     // Light points that `shade` takes of each light.
     light_samples: u32,
+    // Upper limit of each component of the indirect light of a path.
+    max_indirect: f32,
 }
 
 @group(0) @binding(2) var<storage, read_write> radiance_direct: array<vec4f>;
@@ -119,6 +121,8 @@ fn radiance_along(i: u32, begins: bool, lane: u32) -> PathRadiance {
     let seed = hash2(pixel_seed(parameters.tile, i), DIMENSION_PATH);
     let start = PathStart(begins, 0u, 0.0);
     var found = trace_path(vertex, start, seed, parameters.max_bounces, parameters.light_samples, lane);
+    // A sample that is not finite stays so, and is counted.
+    if is_finite3(found.indirect) { found.indirect = min(found.indirect, vec3f(parameters.max_indirect)); }
     @if(specular_chains) {
         let throughput = visible_chain(surface, point).throughput;
         found.direct *= throughput;

@@ -284,6 +284,11 @@ impl Settings {
             let range = format!("more than 0, at most {}", Self::MAX_ACCURACY);
             return refuse("indirect.irradiance_cache.accuracy", accuracy, &range);
         }
+        if let Some(clamp) = self.indirect.clamp
+            && !(clamp > 0.0 && clamp.is_finite())
+        {
+            return refuse("indirect.clamp", clamp, "finite and more than 0");
+        }
         let audit = self.visibility_map.audit;
         if !(0.0..=1.0).contains(&audit) {
             return refuse("visibility_map.audit", audit, "from 0 to 1");

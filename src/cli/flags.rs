@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 32] = [
+const FLAGS: [(&str, &str); 33] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
@@ -22,6 +22,7 @@ const FLAGS: [(&str, &str); 32] = [
     ("`light_sampling.sampled_lights`", "--sampled-lights"),
     ("`indirect.max_bounces`", "--max-bounces"),
     ("`indirect.photons`", "--flux-photons"),
+    ("`indirect.clamp`", "--clamp"),
     ("`indirect.irradiance_cache.accuracy`", "--accuracy"),
     ("`indirect.irradiance_cache.gather_rays`", "--gather-rays"),
     ("`cells.resolution`", "--cells"),
@@ -79,6 +80,7 @@ mod tests {
             (new().technique(Technique::PATH).light_sampling(LightSampling::All), "--light-sampling"),
             (new().sampled_lights(1), "--sampled-lights"),
             (new().indirect_photons(0), "--flux-photons"),
+            (new().clamp(0.0), "--clamp"),
             (new().accuracy(0.0), "--accuracy"),
             (new().gather_rays(0), "--gather-rays"),
             (new().cells(0), "--cells"),

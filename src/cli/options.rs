@@ -258,6 +258,10 @@ struct IndirectOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.photons)]
     flux_photons: u32,
 
+    /// Limit the indirect light of each path to this radiance, which removes fireflies; the image is then biased
+    #[arg(long, value_name = "RADIANCE")]
+    clamp: Option<f32>,
+
     /// Radius of an irradiance record over the distance of the surfaces around it: smaller is more accurate, and slower
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
@@ -276,6 +280,7 @@ impl IndirectOptions {
         let indirect = &mut settings.indirect;
         indirect.max_bounces = self.max_bounces;
         indirect.photons = self.flux_photons;
+        indirect.clamp = self.clamp;
         indirect.irradiance_cache.enabled = !self.no_cache;
         indirect.irradiance_cache.accuracy = self.accuracy;
         indirect.irradiance_cache.gather_rays = self.gather_rays;

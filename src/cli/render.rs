@@ -252,8 +252,8 @@ impl Arguments {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
         }
         if self.noise.is_some() && !self.settings.is_unbiased() {
-            let problem =
-                "--noise needs an unbiased technique, and audits where photons classify points, to estimate the error";
+            let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify \
+                 points, to estimate the error";
             return Err(Error::Usage(problem.into()));
         }
         self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;

@@ -168,8 +168,12 @@ impl SecondPass<'_, '_> {
     /// Traces paths (pass `path`): with irradiance records from glossy points and from points that no record covers,
     /// else from every point.
     pub fn trace_paths(&mut self) {
-        let (max_bounces, light_samples) = (self.settings.indirect.max_bounces, self.settings.shadow_rays.samples);
-        let parameters = PathParameters { tile: *self.tile, max_bounces, light_samples };
+        let parameters = PathParameters {
+            tile: *self.tile,
+            max_bounces: self.settings.indirect.max_bounces,
+            light_samples: self.settings.shadow_rays.samples,
+            max_indirect: self.settings.indirect.clamp.unwrap_or(f32::MAX),
+        };
         if let Some(indirect) = &self.lighting.indirect {
             indirect.trace_paths(self.frame, &parameters);
         }

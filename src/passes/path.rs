@@ -17,6 +17,8 @@ shared_struct! {
         pub max_bounces: u32,
         /// Light points per light in pass `shade`, where that pass runs.
         pub light_samples: u32,
+        /// Upper limit of each component of the indirect light of a path.
+        pub max_indirect: f32,
     }
 }
 

@@ -51,6 +51,7 @@ setters! {
     sampled_lights: u32 => "LightSamplingSettings::sampled_lights", light_sampling.sampled_lights;
     max_bounces: u32 => "IndirectSettings::max_bounces", indirect.max_bounces;
     indirect_photons: u32 => "IndirectSettings::photons", indirect.photons;
+    clamp: f32 => "IndirectSettings::clamp", indirect.clamp;
     irradiance_cache: bool => "IrradianceCacheSettings::enabled", indirect.irradiance_cache.enabled;
     accuracy: f32 => "IrradianceCacheSettings::accuracy", indirect.irradiance_cache.accuracy;
     gather_rays: u32 => "IrradianceCacheSettings::gather_rays", indirect.irradiance_cache.gather_rays;

@@ -107,6 +107,9 @@ pub struct IndirectSettings {
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
     #[serde(rename = "flux_photons")]
     pub photons: u32,
+    /// Upper limit of the indirect light that a path adds to its sample, for each of red, green and blue: more than 0,
+    /// in units of radiance. It removes fireflies, and with them light: the image is biased. `None`: no limit.
+    pub clamp: Option<f32>,
     /// The irradiance cache.
     #[serde(flatten)]
     pub irradiance_cache: IrradianceCacheSettings,
@@ -118,6 +121,7 @@ impl Default for IndirectSettings {
             // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
             max_bounces: 64,
             photons: 65_536,
+            clamp: None,
             irradiance_cache: IrradianceCacheSettings::default(),
         }
     }

@@ -53,7 +53,7 @@ impl Settings {
     /// Whether the image converges to the true one as samples are added. Indirect light converges only as far as
     /// photons and irradiance records allow; their number grows with the samples.
     pub fn is_unbiased(&self) -> bool {
-        (implementation(self.technique).is_unbiased)(self)
+        self.indirect.clamp.is_none() && (implementation(self.technique).is_unbiased)(self)
     }
 }
 

@@ -50,11 +50,23 @@ fn render(gpu: &Gpu, scene: Scene, camera: &Camera, size: u32, spp: u32, max_bou
 /// As [`render`], with the scene's features modified by `changed`.
 pub fn render_with(
     gpu: &Gpu,
-    mut scene: Scene,
+    scene: Scene,
     camera: &Camera,
     size: u32,
     spp: u32,
     max_bounces: u32,
+    changed: impl Fn(Features) -> Features,
+) -> Rendered {
+    render_clamped(gpu, scene, camera, [size, spp, max_bounces], f32::MAX, changed)
+}
+
+/// As [`render_with`], with a limit of the indirect light of each path.
+fn render_clamped(
+    gpu: &Gpu,
+    mut scene: Scene,
+    camera: &Camera,
+    [size, spp, max_bounces]: [u32; 3],
+    max_indirect: f32,
     changed: impl Fn(Features) -> Features,
 ) -> Rendered {
     let settings = Settings::default().with(|s| {
@@ -93,7 +105,7 @@ pub fn render_with(
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
     primary.record(&mut frame, &tile);
-    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1 });
+    bound.record(&mut frame, &PathParameters { tile, max_bounces, light_samples: 1, max_indirect });
     frame.submit().unwrap();
     let read = |buffer: &kernel_kit::Buffer| gpu.read::<[f32; 4]>(buffer, point_count as usize).unwrap();
     let rendered = Rendered {
@@ -105,6 +117,25 @@ pub fn render_with(
     let results = rendered.direct.iter().chain(&rendered.indirect);
     assert!(results.flatten().all(|v| v.is_finite()), "poison or worse in the radiance");
     rendered
+}
+
+/// A limit of indirect light is the lower one of the path's light and the limit, component by component; direct light
+/// has none.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn indirect_light_is_clamped(gpu: &Gpu) {
+    const LIMIT: f32 = 0.05;
+    // Under a small lamp, paths differ in what they gather.
+    let lamp = square(DVec3::new(0.0, 0.4, 0.0), DVec3::X * 0.1, DVec3::Z * 0.1);
+    let parts = [(inside_out(cube(DVec3::ZERO, 0.5)), surface(0.7, 0.0)), (lamp, surface(0.5, 8.0))];
+    let view = camera(DVec3::new(0.1, -0.2, 0.3), DVec3::new(0.3, 0.5, -1.0), 1.5);
+    let render = |limit| render_clamped(gpu, scene(&parts, Vec::new()), &view, [16, 8, 4], limit, |features| features);
+    let (free, clamped) = (render(f32::MAX), render(LIMIT));
+    assert_eq!(free.direct, clamped.direct);
+    let expected: Vec<[f32; 4]> =
+        free.indirect.iter().map(|[r, g, b, w]| [r.min(LIMIT), g.min(LIMIT), b.min(LIMIT), *w]).collect();
+    assert_eq!(clamped.indirect, expected);
+    let above = free.indirect.iter().filter(|v| v[0] > LIMIT).count();
+    assert!(above > 0 && above < expected.len(), "{above} paths exceed the limit");
 }
 
 /// In a closed room that emits 1 and reflects the share a everywhere, the radiance is 1 + a + a^2 + ... = 1 / (1 - a)
@@ -317,7 +348,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         buffers.radiance_indirect = Some(gpu.poisoned::<[f32; 4]>("test/indirect", count).unwrap());
         let primary = Primary::new(gpu, &features, &constants).unwrap().bind(gpu, &buffers, &gpu_scene).unwrap();
         let path = Path::new(gpu, &features, &constants).unwrap();
-        let parameters = PathParameters { tile, max_bounces: 0, light_samples: 4 };
+        let parameters = PathParameters { tile, max_bounces: 0, light_samples: 4, max_indirect: f32::MAX };
         let mut frame = gpu.frame("test");
         frame.clear(&buffers.counters);
         primary.record(&mut frame, &tile);
