@@ -14,6 +14,8 @@ struct FilmParameters {
     // Number of points to sum, and the index of the first of them in `samples`.
     point_count: u32,
     first_point: u32,
+    // Index of the first sample of each pixel, for `accumulate_half`.
+    first_sample: u32,
 }
 
 @group(0) @binding(0) var<storage, read> samples: array<vec4f>;
@@ -72,6 +74,30 @@ fn accumulate(
         if !added { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
     if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
+}
+
+// Whether a sample belongs to the first half: 0, and of the samples from each power of two to the next the first half,
+// so 0, 2, 4, 5, 8 to 11 and so on. Then both halves are made of aligned blocks of the Sobol sequence, in which samples
+// are well distributed; samples of even and odd number would divide its pairs, and each miss what the other has.
+fn is_in_first_half(sample_index: u32) -> bool {
+    if sample_index < 2u { return sample_index == 0u; }
+    return (sample_index >> (firstLeadingBit(sample_index) - 1u)) == 2u;
+}
+
+// As `accumulate`, of the samples of the first half alone. `accumulate` counts those that are not finite.
+@compute @workgroup_size(64)
+fn accumulate_half(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let pixel = group_index(group, groups) * 64u + lane;
+    if pixel >= film_parameters.pixel_count { return; }
+    var sample_index = film_parameters.first_sample;
+    for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
+        if is_in_first_half(sample_index) { add_sample(pixel, samples[film_parameters.first_point + i]); }
+        sample_index++;
+    }
 }
 
 // Sums the squares of the whole radiance, the sum of its two parts, for the variance.

@@ -2,8 +2,8 @@
 // any.
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
-// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested. Positions
-// are in scene units after normalisation.
+// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested; the guides
+// of denoisers, which are of the surface at the end of a specular chain. Positions are in scene units after normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
@@ -34,6 +34,8 @@ import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 @if(aov_albedo) @group(0) @binding(3) var<storage, read_write> albedo_samples: array<vec4f>;
 @if(aov_normal) @group(0) @binding(4) var<storage, read_write> normal_samples: array<vec4f>;
 @if(aov_position) @group(0) @binding(5) var<storage, read_write> position_samples: array<vec4f>;
+@if(guides) @group(0) @binding(7) var<storage, read_write> guide_albedo_samples: array<vec4f>;
+@if(guides) @group(0) @binding(8) var<storage, read_write> guide_normal_samples: array<vec4f>;
 
 var<immediate> tile: Tile;
 
@@ -68,6 +70,17 @@ fn primary(
     }
     @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
     if i >= tile.point_count { return; }
+    @if(guides) {
+        var guide_albedo = vec4f(0.0);
+        var guide_normal = vec4f(0.0);
+        if met {
+            guide_albedo = vec4f(found.base_colour, 1.0);
+            @if(specular_chains) { guide_albedo *= vec4f(chain.xyz, 1.0); }
+            guide_normal = vec4f(found.surface.shading_normal, 1.0);
+        }
+        guide_albedo_samples[i] = guide_albedo;
+        guide_normal_samples[i] = guide_normal;
+    }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     if met {

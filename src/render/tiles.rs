@@ -34,6 +34,21 @@ impl TileSize {
     }
 }
 
+/// What denoisers need beside the image.
+pub(super) struct DenoisingPlanes {
+    pub albedo: Plane,
+    pub normal: Plane,
+    /// Of direct and, if there is any, indirect light; none for a single sample.
+    pub parts: Vec<PartPlanes>,
+}
+
+/// What tells the error of a part of the light.
+pub(super) struct PartPlanes {
+    /// The samples of the first half.
+    pub half: Plane,
+    pub squares: Plane,
+}
+
 /// The film of some rows.
 pub(super) struct TileFilm {
     first_row: u32,
@@ -44,8 +59,38 @@ pub(super) struct TileFilm {
     pub albedo: Option<Plane>,
     pub normal: Option<Plane>,
     pub position: Option<Plane>,
+    /// What denoisers need, if they are requested.
+    pub denoising: Option<DenoisingPlanes>,
     /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
+}
+
+impl DenoisingPlanes {
+    /// Empty planes of `pixels` pixels; none if there are no guides.
+    fn new(
+        gpu: &Gpu,
+        film: &Film,
+        buffers: &TileBuffers,
+        pixels: u32,
+        settings: &Settings,
+    ) -> Result<Option<DenoisingPlanes>> {
+        let (Some(albedo), Some(normal)) = (&buffers.guide_albedo_samples, &buffers.guide_normal_samples) else {
+            return Ok(None);
+        };
+        let counters = &buffers.counters;
+        let parts = [Some(&buffers.radiance_direct), buffers.radiance_indirect.as_ref()].into_iter().flatten();
+        let part = |samples: &Buffer| -> Result<PartPlanes> {
+            Ok(PartPlanes {
+                half: film.plane_of_half(gpu, pixels, samples, counters)?,
+                squares: film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], counters)?,
+            })
+        };
+        Ok(Some(DenoisingPlanes {
+            albedo: film.plane(gpu, pixels, albedo, counters)?,
+            normal: film.plane(gpu, pixels, normal, counters)?,
+            parts: parts.filter(|_| settings.image.spp > 1).map(part).collect::<Result<_>>()?,
+        }))
+    }
 }
 
 impl TileFilm {
@@ -93,6 +138,7 @@ impl TileFilm {
             albedo: optional(&buffers.albedo_samples)?,
             normal: optional(&buffers.normal_samples)?,
             position: optional(&buffers.position_samples)?,
+            denoising: DenoisingPlanes::new(gpu, film, buffers, pixels, settings)?,
             classes: classes.transpose()?.unwrap_or_default(),
         })
     }
@@ -100,7 +146,11 @@ impl TileFilm {
     /// The planes that every technique fills.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
-        std::iter::once(&self.direct).chain(optional.into_iter().flatten())
+        let denoising = self.denoising.iter().flat_map(|planes| {
+            let parts = planes.parts.iter().flat_map(|part| [&part.half, &part.squares]);
+            [&planes.albedo, &planes.normal].into_iter().chain(parts)
+        });
+        std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(denoising)
     }
 
     /// The tile for `layers` samples of each pixel, the first of which is number `first_sample`.
