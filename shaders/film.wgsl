@@ -76,15 +76,8 @@ fn accumulate(
     if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
-// Whether a sample belongs to the first half: 0, and of the samples from each power of two to the next the first half,
-// so 0, 2, 4, 5, 8 to 11 and so on. Then both halves are made of aligned blocks of the Sobol sequence, in which samples
-// are well distributed; samples of even and odd number would divide its pairs, and each miss what the other has.
-fn is_in_first_half(sample_index: u32) -> bool {
-    if sample_index < 2u { return sample_index == 0u; }
-    return (sample_index >> (firstLeadingBit(sample_index) - 1u)) == 2u;
-}
-
-// As `accumulate`, of the samples of the first half alone. `accumulate` counts those that are not finite.
+// As `accumulate`, of the samples of even number alone: with SAMPLING_HALVES, those of one sequence. `accumulate` counts
+// those that are not finite.
 @compute @workgroup_size(64)
 fn accumulate_half(
     @builtin(workgroup_id) group: vec3u,
@@ -93,10 +86,11 @@ fn accumulate_half(
 ) {
     let pixel = group_index(group, groups) * 64u + lane;
     if pixel >= film_parameters.pixel_count { return; }
-    var sample_index = film_parameters.first_sample;
-    for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
-        if is_in_first_half(sample_index) { add_sample(pixel, samples[film_parameters.first_point + i]); }
-        sample_index++;
+    // From sample to sample of even number.
+    let step = film_parameters.pixel_count;
+    let first = select(pixel, pixel + step, (film_parameters.first_sample & 1u) == 1u);
+    for (var i = first; i < film_parameters.point_count; i += 2u * step) {
+        add_sample(pixel, samples[film_parameters.first_point + i]);
     }
 }
 

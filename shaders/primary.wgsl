@@ -2,8 +2,9 @@
 // any.
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
-// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested; the guides
-// of denoisers, which are of the surface at the end of a specular chain. Positions are in scene units after normalisation.
+// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested; the
+// guides of denoisers, which are of the surface at the end of a specular chain. Positions are in scene units after
+// normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
@@ -24,7 +25,7 @@ import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
 @if(specular_chains) import package::lib::rng::{hash3, uniform_from_bits};
-import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
+import package::lib::constants::{SAMPLING_CENTRED, INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
@@ -48,7 +49,7 @@ fn primary(
     let i = group_index(group, groups) * 64u + lane;
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
+    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.sampling != SAMPLING_CENTRED);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     var ray = no_ray();

@@ -64,16 +64,6 @@ impl Sum {
     }
 }
 
-/// How many of the first `samples` samples of a pixel belong to the first half; see `shaders/film.wgsl`.
-pub fn first_half(samples: u32) -> u32 {
-    if samples < 2 {
-        return samples;
-    }
-    // Half of all before the last power of two, and after it the first half of as many.
-    let half = 1 << (samples.ilog2() - 1);
-    half + (samples - 2 * half).min(half)
-}
-
 impl Film {
     /// Compiles the kernel.
     ///
@@ -91,7 +81,7 @@ impl Film {
         self.any_plane(gpu, pixels, "accumulate", [samples, samples], counters)
     }
 
-    /// As [`Film::plane`], of the samples of the first half alone, which [`first_half`] counts.
+    /// As [`Film::plane`], of the samples of even number alone.
     ///
     /// # Errors
     /// As [`Film::plane`].

@@ -6,7 +6,7 @@ use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::output::Film;
 use super::renderer::Renderer;
 use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm};
-use crate::passes::film::{Plane, Sum, first_half};
+use crate::passes::film::{Plane, Sum};
 use crate::settings::Denoise;
 use crate::{Error, Image, Result};
 
@@ -59,7 +59,7 @@ impl Renderer<'_> {
         albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
         let normal = guide(&|planes| &planes.normal)?;
 
-        let in_half = first_half(samples);
+        let in_half = samples.div_ceil(2);
         let half_samples = [in_half, samples - in_half];
         let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
         let parts: [Pick; 2] = [&|f| Some(&f.direct), &|f| f.indirect.as_ref()];

@@ -3,11 +3,12 @@
 use kernel_kit::{Buffer, Gpu};
 
 use crate::Result;
+use crate::kernels::{SAMPLING_ANYWHERE, SAMPLING_CENTRED, SAMPLING_HALVES};
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::TILE_SAMPLES;
 use crate::passes::film::{Film, Plane};
 use crate::passes::{Tile, TileBuffers};
-use crate::settings::{Aov, Settings};
+use crate::settings::{Aov, Denoise, Settings};
 use crate::specialisation::features::Features;
 
 /// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
@@ -44,7 +45,7 @@ pub(super) struct DenoisingPlanes {
 
 /// What tells the error of a part of the light.
 pub(super) struct PartPlanes {
-    /// The samples of the first half.
+    /// The samples of even number.
     pub half: Plane,
     pub squares: Plane,
 }
@@ -166,7 +167,11 @@ impl TileFilm {
             point_count: pixel_count * layers,
             first_sample,
             seed,
-            centred: u32::from(spp == 1),
+            sampling: match (spp, settings.image.denoise) {
+                (1, _) => SAMPLING_CENTRED,
+                (_, Denoise::None) => SAMPLING_ANYWHERE,
+                _ => SAMPLING_HALVES,
+            },
         }
     }
 }

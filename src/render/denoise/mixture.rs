@@ -1,21 +1,23 @@
 //! The mixture of the raw image and denoised images that has the smallest estimated error in each region.
 //!
-//! Errors are estimated without a reference, from two halves A and B of the samples, whose noise is independent. Let D
-//! be what a denoiser makes of A alone. The mean of (D - B)^2 is then the squared error of D plus the variance of B, and
-//! that of (A - B)^2 the sum of the variances of A and B. Their differences are averaged over a region. (Cross-validation
-//! of this kind: Rousselle, Knaus and Zwicker 2012.)
+//! Errors are estimated without a reference, from two halves A and B of the samples, whose noise is independent
+//! (cross-validation). Let M be an image made of A alone, with error e, and r the error of B. Their difference has the
+//! mean square E[e^2] + E[r^2], whatever M is: so the weights that bring a mixture closest to the other half are also
+//! those that bring it closest to the truth, and need no variances. E[e^2] is what is left without E[r^2], which is
+//! half of the mean of (A - B)^2. All means are over a region around each pixel.
 
 use rayon::prelude::*;
 
 use super::{Colour, Filtered};
 
-/// Radius of a region in pixels: of each of the two box filters that average estimates. Smaller regions follow the
-/// denoiser's faults more closely, and larger ones know them better.
-const RADIUS: usize = 4;
+/// Radius in pixels of each of the two box filters that average over a region. Of 5 to 16 pixels, 10 to 12 measured
+/// best in four scenes at 2 to 256 samples: smaller regions follow the denoisers' faults more closely, larger ones know
+/// them better. What two samples tell of a small region is mostly noise.
+const RADIUS: usize = 10;
 
-/// Part of an image's mean luminance under which errors count as absolute: as the floor of relMSE does, which is 0.01 for
-/// images whose luminance is about 1.
-const DARK: f32 = 0.1;
+/// Added to the square of each pixel, over which squared errors are averaged, as in relMSE: bright pixels would else
+/// decide for dark ones.
+const FLOOR: f64 = 0.01;
 
 /// The raw image.
 pub struct Raw<'a> {
@@ -23,12 +25,10 @@ pub struct Raw<'a> {
     pub size: [u32; 2],
     /// Of all samples.
     pub all: &'a [Colour],
-    /// Of both halves.
+    /// Of two halves of the samples, whose noise is independent.
     pub halves: [&'a [Colour]; 2],
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
-    /// Variance of each pixel's mean, as of independent samples.
-    pub variance: &'a [Colour],
 }
 
 /// What one denoiser made of a raw image.
@@ -43,7 +43,7 @@ pub struct Candidate<'a> {
 pub struct Mixed {
     /// The image.
     pub colour: Vec<Colour>,
-    /// The estimated standard error of each pixel: the root of the mean square over R, G and B.
+    /// The estimated standard error of each pixel: the root of the mean square over R, G and B, and over its region.
     pub error: Vec<f32>,
 }
 
@@ -57,208 +57,198 @@ impl<'a> Candidate<'a> {
         let halves = filtered.halves.as_ref()?.each_ref().map(Vec::as_slice);
         Some(Candidate { all: &filtered.all, halves })
     }
+
+    /// Its half and the raw one, whose difference is meant.
+    fn difference(&self, raw: &Raw<'a>, half: usize) -> [&'a [Colour]; 2] {
+        [self.halves[half], raw.halves[half]]
+    }
 }
 
 /// The mixture of the raw image and the candidates, of which there is at least one.
 pub fn mix(raw: &Raw<'_>, candidates: &[Candidate<'_>]) -> Mixed {
-    let errors = Errors::new(raw, candidates);
-    mixed(raw, candidates, &errors, |errors, pixel| errors.best_weights(pixel))
+    let regions = Regions::new(raw.size, candidates);
+    let equations = Equations::new(raw, candidates, &regions);
+    let weights: Vec<Vec<f64>> = (0..raw.all.len()).into_par_iter().map(|pixel| equations.solve(pixel)).collect();
+    mixed(raw, candidates, &weights, &regions)
 }
 
 /// The candidate as it is, with its estimated error.
 pub fn alone(raw: &Raw<'_>, candidate: &Candidate<'_>) -> Mixed {
     let candidates = std::slice::from_ref(candidate);
-    let errors = Errors::new(raw, candidates);
-    let mut mixed = mixed(raw, candidates, &errors, |_, _| vec![1.0]);
-    mixed.colour = candidate.all.to_vec();
-    mixed
+    mixed(raw, candidates, &vec![vec![1.0]; raw.all.len()], &Regions::new(raw.size, candidates))
 }
 
-fn mixed(
-    raw: &Raw<'_>,
-    candidates: &[Candidate<'_>],
-    errors: &Errors,
-    weights: impl Fn(&Errors, usize) -> Vec<f64> + Sync,
-) -> Mixed {
-    let pixel = |i: usize| {
-        let weights = weights(errors, i);
-        let mut colour = raw.all[i];
-        for (candidate, weight) in candidates.iter().zip(&weights) {
-            (0..3).for_each(|c| colour[c] += *weight as f32 * (candidate.all[i][c] - raw.all[i][c]));
-        }
-        (colour, (errors.of(i, &weights).max(0.0) / f64::from(errors.scale[i])).sqrt() as f32)
+/// The mixture with the given weights of each pixel, and its error.
+fn mixed(raw: &Raw<'_>, candidates: &[Candidate<'_>], weights: &[Vec<f64>], regions: &Regions) -> Mixed {
+    let of = |raw: &[Colour], images: Vec<&[Colour]>| -> Vec<Colour> {
+        let pixel = |(i, weights): (usize, &Vec<f64>)| {
+            [0, 1, 2].map(|c| {
+                let own = f64::from(raw[i][c]);
+                let more = weights.iter().zip(&images).map(|(weight, image)| weight * (f64::from(image[i][c]) - own));
+                (own + more.sum::<f64>()) as f32
+            })
+        };
+        weights.par_iter().enumerate().map(pixel).collect()
     };
-    let (colour, error) = (0..raw.all.len()).into_par_iter().map(pixel).unzip();
-    Mixed { colour, error }
+    let colour = of(raw.all, candidates.iter().map(|candidate| candidate.all).collect());
+    let half = |half: usize| of(raw.halves[half], candidates.iter().map(|candidate| candidate.halves[half]).collect());
+    Mixed { error: regions.errors(raw, [&half(0), &half(1)]), colour }
 }
 
-/// Mean squared errors of the regions around each pixel, relative to the squares of the pixels' luminance.
-struct Errors {
-    /// One over the square of each pixel's luminance.
-    scale: Vec<f32>,
-    /// Of the raw image.
-    raw: Vec<f64>,
-    /// Of each candidate.
-    candidates: Vec<Vec<f64>>,
-    /// For each pair of candidates, products of their differences from the raw image.
-    products: Vec<Vec<Vec<f64>>>,
+/// Averages over regions.
+struct Regions {
+    size: [u32; 2],
+    /// The weight of squared errors at each pixel.
+    scale: Vec<[f64; 3]>,
 }
 
-impl Errors {
-    fn new(raw: &Raw<'_>, candidates: &[Candidate<'_>]) -> Errors {
-        let scale = scale(candidates);
-        let average = |of: &(dyn Fn(usize) -> f64 + Sync)| {
-            let values = (0..raw.all.len()).into_par_iter().map(|i| of(i) * f64::from(scale[i])).collect();
-            smooth(smooth(values, raw.size), raw.size)
+impl Regions {
+    /// Weights by what the candidates make of the pixels, which has little noise.
+    fn new(size: [u32; 2], candidates: &[Candidate<'_>]) -> Regions {
+        let count = candidates.len() as f64;
+        let pixel = |i: usize| {
+            [0, 1, 2].map(|c| {
+                let mean = candidates.iter().map(|candidate| f64::from(candidate.all[i][c])).sum::<f64>() / count;
+                1.0 / (mean * mean + FLOOR)
+            })
         };
+        Regions { size, scale: (0..candidates[0].all.len()).map(pixel).collect() }
+    }
+
+    /// Weighted means of the products of the differences `a` - `b` and `c` - `d` over the regions around all pixels.
+    fn products(&self, [a, b]: [&[Colour]; 2], [c, d]: [&[Colour]; 2]) -> Vec<f64> {
+        let pixel = |i: usize| {
+            let difference = |x: &[Colour], y: &[Colour], axis: usize| f64::from(x[i][axis]) - f64::from(y[i][axis]);
+            let weighted = |axis: usize| self.scale[i][axis] * difference(a, b, axis) * difference(c, d, axis);
+            (0..3).map(weighted).sum::<f64>() / 3.0
+        };
+        let values = (0..self.scale.len()).into_par_iter().map(pixel).collect();
+        smooth(smooth(values, self.size), self.size)
+    }
+
+    /// The estimated standard errors of an image, from what the same steps made of the halves of the samples.
+    fn errors(&self, raw: &Raw<'_>, [of_a, of_b]: [&[Colour]; 2]) -> Vec<f32> {
         let [a, b] = raw.halves;
-        let [of_a, of_b] = raw.half_samples.map(f64::from);
+        let squares = |x, y| self.products([x, y], [x, y]);
+        let (across, back, noise, own) = (squares(of_a, b), squares(of_b, a), squares(a, b), squares(of_a, of_b));
+        let [count_a, count_b] = raw.half_samples.map(f64::from);
         // The variance of a mean over the mean squared difference of the means of its halves.
-        let share = of_a * of_b / (of_a + of_b).powi(2);
-        let noise = average(&|i| share * square(a[i], b[i]));
-        let of_candidate = |Candidate { all, halves: [da, db] }: &Candidate<'_>| {
-            let own = average(&|i| square(da[i], db[i]));
-            let half = average(&|i| (square(da[i], b[i]) + square(db[i], a[i]) - square(a[i], b[i])) / 2.0);
-            let difference = average(&|i| square(all[i], raw.all[i]));
-            let estimate = |i: usize| {
-                // The error of a half is bias and noise of the denoiser. All samples have less of the noise.
-                let bias = (half[i] - own[i] / 2.0).max(0.0);
-                // The triangle inequality: no estimate may contradict what is known of the difference.
-                (bias + share * own[i]).max((difference[i].sqrt() - noise[i].sqrt()).powi(2))
-            };
-            (0..raw.all.len()).map(estimate).collect()
+        let share = count_a * count_b / (count_a + count_b).powi(2);
+        let pixel = |i: usize| {
+            // The squared error of a half is that of its mean, and its noise. All samples have less of the noise.
+            let bias = (across[i] + back[i] - noise[i] - own[i]) / 2.0;
+            let relative = bias.max(0.0) + share * own[i];
+            (relative / (self.scale[i].iter().sum::<f64>() / 3.0)).sqrt() as f32
         };
-        let product = |k: &Candidate<'_>, l: &Candidate<'_>| average(&|i| product(k.all[i], l.all[i], raw.all[i]));
-        let products = candidates.iter().map(|k| candidates.iter().map(|l| product(k, l)).collect()).collect();
-        let candidates = candidates.iter().map(of_candidate).collect();
-        Errors { scale, raw: noise, candidates, products }
+        (0..self.scale.len()).map(pixel).collect()
     }
+}
 
-    /// The estimated squared error at a pixel of the raw image plus weights times the candidates' differences from it.
-    fn of(&self, pixel: usize, weights: &[f64]) -> f64 {
-        let raw = self.raw[pixel];
-        let mut error = raw;
-        for (k, weight) in weights.iter().enumerate() {
-            error += weight * self.slope(pixel, k);
-            for (l, other) in weights.iter().enumerate() {
-                error += weight * other * self.products[k][l][pixel];
-            }
+/// Equations for the weights of the candidates at each pixel: the mean square of w1 (D1 - A) + w2 (D2 - A) + ... - (B - A)
+/// is to be smallest, in the mean over both halves A.
+struct Equations {
+    /// Products of two candidates' differences from the raw image.
+    squares: Vec<Vec<Vec<f64>>>,
+    /// Products of a candidate's difference and that of the other half from the raw image.
+    right: Vec<Vec<f64>>,
+}
+
+impl Equations {
+    fn new(raw: &Raw<'_>, candidates: &[Candidate<'_>], regions: &Regions) -> Equations {
+        let over_halves = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> {
+            of(0).into_iter().zip(of(1)).map(|(first, second)| first + second).collect()
+        };
+        let right = |k: &Candidate<'_>| {
+            over_halves(&|half| regions.products(k.difference(raw, half), [raw.halves[1 - half], raw.halves[half]]))
+        };
+        let square = |k: &Candidate<'_>, l: &Candidate<'_>| {
+            over_halves(&|half| regions.products(k.difference(raw, half), l.difference(raw, half)))
+        };
+        Equations {
+            squares: candidates.iter().map(|k| candidates.iter().map(|l| square(k, l)).collect()).collect(),
+            right: candidates.iter().map(right).collect(),
         }
-        error
     }
 
-    /// How the error grows with the weight of a candidate, from 0 on: twice the mean product of the raw image's error
-    /// and the candidate's difference from it.
-    fn slope(&self, pixel: usize, k: usize) -> f64 {
-        self.candidates[k][pixel] - self.raw[pixel] - self.products[k][k][pixel]
-    }
-
-    /// The weights, 0 or more and together at most 1, with the smallest estimated error.
-    fn best_weights(&self, pixel: usize) -> Vec<f64> {
-        let count = self.candidates.len();
-        let mut best = (self.raw[pixel], vec![0.0; count]);
+    /// The best weights that are 0 or more, and together at most 1.
+    fn solve(&self, pixel: usize) -> Vec<f64> {
+        let count = self.right.len();
+        let mut best = (0.0, vec![0.0; count]);
+        // The minimum is that of some of the candidates, within the bounds or where their sum is 1.
         for members in 1u32..1 << count {
             let members: Vec<usize> = (0..count).filter(|k| members >> k & 1 == 1).collect();
-            for whole in [false, true] {
-                let Some(found) = self.minimum(pixel, &members, whole) else { continue };
+            for is_whole in [false, true] {
+                let Some(found) = self.minimum(pixel, &members, is_whole) else { continue };
                 let mut weights = vec![0.0; count];
                 members.iter().zip(found).for_each(|(k, weight)| weights[*k] = weight);
-                let sum: f64 = weights.iter().sum();
-                let is_allowed = weights.iter().all(|weight| *weight >= 0.0) && sum <= 1.0 + 1e-9;
-                let error = self.of(pixel, &weights);
-                if is_allowed && error < best.0 {
-                    best = (error, weights);
+                // A sum of 1 may be a rounding more.
+                let is_allowed = weights.iter().all(|x| *x >= 0.0) && weights.iter().sum::<f64>() < 1.0 + 1e-9;
+                let value = self.value(pixel, &weights);
+                if is_allowed && value < best.0 {
+                    best = (value, weights);
                 }
             }
         }
         best.1
     }
 
-    /// The weights of some candidates where the error is stationary, with the sum 1 if they are to be the `whole`
-    /// image; none if there are no such weights, because candidates are the same or the raw image itself.
-    fn minimum(&self, pixel: usize, members: &[usize], whole: bool) -> Option<Vec<f64>> {
-        let count = members.len() + usize::from(whole);
-        let mut rows = vec![vec![0.0; count + 1]; count];
-        for (row, k) in members.iter().enumerate() {
-            for (column, l) in members.iter().enumerate() {
-                rows[row][column] = 2.0 * self.products[*k][*l][pixel];
-            }
-            rows[row][count] = -self.slope(pixel, *k);
-            if whole {
-                // Lagrange's multiplier.
-                (rows[row][count - 1], rows[count - 1][row]) = (1.0, 1.0);
-            }
+    /// What is to be smallest, but for a constant.
+    fn value(&self, pixel: usize, weights: &[f64]) -> f64 {
+        let row = |(k, weight): (usize, &f64)| {
+            let square = |(l, other): (usize, &f64)| other * self.squares[k][l][pixel];
+            weight * (weights.iter().enumerate().map(square).sum::<f64>() - 2.0 * self.right[k][pixel])
+        };
+        weights.iter().enumerate().map(row).sum()
+    }
+
+    /// The best weights of some candidates regardless of bounds; with the sum 1 if they are to be the whole image. None
+    /// if they are not determined, because the candidates are the same or the raw image itself.
+    fn minimum(&self, pixel: usize, members: &[usize], is_whole: bool) -> Option<Vec<f64>> {
+        let mut rows: Vec<Vec<f64>> = members
+            .iter()
+            .map(|k| {
+                let squares = members.iter().map(|l| self.squares[*k][*l][pixel]);
+                // With Lagrange's multiplier for the sum.
+                squares.chain(is_whole.then_some(1.0)).chain([self.right[*k][pixel]]).collect()
+            })
+            .collect();
+        if is_whole {
+            rows.push(members.iter().map(|_| 1.0).chain([0.0, 1.0]).collect());
         }
-        if whole {
-            rows[count - 1][count] = 1.0;
-        }
-        solve(rows).map(|mut weights| {
-            weights.truncate(members.len());
-            weights
-        })
+        let mut weights = solve(rows)?;
+        weights.truncate(members.len());
+        Some(weights)
     }
 }
 
-/// Solves linear equations, whose rows end with their right sides, by Gauss's elimination with pivots.
+/// Solves linear equations, whose rows end with their right sides (Gauss and Jordan's elimination with pivots).
 fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     let count = rows.len();
     for column in 0..count {
         let pivot = (column..count).max_by(|a, b| rows[*a][column].abs().total_cmp(&rows[*b][column].abs()))?;
         rows.swap(column, pivot);
         let pivot = rows[column].clone();
-        // A sum of squares that is smaller is 0 but for roundings.
-        if !(pivot[column].abs() > f64::from(f32::MIN_POSITIVE)) {
-            return None;
-        }
-        for (row, values) in rows.iter_mut().enumerate().filter(|(row, _)| *row != column) {
-            let _ = row;
-            let factor = values[column] / pivot[column];
-            values.iter_mut().zip(&pivot).for_each(|(value, pivot)| *value -= factor * pivot);
+        for (_, row) in rows.iter_mut().enumerate().filter(|(index, _)| *index != column) {
+            let factor = row[column] / pivot[column];
+            row.iter_mut().zip(&pivot).for_each(|(x, pivot)| *x -= factor * pivot);
         }
     }
-    let solution: Vec<f64> = (0..count).map(|k| rows[k][count] / rows[k][k]).collect();
+    let solution: Vec<f64> = rows.iter().enumerate().map(|(k, row)| row[count] / row[k]).collect();
     solution.iter().all(|x| x.is_finite()).then_some(solution)
-}
-
-/// One over the square of each pixel's luminance, which the candidates have without noise, and which is not below a
-/// tenth of the image's mean.
-fn scale(candidates: &[Candidate<'_>]) -> Vec<f32> {
-    let count = candidates.len() as f32;
-    let luminance = |i: usize| {
-        let sum: f32 =
-            candidates.iter().map(|candidate| candidate.all[i].iter().map(|x| x.abs() / 3.0).sum::<f32>()).sum();
-        sum / count
-    };
-    let luminances: Vec<f32> = (0..candidates[0].all.len()).map(luminance).collect();
-    let mean = luminances.iter().map(|x| f64::from(*x)).sum::<f64>() / luminances.len().max(1) as f64;
-    let floor = (DARK * mean as f32).max(f32::MIN_POSITIVE.sqrt());
-    luminances.iter().map(|x| 1.0 / (x * x + floor * floor)).collect()
-}
-
-/// Mean squared difference over R, G and B.
-fn square(a: Colour, b: Colour) -> f64 {
-    product(a, a, b)
-}
-
-/// Mean product over R, G and B of the differences of `a` and `b` from `from`.
-fn product(a: Colour, b: Colour, from: Colour) -> f64 {
-    let difference = |x: Colour, c: usize| f64::from(x[c]) - f64::from(from[c]);
-    (0..3).map(|c| difference(a, c) * difference(b, c)).sum::<f64>() / 3.0
 }
 
 /// Means over squares of [`RADIUS`], as far as they are within the image.
 fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
-    let line = |length: usize, at: &dyn Fn(usize) -> f64| -> Vec<f64> {
+    let means = |line: &[f64]| -> Vec<f64> {
         let mean = |i: usize| {
-            let around = i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(length);
-            let count = around.len() as f64;
-            around.map(at).sum::<f64>() / count
+            let around = &line[i.saturating_sub(RADIUS)..(i + RADIUS + 1).min(line.len())];
+            around.iter().sum::<f64>() / around.len() as f64
         };
-        (0..length).map(mean).collect()
+        (0..line.len()).map(mean).collect()
     };
-    let rows: Vec<f64> =
-        (0..height).into_par_iter().flat_map_iter(|y| line(width, &|x| values[y * width + x])).collect();
-    let columns: Vec<Vec<f64>> = (0..width).into_par_iter().map(|x| line(height, &|y| rows[y * width + x])).collect();
-    (0..height).into_par_iter().flat_map_iter(|y| columns.iter().map(move |column| column[y])).collect()
+    let rows: Vec<f64> = values.par_chunks(width).flat_map_iter(means).collect();
+    let column = |x: usize| means(&rows.iter().skip(x).step_by(width).copied().collect::<Vec<_>>());
+    let columns: Vec<Vec<f64>> = (0..width).into_par_iter().map(column).collect();
+    (0..height).flat_map(|y| columns.iter().map(move |column| column[y])).collect()
 }

@@ -31,14 +31,10 @@ pub struct Light {
 impl Light {
     /// The sum of the parts.
     pub fn colour(&self) -> Vec<Colour> {
-        self.sum(|part| &part.mean)
-    }
-
-    fn sum(&self, of: impl Fn(&Part) -> &Vec<Colour>) -> Vec<Colour> {
-        let mut sum = of(&self.parts[0]).clone();
+        let mut sum = self.parts[0].mean.clone();
         for part in &self.parts[1..] {
             let add = |(sum, more): (&mut Colour, &Colour)| (0..3).for_each(|c| sum[c] += more[c]);
-            sum.iter_mut().zip(of(part)).for_each(add);
+            sum.iter_mut().zip(&part.mean).for_each(add);
         }
         sum
     }
@@ -166,7 +162,6 @@ impl Denoiser {
             all: &raw,
             halves: halves.each_ref().map(Vec::as_slice),
             half_samples: noisy.half_samples,
-            variance: &noisy.all.sum(|part| &part.variance),
         };
         let mixed = if self.choice == Denoise::Auto {
             mixture::mix(&raw, &candidates)

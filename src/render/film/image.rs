@@ -60,7 +60,8 @@ impl Image {
         Ok([find("R")?, find("G")?, find("B")?])
     }
 
-    /// The image with its channels `denoised.R`, `denoised.G` and `denoised.B` as `R`, `G` and `B`; `None` without them.
+    /// The image with its channels `denoised.R`, `denoised.G` and `denoised.B` in place of `R`, `G` and `B`; `None` if
+    /// there are none.
     pub fn denoised(&self) -> Option<Image> {
         let mut image = self.clone();
         for (name, root) in [("denoised.R", "R"), ("denoised.G", "G"), ("denoised.B", "B")] {
