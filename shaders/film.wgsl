@@ -76,8 +76,8 @@ fn accumulate(
     if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
-// As `accumulate`, of the samples of even number alone: with SAMPLING_HALVES, those of one sequence. `accumulate` counts
-// those that are not finite.
+// As `accumulate`, of the samples of even number alone: with SAMPLING_HALVES, those of one sequence. `accumulate`
+// counts those that are not finite.
 @compute @workgroup_size(64)
 fn accumulate_half(
     @builtin(workgroup_id) group: vec3u,

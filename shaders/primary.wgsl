@@ -49,7 +49,8 @@ fn primary(
     let i = group_index(group, groups) * 64u + lane;
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.sampling != SAMPLING_CENTRED);
+    let anywhere = sobol2(sample_index, hash2(seed, DIMENSION_CAMERA));
+    let within = select(anywhere, vec2f(0.5), tile.sampling == SAMPLING_CENTRED);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     var ray = no_ray();

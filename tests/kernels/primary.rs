@@ -523,7 +523,8 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     let mirror = square(DVec3::new(0.0, 0.0, -0.5), DVec3::X * 0.6, DVec3::Y * 0.6);
     let wall = square(DVec3::new(0.0, 0.0, 0.6), DVec3::NEG_X * 0.7, DVec3::Y * 0.7);
     let polished = |base_colour: Vec4| Material { base_colour, metallic: 1.0, roughness: 0.0, ..surface(0.5, 0.0) };
-    let painted = Material { base_colour: Vec4::new(0.2, 0.4, 0.8, 1.0), ..surface(0.5, 0.0) };
+    // Specular chains are followed only in a scene with light.
+    let painted = Material { base_colour: Vec4::new(0.2, 0.4, 0.8, 1.0), ..surface(0.5, 1.0) };
     let scene = scene(&[(mirror, polished(Vec4::new(1.0, 0.8, 0.6, 1.0))), (wall, painted)], Vec::new());
     let camera = camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0);
     let size = [9, 9];

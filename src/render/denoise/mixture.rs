@@ -144,8 +144,8 @@ impl Regions {
     }
 }
 
-/// Equations for the weights of the candidates at each pixel: the mean square of w1 (D1 - A) + w2 (D2 - A) + ... - (B - A)
-/// is to be smallest, in the mean over both halves A.
+/// Equations for the weights of the candidates at each pixel: the mean square of w1 (D1 - A) + w2 (D2 - A) + ...
+/// - (B - A) is to be smallest, in the mean over both halves A.
 struct Equations {
     /// Products of two candidates' differences from the raw image.
     squares: Vec<Vec<Vec<f64>>>,

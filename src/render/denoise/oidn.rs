@@ -22,6 +22,10 @@ const FORMAT_FLOAT3: c_int = 3;
 /// Versions that have this interface: major * 10,000 + minor * 100 + patch.
 const VERSIONS: std::ops::Range<c_int> = 20_000..30_000;
 
+/// Samples of a pixel from which on guides need no filter of their own: in four scenes the error was then the same to
+/// within a hundredth, while at 16 samples it was up to 4 % less with filtered guides, and at 2 to 4 up to 60 %.
+const CLEAN_SAMPLES: u32 = 64;
+
 type Device = *mut c_void;
 type RawFilter = *mut c_void;
 type Name = *const c_char;
@@ -185,6 +189,14 @@ impl OpenImageDenoise {
         outcome.map(|()| output)
     }
 
+    /// The guides without noise, which they have at edges and where glass or rough mirrors are seen.
+    fn denoise_guides(&self, size: [u32; 2], guides: &Guides) -> Result<Guides> {
+        Ok(Guides {
+            albedo: self.execute(size, &[Picture::input(c"albedo", &guides.albedo)], &[])?,
+            normal: self.execute(size, &[Picture::input(c"normal", &guides.normal)], &[])?,
+        })
+    }
+
     /// The colour without noise, guided by guides without noise.
     fn denoise(&self, size: [u32; 2], colour: &[Colour], guides: &Guides) -> Result<Vec<Colour>> {
         let inputs = [
@@ -203,12 +215,10 @@ impl Filter for OpenImageDenoise {
 
     fn filter(&self, noisy: &Noisy) -> Result<Filtered> {
         let (size, guides) = (noisy.size, &noisy.guides);
-        // What is seen over rough edges and through glass is noisy: the library has filters of its own for guides.
-        let guides = Guides {
-            albedo: self.execute(size, &[Picture::input(c"albedo", &guides.albedo)], &[])?,
-            normal: self.execute(size, &[Picture::input(c"normal", &guides.normal)], &[])?,
-        };
-        let run = |colour: &[Colour]| self.denoise(size, colour, &guides);
+        let filtered =
+            (noisy.half_samples.iter().sum::<u32>() < CLEAN_SAMPLES).then(|| self.denoise_guides(size, guides));
+        let filtered = filtered.transpose()?;
+        let run = |colour: &[Colour]| self.denoise(size, colour, filtered.as_ref().unwrap_or(guides));
         let halves = noisy.halves.as_ref().map(|[a, b]| Ok::<_, Error>([run(&a.colour())?, run(&b.colour())?]));
         Ok(Filtered { all: run(&noisy.all.colour())?, halves: halves.transpose()? })
     }
