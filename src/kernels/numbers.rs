@@ -150,8 +150,8 @@ pub const SAMPLING_ANYWHERE: u32 = 0;
 /// All are at its centre, which is for a single sample.
 pub const SAMPLING_CENTRED: u32 = 1;
 /// Samples of even and of odd number are of two sequences, so that their noise is independent and the difference of
-/// the halves tells the error of the image. Samples of one sequence avoid each other: their halves differ by 1.5 to 3
-/// times as much as their error. In box and sphere of scenes/, two sequences have 4 to 15 % more variance than one.
+/// the halves tells the error of the image. Samples of one sequence avoid each other, so their halves differ by more
+/// than the image's error. The price is variance: see "Denoising" in docs/decisions.md.
 pub const SAMPLING_HALVES: u32 = 2;
 
 /// Cells that one invocation of the grid's scan adds up.

@@ -9,17 +9,11 @@ use penumbra::internal::report::estimate::denoised_relmse;
 use penumbra::internal::report::metrics::relmse;
 use serde_json::Value;
 
-use crate::program::{Answer, BOX, device, folder, penumbra};
+use crate::program::{Answer, BOX, device, folder, oidn_library as library, penumbra};
 use crate::schema;
 
 /// Quick settings: few photons, a small image.
 const SMALL: &str = "--width 48 --height 32 --photons 4096 --max-bounces 1";
-
-/// Open Image Denoise, by the variable that the script sets.
-fn library() -> PathBuf {
-    let library = std::env::var_os("OIDN_LIBRARY").map(PathBuf::from).filter(|library| library.exists());
-    library.expect("OIDN_LIBRARY names no library: run the tests by `scripts/with-vulkan cargo test`, which fetches it")
-}
 
 /// Renders the box to `outputs` with `arguments`, and with `library` in the environment.
 fn render(arguments: &str, library: Option<&Path>, outputs: &[&Path]) -> Answer {

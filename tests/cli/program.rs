@@ -1,6 +1,7 @@
 //! Running the program.
 
 use std::ffi::OsStr;
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
@@ -14,6 +15,12 @@ pub fn folder() -> tempfile::TempDir {
 /// The device of the tests: lavapipe unless `PENUMBRA_DEVICE` names another.
 pub fn device() -> String {
     std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into())
+}
+
+/// Open Image Denoise, by the variable that the script sets.
+pub fn oidn_library() -> PathBuf {
+    let library = std::env::var_os("OIDN_LIBRARY").map(PathBuf::from).filter(|library| library.exists());
+    library.expect("OIDN_LIBRARY names no library: run the tests by `scripts/with-vulkan cargo test`, which fetches it")
 }
 
 /// The program, with `arguments` split at spaces, then `files`.

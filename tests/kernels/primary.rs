@@ -536,13 +536,27 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
             .with(Feature::Guides, true)
     });
     assert!(stage.features.has(Feature::SpecularChains), "no mirror");
-    let outcome = run(gpu, &stage, &Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) });
-    let centre = 4 * 9 + 4;
-    let vector = |list: &[[u32; 4]]| Vec4::from_array(list[centre].map(f32::from_bits));
-    let [albedo, normal] = [&outcome.albedo, &outcome.normals].map(|list| vector(list));
+    let tile = Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) };
+    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
+    let count = tile.point_count as usize;
+    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
+    let poisoned = |name: &str| Some(gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap());
+    buffers.albedo_samples = poisoned("test/albedo");
+    buffers.normal_samples = poisoned("test/normals");
+    buffers.guide_albedo_samples = poisoned("test/guide_albedo");
+    buffers.guide_normal_samples = poisoned("test/guide_normals");
+    let mut frame = gpu.frame("test");
+    pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
+    frame.submit().unwrap();
+    let centre = |buffer: &Option<kernel_kit::Buffer>| {
+        let vectors: Vec<[u32; 4]> = gpu.read(buffer.as_ref().unwrap(), count + 1).unwrap();
+        assert_eq!(vectors[count], [POISON; 4]);
+        Vec4::from_array(vectors[count / 2].map(f32::from_bits))
+    };
+    let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(centre);
     assert!((albedo - Vec4::new(1.0, 0.8, 0.6, 1.0)).abs().max_element() < 1e-3, "the AOV is the mirror's: {albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, 1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
-    let [albedo, normal] = [&outcome.guide_albedo, &outcome.guide_normals].map(|list| vector(list));
+    let [albedo, normal] = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples].map(centre);
     // The mirror reflects its colour straight on.
     assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
