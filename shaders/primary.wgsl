@@ -2,8 +2,9 @@
 // any.
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
-// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested. Positions
-// are in scene units after normalisation.
+// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested; the
+// guides of denoisers, which are of the surface at the end of a specular chain. Positions are in scene units after
+// normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
@@ -25,7 +26,7 @@ import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
 @if(specular_chains) import package::lib::rng::hash3;
-import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
+import package::lib::constants::{SAMPLING_CENTRED, INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
@@ -35,6 +36,8 @@ import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 @if(aov_albedo) @group(0) @binding(3) var<storage, read_write> albedo_samples: array<vec4f>;
 @if(aov_normal) @group(0) @binding(4) var<storage, read_write> normal_samples: array<vec4f>;
 @if(aov_position) @group(0) @binding(5) var<storage, read_write> position_samples: array<vec4f>;
+@if(guides) @group(0) @binding(7) var<storage, read_write> guide_albedo_samples: array<vec4f>;
+@if(guides) @group(0) @binding(8) var<storage, read_write> guide_normal_samples: array<vec4f>;
 
 var<immediate> tile: Tile;
 
@@ -47,7 +50,8 @@ fn primary(
     let i = group_index(group, groups) * 64u + lane;
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
+    let anywhere = sobol2(sample_index, hash2(seed, DIMENSION_CAMERA));
+    let within = select(anywhere, vec2f(0.5), tile.sampling == SAMPLING_CENTRED);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     var ray = no_ray();
@@ -69,6 +73,17 @@ fn primary(
     }
     @if(specular_chains) let chain = chain_from(&found, &direct, met, seed, sample_index, lane);
     if i >= tile.point_count { return; }
+    @if(guides) {
+        var guide_albedo = vec4f(0.0);
+        var guide_normal = vec4f(0.0);
+        if met {
+            guide_albedo = vec4f(found.base_colour, 1.0);
+            @if(specular_chains) { guide_albedo *= vec4f(chain.xyz, 1.0); }
+            guide_normal = vec4f(found.surface.shading_normal, 1.0);
+        }
+        guide_albedo_samples[i] = guide_albedo;
+        guide_normal_samples[i] = guide_normal;
+    }
 
     var point = Point(vec3f(0.0), INVALID_POINT);
     if met {

@@ -24,9 +24,10 @@
 //!
 //! # Features
 //!
-//! Both are on by default and can be left out with `default-features = false`.
+//! All are on by default and can be left out with `default-features = false`.
 //!
 //! - `cli`: the program `penumbra`. It includes `report`.
+//! - `oidn`: denoising by Open Image Denoise, which is loaded at run time where it is found.
 //! - `report`: comparisons of techniques, error metrics, plots, and families of extreme scenes. It needs a C++
 //!   compiler.
 #![warn(missing_docs)]
@@ -73,6 +74,7 @@ pub use kernel_kit::DeviceInfo;
 /// ```
 pub use kernel_kit::Gpu as Device;
 pub use render::Checkpoint;
+pub use render::Denoiser;
 /// # Example
 ///
 /// ```

@@ -115,6 +115,34 @@ impl Aov {
     }
 }
 
+/// What removes noise from an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Denoise {
+    /// The mixture of the raw image and of what all available denoisers make of it that has the smallest estimated
+    /// error in each region; the raw image if there is no denoiser.
+    Auto,
+    /// Nothing.
+    #[default]
+    None,
+    /// Intel's Open Image Denoise 2 alone.
+    Oidn,
+}
+
+impl Denoise {
+    /// All choices.
+    pub const ALL: [Denoise; 3] = [Denoise::Auto, Denoise::None, Denoise::Oidn];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Denoise::Auto => "auto",
+            Denoise::None => "none",
+            Denoise::Oidn => "oidn",
+        }
+    }
+}
+
 macro_rules! by_name {
     ($type:ty, $what:literal) => {
         impl fmt::Display for $type {
@@ -136,6 +164,7 @@ macro_rules! by_name {
     };
 }
 by_name!(Aov, "AOV");
+by_name!(Denoise, "denoiser");
 by_name!(LightSampling, "light sampling");
 
 /// The settings of a render, in groups. [`Settings::builder`] sets single ones and checks their ranges.

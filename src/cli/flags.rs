@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 33] = [
+const FLAGS: [(&str, &str); 35] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
@@ -11,6 +11,8 @@ const FLAGS: [(&str, &str); 33] = [
     ("`image.spp`", "--spp"),
     ("`image.seed`", "--seed"),
     ("`image.aovs`", "--aov"),
+    ("`image.denoise`", "--denoise"),
+    ("`oidn_library`", "--oidn or OIDN_LIBRARY"),
     ("`visibility_map.photons_per_light`", "--photons"),
     ("`visibility_map.nearest`", "--nearest"),
     ("`visibility_map.shadow_photons_per_ray`", "--shadow-photons-per-ray"),

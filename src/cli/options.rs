@@ -10,7 +10,7 @@ use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::internal::report::reference::Reference;
 use penumbra::internal::scene::{ImportOptions, Panorama};
-use penumbra::settings::LightSampling;
+use penumbra::settings::{Denoise, LightSampling};
 use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
 
 #[derive(Args)]
@@ -407,6 +407,18 @@ fn light_samplings() -> impl TypedValueParser<Value = LightSampling> {
             LightSampling::Power => "a few lights: half of the time by power, else with equal probability",
             LightSampling::Contribution => "a few lights, by what each would send to the point without occluders",
             LightSampling::Zones => "a few of the lights whose photons reach the zone of the point",
+        })
+    });
+    PossibleValuesParser::new(values).try_map(|name| name.parse())
+}
+
+/// One of the denoisers, by name.
+pub fn denoisers() -> impl TypedValueParser<Value = Denoise> {
+    let values = Denoise::ALL.map(|denoise| {
+        PossibleValue::new(denoise.name()).help(match denoise {
+            Denoise::Auto => "the mixture of the raw image and all available denoisers with the least estimated error",
+            Denoise::None => "no denoiser",
+            Denoise::Oidn => "Open Image Denoise alone",
         })
     });
     PossibleValuesParser::new(values).try_map(|name| name.parse())

@@ -13,10 +13,12 @@ use penumbra::internal::render::recovery::{self, Failure, Salvage};
 use penumbra::internal::report::estimate;
 use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
-use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Statistics};
+use penumbra::settings::Denoise;
+use penumbra::{Aov, Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
+use super::flags::with_flags;
 use super::interrupt::Interrupt;
-use super::options::{DeviceOptions, RenderOptions, SceneOptions, finite, positive, read_reference};
+use super::options::{DeviceOptions, RenderOptions, SceneOptions, denoisers, finite, positive, read_reference};
 use super::progress::{Display, Goal, mega};
 use super::{Ending, compare, json, print, say};
 
@@ -37,6 +39,17 @@ pub struct Arguments {
     /// Exposure of .png, in stops
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
     exposure: f32,
+
+    /// Remove noise: the .png shows the result; the .exr keeps the raw image, and has it beside that as denoised.R,
+    /// denoised.G and denoised.B, with its estimated standard error as the channel error [default: auto if an output is
+    /// .png, else none]
+    #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
+    denoise: Option<Denoise>,
+
+    /// The library of Open Image Denoise 2 [default: the environment variable OIDN_LIBRARY, else
+    /// libOpenImageDenoise.so.2 where the system finds it]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    oidn: Option<PathBuf>,
 
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
@@ -90,12 +103,18 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
     let interrupt = Interrupt::listen();
     arguments.check()?;
-    let Opened { scene, camera, settings, reference, gpu, import, start } = arguments.load_and_open()?;
+    let (denoiser, no_denoiser) = arguments.denoiser();
+    let opened = arguments.load_and_open(denoiser.choice())?;
+    let Opened { scene, camera, settings, reference, gpu, import, start } = opened;
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
+    if let Some(problem) = &no_denoiser {
+        notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
+    }
     let mut session = Session {
         arguments,
+        denoiser: &denoiser,
         interrupt,
         started,
         import,
@@ -128,6 +147,13 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     };
     if let Some(reference) = reference {
         print(&compare::text(&Measures::new(&image, &reference.image)?))?;
+        if let Some(denoised) = image.denoised() {
+            print(&format!("denoised\n{}", compare::text(&Measures::new(&denoised, &reference.image)?)))?;
+        }
+    }
+    // The raw image is written, and the user has asked for more.
+    if let Some(problem) = no_denoiser {
+        return Err(problem);
     }
     Ok(if session.stopped { Ending::Stopped } else { Ending::Done })
 }
@@ -135,6 +161,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 /// A render from its first sample to its files, on one device or, after a loss, on several.
 struct Session<'a> {
     arguments: &'a Arguments,
+    denoiser: &'a Denoiser,
     interrupt: Interrupt,
     started: Instant,
     /// Seconds that reading the scene and opening the device took.
@@ -187,7 +214,16 @@ impl Session<'_> {
         self.stopped = self.interrupt.raised() && renderer.samples() < self.spp;
         self.notes.say(renderer.notes());
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
-        let (image, statistics) = (renderer.image()?, renderer.statistics()?);
+        let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
+        let start = Instant::now();
+        let outcome = match renderer.add_denoised(&mut image, self.denoiser) {
+            // The library has failed, and the raw image is safe.
+            Err(problem @ Error::Input { .. }) => Err(problem),
+            outcome => Ok(outcome?),
+        };
+        if self.denoiser.choice() != Denoise::None {
+            statistics.time.denoise = start.elapsed().as_secs_f64();
+        }
         if let Some(estimate) = noise.estimate.filter(|_| !arguments.quiet) {
             let rest = if statistics.indirect.photons > 0 {
                 " without the error of the photon map of indirect light"
@@ -196,7 +232,8 @@ impl Session<'_> {
             };
             say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
         }
-        self.finish(image, statistics, checkpoint.as_ref())
+        let image = self.finish(image, statistics, checkpoint.as_ref())?;
+        outcome.map(|()| image)
     }
 
     /// Prints a summary and writes all files; a file that fails does not stop the others.
@@ -205,6 +242,7 @@ impl Session<'_> {
         let image = arguments.finished(image);
         if !arguments.quiet {
             say(summary(&statistics, self.stopped));
+            self.say_denoised(&image, &statistics);
         }
         self.notes.say(&statistics.notes);
         let checkpointed = match (&arguments.checkpoint, checkpoint) {
@@ -218,6 +256,22 @@ impl Session<'_> {
         statistics.time.total = self.started.elapsed().as_secs_f64();
         written.and(arguments.write_statistics(&statistics)).and(checkpointed)?;
         Ok(image)
+    }
+}
+
+impl Session<'_> {
+    /// Says by what the image was denoised, and how well.
+    fn say_denoised(&self, image: &Image, statistics: &Statistics) {
+        if image.channel("denoised.R").is_none() {
+            return;
+        }
+        let names: Vec<&str> = self.denoiser.names().collect();
+        let error = match estimate::denoised_relmse(image) {
+            Some(error) => format!("estimated relMSE {error:.2e}"),
+            None => "of unknown error: a single sample tells none".to_owned(),
+        };
+        let (choice, seconds) = (self.denoiser.choice(), statistics.time.denoise);
+        say(format_args!("denoised by {choice} ({}) in {seconds:.2} s, {error}", names.join(", ")));
     }
 }
 
@@ -244,11 +298,10 @@ impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
-        let is_exr = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
         for path in &self.output {
             film::check_writable(path)?;
         }
-        if self.settings.has_aovs() && !self.output.iter().any(is_exr) {
+        if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
         }
         if self.noise.is_some() && !self.settings.is_unbiased() {
@@ -270,7 +323,7 @@ impl Arguments {
     }
 
     /// Imports the scene while the device opens. The error of a bad file comes before that of the device.
-    fn load_and_open(&self) -> Result<Opened> {
+    fn load_and_open(&self, denoise: Denoise) -> Result<Opened> {
         let timed = |start: Instant| start.elapsed().as_secs_f64();
         thread::scope(|scope| {
             let device = scope.spawn(|| {
@@ -287,10 +340,22 @@ impl Arguments {
             if self.adds_variance() {
                 settings.image.aovs.push(Aov::Variance);
             }
+            settings.image.denoise = denoise;
             let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
             Ok(Opened { scene, camera, settings, reference, gpu, import, start })
         })
+    }
+
+    /// The denoiser; if it cannot be used, none, and why.
+    fn denoiser(&self) -> (Denoiser, Option<Error>) {
+        let default = if self.output.iter().any(|path| !is_exr(path)) { Denoise::Auto } else { Denoise::None };
+        let variable = || env::var_os("OIDN_LIBRARY").filter(|name| !name.is_empty()).map(PathBuf::from);
+        let library = self.oidn.clone().or_else(variable);
+        match Denoiser::new(self.denoise.unwrap_or(default), library.as_deref()) {
+            Ok(denoiser) => (denoiser, None),
+            Err(problem) => (Denoiser::default(), Some(problem)),
+        }
     }
 
     /// `--noise` needs the variance, and the user has not requested it.
@@ -310,8 +375,11 @@ impl Arguments {
     /// disk does not lose the render.
     fn write(&self, image: &Image) -> Result<()> {
         let mut result = Ok(());
+        let denoised = image.denoised();
         for path in &self.output {
-            let outcome = written(path, || image.write(path, self.view, self.exposure));
+            // An .exr has all channels; a .png shows one picture.
+            let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(image);
+            let outcome = written(path, || shown.write(path, self.view, self.exposure));
             if outcome.is_ok() && !self.quiet {
                 say(format_args!("wrote {}", path.display()));
             }
@@ -335,6 +403,10 @@ impl Arguments {
         let text = json(statistics).map_err(|problem| Error::output(path, problem))?;
         written(path, || film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?)))
     }
+}
+
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
 }
 
 /// A summary of the render in one line.

@@ -16,6 +16,8 @@ shared_struct! {
         pub point_count: u32,
         /// Index of the first of them among the samples.
         pub first_point: u32,
+        /// Index of the first sample of each pixel.
+        pub first_sample: u32,
     }
 }
 
@@ -41,6 +43,27 @@ pub struct Plane {
     pixels: u32,
 }
 
+/// The sum of a pixel's samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Sum {
+    /// The sum.
+    pub total: DVec4,
+    /// The number of samples in it: those that were finite.
+    pub kept: f64,
+}
+
+impl Sum {
+    /// The mean; 0 of no samples.
+    pub fn mean(&self) -> DVec4 {
+        if self.kept > 0.0 { self.total / self.kept } else { DVec4::ZERO }
+    }
+
+    /// The samples that are not in `part`.
+    pub fn without(&self, part: &Sum) -> Sum {
+        Sum { total: self.total - part.total, kept: self.kept - part.kept }
+    }
+}
+
 impl Film {
     /// Compiles the kernel.
     ///
@@ -56,6 +79,14 @@ impl Film {
     /// As [`Gpu::buffer`] and [`Kernel::bind`].
     pub fn plane(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
         self.any_plane(gpu, pixels, "accumulate", [samples, samples], counters)
+    }
+
+    /// As [`Film::plane`], of the samples of even number alone.
+    ///
+    /// # Errors
+    /// As [`Film::plane`].
+    pub fn plane_of_half(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate_half", [samples, samples], counters)
     }
 
     /// An empty plane that sums the squares of the whole radiance, which is the sum of two parts.
@@ -90,8 +121,8 @@ impl Plane {
 
     /// Adds the samples of the tile's points; the first one has the index `first_point` among the samples.
     pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
-        let Tile { pixel_count, point_count, .. } = *tile;
-        let parameters = FilmParameters { pixel_count, point_count, first_point };
+        let Tile { pixel_count, point_count, first_sample, .. } = *tile;
+        let parameters = FilmParameters { pixel_count, point_count, first_point, first_sample };
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
@@ -100,22 +131,21 @@ impl Plane {
     /// # Errors
     /// As [`Gpu::read`].
     pub fn means(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
-        Ok(Plane::means_of(&self.state(gpu)?, samples))
+        Ok(Plane::sums_of(&self.state(gpu)?, samples).iter().map(Sum::mean).collect())
     }
 
-    /// As [`Plane::means`], for a state that [`Plane::state`] returned.
-    pub fn means_of(state: &[u32], samples: u32) -> Vec<DVec4> {
+    /// The sums of a state that [`Plane::state`] returned. `samples` is the number recorded.
+    pub fn sums_of(state: &[u32], samples: u32) -> Vec<Sum> {
         let (sums, compensations) = state.split_at(state.len() / 2);
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
         let (sums, compensations) = (vectors(sums), vectors(compensations));
-        let mean = |(sum, lost): (&[f32; 4], &[f32; 4])| {
+        let sum = |(sum, lost): (&[f32; 4], &[f32; 4])| Sum {
             // w of the compensations is the number of samples that were left out. w of the sums needs no compensation:
             // it is a sum of zeros and ones, and exact.
-            let kept = f64::from(samples) - f64::from(lost[3]);
-            let total = Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4();
-            if kept > 0.0 { total / kept } else { DVec4::ZERO }
+            total: Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4(),
+            kept: f64::from(samples) - f64::from(lost[3]),
         };
-        sums.iter().zip(compensations).map(mean).collect()
+        sums.iter().zip(compensations).map(sum).collect()
     }
 
     /// The state of the plane as words: sums, then compensations.

@@ -49,8 +49,8 @@ shared_struct! {
         pub first_sample: u32,
         /// Seed of the render.
         pub seed: u32,
-        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
-        pub centred: u32,
+        /// How pixels are sampled: [`SAMPLING_ANYWHERE`](crate::kernels::SAMPLING_ANYWHERE) and so on.
+        pub sampling: u32,
     }
 }
 
@@ -161,6 +161,11 @@ pub struct TileBuffers {
     pub normal_samples: Option<Buffer>,
     /// Position and depth; none without that AOV.
     pub position_samples: Option<Buffer>,
+    /// Base colour of the first surface that is neither a mirror nor clear glass, times the throughput of the way to
+    /// it; none without denoising.
+    pub guide_albedo_samples: Option<Buffer>,
+    /// Shading normal of that surface; none without denoising.
+    pub guide_normal_samples: Option<Buffer>,
     /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
     pub zeros: Buffer,
     /// One word for each [`crate::statistics::Counter`].
@@ -194,6 +199,8 @@ impl TileBuffers {
             albedo_samples: samples(features.has(Feature::AovAlbedo), "penumbra/primary/albedo_samples")?,
             normal_samples: samples(features.has(Feature::AovNormal), "penumbra/primary/normal_samples")?,
             position_samples: samples(features.has(Feature::AovPosition), "penumbra/primary/position_samples")?,
+            guide_albedo_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_albedo_samples")?,
+            guide_normal_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_normal_samples")?,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
             surface_vectors: vectors as u32,
@@ -216,7 +223,14 @@ impl TileBuffers {
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let optional = [&self.radiance_indirect, &self.albedo_samples, &self.normal_samples, &self.position_samples];
+        let optional = [
+            &self.radiance_indirect,
+            &self.albedo_samples,
+            &self.normal_samples,
+            &self.position_samples,
+            &self.guide_albedo_samples,
+            &self.guide_normal_samples,
+        ];
         let fixed = [&self.points.buffer, &self.surfaces.buffer, &self.radiance_direct, &self.counters];
         fixed.into_iter().chain(optional.into_iter().flatten()).map(|b| b.bytes).sum()
     }

@@ -19,6 +19,10 @@ bindings! {
         pub normal_samples: Option<&Buffer>,
         /// See [`TileBuffers::position_samples`].
         pub position_samples: Option<&Buffer>,
+        /// See [`TileBuffers::guide_albedo_samples`].
+        pub guide_albedo_samples: Option<&Buffer>,
+        /// See [`TileBuffers::guide_normal_samples`].
+        pub guide_normal_samples: Option<&Buffer>,
     }
 }
 
@@ -47,6 +51,8 @@ impl Primary {
             albedo_samples: tile.albedo_samples.as_ref(),
             normal_samples: tile.normal_samples.as_ref(),
             position_samples: tile.position_samples.as_ref(),
+            guide_albedo_samples: tile.guide_albedo_samples.as_ref(),
+            guide_normal_samples: tile.guide_normal_samples.as_ref(),
         };
         let kernel = self.0.bind(gpu, "primary", &[&own, scene])?;
         Ok(BoundPrimary {

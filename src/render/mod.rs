@@ -4,6 +4,8 @@
 mod batches;
 mod checkpoint;
 mod conditioning;
+pub mod denoise;
+mod denoised;
 pub mod film;
 mod keeping;
 mod notes;
@@ -16,5 +18,6 @@ mod tiles;
 
 pub use batches::Progress;
 pub use checkpoint::Checkpoint;
+pub use denoise::Denoiser;
 pub use film::Image;
 pub use renderer::Renderer;

@@ -9,7 +9,7 @@ use super::checkpoint::Checkpoint;
 use super::conditioning;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
-use crate::passes::film::Plane;
+use crate::passes::film::{Plane, Sum};
 use crate::render::film::{Channel, Metadata};
 use crate::settings::Aov;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
@@ -74,7 +74,7 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
 }
 
 /// The sums of samples, on the device or kept.
-struct Film<'a> {
+pub(super) struct Film<'a> {
     renderer: &'a Renderer<'a>,
     /// The words of each plane, if they are in a checkpoint and not on the device.
     kept: Option<HashMap<*const Plane, &'a [u32]>>,
@@ -90,24 +90,40 @@ fn kept_planes<'a>(renderer: &Renderer<'_>, kept: &'a Checkpoint) -> HashMap<*co
     renderer.planes().map(own).collect()
 }
 
-impl Film<'_> {
-    /// See [`Plane::means`].
-    fn plane_means(&self, plane: &Plane) -> Result<Vec<DVec4>> {
-        let samples = self.renderer.samples;
+impl<'a> Film<'a> {
+    /// The film on the device.
+    pub fn of(renderer: &'a Renderer<'a>) -> Film<'a> {
+        Film { renderer, kept: None }
+    }
+
+    /// The sums of `samples` samples of each pixel.
+    fn plane_sums(&self, plane: &Plane, samples: u32) -> Result<Vec<Sum>> {
         match &self.kept {
-            Some(kept) => Ok(Plane::means_of(kept[&std::ptr::from_ref(plane)], samples)),
-            None => plane.means(self.renderer.gpu, samples),
+            Some(kept) => Ok(Plane::sums_of(kept[&std::ptr::from_ref(plane)], samples)),
+            None => Ok(Plane::sums_of(&plane.state(self.renderer.gpu)?, samples)),
         }
     }
 
-    /// The means of a plane over the whole image; none if the tiles have no such plane.
-    fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
+    /// See [`Plane::means`].
+    fn plane_means(&self, plane: &Plane) -> Result<Vec<DVec4>> {
+        Ok(self.plane_sums(plane, self.renderer.samples)?.iter().map(Sum::mean).collect())
+    }
+
+    /// The sums of a plane over the whole image, which recorded `samples` samples of each pixel; none if the tiles have
+    /// no such plane.
+    pub fn sums(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>, samples: u32) -> Result<Option<Vec<Sum>>> {
         let mut all = Vec::new();
         for tile in &self.renderer.tiles {
             let Some(plane) = pick(tile) else { return Ok(None) };
-            all.extend(self.plane_means(plane)?);
+            all.extend(self.plane_sums(plane, samples)?);
         }
         Ok(Some(all))
+    }
+
+    /// The means of a plane over the whole image; none if the tiles have no such plane.
+    pub fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
+        let sums = self.sums(pick, self.renderer.samples)?;
+        Ok(sums.map(|sums| sums.iter().map(Sum::mean).collect()))
     }
 
     fn normals(&self) -> Result<Vec<DVec4>> {

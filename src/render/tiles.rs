@@ -3,11 +3,12 @@
 use kernel_kit::{Buffer, Gpu};
 
 use crate::Result;
+use crate::kernels::{SAMPLING_ANYWHERE, SAMPLING_CENTRED, SAMPLING_HALVES};
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::TILE_SAMPLES;
 use crate::passes::film::{Film, Plane};
 use crate::passes::{Tile, TileBuffers};
-use crate::settings::{Aov, Settings};
+use crate::settings::{Aov, Denoise, Settings};
 use crate::specialisation::features::Features;
 
 /// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
@@ -34,6 +35,21 @@ impl TileSize {
     }
 }
 
+/// What denoisers need beside the image.
+pub(super) struct DenoisingPlanes {
+    pub albedo: Plane,
+    pub normal: Plane,
+    /// Of direct and, if there is any, indirect light; none for a single sample.
+    pub parts: Vec<PartPlanes>,
+}
+
+/// What tells the error of a part of the light.
+pub(super) struct PartPlanes {
+    /// The samples of even number.
+    pub half: Plane,
+    pub squares: Plane,
+}
+
 /// The film of some rows.
 pub(super) struct TileFilm {
     first_row: u32,
@@ -44,8 +60,38 @@ pub(super) struct TileFilm {
     pub albedo: Option<Plane>,
     pub normal: Option<Plane>,
     pub position: Option<Plane>,
+    /// What denoisers need, if they are requested.
+    pub denoising: Option<DenoisingPlanes>,
     /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
+}
+
+impl DenoisingPlanes {
+    /// Empty planes of `pixels` pixels; none if there are no guides.
+    fn new(
+        gpu: &Gpu,
+        film: &Film,
+        buffers: &TileBuffers,
+        pixels: u32,
+        settings: &Settings,
+    ) -> Result<Option<DenoisingPlanes>> {
+        let (Some(albedo), Some(normal)) = (&buffers.guide_albedo_samples, &buffers.guide_normal_samples) else {
+            return Ok(None);
+        };
+        let counters = &buffers.counters;
+        let parts = [Some(&buffers.radiance_direct), buffers.radiance_indirect.as_ref()].into_iter().flatten();
+        let part = |samples: &Buffer| -> Result<PartPlanes> {
+            Ok(PartPlanes {
+                half: film.plane_of_half(gpu, pixels, samples, counters)?,
+                squares: film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], counters)?,
+            })
+        };
+        Ok(Some(DenoisingPlanes {
+            albedo: film.plane(gpu, pixels, albedo, counters)?,
+            normal: film.plane(gpu, pixels, normal, counters)?,
+            parts: parts.filter(|_| settings.image.spp > 1).map(part).collect::<Result<_>>()?,
+        }))
+    }
 }
 
 impl TileFilm {
@@ -93,6 +139,7 @@ impl TileFilm {
             albedo: optional(&buffers.albedo_samples)?,
             normal: optional(&buffers.normal_samples)?,
             position: optional(&buffers.position_samples)?,
+            denoising: DenoisingPlanes::new(gpu, film, buffers, pixels, settings)?,
             classes: classes.transpose()?.unwrap_or_default(),
         })
     }
@@ -100,7 +147,11 @@ impl TileFilm {
     /// The planes that every technique fills.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
-        std::iter::once(&self.direct).chain(optional.into_iter().flatten())
+        let denoising = self.denoising.iter().flat_map(|planes| {
+            let parts = planes.parts.iter().flat_map(|part| [&part.half, &part.squares]);
+            [&planes.albedo, &planes.normal].into_iter().chain(parts)
+        });
+        std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(denoising)
     }
 
     /// The tile for `layers` samples of each pixel, the first of which is number `first_sample`.
@@ -116,7 +167,11 @@ impl TileFilm {
             point_count: pixel_count * layers,
             first_sample,
             seed,
-            centred: u32::from(spp == 1),
+            sampling: match (spp, settings.image.denoise) {
+                (1, _) => SAMPLING_CENTRED,
+                (_, Denoise::None) => SAMPLING_ANYWHERE,
+                _ => SAMPLING_HALVES,
+            },
         }
     }
 }

@@ -23,6 +23,17 @@ pub fn relmse(image: &Image, statistics: &Statistics) -> Option<f64> {
     Some(sum / (3 * image.pixels()) as f64 + unaudited(statistics))
 }
 
+/// The expected relMSE of the denoised image, by its channel `error`. `None` without it.
+pub fn denoised_relmse(image: &Image) -> Option<f64> {
+    let error = image.channel("error")?;
+    let mut sum = 0.0;
+    for name in ["denoised.R", "denoised.G", "denoised.B"] {
+        let relative = |(x, e): (&f32, &f32)| f64::from(*e).powi(2) / (f64::from(*x).powi(2) + RELMSE_FLOOR);
+        sum += image.channel(name)?.iter().zip(error).map(relative).sum::<f64>();
+    }
+    Some(sum / (3 * image.pixels()) as f64)
+}
+
 /// Wrong classes that no audit has met yet do not show in the variance. A point's estimate is c + (V - c) / p with
 /// probability p, so the mean of n samples has a variance of at most |V - c| / (p n), and the audits bound the mean of
 /// |V - c|.

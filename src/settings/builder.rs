@@ -1,6 +1,6 @@
 //! [`SettingsBuilder`]: settings by chained calls.
 
-use super::{Aov, LightSampling, Settings, Technique};
+use super::{Aov, Denoise, LightSampling, Settings, Technique};
 use crate::Result;
 
 /// Builds [`Settings`] from the defaults; [`SettingsBuilder::build`] checks the ranges.
@@ -38,6 +38,7 @@ setters! {
     technique: Technique => "Settings::technique", technique;
     spp: u32 => "ImageSettings::spp", image.spp;
     seed: u32 => "ImageSettings::seed", image.seed;
+    denoise: Denoise => "ImageSettings::denoise", image.denoise;
     photons_per_light: u32 => "VisibilityMapSettings::photons_per_light", visibility_map.photons_per_light;
     nearest: u32 => "VisibilityMapSettings::nearest", visibility_map.nearest;
     shadow_photons_per_ray: u32 => "VisibilityMapSettings::shadow_photons_per_ray",

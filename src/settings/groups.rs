@@ -1,6 +1,6 @@
 //! The groups of [`Settings`](super::Settings).
 
-use super::{Aov, LightSampling, Settings};
+use super::{Aov, Denoise, LightSampling, Settings};
 
 /// The image: its size, samples and channels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -16,11 +16,13 @@ pub struct ImageSettings {
     pub seed: u32,
     /// Channels beside the picture.
     pub aovs: Vec<Aov>,
+    /// The denoiser that the film keeps what is needed for; see [`crate::Denoiser`].
+    pub denoise: Denoise,
 }
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        ImageSettings { width: 512, height: 512, spp: 16, seed: 0, aovs: Vec::new() }
+        ImageSettings { width: 512, height: 512, spp: 16, seed: 0, aovs: Vec::new(), denoise: Denoise::None }
     }
 }
 

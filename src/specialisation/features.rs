@@ -130,6 +130,8 @@ kernel_kit::features! {
         AovPosition,
         /// Output: the shadow channels.
         AovShadow,
+        /// Output: albedo and normals that guide denoisers.
+        Guides,
     }
 }
 

@@ -16,7 +16,7 @@ use kernel_kit::Gpu;
 
 use crate::bvh::{Bvh, PACKET_LANES};
 use crate::scene::{AlphaMode, Scene, Triangle};
-use crate::settings::{Aov, Settings};
+use crate::settings::{Aov, Denoise, Settings};
 use crate::specialisation::features::{Feature, Features};
 
 pub(crate) use bsdf_rays::{MIN_HIT_PROBABILITY, Sphere};
@@ -61,6 +61,10 @@ impl Specialisation {
             let cost = format!("{} of film", bytes_text(pixels * 32));
             self.decide(feature, on, "requested".into(), "not requested", &cost);
         }
+        let denoise = settings.image.denoise;
+        let cost = format!("{} of film", bytes_text(pixels * 2 * 32));
+        let reason = format!("the image is denoised: {denoise}");
+        self.decide(Feature::Guides, denoise != Denoise::None, reason, "the image is not denoised", &cost);
     }
 
     /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod compare;
+mod denoise;
 mod environment;
 mod plan;
 mod program;

@@ -1,6 +1,7 @@
 //! Running the program.
 
 use std::ffi::OsStr;
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
@@ -16,12 +17,20 @@ pub fn device() -> String {
     std::env::var("PENUMBRA_DEVICE").unwrap_or_else(|_| "software".into())
 }
 
+/// Open Image Denoise, by the variable that the script sets.
+pub fn oidn_library() -> PathBuf {
+    let library = std::env::var_os("OIDN_LIBRARY").map(PathBuf::from).filter(|library| library.exists());
+    library.expect("OIDN_LIBRARY names no library: run the tests by `scripts/with-vulkan cargo test`, which fetches it")
+}
+
 /// The program, with `arguments` split at spaces, then `files`.
 pub fn penumbra(arguments: &str, files: &[&dyn AsRef<OsStr>]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
     command.args(arguments.split_whitespace()).args(files);
     // Mesa complains on stderr where it is not set.
     command.env("XDG_RUNTIME_DIR", env!("CARGO_TARGET_TMPDIR"));
+    // Only the tests of denoising name a library; the PNGs of the others stay raw.
+    command.env_remove("OIDN_LIBRARY");
     command
 }
 

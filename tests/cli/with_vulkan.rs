@@ -26,7 +26,7 @@ impl Machine {
             fs::create_dir_all(root.join(folder)).unwrap();
         }
         let machine = Machine { root };
-        for tool in ["bash", "cat", "env", "mkdir", "mktemp", "mv"] {
+        for tool in ["bash", "cat", "env", "mkdir", "mktemp", "mv", "rm"] {
             let real = ["/bin", "/usr/bin", "/usr/local/bin"].map(|folder| Path::new(folder).join(tool));
             let real = real.iter().find(|path| path.exists()).unwrap_or_else(|| panic!("no {tool} on this machine"));
             symlink(real, machine.root.join("bin").join(tool)).unwrap();
@@ -69,6 +69,9 @@ impl Machine {
             .env("XDG_DATA_DIRS", self.root.join("share"))
             .env("TMPDIR", self.root.join("tmp"))
             .env("ROOT", &self.root)
+            // Nothing is fetched for the tests' denoiser, unless a test empties this.
+            .env("OIDN_LIBRARY", "libOpenImageDenoise.so.2")
+            .env("CARGO_TARGET_DIR", self.root.join("target"))
             .envs(environment.iter().copied())
             .output()
             .unwrap()
@@ -263,6 +266,50 @@ fn what_cannot_be_installed_is_an_error() {
     let machine = Machine::new("ineffective");
     machine.manager("apt-get", "");
     assert_refused(&machine.run(&["cargo", "test"], &[]), "still missing");
+}
+
+/// A Python whose pip writes a wheel, and which unpacks it to a library; both talk on stdout.
+const PYTHON: &str = r#"
+    echo "python3 $*" >>"$ROOT/log"; echo chatter
+    case "$*" in
+        *download*) [[ $(cat "$ROOT"/target/oidn.*/wheel.txt) == "pyoidn=="*" --hash=sha256:"* ]] ;;
+        "- "*) cat >/dev/null; : >"$2/lib/libOpenImageDenoise.so.2" ;;
+    esac"#;
+
+#[test]
+fn tests_get_open_image_denoise_once() {
+    let machine = Machine::new("oidn");
+    machine.driver(LAVAPIPE);
+    machine.stub("python3", PYTHON);
+    let library = machine.root.join("target/oidn/lib/libOpenImageDenoise.so.2");
+    for calls in [3, 3] {
+        let output = machine.run(&["cargo", "test"], &[("OIDN_LIBRARY", "")]);
+        assert_ran(&output, "cargo test");
+        assert_eq!(machine.variable("OIDN_LIBRARY").as_deref(), library.to_str());
+        // Whether there is a pip, the download, and the unpacking: only once.
+        assert_eq!(machine.log().lines().count(), calls, "{}", machine.log());
+    }
+    assert_eq!(fs::read_dir(machine.root.join("target")).unwrap().count(), 1, "something was left behind");
+    machine.run(&["cargo", "test"], &[("OIDN_LIBRARY", "mine.so")]);
+    assert_eq!(machine.variable("OIDN_LIBRARY").as_deref(), Some("mine.so"));
+    machine.run(&["cargo", "run"], &[("OIDN_LIBRARY", "")]);
+    assert_eq!(machine.variable("OIDN_LIBRARY").as_deref(), Some(""));
+
+    // The tests that do without it still run.
+    let machine = Machine::new("oidn-offline");
+    machine.driver(LAVAPIPE);
+    machine.stub("python3", "[[ $* != *download* ]]");
+    let output = machine.run(&["cargo", "test"], &[("OIDN_LIBRARY", "")]);
+    assert_ran(&output, "cargo test");
+    assert!(stderr(&output).contains("cannot be fetched"), "{}", stderr(&output));
+    assert_eq!(fs::read_dir(machine.root.join("target")).unwrap().count(), 0, "something was left behind");
+
+    let machine = Machine::new("no-pip");
+    machine.driver(LAVAPIPE);
+    machine.manager("apt-get", r#"mv "$ROOT/bin/not-python3" "$ROOT/bin/python3""#);
+    machine.stub("not-python3", PYTHON);
+    machine.run(&["cargo", "test"], &[("OIDN_LIBRARY", "")]);
+    assert!(machine.log().contains("install -qy --no-install-recommends python3-pip"), "{}", machine.log());
 }
 
 #[test]

@@ -11,7 +11,10 @@ use penumbra::internal::passes::new_kernel;
 use penumbra::internal::render::recovery::{self, Failure};
 use penumbra::internal::scene::ImportOptions;
 use penumbra::internal::specialisation::features::Features;
-use penumbra::{Aov, Camera, Error, Image, Renderer, Result, Scene, Settings, Technique};
+use penumbra::settings::Denoise;
+use penumbra::{Aov, Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Technique};
+
+use crate::program::oidn_library;
 
 fn open() -> Result<Gpu> {
     let choice = std::env::var("PENUMBRA_DEVICE").map_or(DeviceChoice::Software, |name| name.parse().unwrap());
@@ -38,6 +41,14 @@ fn settings(technique: Technique) -> Settings {
     })
 }
 
+/// The denoiser of the settings.
+fn denoiser(settings: &Settings) -> Denoiser {
+    match settings.image.denoise {
+        Denoise::None => Denoiser::default(),
+        denoise => Denoiser::new(denoise, Some(&oidn_library())).unwrap(),
+    }
+}
+
 fn bits(image: &Image) -> Vec<(&str, Vec<u32>)> {
     let bits = |samples: &[f32]| samples.iter().map(|x| x.to_bits()).collect();
     image.channels.iter().map(|channel| (channel.name.as_str(), bits(&channel.samples))).collect()
@@ -57,7 +68,7 @@ fn undisturbed(settings: &Settings, samples: u32) -> (Image, penumbra::Statistic
     while renderer.samples() < samples {
         renderer.render_batch().unwrap();
     }
-    (renderer.image().unwrap(), renderer.statistics().unwrap())
+    (renderer.denoised_image(&denoiser(settings)).unwrap(), renderer.statistics().unwrap())
 }
 
 /// Renders and calls `disturb` before every batch and before the image is read.
@@ -78,7 +89,7 @@ fn disturbed(
                 renderer.render_batch()?;
             }
             disturb(renderer);
-            Ok((renderer.image()?, renderer.statistics()?))
+            Ok((renderer.denoised_image(&denoiser(settings))?, renderer.statistics()?))
         },
     )
 }
@@ -87,9 +98,10 @@ fn disturbed(
 /// middle, or before the image is read. The image and the counts are those of an undisturbed render.
 #[test]
 fn a_render_continues_after_a_lost_device() {
-    for technique in [Technique::SHADOW_PHOTONS, Technique::PATH] {
-        let settings = settings(technique);
+    let denoised = settings(Technique::SHADOW_PHOTONS).with(|s| s.image.denoise = Denoise::Auto);
+    for settings in [settings(Technique::SHADOW_PHOTONS), settings(Technique::PATH), denoised] {
         let (image, statistics) = undisturbed(&settings, 20);
+        assert_eq!(image.channel("error").is_some(), settings.image.denoise != Denoise::None);
         for lost_at in [&[0][..], &[1, 9], &[20]] {
             let losses = Cell::new(0);
             let lose = |renderer: &Renderer<'_>| {

@@ -3,5 +3,6 @@
 mod atomic;
 mod exr;
 mod metrics;
+mod mixture;
 mod png;
 mod tone_map;

@@ -12,6 +12,7 @@ const EXPORTS: &[&str] = &[
     "Camera",
     "Channel",
     "Checkpoint",
+    "Denoiser",
     "Device",
     "DeviceChoice",
     "DeviceInfo",

@@ -13,7 +13,7 @@ use penumbra::internal::scene::{
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
-use penumbra::settings::LightSampling;
+use penumbra::settings::{Denoise, LightSampling};
 use penumbra::{Aov, Result, Settings, Technique};
 use rayon::prelude::*;
 
@@ -137,6 +137,7 @@ impl Selection {
             s.visibility_map.paper_counting = self.has(19);
             s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
             s.indirect.irradiance_cache.enabled = self.has(21);
+            s.image.denoise = if self.has(63) { Denoise::Auto } else { Denoise::None };
             // The last one, the AOV of classes, excludes light sampling.
             s.image.aovs =
                 aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect();

@@ -159,6 +159,38 @@ fn the_layers_of_one_light_are_found_among_many(gpu: &Gpu) {
     }
 }
 
+/// Only samples of even number are summed, whatever the number of the tile's first one. Samples that are not finite are
+/// left out, and counted by `accumulate` alone.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn a_half_has_the_samples_of_even_number(gpu: &Gpu) {
+    let film = film(gpu);
+    let mut random = Random(9);
+    for (pixels, layers) in [(1usize, 1usize), (63, 2), (64, 3), (65, 8)] {
+        for first_sample in [0u32, 1, 6, 7] {
+            let mut samples: Samples =
+                (0..pixels * layers).map(|_| [(); 4].map(|()| random.uniform() as f32)).collect();
+            samples[pixels - 1][2] = f32::NAN;
+            let buffer = gpu.upload("test/samples", &samples).unwrap();
+            let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+            let plane = film.plane_of_half(gpu, pixels as u32, &buffer, &counters).unwrap();
+            add(gpu, &plane, &Tile { first_sample, ..tile(pixels as u32, layers as u32) }, 0);
+            let half = |parity: u32| -> Samples {
+                let is_in = |i: usize| (first_sample + (i / pixels) as u32) % 2 == parity;
+                samples.iter().enumerate().filter(|(i, _)| is_in(*i)).map(|(_, sample)| *sample).collect()
+            };
+            let own = half(0);
+            let got = plane.means(gpu, (own.len() / pixels) as u32).unwrap();
+            let found = error(&got, &means(own.iter(), pixels));
+            assert!(found <= 1e-6, "{pixels} pixels from sample {first_sample}: relative error {found}");
+            assert_eq!(gpu.read::<u32>(&counters, Counter::COUNT).unwrap(), [0; Counter::COUNT]);
+            let other = half(1);
+            if other.len() == own.len() && pixels > 1 {
+                assert!(error(&got, &means(other.iter(), pixels)) > 1e-6, "the other half is not told apart");
+            }
+        }
+    }
+}
+
 /// Sums squares of the sum of two parts; the second has as many vectors as the first, or one. A square that overflows
 /// is left out and counted as such. A sample that is not finite is only left out: `accumulate` counts it.
 #[kernel_test("PENUMBRA_DEVICE")]

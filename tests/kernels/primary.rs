@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, TableFormat, kernel_test};
-use penumbra::internal::kernels::INVALID_POINT;
+use penumbra::internal::kernels::{INVALID_POINT, SAMPLING_CENTRED, SAMPLING_HALVES};
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::scene::{
@@ -342,17 +342,32 @@ struct Outcome {
     albedo: Vec<[u32; 4]>,
     normals: Vec<[u32; 4]>,
     positions: Vec<[u32; 4]>,
+    guide_albedo: Vec<[u32; 4]>,
+    guide_normals: Vec<[u32; 4]>,
 }
 
 impl Outcome {
-    fn lists(&self) -> [&Vec<[u32; 4]>; 6] {
-        [&self.points, &self.surfaces, &self.radiance, &self.albedo, &self.normals, &self.positions]
+    fn lists(&self) -> [&Vec<[u32; 4]>; 8] {
+        [
+            &self.points,
+            &self.surfaces,
+            &self.radiance,
+            &self.albedo,
+            &self.normals,
+            &self.positions,
+            &self.guide_albedo,
+            &self.guide_normals,
+        ]
     }
 }
 
 fn stage(gpu: &Gpu, camera: &Camera, size: [u32; 2]) -> Stage {
     Stage::new(gpu, panels(), camera, size, Technique::TWO_PASS, |features| {
-        features.with(Feature::AovAlbedo, true).with(Feature::AovNormal, true).with(Feature::AovPosition, true)
+        features
+            .with(Feature::AovAlbedo, true)
+            .with(Feature::AovNormal, true)
+            .with(Feature::AovPosition, true)
+            .with(Feature::Guides, true)
     })
 }
 
@@ -368,6 +383,8 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     buffers.albedo_samples = Some(poisoned("test/albedo"));
     buffers.normal_samples = Some(poisoned("test/normals"));
     buffers.position_samples = Some(poisoned("test/positions"));
+    buffers.guide_albedo_samples = Some(poisoned("test/guide_albedo"));
+    buffers.guide_normal_samples = Some(poisoned("test/guide_normals"));
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, tile);
@@ -385,6 +402,8 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
         albedo: read(buffers.albedo_samples.as_ref().unwrap()),
         normals: read(buffers.normal_samples.as_ref().unwrap()),
         positions: read(buffers.position_samples.as_ref().unwrap()),
+        guide_albedo: read(buffers.guide_albedo_samples.as_ref().unwrap()),
+        guide_normals: read(buffers.guide_normal_samples.as_ref().unwrap()),
     }
 }
 
@@ -401,11 +420,12 @@ const NORMAL: f64 = 2e-4;
 /// Whether the output for a pixel is that of the oracle.
 fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
-    let [point, packed, radiance, albedo, normal, position] = outcome.lists();
+    let [point, packed, radiance, albedo, normal, position, guide_albedo, guide_normal] = outcome.lists();
     let Some(visible) = visible else {
+        let others = [radiance, albedo, normal, position, guide_albedo, guide_normal];
         return point[i] == [0, 0, 0, INVALID_POINT]
             && packed[i] == [POISON; 4]
-            && [radiance, albedo, normal, position].iter().all(|list| list[i] == [0; 4]);
+            && others.iter().all(|list| list[i] == [0; 4]);
     };
     let near = |got: DVec3, expected: DVec3, tolerance: f64| (got - expected).abs().max_element() <= tolerance;
     let colour = |list: &Vec<[u32; 4]>, expected: DVec3| {
@@ -428,6 +448,9 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
         && vector(normal).w == 1.0
         && near(vector(position).truncate(), visible.position, tolerance)
         && (vector(position).w - visible.depth).abs() <= tolerance
+        // There are neither mirrors nor clear glass.
+        && guide_albedo[i] == albedo[i]
+        && guide_normal[i] == normal[i]
 }
 
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -435,7 +458,7 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     for camera in cameras() {
         for size in [[1, 1], [63, 1], [64, 1], [13, 5], [120, 90]] {
             let stage = stage(gpu, &camera, size);
-            let tile = Tile { centred: 1, ..whole(size, 1) };
+            let tile = Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) };
             let outcome = run(gpu, &stage, &tile);
             let count = tile.pixel_count as usize;
             let (mut doubtful, mut missed) = (0, 0);
@@ -474,6 +497,69 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
             assert!(met.iter().all(|n| *n > 20), "pixels of each material: {met:?}");
         }
     }
+}
+
+/// With halves, samples of even number are those of one sequence in their order, and the others of another one.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn samples_of_even_and_odd_number_are_of_two_sequences(gpu: &Gpu) {
+    const LAYERS: usize = 4;
+    let size = [41, 13];
+    let stage = stage(gpu, &cameras()[0], size);
+    let one = run(gpu, &stage, &whole(size, 2 * LAYERS as u32));
+    let halves = run(gpu, &stage, &Tile { sampling: SAMPLING_HALVES, ..whole(size, 2 * LAYERS as u32) });
+    let pixels = (size[0] * size[1]) as usize;
+    let layer = |outcome: &Outcome, layer: usize| outcome.points[layer * pixels..(layer + 1) * pixels].to_vec();
+    for i in 0..LAYERS {
+        assert!(layer(&halves, 2 * i) == layer(&one, i), "sample {i} of the first half");
+        for j in 0..2 * LAYERS {
+            assert!(layer(&halves, 2 * i + 1) != layer(&one, j), "sample {i} of the second half is sample {j}");
+        }
+    }
+}
+
+/// A mirror in front of the camera, and behind the camera a wall: the guides are of the wall, in the mirror's colour.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
+    let mirror = square(DVec3::new(0.0, 0.0, -0.5), DVec3::X * 0.6, DVec3::Y * 0.6);
+    let wall = square(DVec3::new(0.0, 0.0, 0.6), DVec3::NEG_X * 0.7, DVec3::Y * 0.7);
+    let polished = |base_colour: Vec4| Material { base_colour, metallic: 1.0, roughness: 0.0, ..surface(0.5, 0.0) };
+    // Specular chains are followed only in a scene with light.
+    let painted = Material { base_colour: Vec4::new(0.2, 0.4, 0.8, 1.0), ..surface(0.5, 1.0) };
+    let scene = scene(&[(mirror, polished(Vec4::new(1.0, 0.8, 0.6, 1.0))), (wall, painted)], Vec::new());
+    let camera = camera(DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.0, 0.0, -0.5), 1.0);
+    let size = [9, 9];
+    let stage = Stage::new(gpu, scene, &camera, size, Technique::TWO_PASS, |features| {
+        features
+            .with(Feature::AovAlbedo, true)
+            .with(Feature::AovNormal, true)
+            .with(Feature::AovPosition, true)
+            .with(Feature::Guides, true)
+    });
+    assert!(stage.features.has(Feature::SpecularChains), "no mirror");
+    let tile = Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) };
+    let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
+    let count = tile.point_count as usize;
+    let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
+    let poisoned = |name: &str| Some(gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap());
+    buffers.albedo_samples = poisoned("test/albedo");
+    buffers.normal_samples = poisoned("test/normals");
+    buffers.guide_albedo_samples = poisoned("test/guide_albedo");
+    buffers.guide_normal_samples = poisoned("test/guide_normals");
+    let mut frame = gpu.frame("test");
+    pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
+    frame.submit().unwrap();
+    let centre = |buffer: &Option<kernel_kit::Buffer>| {
+        let vectors: Vec<[u32; 4]> = gpu.read(buffer.as_ref().unwrap(), count + 1).unwrap();
+        assert_eq!(vectors[count], [POISON; 4]);
+        Vec4::from_array(vectors[count / 2].map(f32::from_bits))
+    };
+    let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(centre);
+    assert!((albedo - Vec4::new(1.0, 0.8, 0.6, 1.0)).abs().max_element() < 1e-3, "the AOV is the mirror's: {albedo}");
+    assert!((normal - Vec4::new(0.0, 0.0, 1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
+    let [albedo, normal] = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples].map(centre);
+    // The mirror reflects its colour straight on.
+    assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
+    assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
 }
 
 /// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
@@ -575,7 +661,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
-    bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
+    bound.record(&mut frame, &Tile { sampling: SAMPLING_CENTRED, ..whole([1, 1], 1) });
     frame.submit().unwrap();
     let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
     let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());

@@ -60,6 +60,18 @@ impl Image {
         Ok([find("R")?, find("G")?, find("B")?])
     }
 
+    /// The image with its channels `denoised.R`, `denoised.G` and `denoised.B` in place of `R`, `G` and `B`; `None` if
+    /// there are none.
+    pub fn denoised(&self) -> Option<Image> {
+        let mut image = self.clone();
+        for (name, root) in [("denoised.R", "R"), ("denoised.G", "G"), ("denoised.B", "B")] {
+            let index = image.channels.iter().position(|channel| channel.name == name)?;
+            let channel = image.channels.remove(index);
+            image.add_channel(root, channel.samples);
+        }
+        Some(image)
+    }
+
     /// Adds a channel of `width * height` samples, or replaces the channel with the same name.
     ///
     /// # Panics

@@ -1,0 +1,195 @@
+//! Denoising: filters that remove noise from the image of a render, and the mixture of what they give.
+
+pub mod mixture;
+#[cfg(feature = "oidn")]
+mod oidn;
+
+use std::path::Path;
+
+#[cfg(not(feature = "oidn"))]
+use crate::Error;
+use crate::Result;
+use crate::settings::Denoise;
+
+/// Scene-linear R, G and B.
+pub type Colour = [f32; 3];
+
+/// A part of the light of a render, direct or indirect: a pixel each, row by row from the top.
+pub struct Part {
+    /// Means of the samples.
+    pub mean: Vec<Colour>,
+    /// Variances of these means, as of independent samples.
+    pub variance: Vec<Colour>,
+}
+
+/// The light of some samples of each pixel: the sum of its parts.
+pub struct Light {
+    /// Direct light, and indirect light if there is any.
+    pub parts: Vec<Part>,
+}
+
+impl Light {
+    /// The sum of the parts.
+    pub fn colour(&self) -> Vec<Colour> {
+        let mut sum = self.parts[0].mean.clone();
+        for part in &self.parts[1..] {
+            let add = |(sum, more): (&mut Colour, &Colour)| (0..3).for_each(|c| sum[c] += more[c]);
+            sum.iter_mut().zip(&part.mean).for_each(add);
+        }
+        sum
+    }
+}
+
+/// What is seen through a pixel, over mirrors and through clear glass.
+pub struct Guides {
+    /// Base colour, 0 to 1.
+    pub albedo: Vec<Colour>,
+    /// Shading normal in world space; shorter at edges, 0 where there is nothing.
+    pub normal: Vec<Colour>,
+}
+
+/// What filters take.
+pub struct Noisy {
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// All samples.
+    pub all: Light,
+    /// Two halves of them, whose noise is independent; none of a single sample.
+    pub halves: Option<[Light; 2]>,
+    /// Number of samples of each half.
+    pub half_samples: [u32; 2],
+    /// The guides.
+    pub guides: Guides,
+}
+
+/// What a filter gives.
+pub struct Filtered {
+    /// For all samples.
+    pub all: Vec<Colour>,
+    /// For each half alone.
+    pub halves: Option<[Vec<Colour>; 2]>,
+}
+
+/// A filter that removes noise.
+trait Filter {
+    /// Its name in messages.
+    fn name(&self) -> &'static str;
+
+    fn filter(&self, noisy: &Noisy) -> Result<Filtered>;
+}
+
+/// Denoisers that are ready for use.
+///
+/// ```no_run
+/// use penumbra::settings::Denoise;
+/// # use penumbra::{Camera, Device, Scene, Settings};
+/// use penumbra::{Denoiser, Renderer};
+/// # fn show(device: &Device, scene: Scene, camera: &Camera) -> penumbra::Result<()> {
+///
+/// let denoiser = Denoiser::new(Denoise::Auto, None)?;
+/// let settings = Settings::builder().denoise(denoiser.choice()).build()?;
+/// let mut renderer = Renderer::new(device, scene, camera, &settings)?;
+/// while renderer.samples() < settings.image.spp {
+///     renderer.render_batch()?;
+/// }
+/// // R, G and B are raw; denoised.R and so on are beside them.
+/// let image = renderer.denoised_image(&denoiser)?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Default)]
+pub struct Denoiser {
+    choice: Denoise,
+    filters: Vec<Box<dyn Filter>>,
+}
+
+/// An image without noise.
+pub(super) struct Denoised {
+    pub colour: Vec<Colour>,
+    /// The estimated standard error of each pixel, the root of the mean square over R, G and B; none of a single
+    /// sample, whose error is unknown.
+    pub error: Option<Vec<f32>>,
+}
+
+impl Denoiser {
+    /// Prepares the denoisers of `choice`. `oidn_library` is the library of Open Image Denoise; if it names no folder,
+    /// or is not given, the loader searches for it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Input`] with the library of Open Image Denoise if it cannot be used, unless the choice is
+    /// [`Denoise::Auto`] and no library is given: then there is none.
+    pub fn new(choice: Denoise, oidn_library: Option<&Path>) -> Result<Denoiser> {
+        let mut filters: Vec<Box<dyn Filter>> = Vec::new();
+        match choice {
+            Denoise::None => {}
+            Denoise::Oidn => filters.push(oidn(oidn_library)?),
+            Denoise::Auto => match oidn(oidn_library) {
+                Ok(filter) => filters.push(filter),
+                Err(error) if oidn_library.is_some() => return Err(error),
+                Err(_) => {}
+            },
+        }
+        let choice = if filters.is_empty() { Denoise::None } else { choice };
+        Ok(Denoiser { choice, filters })
+    }
+
+    /// What the settings of the render need to be: the choice, or none if no denoiser is available.
+    pub fn choice(&self) -> Denoise {
+        self.choice
+    }
+
+    /// The names of the denoisers, for messages.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.filters.iter().map(|filter| filter.name())
+    }
+
+    /// Removes the noise; none if there are no denoisers.
+    pub(super) fn denoise(&self, noisy: &Noisy) -> Result<Option<Denoised>> {
+        let raw = noisy.all.colour();
+        let mut filtered = self.filters.iter().map(|filter| filter.filter(noisy)).collect::<Result<Vec<_>>>()?;
+        for Filtered { all, halves } in &mut filtered {
+            std::iter::once(all).chain(halves.iter_mut().flatten()).for_each(|image| repair(image, &raw));
+        }
+        let Some(Filtered { all, .. }) = filtered.first() else { return Ok(None) };
+        let candidates = mixture::candidates(&filtered);
+        let (Some(halves), Some(candidates)) = (&noisy.halves, candidates) else {
+            // Nothing is known of the errors.
+            return Ok(Some(Denoised { colour: all.clone(), error: None }));
+        };
+        let halves = halves.each_ref().map(Light::colour);
+        let raw = mixture::Raw {
+            size: noisy.size,
+            all: &raw,
+            halves: halves.each_ref().map(Vec::as_slice),
+            half_samples: noisy.half_samples,
+        };
+        let mixed = if self.choice == Denoise::Auto {
+            mixture::mix(&raw, &candidates)
+        } else {
+            mixture::alone(&raw, &candidates[0])
+        };
+        Ok(Some(Denoised { colour: mixed.colour, error: Some(mixed.error) }))
+    }
+}
+
+/// Open Image Denoise.
+#[cfg(feature = "oidn")]
+fn oidn(library: Option<&Path>) -> Result<Box<dyn Filter>> {
+    Ok(Box::new(oidn::OpenImageDenoise::load(library)?))
+}
+
+/// The error that this build has no Open Image Denoise.
+#[cfg(not(feature = "oidn"))]
+fn oidn(library: Option<&Path>) -> Result<Box<dyn Filter>> {
+    let library = library.unwrap_or(Path::new("Open Image Denoise"));
+    Err(Error::input(library, "library", "cannot be used: Penumbra was built without its Cargo feature `oidn`"))
+}
+
+/// Puts the raw pixel in place of one that is not finite: filters may overflow where the image is very bright.
+fn repair(image: &mut [Colour], raw: &[Colour]) {
+    for (pixel, raw) in image.iter_mut().zip(raw) {
+        if !pixel.iter().all(|x| x.is_finite()) {
+            *pixel = *raw;
+        }
+    }
+}

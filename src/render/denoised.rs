@@ -1,0 +1,113 @@
+//! Images without noise: what denoisers take from the film, and the channels of what they give.
+
+use glam::DVec4;
+
+use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
+use super::output::Film;
+use super::renderer::Renderer;
+use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm};
+use crate::passes::film::{Plane, Sum};
+use crate::settings::Denoise;
+use crate::{Error, Image, Result};
+
+/// A choice of a tile's planes.
+type Pick<'a> = &'a dyn Fn(&TileFilm) -> Option<&Plane>;
+
+impl Renderer<'_> {
+    /// As [`Renderer::image`], with the channels `denoised.R`, `denoised.G` and `denoised.B` of the image without
+    /// noise, and `error`, their estimated standard error: the root of the mean square over the three. There is no
+    /// `error` after a single sample. Without denoisers it is the same as [`Renderer::image`].
+    ///
+    /// # Errors
+    /// As [`Renderer::image`]; [`Error::Usage`] if the render keeps nothing for denoisers, because
+    /// [`ImageSettings::denoise`](crate::settings::ImageSettings::denoise) is [`Denoise::None`]; [`Error::Input`] with
+    /// the library of a denoiser that fails.
+    pub fn denoised_image(&self, denoiser: &Denoiser) -> Result<Image> {
+        let mut image = self.image()?;
+        self.add_denoised(&mut image, denoiser)?;
+        Ok(image)
+    }
+
+    /// Adds the channels of [`Renderer::denoised_image`] to an image of this render.
+    ///
+    /// # Errors
+    /// As [`Renderer::denoised_image`].
+    pub fn add_denoised(&self, image: &mut Image, denoiser: &Denoiser) -> Result<()> {
+        if denoiser.choice() == Denoise::None {
+            return Ok(());
+        }
+        if self.settings.image.denoise == Denoise::None {
+            return Err(Error::setting("image.denoise", "is none: the film keeps nothing for denoisers"));
+        }
+        let Some(denoised) = denoiser.denoise(&self.noisy()?)? else { return Ok(()) };
+        for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
+            image.add_channel(name, denoised.colour.iter().map(|colour| colour[c]).collect());
+        }
+        if let Some(error) = denoised.error {
+            image.add_channel("error", error);
+        }
+        Ok(())
+    }
+
+    /// What denoisers take.
+    fn noisy(&self) -> Result<Noisy> {
+        let (film, samples) = (Film::of(self), self.samples);
+        let guide = |pick: &dyn Fn(&DenoisingPlanes) -> &Plane| -> Result<Vec<Colour>> {
+            Ok(film.means(&|f| f.denoising.as_ref().map(pick))?.unwrap_or_default().iter().map(colour).collect())
+        };
+        let mut albedo = guide(&|planes| &planes.albedo)?;
+        albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+        let normal = guide(&|planes| &planes.normal)?;
+
+        let in_half = samples.div_ceil(2);
+        let half_samples = [in_half, samples - in_half];
+        let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
+        let parts: [Pick; 2] = [&|f| Some(&f.direct), &|f| f.indirect.as_ref()];
+        for (index, part) in parts.into_iter().enumerate() {
+            let Some(whole) = film.sums(part, samples)? else { continue };
+            let own = |pick: fn(&PartPlanes) -> &Plane, samples: u32| {
+                film.sums(&|f| f.denoising.as_ref()?.parts.get(index).map(pick), samples)
+            };
+            let squares = own(|planes| &planes.squares, samples)?;
+            let first = own(|planes| &planes.half, in_half)?;
+            if let Some(first) = first {
+                // A pixel without samples of a half tells nothing of the error: it counts as exact.
+                let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
+                let both = first.iter().zip(&whole);
+                let second = both.clone().map(|(part, whole)| colour(&mean(whole.without(part), whole)));
+                halves[1].push(second.collect());
+                halves[0].push(both.map(|(part, whole)| colour(&mean(*part, whole))).collect());
+            }
+            let variance = squares.map(|squares| squares.iter().zip(&whole).map(variance).collect());
+            let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
+            all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
+        }
+        let half =
+            |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, samples, half_samples[of]) };
+        let [first, second] = halves;
+        let halves = (samples > 1 && !first.is_empty()).then(|| [half(0, first), half(1, second)]);
+        let size = [self.settings.image.width, self.settings.image.height];
+        Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides: Guides { albedo, normal } })
+    }
+}
+
+/// The parts of `own` of the samples. The variance of their means is that of all samples, times the share.
+fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], samples: u32, own: u32) -> Vec<Part> {
+    let factor = samples as f32 / own as f32;
+    let part = |(mean, all): (Vec<Colour>, &Part)| Part {
+        mean,
+        variance: all.variance.iter().map(|variance| variance.map(|x| x * factor)).collect(),
+    };
+    means.into_iter().zip(all).map(part).collect()
+}
+
+/// The variance of a mean, from the sums of the squares and of the samples; 0 of a single one.
+fn variance((squares, sum): (&Sum, &Sum)) -> Colour {
+    let mean = sum.mean();
+    let of_samples = squares.mean() - mean * mean;
+    if sum.kept > 1.0 { colour(&(of_samples / (sum.kept - 1.0)).max(DVec4::ZERO)) } else { [0.0; 3] }
+}
+
+fn colour(value: &DVec4) -> Colour {
+    value.truncate().as_vec3().to_array()
+}

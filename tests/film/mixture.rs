@@ -1,0 +1,219 @@
+//! The mixture of a raw image and denoised ones, on made-up images whose errors are known.
+
+use penumbra::internal::render::denoise::Colour;
+use penumbra::internal::render::denoise::mixture::{Candidate, Mixed, Raw, alone, mix};
+
+const SIZE: [u32; 2] = [97, 83];
+
+/// The true image: constant, and bright enough that the floor of relative errors does not matter.
+const TRUTH: f32 = 2.0;
+
+/// Standard deviation of a half's noise.
+const NOISE: f64 = 0.3;
+
+/// Splitmix64, and normal numbers by Box and Muller.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// An image in three versions: of all samples, and of both halves.
+#[derive(Clone)]
+struct Versions {
+    all: Vec<Colour>,
+    halves: [Vec<Colour>; 2],
+}
+
+impl Versions {
+    fn of(all: Colour, pixels: usize) -> Versions {
+        Versions { all: vec![all; pixels], halves: [vec![all; pixels], vec![all; pixels]] }
+    }
+
+    /// With noise of standard deviation `noise` in each half, and their mean.
+    fn noisy(offset: f64, noise: f64, seed: u64) -> Versions {
+        let mut random = Random(seed);
+        let mut half = || -> Vec<Colour> {
+            let pixel = || [0, 1, 2].map(|_| (f64::from(TRUTH) + offset + noise * random.normal()) as f32);
+            std::iter::repeat_with(pixel).take(pixels(SIZE)).collect()
+        };
+        let [a, b] = [half(), half()];
+        Versions { all: mean(&a, &b), halves: [a, b] }
+    }
+
+    fn candidate(&self) -> Candidate<'_> {
+        Candidate { all: &self.all, halves: self.halves.each_ref().map(Vec::as_slice) }
+    }
+}
+
+fn mean(a: &[Colour], b: &[Colour]) -> Vec<Colour> {
+    a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)).collect()
+}
+
+fn pixels([width, height]: [u32; 2]) -> usize {
+    width as usize * height as usize
+}
+
+fn raw(versions: &Versions, size: [u32; 2]) -> Raw<'_> {
+    let halves = versions.halves.each_ref().map(Vec::as_slice);
+    Raw { size, all: &versions.all, halves, half_samples: [8, 8] }
+}
+
+/// The mixture of images of [`SIZE`].
+fn mixture(own: &Versions, denoised: &[&Versions]) -> Mixed {
+    let candidates: Vec<Candidate> = denoised.iter().map(|versions| versions.candidate()).collect();
+    mix(&raw(own, SIZE), &candidates)
+}
+
+/// Mean squared error against the truth.
+fn error(image: &[Colour]) -> f64 {
+    let square = |x: &f32| (f64::from(*x) - f64::from(TRUTH)).powi(2);
+    image.iter().flatten().map(square).sum::<f64>() / (3 * image.len()) as f64
+}
+
+/// Mean of the estimated squared errors.
+fn estimate(mixed: &Mixed) -> f64 {
+    mixed.error.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / mixed.error.len() as f64
+}
+
+/// The estimates are averages over 400 pixels and more, in three channels. Ratios of noise in them are within 1.2.
+fn is_near(found: f64, expected: f64) -> bool {
+    found < 1.2 * expected && found > expected / 1.2
+}
+
+#[test]
+fn a_denoiser_that_knows_the_truth_is_taken() {
+    let own = Versions::noisy(0.0, NOISE, 1);
+    let truth = Versions::of([TRUTH; 3], pixels(SIZE));
+    let mixed = mixture(&own, &[&truth]);
+    // A weight of 1 - d leaves d^2 of the variance. d is the mean of some 1,200 products of independent noise: 0.03.
+    assert!(error(&mixed.colour) < 0.005 * error(&own.all), "{} of {}", error(&mixed.colour), error(&own.all));
+    assert!(estimate(&mixed) < 0.02 * error(&own.all), "{}", estimate(&mixed));
+
+    // Without independent halves nothing is known.
+    let planted = Versions { halves: [own.halves[0].clone(), own.halves[0].clone()], ..own.clone() };
+    assert!(error(&mixture(&planted, &[&truth]).colour) > 0.9 * error(&own.all), "halves with the same noise");
+}
+
+#[test]
+fn a_denoiser_that_gives_rubbish_is_left_out() {
+    let own = Versions::noisy(0.0, NOISE, 2);
+    let rubbish = Versions::of([TRUTH + 3.0, TRUTH - 3.0, TRUTH + 3.0], pixels(SIZE));
+    let mixed = mixture(&own, &[&rubbish]);
+    // The best weight is 0.3^2 / (0.3^2 + 3^2).
+    assert!(error(&mixed.colour) < 1.01 * error(&own.all), "{} of {}", error(&mixed.colour), error(&own.all));
+    assert!(is_near(estimate(&mixed), error(&mixed.colour)), "{} for {}", estimate(&mixed), error(&mixed.colour));
+
+    // A denoiser that saw the other half seems to know the truth.
+    let [a, b] = own.halves.clone();
+    let planted = Versions { halves: [b, a], ..rubbish };
+    assert!(error(&mixture(&own, &[&planted]).colour) > 50.0 * error(&own.all), "the noise of the other half");
+}
+
+/// Bias that is as large as the noise of half of the samples: the weight is a half (James and Stein 1961).
+#[test]
+fn a_biased_denoiser_is_mixed_by_its_error() {
+    let own = Versions::noisy(0.0, NOISE, 3);
+    let biased = Versions::of([TRUTH + NOISE as f32; 3], pixels(SIZE));
+    let mixed = mixture(&own, &[&biased]);
+    let mean = mixed.colour.iter().flatten().map(|x| f64::from(*x) - f64::from(TRUTH)).sum::<f64>();
+    let weight = mean / (3 * mixed.colour.len()) as f64 / NOISE;
+    assert!((weight - 0.5).abs() < 0.03, "{weight}");
+    let expected = (0.5 * NOISE).powi(2) + 0.25 * NOISE * NOISE / 2.0;
+    assert!(is_near(error(&mixed.colour), expected) && is_near(estimate(&mixed), expected), "{}", estimate(&mixed));
+
+    // Alone it keeps its bias, and the estimate tells that.
+    let alone = alone(&raw(&own, SIZE), &biased.candidate());
+    assert_eq!(alone.colour, biased.all);
+    assert!(is_near(estimate(&alone), NOISE * NOISE), "{}", estimate(&alone));
+}
+
+/// The denoiser's own noise is in the estimate.
+#[test]
+fn the_error_of_all_samples_is_estimated_from_their_halves() {
+    let own = Versions::noisy(0.0, NOISE, 4);
+    for (offset, noise) in [(0.0, 0.1), (0.05, 0.05), (0.1, 0.0)] {
+        let denoised = Versions::noisy(offset, noise, 5);
+        let alone = alone(&raw(&own, SIZE), &denoised.candidate());
+        let (found, expected) = (estimate(&alone), error(&denoised.all));
+        // Bias is what is left of much more noise.
+        assert!(found < 1.5 * expected && found > expected / 1.5, "{found} for {expected}");
+    }
+}
+
+#[test]
+fn two_denoisers_are_weighed_against_each_other() {
+    let own = Versions::noisy(0.0, NOISE, 6);
+    let truth = Versions::of([TRUTH; 3], pixels(SIZE));
+    let rubbish = Versions::of([TRUTH + 3.0; 3], pixels(SIZE));
+    for denoised in [[&truth, &rubbish], [&rubbish, &truth], [&truth, &truth]] {
+        assert!(error(&mixture(&own, &denoised).colour) < 0.005 * error(&own.all));
+    }
+    // Errors of opposite signs cancel. The weights are those of a half of the samples, and together at most 1.
+    let (above, below) = (Versions::noisy(0.2, 0.0, 7), Versions::noisy(-0.2, 0.0, 8));
+    let both = error(&mixture(&own, &[&above, &below]).colour);
+    assert!(both < 0.02 * error(&own.all), "{both}");
+    let one = error(&mixture(&own, &[&above]).colour);
+    assert!(one > 5.0 * both, "{one} against {both}");
+}
+
+#[test]
+fn the_mixture_is_the_raw_image_where_that_has_no_noise() {
+    let exact = Versions::noisy(0.0, 0.0, 9);
+    let blurred = Versions::noisy(0.1, 0.05, 10);
+    let mixed = mixture(&exact, &[&blurred]);
+    assert_eq!(mixed.colour, exact.all);
+    assert!(mixed.error.iter().all(|error| *error == 0.0));
+}
+
+/// One pixel of one half is a million times as bright.
+#[test]
+fn a_firefly_does_not_spread() {
+    let mut own = Versions::noisy(0.0, NOISE, 11);
+    let pixel = (40 * SIZE[0] + 50) as usize;
+    own.halves[0][pixel] = [2e6; 3];
+    own.all[pixel] = [1e6; 3];
+    let truth = Versions::of([TRUTH; 3], pixels(SIZE));
+    let mut kept = truth.clone();
+    kept.all[pixel] = own.all[pixel];
+    kept.halves[0][pixel] = own.halves[0][pixel];
+    for denoised in [&truth, &kept] {
+        let mixed = mixture(&own, &[denoised]);
+        let others = mixed.colour.iter().enumerate().filter(|(i, _)| *i != pixel);
+        // Five standard deviations of the noise.
+        let is_clean = |colour: &Colour| colour.iter().all(|x| (x - TRUTH).abs() < 5.0 * NOISE as f32);
+        assert!(others.clone().all(|(_, colour)| is_clean(colour)));
+    }
+    // A denoiser without it is trusted there.
+    assert!(mixture(&own, &[&truth]).colour[pixel][0] < 1e-3 * own.all[pixel][0]);
+}
+
+#[test]
+fn images_without_light_or_with_much_of_it_stay_finite() {
+    for size in [[1, 1], [1, 7], [30, 1], [5, 4]] {
+        for values in [[0.0, 0.0, 0.0], [1e30, 2e30, 1.5e30], [f32::MAX, 0.0, f32::MIN_POSITIVE], [-1.0, 1.0, 0.0]] {
+            let [a, b, denoised] = values;
+            let count = pixels(size);
+            let half = |x: f32| vec![[x, 0.0, x]; count];
+            let own = Versions { all: half(a / 2.0 + b / 2.0), halves: [half(a), half(b)] };
+            let other = Versions::of([denoised; 3], count);
+            let candidates = [other.candidate(), other.candidate()];
+            let mixed = mix(&raw(&own, size), &candidates);
+            assert_eq!((mixed.colour.len(), mixed.error.len()), (count, count));
+            let finite = mixed.colour.iter().flatten().chain(&mixed.error).all(|x| x.is_finite());
+            assert!(finite, "{size:?} of {values:?}: {:?} {:?}", mixed.colour[0], mixed.error[0]);
+            if values == [0.0; 3] {
+                assert!(mixed.colour.iter().flatten().chain(&mixed.error).all(|x| *x == 0.0));
+            }
+        }
+    }
+}
