@@ -218,7 +218,7 @@ pub struct Times {
     pub compile: f64,
     /// Photons, grid and all samples.
     pub render: f64,
-    /// Removing noise from the image; only the caller of [`crate::Renderer::denoised`] knows it.
+    /// Removing noise from the image; only the caller of [`crate::Renderer::add_denoised`] knows it.
     pub denoise: f64,
     /// On the device, by kernel and entry point; empty where the device has no timestamps.
     pub passes: BTreeMap<String, f64>,

@@ -127,6 +127,8 @@ fn without_a_library_a_png_is_raw_and_nothing_is_said_of_it() {
         return;
     }
     assert!(!answer.stderr.contains("enoise"), "{answer:?}");
+    let requested = render("--spp 2 --denoise auto", None, &[&exr]);
+    assert!(requested.assert_done().stderr.contains("note: no denoiser is available"), "{requested:?}");
     render("--spp 2 --denoise none", Some(&library()), &[&exr]).assert_done();
     Image::read(&exr).unwrap().write_png(&shown, View::Neutral, 0.0).unwrap();
     assert!(fs::read(&shown).unwrap() == fs::read(&png).unwrap());

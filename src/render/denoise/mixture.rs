@@ -68,27 +68,27 @@ impl<'a> Candidate<'a> {
 pub fn mix(raw: &Raw<'_>, candidates: &[Candidate<'_>]) -> Mixed {
     let regions = Regions::new(raw.size, candidates);
     let equations = Equations::new(raw, candidates, &regions);
-    let weights: Vec<Vec<f64>> = (0..raw.all.len()).into_par_iter().map(|pixel| equations.solve(pixel)).collect();
-    mixed(raw, candidates, &weights, &regions)
+    let weights = (0..raw.all.len()).into_par_iter().flat_map_iter(|pixel| equations.solve(pixel)).collect();
+    mixed(raw, candidates, weights, &regions)
 }
 
 /// The candidate as it is, with its estimated error.
 pub fn alone(raw: &Raw<'_>, candidate: &Candidate<'_>) -> Mixed {
     let candidates = std::slice::from_ref(candidate);
-    mixed(raw, candidates, &vec![vec![1.0]; raw.all.len()], &Regions::new(raw.size, candidates))
+    mixed(raw, candidates, vec![1.0; raw.all.len()], &Regions::new(raw.size, candidates))
 }
 
-/// The mixture with the given weights of each pixel, and its error.
-fn mixed(raw: &Raw<'_>, candidates: &[Candidate<'_>], weights: &[Vec<f64>], regions: &Regions) -> Mixed {
+/// The mixture with the given weights, of all candidates for each pixel, and its error.
+fn mixed(raw: &Raw<'_>, candidates: &[Candidate<'_>], weights: Vec<f64>, regions: &Regions) -> Mixed {
     let of = |raw: &[Colour], images: Vec<&[Colour]>| -> Vec<Colour> {
-        let pixel = |(i, weights): (usize, &Vec<f64>)| {
+        let pixel = |(i, weights): (usize, &[f64])| {
             [0, 1, 2].map(|c| {
                 let own = f64::from(raw[i][c]);
                 let more = weights.iter().zip(&images).map(|(weight, image)| weight * (f64::from(image[i][c]) - own));
                 (own + more.sum::<f64>()) as f32
             })
         };
-        weights.par_iter().enumerate().map(pixel).collect()
+        weights.par_chunks(images.len()).enumerate().map(pixel).collect()
     };
     let colour = of(raw.all, candidates.iter().map(|candidate| candidate.all).collect());
     let half = |half: usize| of(raw.halves[half], candidates.iter().map(|candidate| candidate.halves[half]).collect());
