@@ -291,8 +291,8 @@ impl IndirectOptions {
 #[derive(Args)]
 #[command(next_help_heading = "Visibility map")]
 struct VisibilityMapOptions {
-    /// Visibility photons emitted from each light [default: one for 64 shadow rays to the light, from 4096 to 16384
-    /// (131072 with one sample a pixel); 131072 where photons alone decide]
+    /// Visibility photons emitted from each light [default: 16384, or one for 64 shadow rays to the light where that is
+    /// less, but at least 4096; up to 131072 with one sample a pixel, 131072 where photons alone decide]
     #[arg(long, value_name = "N")]
     photons: Option<u32>,
 
