@@ -3,6 +3,7 @@
 pub mod cache;
 pub mod cells;
 pub mod classify;
+pub mod denoise;
 pub mod film;
 pub mod fine_cells;
 pub mod flux;
@@ -70,6 +71,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &cells::CellParameters::SHARED,
     &cells::CellPoint::SHARED,
     &classify::ClassifyParameters::SHARED,
+    &denoise::DenoiseParameters::SHARED,
     &film::FilmParameters::SHARED,
     &fine_cells::FineCell::SHARED,
     &fine_cells::FineCellView::SHARED,

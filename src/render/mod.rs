@@ -4,6 +4,7 @@
 mod batches;
 mod checkpoint;
 mod conditioning;
+pub mod denoise;
 pub mod film;
 mod keeping;
 mod notes;

@@ -1,0 +1,3 @@
+//! Denoisers of rendered images.
+
+pub mod statistical;
