@@ -24,9 +24,10 @@ const PIXEL_VECTORS = 7u;
 
 // Samples that the neighbours' variance counts for beside the pixel's own.
 const POOLED_SAMPLES = 4.0;
-// Radii of windows in pixels. Larger windows than 11 x 11 gained nothing.
+// Radii of windows in pixels. The first filter needs no more than 7 x 7, the second gained nothing beyond 11 x 11.
 const POOL_RADIUS = 2;
-const FILTER_RADIUS = 5;
+const FIRST_RADIUS = 3;
+const SECOND_RADIUS = 5;
 const MIX_RADIUS = 2;
 // Squared distance from the neighbours' mean, over their spread, beyond which light is a firefly if its own variance
 // explains the distance: three standard deviations, and two of the pixel's own. A firefly of one sample in n has a
@@ -47,9 +48,11 @@ const RIDGE = 0.5;
 const NORMAL_SCALE = 0.1;
 const ALBEDO_SCALE = 0.1;
 const PLANE_SCALE = 1.5;
-// Weights below these are 0, so that many small ones do not add up.
-const MIN_SURFACE_WEIGHT = 0.02;
-const MIN_LIGHT_WEIGHT = 0.01;
+// Weights below exp of minus these, 0.02 and 0.01, are 0, so that many small ones do not add up.
+const MAX_SURFACE_DIFFERENCE = 3.912023;
+const MAX_LIGHT_DIFFERENCE = 4.6051702;
+// The difference of what is not of the same kind.
+const DIFFERENT = 1e9;
 // Albedo by which light is divided at the least.
 const MIN_ALBEDO = 0.01;
 // Light and variance beyond these take no part: their squares, and sums of these, would overflow.
@@ -96,7 +99,8 @@ fn load_guide(i: u32) -> vec4f {
 
 struct Surface {
     position: vec3f,
-    spacing: f32,
+    // 1 over PLANE_SCALE spacings.
+    per_plane: f32,
     normal: vec3f,
     albedo: vec3f,
     kind: u32,
@@ -106,26 +110,32 @@ fn surface_at(pixel: u32) -> Surface {
     let place = load_surface(2u * pixel);
     let rest = load_surface(2u * pixel + 1u);
     let word = bitcast<u32>(rest.w);
-    return Surface(place.xyz, place.w, rest.xyz, unpack4x8unorm(word).xyz, (word >> 24u) & 3u);
+    return Surface(place.xyz, 1.0 / (PLANE_SCALE * place.w), rest.xyz, unpack4x8unorm(word).xyz, (word >> 24u) & 3u);
 }
 
-// Weight of a pixel that is `apart` pixels from the centre, by what both show.
-fn surface_weight(centre: Surface, other: Surface, apart: f32) -> f32 {
+// How much two pixels `d` apart differ by what they show: the exponent of a weight.
+fn surface_difference(centre: Surface, other: Surface, d: vec2f) -> f32 {
     let albedo = centre.albedo - other.albedo;
-    let off_plane = dot(other.position - centre.position, centre.normal) / (centre.spacing * max(apart, 1.0));
-    let plane = off_plane / PLANE_SCALE;
-    let shape = (1.0 - dot(centre.normal, other.normal)) / NORMAL_SCALE + plane * plane;
+    let plane = dot(other.position - centre.position, centre.normal) * centre.per_plane;
+    let off_plane = plane * plane / max(dot(d, d), 1.0);
+    let shape = (1.0 - dot(centre.normal, other.normal)) / NORMAL_SCALE + off_plane;
     let e = dot(albedo, albedo) / (ALBEDO_SCALE * ALBEDO_SCALE) + select(0.0, shape, centre.kind == KIND_SURFACE);
-    let weight = exp(-min(e, 50.0));
-    return select(0.0, weight, centre.kind == other.kind && other.kind != KIND_KEPT && weight >= MIN_SURFACE_WEIGHT);
+    return select(DIFFERENT, e, centre.kind == other.kind && other.kind != KIND_KEPT);
 }
 
-// Weight of a pixel by its light: 1 where the difference is no more than noise explains (Rousselle et al. 2012).
-fn light_weight(centre: vec4f, other: vec4f, interval: f32) -> f32 {
+fn surface_weight(centre: Surface, other: Surface, d: vec2f) -> f32 {
+    let e = surface_difference(centre, other, d);
+    return select(0.0, exp(-e), e <= MAX_SURFACE_DIFFERENCE);
+}
+
+// Weight of a pixel by its light, 1 where the difference is no more than noise explains (Rousselle et al. 2012), and by
+// the `difference` of its surface.
+fn joint_weight(difference: f32, centre: vec4f, other: vec4f, interval: f32) -> f32 {
     let d = other.xyz - centre.xyz;
     let excess = dot(d, d) - (centre.w + min(centre.w, other.w));
-    let weight = exp(-min(max(excess, 0.0) / ((TINY + centre.w + other.w) * interval), 50.0));
-    return select(0.0, weight, weight >= MIN_LIGHT_WEIGHT);
+    let e = max(excess, 0.0) / ((TINY + centre.w + other.w) * interval);
+    let counts = difference <= MAX_SURFACE_DIFFERENCE && e <= MAX_LIGHT_DIFFERENCE;
+    return select(0.0, exp(-(difference + e)), counts);
 }
 
 // The part of a window around a pixel that lies in the image: first column and row, then the last ones.
@@ -244,7 +254,7 @@ fn restrain(
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let same = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
+            let same = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             let weight = select(same, 0.0, other == pixel);
             weights += weight;
             count += select(0.0, 1.0, weight > COUNTED_WEIGHT);
@@ -260,7 +270,7 @@ fn restrain(
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let same = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
+            let same = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             let a = load_light(2u * other).xyz - direct;
             let b = load_light(2u * other + 1u).xyz - indirect;
             spread += select(same, 0.0, other == pixel) * vec2f(dot(a, a), dot(b, b));
@@ -316,7 +326,7 @@ fn pool(
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
+            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             weights += weight;
             count += select(0.0, 1.0, weight > COUNTED_WEIGHT);
             spreads[0] = spread_with(spreads[0], weight, direct, load_light(2u * other));
@@ -345,7 +355,7 @@ fn smooth_light(
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
+            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             let factor = vec4f(vec3f(weight), weight * weight);
             weights += weight;
             direct += factor * load_light(2u * other);
@@ -373,14 +383,14 @@ fn average(
     var direct = vec4f(0.0);
     var indirect = vec4f(0.0);
     var weights = vec2f(0.0);
-    let extent = window(pixel, FILTER_RADIUS);
+    let extent = window(pixel, FIRST_RADIUS);
     let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let same = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
-            let a = same * light_weight(direct_guide, load_guide(2u * other), FIRST_INTERVAL);
-            let b = same * light_weight(indirect_guide, load_guide(2u * other + 1u), FIRST_INTERVAL);
+            let difference = surface_difference(surface, surface_at(other), vec2f(vec2i(x, y) - own));
+            let a = joint_weight(difference, direct_guide, load_guide(2u * other), FIRST_INTERVAL);
+            let b = joint_weight(difference, indirect_guide, load_guide(2u * other + 1u), FIRST_INTERVAL);
             weights += vec2f(a, b);
             direct += vec4f(vec3f(a), a * a) * load_light(2u * other);
             indirect += vec4f(vec3f(b), b * b) * load_light(2u * other + 1u);
@@ -441,15 +451,15 @@ fn regress(
     let indirect_guide = load_guide(2u * pixel + 1u);
     var direct = Fit();
     var indirect = Fit();
-    let extent = window(pixel, FILTER_RADIUS);
+    let extent = window(pixel, SECOND_RADIUS);
     let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
             let d = vec2f(vec2i(x, y) - own);
-            let same = surface_weight(surface, surface_at(other), length(d));
-            let a = same * light_weight(direct_guide, load_guide(2u * other), SECOND_INTERVAL);
-            let b = same * light_weight(indirect_guide, load_guide(2u * other + 1u), SECOND_INTERVAL);
+            let difference = surface_difference(surface, surface_at(other), d);
+            let a = joint_weight(difference, direct_guide, load_guide(2u * other), SECOND_INTERVAL);
+            let b = joint_weight(difference, indirect_guide, load_guide(2u * other + 1u), SECOND_INTERVAL);
             direct = fit_with(direct, a, d, load_light(2u * other).xyz);
             indirect = fit_with(indirect, b, d, load_light(2u * other + 1u).xyz);
         }
@@ -488,7 +498,7 @@ fn combine(
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
-            let weight = surface_weight(surface, surface_at(other), length(vec2f(vec2i(x, y) - own)));
+            let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             direct += weight * change(load_light(2u * other), load_guide(2u * other));
             indirect += weight * change(load_light(2u * other + 1u), load_guide(2u * other + 1u));
         }

@@ -23,8 +23,8 @@ shared_struct! {
 pub const PIXEL_VECTORS: usize = 7;
 
 /// Rows above or below from which a pixel's result comes: by the radii of the windows in `shaders/denoise.wgsl`, 1
-/// (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 5 (`average`), 5 (`regress`) and 2 (`combine`).
-pub const REACH: u32 = 18;
+/// (spacing), 2 (`restrain`), 2 (`pool`), 1 (`smooth_light`), 3 (`average`), 5 (`regress`) and 2 (`combine`).
+pub const REACH: u32 = 16;
 
 bindings! {
     /// What the passes read and write, light apart.

@@ -315,7 +315,7 @@ impl Oracle {
             };
             let pixels = input.planes[plane].iter().zip(&input.planes[plane + 1]).enumerate();
             let light = self.pool(&self.restrain(&pixels.map(demodulated).collect::<Vec<_>>()));
-            let first = self.average(&light, &self.smooth(&light), 5, 1.69);
+            let first = self.average(&light, &self.smooth(&light), 3, 1.69);
             self.mix(&light, &self.regress(&light, &first))
         };
         let (direct, indirect) = (part(DIRECT), part(INDIRECT));
