@@ -102,7 +102,7 @@ fn scenery(width: usize, height: usize, samples: u32) -> Input {
             let level = tile * if wall { 1.4 } else { 0.8 + 0.02 * x as f32 };
             let firefly = if i == width * height / 2 { 20.0 } else { 0.0 };
             input.planes[light][i] = [0; 3].map(|_| level * (1.0 + spread * normal(&mut random) as f32) + firefly);
-            let variance = (level * spread as f32).powi(2) * (0.5 + random.uniform() as f32);
+            let variance = (level * spread).powi(2) * (0.5 + random.uniform() as f32);
             input.planes[light + 1][i] = [variance + firefly * firefly; 3];
         }
     }
@@ -384,8 +384,8 @@ fn noise_is_averaged_over_the_window(gpu: &Gpu) {
             variance += (found - 1.0).powi(2) / ((SIZE - 14) * (SIZE - 14)) as f64;
         }
     }
-    // 34 x 34 pixels have 9 independent windows: the mean of 9 squares of normal numbers is below 3 but for 2e-3, and the
-    // seed is fixed.
+    // 34 x 34 pixels have 9 independent windows: the mean of 9 squares of normal numbers is below 3 but for 2e-3, and
+    // the seed is fixed.
     assert!(variance < 3.0 * 0.01 / 121.0, "{variance}");
 }
 
@@ -470,7 +470,7 @@ fn extremes_are_kept(gpu: &Gpu) {
         // The product of a power of two with a number, and its quotient by the weight.
         assert!((one - 0.3).abs() < 1e-6, "{samples} samples: {one}");
     }
-    // Scaled light is scaled output, up to rounding where the unit is not a power of two.
+    // Scaled light is scaled output, up to what rounding does to weights near a threshold.
     let plain = scenery(21, 17, 16);
     let expected = plain.filter(gpu);
     for factor in [1e-12f32, 1e12] {
