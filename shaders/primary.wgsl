@@ -38,6 +38,7 @@ import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 @if(aov_position) @group(0) @binding(5) var<storage, read_write> position_samples: array<vec4f>;
 @if(guides) @group(0) @binding(7) var<storage, read_write> guide_albedo_samples: array<vec4f>;
 @if(guides) @group(0) @binding(8) var<storage, read_write> guide_normal_samples: array<vec4f>;
+@if(guides) @group(0) @binding(9) var<storage, read_write> guide_position_samples: array<vec4f>;
 
 var<immediate> tile: Tile;
 
@@ -76,13 +77,16 @@ fn primary(
     @if(guides) {
         var guide_albedo = vec4f(0.0);
         var guide_normal = vec4f(0.0);
+        var guide_position = vec4f(0.0);
         if met {
             guide_albedo = vec4f(found.base_colour, 1.0);
             @if(specular_chains) { guide_albedo *= vec4f(chain.xyz, 1.0); }
             guide_normal = vec4f(found.surface.shading_normal, 1.0);
+            guide_position = vec4f(found.triangle_position, 1.0);
         }
         guide_albedo_samples[i] = guide_albedo;
         guide_normal_samples[i] = guide_normal;
+        guide_position_samples[i] = guide_position;
     }
 
     var point = Point(vec3f(0.0), INVALID_POINT);

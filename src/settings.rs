@@ -120,24 +120,27 @@ impl Aov {
 #[serde(rename_all = "kebab-case")]
 pub enum Denoise {
     /// The mixture of the raw image and of what all available denoisers make of it that has the smallest estimated
-    /// error in each region; the raw image if there is no denoiser.
+    /// error in each region.
     Auto,
     /// Nothing.
     #[default]
     None,
+    /// The statistical denoiser alone, which needs no library.
+    Statistical,
     /// Intel's Open Image Denoise 2 alone.
     Oidn,
 }
 
 impl Denoise {
     /// All choices.
-    pub const ALL: [Denoise; 3] = [Denoise::Auto, Denoise::None, Denoise::Oidn];
+    pub const ALL: [Denoise; 4] = [Denoise::Auto, Denoise::None, Denoise::Statistical, Denoise::Oidn];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Denoise::Auto => "auto",
             Denoise::None => "none",
+            Denoise::Statistical => "statistical",
             Denoise::Oidn => "oidn",
         }
     }

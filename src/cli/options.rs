@@ -418,6 +418,7 @@ pub fn denoisers() -> impl TypedValueParser<Value = Denoise> {
         PossibleValue::new(denoise.name()).help(match denoise {
             Denoise::Auto => "the mixture of the raw image and all available denoisers with the least estimated error",
             Denoise::None => "no denoiser",
+            Denoise::Statistical => "the statistical denoiser alone, which needs no library",
             Denoise::Oidn => "Open Image Denoise alone",
         })
     });

@@ -112,9 +112,6 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     if let Some(problem) = &no_denoiser {
         notes.say(&[format!("{}; the image stays raw", with_flags(&problem.to_string()))]);
     }
-    if arguments.denoise == Some(Denoise::Auto) && denoiser.choice() == Denoise::None && no_denoiser.is_none() {
-        notes.say(&["no denoiser is available: the image stays raw".into()]);
-    }
     let mut session = Session {
         arguments,
         denoiser: &denoiser,

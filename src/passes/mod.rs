@@ -3,6 +3,7 @@
 pub mod cache;
 pub mod cells;
 pub mod classify;
+pub mod denoise;
 pub mod film;
 pub mod fine_cells;
 pub mod flux;
@@ -73,6 +74,7 @@ pub const SHARED: &[&SharedStruct] = &[
     &cells::CellParameters::SHARED,
     &cells::CellPoint::SHARED,
     &classify::ClassifyParameters::SHARED,
+    &denoise::DenoiseParameters::SHARED,
     &film::FilmParameters::SHARED,
     &fine_cells::FineCell::SHARED,
     &fine_cells::FineCellView::SHARED,
@@ -166,6 +168,8 @@ pub struct TileBuffers {
     pub guide_albedo_samples: Option<Buffer>,
     /// Shading normal of that surface; none without denoising.
     pub guide_normal_samples: Option<Buffer>,
+    /// As [`TileBuffers::guide_albedo_samples`], of positions on the triangle; w is 1 where there is a surface.
+    pub guide_position_samples: Option<Buffer>,
     /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
     pub zeros: Buffer,
     /// One word for each [`crate::statistics::Counter`].
@@ -201,6 +205,7 @@ impl TileBuffers {
             position_samples: samples(features.has(Feature::AovPosition), "penumbra/primary/position_samples")?,
             guide_albedo_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_albedo_samples")?,
             guide_normal_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_normal_samples")?,
+            guide_position_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_position_samples")?,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
             surface_vectors: vectors as u32,
@@ -230,6 +235,7 @@ impl TileBuffers {
             &self.position_samples,
             &self.guide_albedo_samples,
             &self.guide_normal_samples,
+            &self.guide_position_samples,
         ];
         let fixed = [&self.points.buffer, &self.surfaces.buffer, &self.radiance_direct, &self.counters];
         fixed.into_iter().chain(optional.into_iter().flatten()).map(|b| b.bytes).sum()

@@ -23,6 +23,8 @@ bindings! {
         pub guide_albedo_samples: Option<&Buffer>,
         /// See [`TileBuffers::guide_normal_samples`].
         pub guide_normal_samples: Option<&Buffer>,
+        /// See [`TileBuffers::guide_position_samples`].
+        pub guide_position_samples: Option<&Buffer>,
     }
 }
 
@@ -53,6 +55,7 @@ impl Primary {
             position_samples: tile.position_samples.as_ref(),
             guide_albedo_samples: tile.guide_albedo_samples.as_ref(),
             guide_normal_samples: tile.guide_normal_samples.as_ref(),
+            guide_position_samples: tile.guide_position_samples.as_ref(),
         };
         let kernel = self.0.bind(gpu, "primary", &[&own, scene])?;
         Ok(BoundPrimary {

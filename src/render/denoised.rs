@@ -39,7 +39,7 @@ impl Renderer<'_> {
         if self.settings.image.denoise == Denoise::None {
             return Err(Error::setting("image.denoise", "is none: the film keeps nothing for denoisers"));
         }
-        let Some(denoised) = denoiser.denoise(&self.noisy()?)? else { return Ok(()) };
+        let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)? else { return Ok(()) };
         for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
             image.add_channel(name, denoised.colour.iter().map(|colour| colour[c]).collect());
         }
@@ -58,6 +58,10 @@ impl Renderer<'_> {
         let mut albedo = guide(&|planes| &planes.albedo)?;
         albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
         let normal = guide(&|planes| &planes.normal)?;
+        // Without what passes by: w is the share of samples that met a surface.
+        let met = |p: &DVec4| if p.w > 0.0 { colour(&(*p / p.w)) } else { [0.0; 3] };
+        let positions = film.means(&|f| f.denoising.as_ref().map(|planes| &planes.position))?.unwrap_or_default();
+        let position = positions.iter().map(met).collect();
 
         let in_half = samples.div_ceil(2);
         let half_samples = [in_half, samples - in_half];
@@ -87,7 +91,7 @@ impl Renderer<'_> {
         let [first, second] = halves;
         let halves = (samples > 1 && !first.is_empty()).then(|| [half(0, first), half(1, second)]);
         let size = [self.settings.image.width, self.settings.image.height];
-        Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides: Guides { albedo, normal } })
+        Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides: Guides { albedo, normal, position } })
     }
 }
 

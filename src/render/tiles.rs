@@ -39,6 +39,7 @@ impl TileSize {
 pub(super) struct DenoisingPlanes {
     pub albedo: Plane,
     pub normal: Plane,
+    pub position: Plane,
     /// Of direct and, if there is any, indirect light; none for a single sample.
     pub parts: Vec<PartPlanes>,
 }
@@ -75,9 +76,8 @@ impl DenoisingPlanes {
         pixels: u32,
         settings: &Settings,
     ) -> Result<Option<DenoisingPlanes>> {
-        let (Some(albedo), Some(normal)) = (&buffers.guide_albedo_samples, &buffers.guide_normal_samples) else {
-            return Ok(None);
-        };
+        let guides = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples, &buffers.guide_position_samples];
+        let [Some(albedo), Some(normal), Some(position)] = guides else { return Ok(None) };
         let counters = &buffers.counters;
         let parts = [Some(&buffers.radiance_direct), buffers.radiance_indirect.as_ref()].into_iter().flatten();
         let part = |samples: &Buffer| -> Result<PartPlanes> {
@@ -89,6 +89,7 @@ impl DenoisingPlanes {
         Ok(Some(DenoisingPlanes {
             albedo: film.plane(gpu, pixels, albedo, counters)?,
             normal: film.plane(gpu, pixels, normal, counters)?,
+            position: film.plane(gpu, pixels, position, counters)?,
             parts: parts.filter(|_| settings.image.spp > 1).map(part).collect::<Result<_>>()?,
         }))
     }
@@ -149,7 +150,7 @@ impl TileFilm {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
         let denoising = self.denoising.iter().flat_map(|planes| {
             let parts = planes.parts.iter().flat_map(|part| [&part.half, &part.squares]);
-            [&planes.albedo, &planes.normal].into_iter().chain(parts)
+            [&planes.albedo, &planes.normal, &planes.position].into_iter().chain(parts)
         });
         std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(denoising)
     }

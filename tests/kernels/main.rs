@@ -4,6 +4,7 @@ mod bsdf;
 mod cache;
 mod cells;
 mod classify;
+mod denoise;
 mod environment;
 mod features;
 mod film;

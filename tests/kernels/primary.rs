@@ -344,10 +344,11 @@ struct Outcome {
     positions: Vec<[u32; 4]>,
     guide_albedo: Vec<[u32; 4]>,
     guide_normals: Vec<[u32; 4]>,
+    guide_positions: Vec<[u32; 4]>,
 }
 
 impl Outcome {
-    fn lists(&self) -> [&Vec<[u32; 4]>; 8] {
+    fn lists(&self) -> [&Vec<[u32; 4]>; 9] {
         [
             &self.points,
             &self.surfaces,
@@ -357,6 +358,7 @@ impl Outcome {
             &self.positions,
             &self.guide_albedo,
             &self.guide_normals,
+            &self.guide_positions,
         ]
     }
 }
@@ -385,6 +387,7 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     buffers.position_samples = Some(poisoned("test/positions"));
     buffers.guide_albedo_samples = Some(poisoned("test/guide_albedo"));
     buffers.guide_normal_samples = Some(poisoned("test/guide_normals"));
+    buffers.guide_position_samples = Some(poisoned("test/guide_positions"));
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, tile);
@@ -404,6 +407,7 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
         positions: read(buffers.position_samples.as_ref().unwrap()),
         guide_albedo: read(buffers.guide_albedo_samples.as_ref().unwrap()),
         guide_normals: read(buffers.guide_normal_samples.as_ref().unwrap()),
+        guide_positions: read(buffers.guide_position_samples.as_ref().unwrap()),
     }
 }
 
@@ -420,9 +424,10 @@ const NORMAL: f64 = 2e-4;
 /// Whether the output for a pixel is that of the oracle.
 fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
     let vector = |list: &Vec<[u32; 4]>| Vec4::from_array(list[i].map(f32::from_bits)).as_dvec4();
-    let [point, packed, radiance, albedo, normal, position, guide_albedo, guide_normal] = outcome.lists();
+    let [point, packed, radiance, albedo, normal, position, guide_albedo, guide_normal, guide_position] =
+        outcome.lists();
     let Some(visible) = visible else {
-        let others = [radiance, albedo, normal, position, guide_albedo, guide_normal];
+        let others = [radiance, albedo, normal, position, guide_albedo, guide_normal, guide_position];
         return point[i] == [0, 0, 0, INVALID_POINT]
             && packed[i] == [POISON; 4]
             && others.iter().all(|list| list[i] == [0; 4]);
@@ -451,6 +456,8 @@ fn same(outcome: &Outcome, i: usize, visible: &Option<Visible>) -> bool {
         // There are neither mirrors nor clear glass.
         && guide_albedo[i] == albedo[i]
         && guide_normal[i] == normal[i]
+        && guide_position[i][..3] == position[i][..3]
+        && vector(guide_position).w == 1.0
 }
 
 #[kernel_test("PENUMBRA_DEVICE")]
@@ -545,6 +552,7 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     buffers.normal_samples = poisoned("test/normals");
     buffers.guide_albedo_samples = poisoned("test/guide_albedo");
     buffers.guide_normal_samples = poisoned("test/guide_normals");
+    buffers.guide_position_samples = poisoned("test/guide_positions");
     let mut frame = gpu.frame("test");
     pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
     frame.submit().unwrap();
@@ -556,10 +564,12 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(centre);
     assert!((albedo - Vec4::new(1.0, 0.8, 0.6, 1.0)).abs().max_element() < 1e-3, "the AOV is the mirror's: {albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, 1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
-    let [albedo, normal] = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples].map(centre);
+    let guides = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples, &buffers.guide_position_samples];
+    let [albedo, normal, position] = guides.map(centre);
     // The mirror reflects its colour straight on.
     assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
+    assert!((position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 1e-3, "{position}");
 }
 
 /// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.

@@ -3,8 +3,12 @@
 pub mod mixture;
 #[cfg(feature = "oidn")]
 mod oidn;
+pub mod statistical;
 
 use std::path::Path;
+
+use kernel_kit::Gpu;
+use statistical::Statistical;
 
 #[cfg(not(feature = "oidn"))]
 use crate::Error;
@@ -46,6 +50,8 @@ pub struct Guides {
     pub albedo: Vec<Colour>,
     /// Shading normal in world space; shorter at edges, 0 where there is nothing.
     pub normal: Vec<Colour>,
+    /// Position on the surface, in normalised space; 0 where there is nothing.
+    pub position: Vec<Colour>,
 }
 
 /// What filters take.
@@ -75,7 +81,7 @@ trait Filter {
     /// Its name in messages.
     fn name(&self) -> &'static str;
 
-    fn filter(&self, noisy: &Noisy) -> Result<Filtered>;
+    fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered>;
 }
 
 /// Denoisers that are ready for use.
@@ -117,23 +123,26 @@ impl Denoiser {
     ///
     /// # Errors
     /// [`crate::Error::Input`] with the library of Open Image Denoise if it cannot be used, unless the choice is
-    /// [`Denoise::Auto`] and no library is given: then there is none.
+    /// [`Denoise::Auto`] and no library is given: then the statistical denoiser is the only one.
     pub fn new(choice: Denoise, oidn_library: Option<&Path>) -> Result<Denoiser> {
         let mut filters: Vec<Box<dyn Filter>> = Vec::new();
         match choice {
             Denoise::None => {}
+            Denoise::Statistical => filters.push(Box::new(Statistical)),
             Denoise::Oidn => filters.push(oidn(oidn_library)?),
-            Denoise::Auto => match oidn(oidn_library) {
-                Ok(filter) => filters.push(filter),
-                Err(error) if oidn_library.is_some() => return Err(error),
-                Err(_) => {}
-            },
+            Denoise::Auto => {
+                match oidn(oidn_library) {
+                    Ok(filter) => filters.push(filter),
+                    Err(error) if oidn_library.is_some() => return Err(error),
+                    Err(_) => {}
+                }
+                filters.push(Box::new(Statistical));
+            }
         }
-        let choice = if filters.is_empty() { Denoise::None } else { choice };
         Ok(Denoiser { choice, filters })
     }
 
-    /// What the settings of the render need to be: the choice, or none if no denoiser is available.
+    /// What the settings of the render need to be.
     pub fn choice(&self) -> Denoise {
         self.choice
     }
@@ -144,9 +153,9 @@ impl Denoiser {
     }
 
     /// Removes the noise; none if there are no denoisers.
-    pub(super) fn denoise(&self, noisy: &Noisy) -> Result<Option<Denoised>> {
+    pub(super) fn denoise(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Option<Denoised>> {
         let raw = noisy.all.colour();
-        let mut filtered = self.filters.iter().map(|filter| filter.filter(noisy)).collect::<Result<Vec<_>>>()?;
+        let mut filtered = self.filters.iter().map(|filter| filter.filter(gpu, noisy)).collect::<Result<Vec<_>>>()?;
         for Filtered { all, halves } in &mut filtered {
             std::iter::once(all).chain(halves.iter_mut().flatten()).for_each(|image| repair(image, &raw));
         }

@@ -5,6 +5,7 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
+use kernel_kit::Gpu;
 use libloading::Library;
 
 use super::{Colour, Filter, Filtered, Guides, Noisy};
@@ -190,20 +191,15 @@ impl OpenImageDenoise {
     }
 
     /// The guides without noise, which they have at edges and where glass or rough mirrors are seen.
-    fn denoise_guides(&self, size: [u32; 2], guides: &Guides) -> Result<Guides> {
-        Ok(Guides {
-            albedo: self.execute(size, &[Picture::input(c"albedo", &guides.albedo)], &[])?,
-            normal: self.execute(size, &[Picture::input(c"normal", &guides.normal)], &[])?,
-        })
+    fn denoise_guides(&self, size: [u32; 2], guides: &Guides) -> Result<[Vec<Colour>; 2]> {
+        let albedo = self.execute(size, &[Picture::input(c"albedo", &guides.albedo)], &[])?;
+        Ok([albedo, self.execute(size, &[Picture::input(c"normal", &guides.normal)], &[])?])
     }
 
-    /// The colour without noise, guided by guides without noise.
-    fn denoise(&self, size: [u32; 2], colour: &[Colour], guides: &Guides) -> Result<Vec<Colour>> {
-        let inputs = [
-            Picture::input(c"color", colour),
-            Picture::input(c"albedo", &guides.albedo),
-            Picture::input(c"normal", &guides.normal),
-        ];
+    /// The colour without noise, guided by albedo and normals without noise.
+    fn denoise(&self, size: [u32; 2], colour: &[Colour], [albedo, normal]: [&[Colour]; 2]) -> Result<Vec<Colour>> {
+        let inputs =
+            [Picture::input(c"color", colour), Picture::input(c"albedo", albedo), Picture::input(c"normal", normal)];
         self.execute(size, &inputs, &[c"hdr", c"cleanAux"])
     }
 }
@@ -213,12 +209,13 @@ impl Filter for OpenImageDenoise {
         "oidn"
     }
 
-    fn filter(&self, noisy: &Noisy) -> Result<Filtered> {
+    fn filter(&self, _: &Gpu, noisy: &Noisy) -> Result<Filtered> {
         let (size, guides) = (noisy.size, &noisy.guides);
         let filtered =
             (noisy.half_samples.iter().sum::<u32>() < CLEAN_SAMPLES).then(|| self.denoise_guides(size, guides));
         let filtered = filtered.transpose()?;
-        let run = |colour: &[Colour]| self.denoise(size, colour, filtered.as_ref().unwrap_or(guides));
+        let [albedo, normal] = filtered.as_ref().map_or([&guides.albedo, &guides.normal], |guides| guides.each_ref());
+        let run = |colour: &[Colour]| self.denoise(size, colour, [albedo, normal]);
         let halves = noisy.halves.as_ref().map(|[a, b]| Ok::<_, Error>([run(&a.colour())?, run(&b.colour())?]));
         Ok(Filtered { all: run(&noisy.all.colour())?, halves: halves.transpose()? })
     }
