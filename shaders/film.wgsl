@@ -14,8 +14,6 @@ struct FilmParameters {
     // Number of points to sum, and the index of the first of them in `samples`.
     point_count: u32,
     first_point: u32,
-    // Index of the first sample of each pixel, for `accumulate_half`.
-    first_sample: u32,
 }
 
 @group(0) @binding(0) var<storage, read> samples: array<vec4f>;
@@ -74,24 +72,6 @@ fn accumulate(
         if !added { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
     if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
-}
-
-// As `accumulate`, of the samples of even number alone: with SAMPLING_HALVES, those of one sequence. `accumulate`
-// counts those that are not finite.
-@compute @workgroup_size(64)
-fn accumulate_half(
-    @builtin(workgroup_id) group: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) lane: u32,
-) {
-    let pixel = group_index(group, groups) * 64u + lane;
-    if pixel >= film_parameters.pixel_count { return; }
-    // From sample to sample of even number.
-    let step = film_parameters.pixel_count;
-    let first = select(pixel, pixel + step, (film_parameters.first_sample & 1u) == 1u);
-    for (var i = first; i < film_parameters.point_count; i += 2u * step) {
-        add_sample(pixel, samples[film_parameters.first_point + i]);
-    }
 }
 
 // Sums the squares of the whole radiance, the sum of its two parts, for the variance.

@@ -26,7 +26,7 @@ import package::lib::point::{Point, VisibleSurface};
 @if(specular_chains) import package::lib::light::BEYOND_SCENE;
 @if(specular_chains) import package::lib::ray::{Ray, offset_origin};
 @if(specular_chains) import package::lib::rng::hash3;
-import package::lib::constants::{SAMPLING_CENTRED, INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
+import package::lib::constants::{INVALID_POINT, DIMENSION_CAMERA, DIMENSION_ALPHA};
 import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 
 @group(0) @binding(0) var<storage, read_write> points: array<Point>;
@@ -51,8 +51,7 @@ fn primary(
     let i = group_index(group, groups) * 64u + lane;
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
-    let anywhere = sobol2(sample_index, hash2(seed, DIMENSION_CAMERA));
-    let within = select(anywhere, vec2f(0.5), tile.sampling == SAMPLING_CENTRED);
+    let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
     let camera = camera_ray(film);
     var ray = no_ray();

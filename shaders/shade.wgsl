@@ -11,7 +11,7 @@
 // audits, and light points with shadow rays. While few are, `shade_sampled` adds all of it at once.
 
 import package::kit::group_index;
-import package::lib::tile::{Tile, sample_number, tile_sample, pixel_seed};
+import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::table::LightSample;
 @if(closed_forms) import package::lib::light::table::light_has_closed_form;
@@ -284,7 +284,7 @@ fn shade_point(i: u32, terms: Terms) -> bool {
         }
         @else { sum += estimate.radiance; }
         @if(aov_shadow) {
-            let class_ = select(0u, class_of(word), sample_number(parameters.tile, i) == 0u);
+            let class_ = select(0u, class_of(word), shading.sample_index == 0u);
             shadow_samples[candidate] = vec4f(vec4u(class_, 0u, class_illumination(word), class_shadow(word)));
             shadow_samples[candidate].y = estimate.visibility;
         }

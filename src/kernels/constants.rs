@@ -54,8 +54,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("LAYER_TEXELS_LOG2", 2 * kernel_kit::TABLE_WIDTH.trailing_zeros()),
     // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
     // some of these: they are far apart.
-    ("SAMPLING_CENTRED", numbers::SAMPLING_CENTRED),
-    ("SAMPLING_HALVES", numbers::SAMPLING_HALVES),
     ("DIMENSION_CAMERA", 0x1000_0000),
     ("DIMENSION_ALPHA", 0x2000_0000),
     ("DIMENSION_LIGHT", 0x3000_0000),
@@ -70,7 +68,6 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("DIMENSION_CHAIN", 0xc000_0000),
     ("DIMENSION_CELL", 0xd000_0000),
     ("DIMENSION_LIGHT_SAMPLING", 0xe000_0000),
-    ("DIMENSION_HALF", 0xf000_0000),
     ("MAX_LIGHTS", numbers::MAX_LIGHTS),
     ("ZONE_LIGHTS", numbers::ZONE_LIGHTS),
     ("MIN_RADIUS_PIXELS", numbers::MIN_RADIUS_PIXELS),

@@ -145,15 +145,6 @@ pub const NO_SAMPLED_LIGHT: u32 = u32::MAX;
 /// code, as -32768 is no signed 16-bit fraction.
 pub const INVALID_POINT: u32 = 0x8000_8000;
 
-/// How the samples of a pixel are distributed: anywhere in it, as points of one sequence.
-pub const SAMPLING_ANYWHERE: u32 = 0;
-/// All are at its centre, which is for a single sample.
-pub const SAMPLING_CENTRED: u32 = 1;
-/// Samples of even and of odd number are of two sequences, so that their noise is independent and the difference of
-/// the halves tells the error of the image. Samples of one sequence avoid each other, so their halves differ by more
-/// than the image's error. The price is variance: see "Denoising" in docs/decisions.md.
-pub const SAMPLING_HALVES: u32 = 2;
-
 /// Cells that one invocation of the grid's scan adds up.
 pub const SCAN_SERIAL: u32 = 64;
 

@@ -6,7 +6,7 @@ use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use crate::Result;
 use crate::gpu_scene::CameraUniform;
-use crate::kernels::{MIN_RADIUS_PIXELS, SAMPLING_CENTRED};
+use crate::kernels::MIN_RADIUS_PIXELS;
 use crate::passes::cache::{BoundCache, Cache, CacheBuffers, ViewRecords, record_values, wanted};
 use crate::passes::gather::{BoundGather, Gather, GatherSettings, RecordHead};
 use crate::passes::primary::BoundPrimary;
@@ -127,7 +127,7 @@ impl Records {
                 point_count: pixel_count,
                 first_sample: 0,
                 seed,
-                sampling: SAMPLING_CENTRED,
+                centred: 1,
             };
             let mut frame = gpu.frame("cache");
             frame.clear(&tile.counters);

@@ -16,8 +16,6 @@ shared_struct! {
         pub point_count: u32,
         /// Index of the first of them among the samples.
         pub first_point: u32,
-        /// Index of the first sample of each pixel.
-        pub first_sample: u32,
     }
 }
 
@@ -81,14 +79,6 @@ impl Film {
         self.any_plane(gpu, pixels, "accumulate", [samples, samples], counters)
     }
 
-    /// As [`Film::plane`], of the samples of even number alone.
-    ///
-    /// # Errors
-    /// As [`Film::plane`].
-    pub fn plane_of_half(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate_half", [samples, samples], counters)
-    }
-
     /// An empty plane that sums the squares of the whole radiance, which is the sum of two parts.
     ///
     /// # Errors
@@ -121,9 +111,15 @@ impl Plane {
 
     /// Adds the samples of the tile's points; the first one has the index `first_point` among the samples.
     pub fn record_from(&self, frame: &mut Frame<'_>, tile: &Tile, first_point: u32) {
-        let Tile { pixel_count, point_count, first_sample, .. } = *tile;
-        let parameters = FilmParameters { pixel_count, point_count, first_point, first_sample };
+        let Tile { pixel_count, point_count, .. } = *tile;
+        let parameters = FilmParameters { pixel_count, point_count, first_point };
         frame.run(&self.bound, tile.pixel_count, &parameters);
+    }
+
+    /// Takes over the sums of another plane of as many pixels.
+    pub fn copy_from(&self, frame: &mut Frame<'_>, other: &Plane) {
+        frame.copy(&other.sums, &self.sums, 0, self.sums.bytes);
+        frame.copy(&other.compensations, &self.compensations, 0, self.compensations.bytes);
     }
 
     /// The mean of each pixel's samples, without those that were not finite. `samples` is the number recorded.

@@ -50,8 +50,8 @@ shared_struct! {
         pub first_sample: u32,
         /// Seed of the render.
         pub seed: u32,
-        /// How pixels are sampled: [`SAMPLING_ANYWHERE`](crate::kernels::SAMPLING_ANYWHERE) and so on.
-        pub sampling: u32,
+        /// 1 where rays go through the centres of the pixels, 0 where anywhere in them.
+        pub centred: u32,
     }
 }
 

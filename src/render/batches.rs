@@ -6,7 +6,7 @@ use super::renderer::Renderer;
 use crate::Result;
 use crate::light_transport::second_pass::SecondPass;
 use crate::light_transport::shared::Shared;
-use crate::settings::Settings;
+use crate::settings::{Denoise, Settings};
 use crate::specialisation::features::Feature;
 use crate::statistics::Counter;
 use crate::techniques::implementation;
@@ -56,6 +56,7 @@ impl Renderer<'_> {
             self.render_tile(tile, layers)?;
         }
         self.samples += layers;
+        self.take_snapshots()?;
         self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, layers);
         self.count_procedural_misses()?;
         self.totals.check()?;
@@ -72,7 +73,20 @@ impl Renderer<'_> {
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
         let learning = self.specialisation.features.has(Feature::FineCells);
-        if learning { most.min(self.samples.max(1)) } else { most }
+        let most = if learning { most.min(self.samples.max(1)) } else { most };
+        // Denoisers compare halves that end at powers of two.
+        let to_power = (self.samples + 1).next_power_of_two() - self.samples;
+        if self.settings.image.denoise == Denoise::None { most } else { most.min(to_power) }
+    }
+
+    /// Keeps what denoisers need of the samples so far.
+    fn take_snapshots(&self) -> Result<()> {
+        if self.settings.image.denoise == Denoise::None || !self.samples.is_power_of_two() {
+            return Ok(());
+        }
+        let mut frame = self.gpu.frame("film");
+        self.tiles.iter().for_each(|tile| tile.take_snapshot(&mut frame, self.samples));
+        Ok(frame.submit()?)
     }
 
     /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one of
@@ -106,7 +120,7 @@ impl Renderer<'_> {
             primary: &self.primary,
             lighting: &self.lighting,
             settings: &self.settings,
-            planes: film.planes().collect(),
+            planes: film.sample_planes().collect(),
             shade_at_once: self.shade_at_once,
             class_films: &film.classes,
         };

@@ -5,7 +5,7 @@ use glam::DVec4;
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::output::Film;
 use super::renderer::Renderer;
-use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm};
+use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm, first_half};
 use crate::passes::film::{Plane, Sum};
 use crate::settings::Denoise;
 use crate::{Error, Image, Result};
@@ -63,17 +63,17 @@ impl Renderer<'_> {
         let positions = film.means(&|f| f.denoising.as_ref().map(|planes| &planes.position))?.unwrap_or_default();
         let position = positions.iter().map(met).collect();
 
-        let in_half = samples.div_ceil(2);
+        let in_half = if samples > 1 { first_half(samples) } else { samples };
         let half_samples = [in_half, samples - in_half];
         let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
         let parts: [Pick; 2] = [&|f| Some(&f.direct), &|f| f.indirect.as_ref()];
         for (index, part) in parts.into_iter().enumerate() {
             let Some(whole) = film.sums(part, samples)? else { continue };
-            let own = |pick: fn(&PartPlanes) -> &Plane, samples: u32| {
+            let own = |pick: &dyn Fn(&PartPlanes) -> &Plane, samples: u32| {
                 film.sums(&|f| f.denoising.as_ref()?.parts.get(index).map(pick), samples)
             };
-            let squares = own(|planes| &planes.squares, samples)?;
-            let first = own(|planes| &planes.half, in_half)?;
+            let squares = own(&|planes| &planes.squares, samples)?;
+            let first = if samples > 1 { own(&|planes| planes.first_half(samples), in_half)? } else { None };
             if let Some(first) = first {
                 // A pixel without samples of a half tells nothing of the error: it counts as exact.
                 let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };

@@ -1,14 +1,13 @@
 //! Tiles: whole rows of the image with several samples of each pixel. Each tile has a film.
 
-use kernel_kit::{Buffer, Gpu};
+use kernel_kit::{Buffer, Frame, Gpu};
 
 use crate::Result;
-use crate::kernels::{SAMPLING_ANYWHERE, SAMPLING_CENTRED, SAMPLING_HALVES};
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::TILE_SAMPLES;
 use crate::passes::film::{Film, Plane};
 use crate::passes::{Tile, TileBuffers};
-use crate::settings::{Aov, Denoise, Settings};
+use crate::settings::{Aov, Settings};
 use crate::specialisation::features::Features;
 
 /// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
@@ -46,8 +45,8 @@ pub(super) struct DenoisingPlanes {
 
 /// What tells the error of a part of the light.
 pub(super) struct PartPlanes {
-    /// The samples of even number.
-    pub half: Plane,
+    /// The sums when the number of samples was a power of two last, and the time before; see [`first_half`].
+    snapshots: [Plane; 2],
     pub squares: Plane,
 }
 
@@ -67,6 +66,25 @@ pub(super) struct TileFilm {
     pub classes: Vec<Plane>,
 }
 
+impl PartPlanes {
+    /// The sums of the first half of `samples` samples; see [`first_half`].
+    pub fn first_half(&self, samples: u32) -> &Plane {
+        self.snapshot(first_half(samples))
+    }
+
+    /// The snapshot after a number of samples that is a power of two.
+    fn snapshot(&self, samples: u32) -> &Plane {
+        &self.snapshots[samples.ilog2() as usize % 2]
+    }
+}
+
+/// The number of samples of the first of two halves whose errors are compared: the largest power of two up to half of
+/// them. That many points of a Sobol sequence, from its first one on, are stratified, and so are the next ones.
+/// `samples` is at least 2.
+pub(super) fn first_half(samples: u32) -> u32 {
+    1 << (samples.ilog2() - 1)
+}
+
 impl DenoisingPlanes {
     /// Empty planes of `pixels` pixels; none if there are no guides.
     fn new(
@@ -82,7 +100,7 @@ impl DenoisingPlanes {
         let parts = [Some(&buffers.radiance_direct), buffers.radiance_indirect.as_ref()].into_iter().flatten();
         let part = |samples: &Buffer| -> Result<PartPlanes> {
             Ok(PartPlanes {
-                half: film.plane_of_half(gpu, pixels, samples, counters)?,
+                snapshots: [film.plane(gpu, pixels, samples, counters)?, film.plane(gpu, pixels, samples, counters)?],
                 squares: film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], counters)?,
             })
         };
@@ -145,14 +163,30 @@ impl TileFilm {
         })
     }
 
-    /// The planes that every technique fills.
+    /// All planes but those of classes.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
+        let parts = self.denoising.iter().flat_map(|planes| &planes.parts);
+        self.sample_planes().chain(parts.flat_map(|part| &part.snapshots))
+    }
+
+    /// The planes that sum samples, which every technique fills.
+    pub fn sample_planes(&self) -> impl Iterator<Item = &Plane> {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
         let denoising = self.denoising.iter().flat_map(|planes| {
-            let parts = planes.parts.iter().flat_map(|part| [&part.half, &part.squares]);
+            let parts = planes.parts.iter().map(|part| &part.squares);
             [&planes.albedo, &planes.normal, &planes.position].into_iter().chain(parts)
         });
         std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(denoising)
+    }
+
+    /// Keeps the sums of all samples so far, whose number is a power of two, for denoisers.
+    pub fn take_snapshot(&self, frame: &mut Frame<'_>, samples: u32) {
+        let Some(denoising) = &self.denoising else { return };
+        for (part, sums) in
+            denoising.parts.iter().zip([Some(&self.direct), self.indirect.as_ref()].into_iter().flatten())
+        {
+            part.snapshot(samples).copy_from(frame, sums);
+        }
     }
 
     /// The tile for `layers` samples of each pixel, the first of which is number `first_sample`.
@@ -168,11 +202,7 @@ impl TileFilm {
             point_count: pixel_count * layers,
             first_sample,
             seed,
-            sampling: match (spp, settings.image.denoise) {
-                (1, _) => SAMPLING_CENTRED,
-                (_, Denoise::None) => SAMPLING_ANYWHERE,
-                _ => SAMPLING_HALVES,
-            },
+            centred: u32::from(spp == 1),
         }
     }
 }

@@ -4,7 +4,7 @@ use glam::DVec3;
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use penumbra::internal::render::denoise::statistical::StatisticalDenoiser;
-use penumbra::internal::render::denoise::{Guides, Light, Part};
+use penumbra::internal::render::denoise::{self, Guides, Part};
 
 use crate::kit::device_features;
 use crate::statistics::Random;
@@ -75,7 +75,7 @@ impl Input {
         ];
         let denoiser = StatisticalDenoiser::new(gpu).unwrap();
         let size = [self.width as u32, self.height as u32];
-        denoiser.filter(size, self.samples, &Light { parts }, &Guides { albedo, normal, position }).unwrap()
+        denoiser.filter(size, self.samples, &denoise::Light { parts }, &Guides { albedo, normal, position }).unwrap()
     }
 }
 

@@ -7,7 +7,6 @@ use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
-use penumbra::internal::kernels::SAMPLING_ANYWHERE;
 use penumbra::internal::passes::path::{HighlightQueue, Path, PathParameters};
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
@@ -101,7 +100,7 @@ fn render_clamped(
         point_count,
         first_sample: 0,
         seed: 1,
-        sampling: SAMPLING_ANYWHERE,
+        centred: 0,
     };
     let mut frame = gpu.frame("test");
     frame.clear(&buffers.counters);
@@ -335,7 +334,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
         point_count: SIZE * SIZE * SPP,
         first_sample: 0,
         seed: 5,
-        sampling: SAMPLING_ANYWHERE,
+        centred: 0,
     };
     let count = tile.point_count as usize;
     let queue = HighlightQueue {

@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, TableFormat, kernel_test};
-use penumbra::internal::kernels::{INVALID_POINT, SAMPLING_CENTRED, SAMPLING_HALVES};
+use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::primary::Primary;
 use penumbra::internal::passes::{Tile, TileBuffers};
 use penumbra::internal::scene::{
@@ -465,7 +465,7 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     for camera in cameras() {
         for size in [[1, 1], [63, 1], [64, 1], [13, 5], [120, 90]] {
             let stage = stage(gpu, &camera, size);
-            let tile = Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) };
+            let tile = Tile { centred: 1, ..whole(size, 1) };
             let outcome = run(gpu, &stage, &tile);
             let count = tile.pixel_count as usize;
             let (mut doubtful, mut missed) = (0, 0);
@@ -506,24 +506,6 @@ fn pixels_show_what_rays_in_f64_meet(gpu: &Gpu) {
     }
 }
 
-/// With halves, samples of even number are those of one sequence in their order, and the others of another one.
-#[kernel_test("PENUMBRA_DEVICE")]
-fn samples_of_even_and_odd_number_are_of_two_sequences(gpu: &Gpu) {
-    const LAYERS: usize = 4;
-    let size = [41, 13];
-    let stage = stage(gpu, &cameras()[0], size);
-    let one = run(gpu, &stage, &whole(size, 2 * LAYERS as u32));
-    let halves = run(gpu, &stage, &Tile { sampling: SAMPLING_HALVES, ..whole(size, 2 * LAYERS as u32) });
-    let pixels = (size[0] * size[1]) as usize;
-    let layer = |outcome: &Outcome, layer: usize| outcome.points[layer * pixels..(layer + 1) * pixels].to_vec();
-    for i in 0..LAYERS {
-        assert!(layer(&halves, 2 * i) == layer(&one, i), "sample {i} of the first half");
-        for j in 0..2 * LAYERS {
-            assert!(layer(&halves, 2 * i + 1) != layer(&one, j), "sample {i} of the second half is sample {j}");
-        }
-    }
-}
-
 /// A mirror in front of the camera, and behind the camera a wall: the guides are of the wall, in the mirror's colour.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
@@ -543,7 +525,7 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
             .with(Feature::Guides, true)
     });
     assert!(stage.features.has(Feature::SpecularChains), "no mirror");
-    let tile = Tile { sampling: SAMPLING_CENTRED, ..whole(size, 1) };
+    let tile = Tile { centred: 1, ..whole(size, 1) };
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
     let mut buffers = TileBuffers::new(gpu, &stage.features, tile.point_count, false).unwrap();
@@ -671,7 +653,7 @@ fn normal_maps_glossy_textures_and_second_coordinates_are_gltfs(gpu: &Gpu) {
     let buffers = TileBuffers::new(gpu, &stage.features, 1, false).unwrap();
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
-    bound.record(&mut frame, &Tile { sampling: SAMPLING_CENTRED, ..whole([1, 1], 1) });
+    bound.record(&mut frame, &Tile { centred: 1, ..whole([1, 1], 1) });
     frame.submit().unwrap();
     let packed: Vec<[u32; 4]> = gpu.read(&buffers.surfaces.buffer, 3).unwrap();
     let [a, b, c] = [0, 1, 2].map(|i| Vec4::from_array(packed[i].map(f32::from_bits)).as_dvec4());

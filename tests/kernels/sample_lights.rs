@@ -5,9 +5,7 @@ use std::collections::BTreeSet;
 
 use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, Resources, kernel_test};
-use penumbra::internal::kernels::{
-    GridShape, INVALID_POINT, NO_SAMPLED_LIGHT, SAMPLING_ANYWHERE, ZONE_LIGHTS, compose_source,
-};
+use penumbra::internal::kernels::{GridShape, INVALID_POINT, NO_SAMPLED_LIGHT, ZONE_LIGHTS, compose_source};
 use penumbra::internal::passes::grid::{Grid, Photon};
 use penumbra::internal::passes::sample_lights::SampleLights;
 use penumbra::internal::passes::zones::{ZoneTable, Zones};
@@ -105,7 +103,7 @@ impl Setup {
             point_count: PIXELS * SAMPLES,
             first_sample: 0,
             seed: 4,
-            sampling: SAMPLING_ANYWHERE,
+            centred: 0,
         };
         Setup { stage, lamps, points, tile }
     }

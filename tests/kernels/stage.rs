@@ -4,7 +4,7 @@ use glam::DVec3;
 use kernel_kit::{Gpu, Resources};
 use penumbra::internal::bvh::Bvh;
 use penumbra::internal::gpu_scene::GpuScene;
-use penumbra::internal::kernels::{SAMPLING_ANYWHERE, SAMPLING_HALVES, compose_source};
+use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::{Point, Tile};
 use penumbra::internal::scene::{Camera, Scene};
 use penumbra::internal::specialisation::Specialisation;
@@ -49,16 +49,7 @@ impl Stage {
 pub fn whole([width, height]: [u32; 2], layers: u32) -> Tile {
     let pixel_count = width * height;
     let point_count = pixel_count * layers;
-    Tile {
-        width,
-        height,
-        first_row: 0,
-        pixel_count,
-        point_count,
-        first_sample: 0,
-        seed: 3,
-        sampling: SAMPLING_ANYWHERE,
-    }
+    Tile { width, height, first_row: 0, pixel_count, point_count, first_sample: 0, seed: 3, centred: 0 }
 }
 
 /// The crossing of a line with a triangle, or one outside it by at most [`EDGE`].
@@ -239,10 +230,5 @@ pub fn constant(name: &str) -> u32 {
 pub fn pixel_of(tile: &Tile, i: usize) -> (u32, u32) {
     let i = i as u32;
     let pixel = tile.first_row * tile.width + i % tile.pixel_count;
-    let (seed, sample) = (hash(&[pixel, tile.seed]), tile.first_sample + i / tile.pixel_count);
-    match (tile.sampling == SAMPLING_HALVES, sample % 2) {
-        (false, _) => (seed, sample),
-        (_, 0) => (seed, sample / 2),
-        (_, _) => (hash(&[seed, constant("DIMENSION_HALF")]), sample / 2),
-    }
+    (hash(&[pixel, tile.seed]), tile.first_sample + i / tile.pixel_count)
 }

@@ -1,9 +1,10 @@
 //! The mixture of the raw image and denoised images that has the smallest estimated error in each region.
 //!
-//! Errors are estimated without a reference, from two halves A and B of the samples, whose noise is independent
-//! (cross-validation). Let M be an image made of A alone, with error e, and r the error of B. Their difference has the
-//! mean square E[e^2] + E[r^2], whatever M is: so the weights that bring a mixture closest to the other half are also
-//! those that bring it closest to the truth, and need no variances. E[e^2] is what is left without E[r^2], which is
+//! Errors are estimated without a reference, from two halves A and B of the samples (cross-validation). Each is a
+//! stratified piece of the sample sequence, and their noise is nearly independent. Let M be an image made of A alone,
+//! with error e, and r the error of B. Their difference has the mean square E[e^2] + E[r^2], whatever M is: so the
+//! weights that bring a mixture closest to the other half are also those that bring it closest to the truth, and need
+//! no variances. E[e^2] is what is left without E[r^2], which is
 //! half of the mean of (A - B)^2. All means are over a region around each pixel.
 
 use rayon::prelude::*;
@@ -19,13 +20,18 @@ const RADIUS: usize = 10;
 /// decide for dark ones.
 const FLOOR: f64 = 0.01;
 
+/// The weights found are right for halves. From a half to all samples the raw image gains more than filters do: the
+/// squared error of n stratified samples falls as n^-1.5, to 0.35, that of filters to about 0.7. So the odds of filters
+/// against the raw image fall to this part.
+const ODDS_OF_ALL: f64 = 0.5;
+
 /// The raw image.
 pub struct Raw<'a> {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// Of all samples.
     pub all: &'a [Colour],
-    /// Of two halves of the samples, whose noise is independent.
+    /// Of two parts of the samples, whose noise is nearly independent.
     pub halves: [&'a [Colour]; 2],
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
@@ -217,6 +223,11 @@ impl Equations {
         }
         let mut weights = solve(rows)?;
         weights.truncate(members.len());
+        let filtered: f64 = weights.iter().sum();
+        if filtered > 0.0 && filtered < 1.0 {
+            let factor = ODDS_OF_ALL / (ODDS_OF_ALL * filtered + 1.0 - filtered);
+            weights.iter_mut().for_each(|weight| *weight *= factor);
+        }
         Some(weights)
     }
 }

@@ -8,7 +8,6 @@ pub mod statistical;
 use std::path::Path;
 
 use kernel_kit::Gpu;
-use statistical::Statistical;
 
 #[cfg(not(feature = "oidn"))]
 use crate::Error;
@@ -60,7 +59,7 @@ pub struct Noisy {
     pub size: [u32; 2],
     /// All samples.
     pub all: Light,
-    /// Two halves of them, whose noise is independent; none of a single sample.
+    /// Two parts of them, whose noise is nearly independent; none of a single sample.
     pub halves: Option<[Light; 2]>,
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
@@ -128,7 +127,7 @@ impl Denoiser {
         let mut filters: Vec<Box<dyn Filter>> = Vec::new();
         match choice {
             Denoise::None => {}
-            Denoise::Statistical => filters.push(Box::new(Statistical)),
+            Denoise::Statistical => filters.push(Box::new(statistical::Statistical)),
             Denoise::Oidn => filters.push(oidn(oidn_library)?),
             Denoise::Auto => {
                 match oidn(oidn_library) {
@@ -136,7 +135,7 @@ impl Denoiser {
                     Err(error) if oidn_library.is_some() => return Err(error),
                     Err(_) => {}
                 }
-                filters.push(Box::new(Statistical));
+                filters.push(Box::new(statistical::Statistical));
             }
         }
         Ok(Denoiser { choice, filters })
