@@ -119,7 +119,8 @@ fn a_denoiser_that_gives_rubbish_is_left_out() {
     assert!(error(&mixture(&own, &[&planted]).colour) > 50.0 * error(&own.all), "the noise of the other half");
 }
 
-/// Bias that is as large as the noise of half of the samples: the weight is a half (James and Stein 1961).
+/// Bias that is as large as the noise of half of the samples: the odds are even for halves (James and Stein 1961), and
+/// half of that for all samples.
 #[test]
 fn a_biased_denoiser_is_mixed_by_its_error() {
     let own = Versions::noisy(0.0, NOISE, 3);
@@ -127,8 +128,9 @@ fn a_biased_denoiser_is_mixed_by_its_error() {
     let mixed = mixture(&own, &[&biased]);
     let mean = mixed.colour.iter().flatten().map(|x| f64::from(*x) - f64::from(TRUTH)).sum::<f64>();
     let weight = mean / (3 * mixed.colour.len()) as f64 / NOISE;
-    assert!((weight - 0.5).abs() < 0.03, "{weight}");
-    let expected = (0.5 * NOISE).powi(2) + 0.25 * NOISE * NOISE / 2.0;
+    let part = 1.0 / 3.0;
+    assert!((weight - part).abs() < 0.03, "{weight}");
+    let expected = (part * NOISE).powi(2) + (1.0 - part).powi(2) * NOISE * NOISE / 2.0;
     assert!(is_near(error(&mixed.colour), expected) && is_near(estimate(&mixed), expected), "{}", estimate(&mixed));
 
     // Alone it keeps its bias, and the estimate tells that.

@@ -551,7 +551,8 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     // The mirror reflects its colour straight on.
     assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
-    assert!((position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 1e-3, "{position}");
+    // The narrowest lobe, of alpha 0.001, turns rays by some thousandths over a distance of 1.1.
+    assert!((position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 5e-3, "{position}");
 }
 
 /// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
