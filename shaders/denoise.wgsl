@@ -138,9 +138,13 @@ fn joint_weight(difference: f32, centre: vec4f, other: vec4f, interval: f32) -> 
     return select(0.0, exp(-(difference + e)), counts);
 }
 
+fn column_and_row(pixel: u32) -> vec2i {
+    return vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+}
+
 // The part of a window around a pixel that lies in the image: first column and row, then the last ones.
 fn window(pixel: u32, radius: i32) -> vec4i {
-    let at = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let at = column_and_row(pixel);
     let last = vec2i(i32(denoise.width), i32(denoise.height)) - 1;
     return vec4i(max(at - radius, vec2i(0)), min(at + radius, last));
 }
@@ -180,7 +184,7 @@ fn spacing_to(pixel: u32, at: vec2i, step: vec2i) -> f32 {
 
 // The larger of the distances to the nearer neighbour in the row and in the column.
 fn spacing_of(pixel: u32) -> f32 {
-    let at = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let at = column_and_row(pixel);
     let row = min(spacing_to(pixel, at, vec2i(-1, 0)), spacing_to(pixel, at, vec2i(1, 0)));
     let column = min(spacing_to(pixel, at, vec2i(0, -1)), spacing_to(pixel, at, vec2i(0, 1)));
     let larger = max(row, column);
@@ -250,7 +254,7 @@ fn restrain(
     var weights = 0.0;
     var count = 0.0;
     let extent = window(pixel, POOL_RADIUS);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
@@ -322,7 +326,7 @@ fn pool(
     var weights = TINY;
     var count = 0.0;
     let extent = window(pixel, POOL_RADIUS);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
@@ -351,7 +355,7 @@ fn smooth_light(
     var indirect = vec4f(0.0);
     var weights = 0.0;
     let extent = window(pixel, 1);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
@@ -384,7 +388,7 @@ fn average(
     var indirect = vec4f(0.0);
     var weights = vec2f(0.0);
     let extent = window(pixel, FIRST_RADIUS);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
@@ -452,7 +456,7 @@ fn regress(
     var direct = Fit();
     var indirect = Fit();
     let extent = window(pixel, SECOND_RADIUS);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);
@@ -494,7 +498,7 @@ fn combine(
     var direct = vec2f(0.0);
     var indirect = vec2f(0.0);
     let extent = window(pixel, MIX_RADIUS);
-    let own = vec2i(vec2u(pixel % denoise.width, pixel / denoise.width));
+    let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
         for (var x = extent.x; x <= extent.z; x++) {
             let other = u32(y) * denoise.width + u32(x);

@@ -257,9 +257,7 @@ impl Session<'_> {
         written.and(arguments.write_statistics(&statistics)).and(checkpointed)?;
         Ok(image)
     }
-}
 
-impl Session<'_> {
     /// Says by what the image was denoised, and how well.
     fn say_denoised(&self, image: &Image, statistics: &Statistics) {
         if image.channel("denoised.R").is_none() {

@@ -62,6 +62,12 @@ impl Sum {
     }
 }
 
+/// The variance of the mean of `count` samples, from their mean and that of their squares; 0 of a single one, whose
+/// variance is unknown.
+pub fn variance_of_mean(mean: DVec4, of_squares: DVec4, count: f64) -> DVec4 {
+    if count > 1.0 { ((of_squares - mean * mean) / (count - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
+}
+
 impl Film {
     /// Compiles the kernel.
     ///

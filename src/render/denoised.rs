@@ -6,7 +6,7 @@ use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::output::Film;
 use super::renderer::Renderer;
 use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm, first_half};
-use crate::passes::film::{Plane, Sum};
+use crate::passes::film::{Plane, Sum, variance_of_mean};
 use crate::settings::Denoise;
 use crate::{Error, Image, Result};
 
@@ -19,7 +19,7 @@ impl Renderer<'_> {
     /// `error` after a single sample. Without denoisers it is the same as [`Renderer::image`].
     ///
     /// # Errors
-    /// As [`Renderer::image`]; [`Error::Usage`] if the render keeps nothing for denoisers, because
+    /// As [`Renderer::image`]; [`Error::Setting`] if the render keeps nothing for denoisers, because
     /// [`ImageSettings::denoise`](crate::settings::ImageSettings::denoise) is [`Denoise::None`]; [`Error::Input`] with
     /// the library of a denoiser that fails.
     pub fn denoised_image(&self, denoiser: &Denoiser) -> Result<Image> {
@@ -82,6 +82,8 @@ impl Renderer<'_> {
                 halves[1].push(second.collect());
                 halves[0].push(both.map(|(part, whole)| colour(&mean(*part, whole))).collect());
             }
+            let variance =
+                |(squares, sum): (&Sum, &Sum)| colour(&variance_of_mean(sum.mean(), squares.mean(), sum.kept));
             let variance = squares.map(|squares| squares.iter().zip(&whole).map(variance).collect());
             let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
             all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
@@ -103,13 +105,6 @@ fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], samples: u32, own: u32) -> 
         variance: all.variance.iter().map(|variance| variance.map(|x| x * factor)).collect(),
     };
     means.into_iter().zip(all).map(part).collect()
-}
-
-/// The variance of a mean, from the sums of the squares and of the samples; 0 of a single one.
-fn variance((squares, sum): (&Sum, &Sum)) -> Colour {
-    let mean = sum.mean();
-    let of_samples = squares.mean() - mean * mean;
-    if sum.kept > 1.0 { colour(&(of_samples / (sum.kept - 1.0)).max(DVec4::ZERO)) } else { [0.0; 3] }
 }
 
 fn colour(value: &DVec4) -> Colour {

@@ -9,7 +9,7 @@ use super::checkpoint::Checkpoint;
 use super::conditioning;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
-use crate::passes::film::{Plane, Sum};
+use crate::passes::film::{Plane, Sum, variance_of_mean};
 use crate::render::film::{Channel, Metadata};
 use crate::settings::Aov;
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
@@ -154,13 +154,11 @@ impl<'a> Film<'a> {
         Ok(positions.iter().zip(total).map(depth).collect())
     }
 
-    /// Variance of the means of n samples; 0 for a single sample, whose variance is unknown.
+    /// See [`variance_of_mean`].
     fn variances(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
         let squares = self.means(&|f| f.squares.as_ref())?.unwrap_or_default();
         let n = f64::from(self.renderer.samples);
-        let variance = |(square, mean): (&DVec4, &DVec4)| {
-            if n > 1.0 { ((*square - *mean * *mean) / (n - 1.0)).max(DVec4::ZERO) } else { DVec4::ZERO }
-        };
+        let variance = |(square, mean): (&DVec4, &DVec4)| variance_of_mean(*mean, *square, n);
         Ok(squares.iter().zip(total).map(variance).collect())
     }
 

@@ -17,8 +17,7 @@ pub fn relmse(image: &Image, statistics: &Statistics) -> Option<f64> {
     let mut sum = 0.0;
     for name in ["R", "G", "B"] {
         let (x, v) = (image.channel(name)?, image.channel(&variance(name))?);
-        let relative = |(x, v): (&f32, &f32)| f64::from(*v) / (f64::from(*x).powi(2) + RELMSE_FLOOR);
-        sum += x.iter().zip(v).map(relative).sum::<f64>();
+        sum += relative(x, v.iter().map(|v| f64::from(*v)));
     }
     Some(sum / (3 * image.pixels()) as f64 + unaudited(statistics))
 }
@@ -28,10 +27,14 @@ pub fn denoised_relmse(image: &Image) -> Option<f64> {
     let error = image.channel("error")?;
     let mut sum = 0.0;
     for name in ["denoised.R", "denoised.G", "denoised.B"] {
-        let relative = |(x, e): (&f32, &f32)| f64::from(*e).powi(2) / (f64::from(*x).powi(2) + RELMSE_FLOOR);
-        sum += image.channel(name)?.iter().zip(error).map(relative).sum::<f64>();
+        sum += relative(image.channel(name)?, error.iter().map(|error| f64::from(*error).powi(2)));
     }
     Some(sum / (3 * image.pixels()) as f64)
+}
+
+/// The sum of squared errors over the squares of a channel, as relMSE has them.
+fn relative(channel: &[f32], squares: impl Iterator<Item = f64>) -> f64 {
+    channel.iter().zip(squares).map(|(x, square)| square / (f64::from(*x).powi(2) + RELMSE_FLOOR)).sum()
 }
 
 /// Wrong classes that no audit has met yet do not show in the variance. A point's estimate is c + (V - c) / p with

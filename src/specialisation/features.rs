@@ -130,7 +130,7 @@ kernel_kit::features! {
         AovPosition,
         /// Output: the shadow channels.
         AovShadow,
-        /// Output: albedo and normals that guide denoisers.
+        /// Output: albedo, normals and positions that guide denoisers.
         Guides,
     }
 }

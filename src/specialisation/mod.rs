@@ -62,7 +62,8 @@ impl Specialisation {
             self.decide(feature, on, "requested".into(), "not requested", &cost);
         }
         let denoise = settings.image.denoise;
-        let cost = format!("{} of film", bytes_text(pixels * 2 * 32));
+        // The guides; of direct and of indirect light the squares and two snapshots.
+        let cost = format!("up to {} of film", bytes_text(pixels * (3 + 2 * 3) * 32));
         let reason = format!("the image is denoised: {denoise}");
         self.decide(Feature::Guides, denoise != Denoise::None, reason, "the image is not denoised", &cost);
     }

@@ -4,8 +4,8 @@
 //! stratified piece of the sample sequence, and their noise is nearly independent. Let M be an image made of A alone,
 //! with error e, and r the error of B. Their difference has the mean square E[e^2] + E[r^2], whatever M is: so the
 //! weights that bring a mixture closest to the other half are also those that bring it closest to the truth, and need
-//! no variances. E[e^2] is what is left without E[r^2], which is
-//! half of the mean of (A - B)^2. All means are over a region around each pixel.
+//! no variances. E[e^2] is what is left without E[r^2], which is half of the mean of (A - B)^2. All means are over a
+//! region around each pixel.
 
 use rayon::prelude::*;
 
@@ -176,7 +176,7 @@ impl Equations {
         }
     }
 
-    /// The best weights that are 0 or more, and together at most 1.
+    /// The best weights that are 0 or more, and together at most 1, for all samples.
     fn solve(&self, pixel: usize) -> Vec<f64> {
         let count = self.right.len();
         let mut best = (0.0, vec![0.0; count]);
@@ -195,7 +195,7 @@ impl Equations {
                 }
             }
         }
-        best.1
+        of_all(best.1)
     }
 
     /// What is to be smallest, but for a constant.
@@ -223,13 +223,16 @@ impl Equations {
         }
         let mut weights = solve(rows)?;
         weights.truncate(members.len());
-        let filtered: f64 = weights.iter().sum();
-        if filtered > 0.0 && filtered < 1.0 {
-            let factor = ODDS_OF_ALL / (ODDS_OF_ALL * filtered + 1.0 - filtered);
-            weights.iter_mut().for_each(|weight| *weight *= factor);
-        }
         Some(weights)
     }
+}
+
+/// The weights of filters for all samples, from those that are right for halves.
+fn of_all(mut weights: Vec<f64>) -> Vec<f64> {
+    let filtered = weights.iter().sum::<f64>().min(1.0);
+    let factor = ODDS_OF_ALL / (ODDS_OF_ALL * filtered + 1.0 - filtered);
+    weights.iter_mut().for_each(|weight| *weight *= factor);
+    weights
 }
 
 /// Solves linear equations, whose rows end with their right sides (Gauss and Jordan's elimination with pivots).

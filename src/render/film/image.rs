@@ -63,6 +63,7 @@ impl Image {
     /// The image with its channels `denoised.R`, `denoised.G` and `denoised.B` in place of `R`, `G` and `B`; `None` if
     /// there are none.
     pub fn denoised(&self) -> Option<Image> {
+        self.channel("denoised.R")?;
         let mut image = self.clone();
         for (name, root) in [("denoised.R", "R"), ("denoised.G", "G"), ("denoised.B", "B")] {
             let index = image.channels.iter().position(|channel| channel.name == name)?;
