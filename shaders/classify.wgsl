@@ -29,7 +29,8 @@ import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
 import package::lib::visible_point::load_point;
-import package::lib::tile::{Tile, tile_sample, pixel_seed};
+import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_pixel, tile_rows, tile_sample};
+@if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
     COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
@@ -330,17 +331,18 @@ fn dilate(
     let pixel = point_of(candidate);
     let point = load_point(pixel);
     let first = candidate - pixel;
-    // Neighbours are of the same sample: the tile's samples are layers of whole rows.
-    let width = i32(classify_pass.tile.width);
-    let rows = i32(classify_pass.tile.pixel_count) / width;
-    let top = i32(pixel / classify_pass.tile.pixel_count) * rows;
-    let at = vec2i(i32(pixel) % width, i32(pixel) / width);
+    // Neighbours are of the same sample.
+    let tile = classify_pass.tile;
+    let layer = pixel - pixel % tile.pixel_count;
+    let at = vec2i(tile_pixel(tile, pixel)) - vec2i(0, i32(tile.first_row));
     let radius = i32(classify_pass.dilate_radius);
-    let low = max(at - radius, vec2i(0, top));
-    let high = min(at + radius, vec2i(width, top + rows) - 1);
+    let low = max(at - radius, vec2i(0));
+    let high = min(at + radius, vec2i(i32(tile.width), i32(tile_rows(tile))) - 1);
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
-            let other = u32(y * width + x);
+            let neighbour = first_point_of(u32(y) * tile.width + u32(x));
+            @if(adaptive_sampling) { if neighbour == NOT_SAMPLED { continue; } }
+            let other = layer + neighbour;
             // Few are: a boundary lies among boundaries.
             if is_decided(class_of(atomicLoad(&classes[first + other]))) && same_surface(load_point(other), point) {
                 widen_to(first + other);

@@ -10,6 +10,7 @@ import package::lib::math::is_finite4;
 import package::lib::constants::{COUNTER_NOT_FINITE, COUNTER_NEAR_OVERFLOW};
 
 struct FilmParameters {
+    // Number of pixels that get samples.
     pixel_count: u32,
     // Number of points to sum, and the index of the first of them in `samples`.
     point_count: u32,
@@ -20,13 +21,22 @@ struct FilmParameters {
 @group(0) @binding(1) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(2) var<storage, read_write> compensations: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> counters: array<atomic<u32>>;
-// For `accumulate_squares`: the other part of the radiance, or one zero vector for all points.
+// For `accumulate_squares`: the other part of the radiance, or one zero vector for all points. For `take_snapshot`:
+// the compensations of the sums that `samples` are.
 @group(0) @binding(4) var<storage, read> other_samples: array<vec4f>;
+// See lib/tile.
+@if(adaptive_sampling) @group(0) @binding(5) var<storage, read> sampled_pixels: array<u32>;
 
 var<immediate> film_parameters: FilmParameters;
 
 // 2^104: a larger sum may overflow (at 2^128) within the 2^24 samples that a render can take.
 const NEAR_OVERFLOW = 2.028241e31;
+
+// The pixel whose samples are number i, i + pixel_count, and so on.
+fn pixel_of(i: u32) -> u32 {
+    @if(adaptive_sampling) { return sampled_pixels[i]; }
+    @else { return i; }
+}
 
 struct Sum {
     value: vec4f,
@@ -65,9 +75,10 @@ fn accumulate(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let pixel = group_index(group, groups) * 64u + lane;
-    if pixel >= film_parameters.pixel_count { return; }
-    for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
+    let first = group_index(group, groups) * 64u + lane;
+    if first >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(first);
+    for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let added = add_sample(pixel, samples[film_parameters.first_point + i]);
         if !added { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
     }
@@ -81,11 +92,26 @@ fn accumulate_squares(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let pixel = group_index(group, groups) * 64u + lane;
-    if pixel >= film_parameters.pixel_count { return; }
-    for (var i = pixel; i < film_parameters.point_count; i += film_parameters.pixel_count) {
+    let first = group_index(group, groups) * 64u + lane;
+    if first >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(first);
+    for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
         // `accumulate` counts samples that are not finite themselves.
         if !add_sample(pixel, x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
     }
+}
+
+// Takes over the sums of another plane.
+@compute @workgroup_size(64)
+fn take_snapshot(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= film_parameters.pixel_count { return; }
+    let pixel = pixel_of(i);
+    sums[pixel] = samples[pixel];
+    compensations[pixel] = other_samples[pixel];
 }

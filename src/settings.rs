@@ -89,6 +89,8 @@ pub enum Aov {
     Depth,
     /// `variance.R` ...: variance of the pixel's mean.
     Variance,
+    /// `samples`: number of samples of the pixel.
+    Samples,
     /// `shadow.<light>.class` (0 dark, 1 lit, 2 shadowed, 3 boundary, 4 unknown; of the first sample), `.visibility`
     /// (of the part of the light above the surface's horizon), `.ni` and `.ns` (illumination and shadow photons among
     /// the nearest), for each light.
@@ -97,8 +99,17 @@ pub enum Aov {
 
 impl Aov {
     /// All groups.
-    pub const ALL: [Aov; 8] =
-        [Aov::Direct, Aov::Indirect, Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth, Aov::Variance, Aov::Shadow];
+    pub const ALL: [Aov; 9] = [
+        Aov::Direct,
+        Aov::Indirect,
+        Aov::Albedo,
+        Aov::Normal,
+        Aov::Position,
+        Aov::Depth,
+        Aov::Variance,
+        Aov::Samples,
+        Aov::Shadow,
+    ];
 
     /// The name on the command line, and the layer's in the EXR file.
     pub fn name(self) -> &'static str {
@@ -110,6 +121,7 @@ impl Aov {
             Aov::Position => "P",
             Aov::Depth => "Z",
             Aov::Variance => "variance",
+            Aov::Samples => "samples",
             Aov::Shadow => "shadow",
         }
     }
@@ -245,6 +257,11 @@ impl Settings {
         self
     }
 
+    /// Whether the film keeps what tells the error of the image.
+    pub(crate) fn estimates_error(&self) -> bool {
+        self.image.spp > 1 && (self.image.denoise != Denoise::None || self.image.noise.is_some())
+    }
+
     /// Whether the shadow rays of earlier samples decide where the map does not: not where what its photons tell is
     /// shown, or where the method of the paper alone is requested.
     pub(crate) fn learns_from_shadow_rays(&self) -> bool {
@@ -309,6 +326,11 @@ impl Settings {
     }
 
     fn check_reals(&self) -> Result<()> {
+        if let Some(noise) = self.image.noise
+            && !(noise > 0.0 && noise.is_finite())
+        {
+            return Err(Error::setting("image.noise", format!("is {noise}; it must be finite and more than 0")));
+        }
         let refuse =
             |name, value: f32, range: &str| Err(Error::setting(name, format!("is {value}; it must be {range}")));
         let accuracy = self.indirect.irradiance_cache.accuracy;

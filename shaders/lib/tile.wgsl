@@ -1,13 +1,15 @@
 // Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, with several samples of each
-// pixel. Each sample is a layer of `pixel_count` points; the layers follow one another.
+// pixel. Each sample is a layer of `pixel_count` points; the layers follow one another. With adaptive sampling only the
+// listed pixels of these rows are in the tile.
 
+@if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::rng::hash2;
 
 struct Tile {
     // Size of the image.
     width: u32,
     height: u32,
-    // First row of the tile, and pixels in it.
+    // First row of the tile, and pixels that get samples.
     first_row: u32,
     pixel_count: u32,
     // Points in it: pixels times layers.
@@ -19,9 +21,33 @@ struct Tile {
     centred: u32,
 }
 
+// The pixels that get samples. A pixel's index counts from the first one of the tile's rows.
+@if(adaptive_sampling) @group(1) @binding(34) var<storage, read> sampled_pixels: array<u32>;
+
+// For each pixel of the tile's rows its index in that list, or NOT_SAMPLED.
+@if(adaptive_sampling) @group(1) @binding(35) var<storage, read> list_indices: array<u32>;
+
+// Index of the pixel of point i.
+fn pixel_index(tile: Tile, i: u32) -> u32 {
+    @if(adaptive_sampling) { return sampled_pixels[i % tile.pixel_count]; }
+    @else { return i % tile.pixel_count; }
+}
+
+// The point of the first sample of a pixel, by the pixel's index, or NOT_SAMPLED.
+fn first_point_of(pixel: u32) -> u32 {
+    @if(adaptive_sampling) { return list_indices[pixel]; }
+    @else { return pixel; }
+}
+
+// Number of the tile's rows, of which the last ones may be missing with adaptive sampling.
+fn tile_rows(tile: Tile) -> u32 {
+    @if(adaptive_sampling) { return arrayLength(&list_indices) / tile.width; }
+    @else { return tile.pixel_count / tile.width; }
+}
+
 // Image coordinates of the pixel of point i.
 fn tile_pixel(tile: Tile, i: u32) -> vec2u {
-    let pixel = i % tile.pixel_count;
+    let pixel = pixel_index(tile, i);
     return vec2u(pixel % tile.width, tile.first_row + pixel / tile.width);
 }
 

@@ -158,11 +158,6 @@ impl RenderOptions {
     pub fn has_aovs(&self) -> bool {
         self.aov.is_some()
     }
-
-    /// The user requests this group of channels.
-    pub fn has_aov(&self, aov: Aov) -> bool {
-        self.aov.as_ref().is_some_and(|list| list.0.contains(&aov))
-    }
 }
 
 /// The settings that the renders of one scene share, whatever the technique.

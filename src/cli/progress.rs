@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use penumbra::Progress;
+use penumbra::{Progress, Settings};
 
 use super::say;
 
@@ -17,13 +17,17 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// Time left at the speed since `started`.
-    fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Duration {
+    /// Time left at the speed since `started`; none where only the noise ends the render.
+    fn time_left(&self, samples: u32, started: Instant, now: Instant) -> Option<Duration> {
+        if self.deadline.is_none() && self.spp == Settings::UNLIMITED_SPP {
+            return None;
+        }
         let so_far = (now - started).as_secs_f64();
         let samples_left = f64::from(self.spp.saturating_sub(samples)) / f64::from(samples.max(1));
         // A century: longer times would overflow a Duration.
         let by_samples = Duration::from_secs_f64((so_far * samples_left).min(3.2e9));
-        self.deadline.map_or(by_samples, |deadline| by_samples.min(deadline.saturating_duration_since(now)))
+        let left = |deadline: Instant| by_samples.min(deadline.saturating_duration_since(now));
+        Some(self.deadline.map_or(by_samples, left))
     }
 }
 
@@ -72,15 +76,16 @@ impl Display {
         self.last = (now, progress.rays);
         let message = || {
             format!(
-                "{} spp, {} left, {speed:.1} Mrays/s, {:.1} % boundary points",
+                "{} spp, {}{speed:.1} Mrays/s, {:.1} % boundary points",
                 progress.samples,
-                seconds(left),
+                left.map_or(String::new(), |left| format!("{} left, ", seconds(left))),
                 100.0 * progress.boundary_share
             )
         };
         match &mut self.target {
             Target::Bar(bar) => {
-                let done = elapsed.as_secs_f64() / (elapsed + left).as_secs_f64().max(f64::MIN_POSITIVE);
+                let total = elapsed + left.unwrap_or(Duration::MAX / 2);
+                let done = elapsed.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
                 bar.set_position((done * STEPS as f64) as u64);
                 bar.set_message(message());
             }

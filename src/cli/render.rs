@@ -14,7 +14,7 @@ use penumbra::internal::report::estimate;
 use penumbra::internal::report::metrics::Measures;
 use penumbra::internal::report::reference::Reference;
 use penumbra::settings::Denoise;
-use penumbra::{Aov, Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
+use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings, Statistics};
 
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
@@ -78,9 +78,10 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = budget, help_heading = "Image")]
     time: Option<Duration>,
 
-    /// Render until the estimated relMSE is T or less. The estimate comes from the variance of the samples and from
-    /// audits; it does not include the error of the photon map of indirect light, which all samples share. --spp is
-    /// then only an upper limit, without a default
+    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less: samples go where the image has
+    /// most noise, that of the denoised image with --denoise. The estimate comes from the samples and from audits; it
+    /// does not include the error of the photon map of indirect light, which all samples share. --spp is then only an
+    /// upper limit for each pixel, without a default
     #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
     noise: Option<f64>,
 
@@ -94,10 +95,6 @@ fn budget(text: &str) -> std::result::Result<Duration, String> {
 
 /// Time between checkpoints: the maximum that a crash can lose.
 const CHECKPOINT: Duration = Duration::from_secs(60);
-
-/// Minimum number of samples for an estimate of the error. The variance of fewer samples says little where light is
-/// rare.
-const MIN_SAMPLES: u32 = 8;
 
 pub fn run(arguments: &Arguments) -> Result<Ending> {
     let started = Instant::now();
@@ -192,14 +189,13 @@ impl Session<'_> {
         let mut display = Display::new(Goal { spp: self.spp, deadline }, arguments.quiet);
         let mut batch = Instant::now();
         let mut written = Instant::now();
-        let mut noise = Noise { limit: arguments.noise, due: MIN_SAMPLES, estimate: None };
-        while renderer.samples() < self.spp {
+        while renderer.wants_samples(self.denoiser)? {
             display.update(&renderer.render_batch()?);
             let took = batch.elapsed();
             batch = Instant::now();
             // Another batch of the same length would end too late.
             let late = deadline.is_some_and(|deadline| batch + took > deadline);
-            if self.interrupt.raised() || late || noise.is_reached(renderer)? {
+            if self.interrupt.raised() || late {
                 break;
             }
             if let Some(path) = arguments.checkpoint.as_ref().filter(|_| written.elapsed() > CHECKPOINT) {
@@ -211,7 +207,7 @@ impl Session<'_> {
             }
         }
         drop(display);
-        self.stopped = self.interrupt.raised() && renderer.samples() < self.spp;
+        self.stopped = self.interrupt.raised() && renderer.wants_samples(self.denoiser)?;
         self.notes.say(renderer.notes());
         let checkpoint = arguments.checkpoint.as_ref().map(|_| renderer.checkpoint()).transpose()?;
         let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
@@ -224,13 +220,14 @@ impl Session<'_> {
         if self.denoiser.choice() != Denoise::None {
             statistics.time.denoise = start.elapsed().as_secs_f64();
         }
-        if let Some(estimate) = noise.estimate.filter(|_| !arguments.quiet) {
+        let estimate = renderer.estimated_relmse()?.filter(|_| arguments.noise.is_some() && !arguments.quiet);
+        if let Some(estimate) = estimate {
             let rest = if statistics.indirect.photons > 0 {
                 " without the error of the photon map of indirect light"
             } else {
                 ""
             };
-            say(format_args!("estimated relMSE {estimate:.2e}{rest}"));
+            say(format_args!("estimated relMSE {estimate:.2e} of the raw image{rest}"));
         }
         let image = self.finish(image, statistics, checkpoint.as_ref())?;
         outcome.map(|()| image)
@@ -239,7 +236,6 @@ impl Session<'_> {
     /// Prints a summary and writes all files; a file that fails does not stop the others.
     fn finish(&mut self, image: Image, mut statistics: Statistics, checkpoint: Option<&Checkpoint>) -> Result<Image> {
         let arguments = self.arguments;
-        let image = arguments.finished(image);
         if !arguments.quiet {
             say(summary(&statistics, self.stopped));
             self.say_denoised(&image, &statistics);
@@ -335,10 +331,8 @@ impl Arguments {
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
                 settings.image.spp = Settings::UNLIMITED_SPP;
             }
-            if self.adds_variance() {
-                settings.image.aovs.push(Aov::Variance);
-            }
             settings.image.denoise = denoise;
+            settings.image.noise = self.noise;
             let reference = self.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;
             let (gpu, start) = device.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
             Ok(Opened { scene, camera, settings, reference, gpu, import, start })
@@ -354,19 +348,6 @@ impl Arguments {
             Ok(denoiser) => (denoiser, None),
             Err(problem) => (Denoiser::default(), Some(problem)),
         }
-    }
-
-    /// `--noise` needs the variance, and the user has not requested it.
-    fn adds_variance(&self) -> bool {
-        self.noise.is_some() && !self.settings.has_aov(Aov::Variance)
-    }
-
-    /// The image without the channels that only the estimate of its error needed.
-    fn finished(&self, mut image: Image) -> Image {
-        if self.adds_variance() {
-            image.channels.retain(|channel| !channel.name.starts_with("variance."));
-        }
-        image
     }
 
     /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full
@@ -409,34 +390,19 @@ fn is_exr(path: &Path) -> bool {
 
 /// A summary of the render in one line.
 fn summary(statistics: &Statistics, stopped: bool) -> String {
-    let Statistics { samples, settings, rays, points, time, .. } = statistics;
-    let samples =
-        if stopped { format!("stopped after {samples} of {}", settings.image.spp) } else { samples.to_string() };
+    let Statistics { samples, mean_samples, settings, rays, points, time, .. } = statistics;
+    let samples = match settings.image.noise {
+        Some(_) if stopped => format!("stopped after {mean_samples:.1} (at most {samples})"),
+        Some(_) => format!("{mean_samples:.1} (at most {samples})"),
+        None if stopped => format!("stopped after {samples} of {}", settings.image.spp),
+        None => samples.to_string(),
+    };
     format!(
         "{samples} spp in {:.2} s, {:.1} Mrays/s, {:.1} % boundary points",
         time.render,
         mega(rays.total, time.render),
         100.0 * points.boundary_share
     )
-}
-
-/// The stop condition of `--noise`.
-struct Noise {
-    limit: Option<f64>,
-    /// Number of samples at which the error is estimated next: an estimate costs the time of reading the film.
-    due: u32,
-    estimate: Option<f64>,
-}
-
-impl Noise {
-    fn is_reached(&mut self, renderer: &Renderer<'_>) -> Result<bool> {
-        let samples = renderer.samples();
-        let Some(limit) = self.limit.filter(|_| samples >= self.due) else { return Ok(false) };
-        // A quarter more is an error of a quarter less.
-        self.due = samples + samples.div_ceil(4);
-        self.estimate = estimate::relmse(&renderer.image()?, &renderer.statistics()?);
-        Ok(self.estimate.is_some_and(|estimate| estimate <= limit))
-    }
 }
 
 /// Notes, each printed once.

@@ -12,6 +12,7 @@ use crate::{bvh, procedural, scene};
 const CONSTANTS: &[(&str, u32)] = &[
     ("REACH_CELLS", numbers::REACH_CELLS),
     ("INVALID_POINT", numbers::INVALID_POINT),
+    ("NOT_SAMPLED", numbers::NOT_SAMPLED),
     ("NO_SAMPLED_LIGHT", numbers::NO_SAMPLED_LIGHT),
     ("SCAN_SERIAL", numbers::SCAN_SERIAL),
     ("PHOTON_COUNT_HEADER", numbers::PHOTON_COUNT_HEADER),

@@ -145,6 +145,9 @@ pub const NO_SAMPLED_LIGHT: u32 = u32::MAX;
 /// code, as -32768 is no signed 16-bit fraction.
 pub const INVALID_POINT: u32 = 0x8000_8000;
 
+/// Index in the list of sampled pixels of a pixel that is not in it.
+pub const NOT_SAMPLED: u32 = u32::MAX;
+
 /// Cells that one invocation of the grid's scan adds up.
 pub const SCAN_SERIAL: u32 = 64;
 

@@ -12,7 +12,7 @@ use crate::Result;
 use crate::kernels::Queue;
 use crate::passes::Tile;
 use crate::passes::classify::{BoundClassify, Chunk, Classify, ClassifyBuffers};
-use crate::passes::film::{Film, Plane};
+use crate::passes::film::{Film, Inputs, Plane};
 use crate::passes::sample_lights::SampledLightBindings;
 use crate::passes::shade::{BoundShade, Shade, ShadeBuffers, ShadeParameters};
 use crate::passes::shadow::{BoundShadow, Shadow, ShadowBuffers, ShadowParameters};
@@ -321,9 +321,9 @@ impl DirectLight {
 
     /// The films of all lights' classes for a tile of `pixels` pixels: class of the first sample (x) and visibility,
     /// n_i and n_s of all. Empty if the AOV was not requested.
-    pub fn class_films(&self, gpu: &Gpu, film: &Film, pixels: u32, counters: &Buffer) -> Result<Vec<Plane>> {
+    pub fn class_films(&self, gpu: &Gpu, film: &Film, pixels: u32, inputs: Inputs<'_>) -> Result<Vec<Plane>> {
         let Some(samples) = &self.buffers.shadow_samples else { return Ok(Vec::new()) };
-        (0..self.sizes.lights).map(|_| film.plane(gpu, pixels, samples, counters)).collect()
+        (0..self.sizes.lights).map(|_| film.plane(gpu, pixels, samples, inputs)).collect()
     }
 
     /// The buffers of pass `classify`.

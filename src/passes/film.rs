@@ -10,7 +10,7 @@ use crate::specialisation::features::Features;
 shared_struct! {
     /// Immediates of the pass; see `shaders/film.wgsl`.
     pub struct FilmParameters {
-        /// Number of pixels of the tile.
+        /// Number of pixels that get samples.
         pub pixel_count: u32,
         /// Number of points to sum.
         pub point_count: u32,
@@ -27,7 +27,17 @@ bindings! {
         pub sums: &Buffer,
         pub compensations: &Buffer,
         pub counters: &Buffer,
+        pub sampled_pixels: Option<&Buffer>,
     }
+}
+
+/// What planes take beside samples.
+#[derive(Clone, Copy)]
+pub struct Inputs<'a> {
+    /// One word for each [`crate::statistics::Counter`].
+    pub counters: &'a Buffer,
+    /// The pixels that get samples, where some get more than others.
+    pub sampled_pixels: Option<&'a Buffer>,
 }
 
 /// The pass; see `shaders/film.wgsl`.
@@ -81,16 +91,24 @@ impl Film {
     ///
     /// # Errors
     /// As [`Gpu::buffer`] and [`Kernel::bind`].
-    pub fn plane(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, counters: &Buffer) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate", [samples, samples], counters)
+    pub fn plane(&self, gpu: &Gpu, pixels: u32, samples: &Buffer, inputs: Inputs<'_>) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate", [samples, samples], inputs)
     }
 
     /// An empty plane that sums the squares of the whole radiance, which is the sum of two parts.
     ///
     /// # Errors
     /// As [`Film::plane`].
-    pub fn plane_of_squares(&self, gpu: &Gpu, pixels: u32, parts: [&Buffer; 2], counters: &Buffer) -> Result<Plane> {
-        self.any_plane(gpu, pixels, "accumulate_squares", parts, counters)
+    pub fn plane_of_squares(&self, gpu: &Gpu, pixels: u32, parts: [&Buffer; 2], inputs: Inputs<'_>) -> Result<Plane> {
+        self.any_plane(gpu, pixels, "accumulate_squares", parts, inputs)
+    }
+
+    /// An empty plane that takes over the sums of another one each time it is recorded.
+    ///
+    /// # Errors
+    /// As [`Film::plane`].
+    pub fn snapshot(&self, gpu: &Gpu, of: &Plane, inputs: Inputs<'_>) -> Result<Plane> {
+        self.any_plane(gpu, of.pixels, "take_snapshot", [&of.sums, &of.compensations], inputs)
     }
 
     fn any_plane(
@@ -99,13 +117,14 @@ impl Film {
         pixels: u32,
         entry: &str,
         [samples, other_samples]: [&Buffer; 2],
-        counters: &Buffer,
+        Inputs { counters, sampled_pixels }: Inputs<'_>,
     ) -> Result<Plane> {
-        let sums = gpu.buffer::<[f32; 4]>("penumbra/film/sums", pixels as usize)?;
-        let compensations = gpu.buffer::<[f32; 4]>("penumbra/film/compensations", pixels as usize)?;
-        let own = FilmBindings { samples, other_samples, sums: &sums, compensations: &compensations, counters };
+        let own_sums = gpu.buffer::<[f32; 4]>("penumbra/film/sums", pixels as usize)?;
+        let own_compensations = gpu.buffer::<[f32; 4]>("penumbra/film/compensations", pixels as usize)?;
+        let (sums, compensations) = (&own_sums, &own_compensations);
+        let own = FilmBindings { samples, other_samples, sums, compensations, counters, sampled_pixels };
         let bound = self.0.bind(gpu, entry, &[&own])?;
-        Ok(Plane { sums, compensations, bound, pixels })
+        Ok(Plane { sums: own_sums, compensations: own_compensations, bound, pixels })
     }
 }
 
@@ -122,32 +141,26 @@ impl Plane {
         frame.run(&self.bound, tile.pixel_count, &parameters);
     }
 
-    /// Takes over the sums of another plane of as many pixels.
-    pub fn copy_from(&self, frame: &mut Frame<'_>, other: &Plane) {
-        frame.copy(&other.sums, &self.sums, 0, self.sums.bytes);
-        frame.copy(&other.compensations, &self.compensations, 0, self.compensations.bytes);
-    }
-
     /// The mean of each pixel's samples, without those that were not finite. `samples` is the number recorded.
     ///
     /// # Errors
     /// As [`Gpu::read`].
     pub fn means(&self, gpu: &Gpu, samples: u32) -> Result<Vec<DVec4>> {
-        Ok(Plane::sums_of(&self.state(gpu)?, samples).iter().map(Sum::mean).collect())
+        Ok(Plane::sums_of(&self.state(gpu)?, &|_| samples).iter().map(Sum::mean).collect())
     }
 
-    /// The sums of a state that [`Plane::state`] returned. `samples` is the number recorded.
-    pub fn sums_of(state: &[u32], samples: u32) -> Vec<Sum> {
+    /// The sums of a state that [`Plane::state`] returned. `samples` tells the number recorded of each pixel.
+    pub fn sums_of(state: &[u32], samples: &dyn Fn(usize) -> u32) -> Vec<Sum> {
         let (sums, compensations) = state.split_at(state.len() / 2);
         let vectors = bytemuck::cast_slice::<u32, [f32; 4]>;
         let (sums, compensations) = (vectors(sums), vectors(compensations));
-        let sum = |(sum, lost): (&[f32; 4], &[f32; 4])| Sum {
+        let sum = |(pixel, (sum, lost)): (usize, (&[f32; 4], &[f32; 4]))| Sum {
             // w of the compensations is the number of samples that were left out. w of the sums needs no compensation:
             // it is a sum of zeros and ones, and exact.
             total: Vec4::from_array(*sum).as_dvec4() + Vec4::from_array(*lost).truncate().extend(0.0).as_dvec4(),
-            kept: f64::from(samples) - f64::from(lost[3]),
+            kept: f64::from(samples(pixel)) - f64::from(lost[3]),
         };
-        sums.iter().zip(compensations).map(sum).collect()
+        sums.iter().zip(compensations).enumerate().map(sum).collect()
     }
 
     /// The state of the plane as words: sums, then compensations.

@@ -29,12 +29,12 @@ use crate::Result;
 use crate::gpu_scene::light_buffer::BufferedLight;
 use crate::gpu_scene::lights::LightBindings;
 use crate::gpu_scene::{CameraUniform, SceneBindings};
-use crate::kernels::{GridShape, compose};
+use crate::kernels::{GridShape, NOT_SAMPLED, compose};
 use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
 
 shared_struct! {
-    /// Whole rows of the image, with several samples of each pixel; see `shaders/lib/tile.wgsl`.
+    /// Whole rows of the image, or some pixels of them, with several samples of each; see `shaders/lib/tile.wgsl`.
     pub struct Tile {
         /// Width of the image in pixels.
         pub width: u32,
@@ -42,7 +42,7 @@ shared_struct! {
         pub height: u32,
         /// First row of the tile.
         pub first_row: u32,
-        /// Pixels of the tile.
+        /// Pixels that get samples.
         pub pixel_count: u32,
         /// Points of the tile: pixels times samples.
         pub point_count: u32,
@@ -104,6 +104,7 @@ const COMMON: &[Declared] = &[
     SceneBindings::DECLARED,
     LightBindings::DECLARED,
     VisiblePointBindings::DECLARED,
+    SampledPixelBindings::DECLARED,
     grid::SortedPhotonBindings::DECLARED,
     grid::PhotonGridBindings::DECLARED,
     irradiance::IrradianceMapBindings::DECLARED,
@@ -147,6 +148,50 @@ bindings! {
     }
 }
 
+bindings! {
+    /// The pixels of a tile that get samples; see `shaders/lib/tile.wgsl`.
+    struct SampledPixelBindings {
+        pub sampled_pixels: &Buffer,
+        pub list_indices: &Buffer,
+    }
+}
+
+/// The pixels of a tile that get samples, where some get more than others.
+pub struct SampledPixels {
+    /// Their indices among the pixels of the tile's rows.
+    pub list: Buffer,
+    /// For each pixel of the rows its index in the list, or [`NOT_SAMPLED`].
+    list_indices: Buffer,
+}
+
+impl SampledPixels {
+    /// Room for tiles of up to `pixels` pixels, all of which are listed.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    fn new(gpu: &Gpu, pixels: u32) -> Result<SampledPixels> {
+        let sampled = SampledPixels {
+            list: gpu.buffer::<u32>("penumbra/sampled_pixels", pixels as usize)?,
+            list_indices: gpu.buffer::<u32>("penumbra/list_indices", pixels as usize)?,
+        };
+        sampled.set_all(gpu);
+        Ok(sampled)
+    }
+
+    /// Lists these pixels of a tile.
+    pub fn set(&self, gpu: &Gpu, list: &[u32]) {
+        let mut indices = vec![NOT_SAMPLED; (self.list_indices.bytes / 4) as usize];
+        list.iter().zip(0..).for_each(|(pixel, index)| indices[*pixel as usize] = index);
+        gpu.write(&self.list, list);
+        gpu.write(&self.list_indices, &indices);
+    }
+
+    /// Lists all pixels.
+    pub fn set_all(&self, gpu: &Gpu) {
+        self.set(gpu, &(0..(self.list.bytes / 4) as u32).collect::<Vec<_>>());
+    }
+}
+
 /// The buffers that the passes of a tile share, for [`Tile::point_count`] points.
 pub struct TileBuffers {
     /// [`Point`]s.
@@ -170,6 +215,8 @@ pub struct TileBuffers {
     pub guide_normal_samples: Option<Buffer>,
     /// As [`TileBuffers::guide_albedo_samples`], of positions on the triangle; w is 1 where there is a surface.
     pub guide_position_samples: Option<Buffer>,
+    /// The pixels that get samples; none where all do.
+    pub sampled_pixels: Option<SampledPixels>,
     /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
     pub zeros: Buffer,
     /// One word for each [`crate::statistics::Counter`].
@@ -180,7 +227,11 @@ pub struct TileBuffers {
 
 impl Bindings for TileBuffers {
     fn get(&self, name: &str) -> Option<Binding<'_>> {
-        VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table }.find(name)
+        let points = VisiblePointBindings { point_table: &self.points.table, surface_table: &self.surfaces.table };
+        points.find(name).or_else(|| {
+            let SampledPixels { list, list_indices } = self.sampled_pixels.as_ref()?;
+            SampledPixelBindings { sampled_pixels: list, list_indices }.find(name)
+        })
     }
 }
 
@@ -190,6 +241,8 @@ impl TileBuffers {
     /// # Errors
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, features: &Features, points: u32, indirect: bool) -> Result<TileBuffers> {
+        let adaptive = features.has(Feature::AdaptiveSampling);
+        let sampled_pixels = adaptive.then(|| SampledPixels::new(gpu, points)).transpose()?;
         let points = points as usize;
         let vectors = surface_vectors(features) as usize;
         let point_buffer = gpu.buffer::<Point>("penumbra/primary/points", points)?;
@@ -206,10 +259,19 @@ impl TileBuffers {
             guide_albedo_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_albedo_samples")?,
             guide_normal_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_normal_samples")?,
             guide_position_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_position_samples")?,
+            sampled_pixels,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
             surface_vectors: vectors as u32,
         })
+    }
+
+    /// What the film's planes take beside samples.
+    pub fn film_inputs(&self) -> film::Inputs<'_> {
+        film::Inputs {
+            counters: &self.counters,
+            sampled_pixels: self.sampled_pixels.as_ref().map(|pixels| &pixels.list),
+        }
     }
 
     /// The buffer for indirect light, or an error that names the `kernel` that requires it.
@@ -238,6 +300,7 @@ impl TileBuffers {
             &self.guide_position_samples,
         ];
         let fixed = [&self.points.buffer, &self.surfaces.buffer, &self.radiance_direct, &self.counters];
-        fixed.into_iter().chain(optional.into_iter().flatten()).map(|b| b.bytes).sum()
+        let lists = self.sampled_pixels.iter().flat_map(|sampled| [&sampled.list, &sampled.list_indices]);
+        fixed.into_iter().chain(optional.into_iter().flatten()).chain(lists).map(|b| b.bytes).sum()
     }
 }

@@ -57,7 +57,7 @@ impl Primary {
             guide_normal_samples: tile.guide_normal_samples.as_ref(),
             guide_position_samples: tile.guide_position_samples.as_ref(),
         };
-        let kernel = self.0.bind(gpu, "primary", &[&own, scene])?;
+        let kernel = self.0.bind(gpu, "primary", &[&own, scene, tile])?;
         Ok(BoundPrimary {
             kernel,
             points: tile.points.clone(),

@@ -2,11 +2,13 @@
 
 use std::time::Instant;
 
+use super::blocks::{Batch, Blocks};
+use super::denoise::Denoiser;
 use super::renderer::Renderer;
+use super::tiles::TileFilm;
 use crate::Result;
 use crate::light_transport::second_pass::SecondPass;
 use crate::light_transport::shared::Shared;
-use crate::settings::{Denoise, Settings};
 use crate::specialisation::features::Feature;
 use crate::statistics::Counter;
 use crate::techniques::implementation;
@@ -28,7 +30,9 @@ pub struct Progress {
 }
 
 impl Renderer<'_> {
-    /// Renders one or more samples of every pixel, and no more than the settings request until these are complete.
+    /// Renders one or more samples of every pixel, and no more than the settings request until these are complete. With
+    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) only those pixels get samples that need more,
+    /// and none if none does.
     ///
     /// # Errors
     /// [`crate::Error::Computation`] if more than a thousandth of the rays exceeded the loop budget, and those of
@@ -45,57 +49,58 @@ impl Renderer<'_> {
     pub fn render_up_to(&mut self, limit: u32) -> Result<Progress> {
         self.refine()?;
         let start = Instant::now();
-        let layers = self.layers_of_batch(limit);
+        if self.blocks.is_some() && !self.wants_samples(&Denoiser::default())? {
+            return Ok(self.progress());
+        }
+        let batch = self.blocks.as_ref().and_then(Blocks::batch);
+        let first_sample = batch.as_ref().map_or(self.samples, |batch| batch.first_sample);
+        let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
         if self.batches > 0 {
             self.repair_map()?;
         }
-        self.trace_caustics()?;
+        self.trace_caustics(first_sample)?;
         self.batches += 1;
         let sampled = self.totals.get(Counter::Sampled);
+        let mut points = 0;
         for tile in 0..self.tiles.len() {
-            self.render_tile(tile, layers)?;
+            points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
         }
-        self.samples += layers;
-        self.take_snapshots()?;
-        self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, layers);
+        self.samples = self.samples.max(first_sample + layers);
+        if let (Some(blocks), Some(batch)) = (&mut self.blocks, &batch) {
+            blocks.add(batch, layers);
+        }
+        self.decide_on_shading(self.totals.get(Counter::Sampled) - sampled, points);
         self.count_procedural_misses()?;
         self.totals.check()?;
         self.keep()?;
         self.totals.time_render += start.elapsed().as_secs_f64();
-        let points = self.totals.points();
-        Ok(Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share })
+        Ok(self.progress())
     }
 
-    /// Samples per pixel of the next batch.
-    fn layers_of_batch(&self, limit: u32) -> u32 {
+    fn progress(&self) -> Progress {
+        let points = self.totals.points();
+        Progress { samples: self.samples, rays: self.totals.rays().total, boundary_share: points.boundary_share }
+    }
+
+    /// Samples per pixel of the next batch, of pixels that have `samples`.
+    fn layers_of_batch(&self, limit: u32, samples: u32, batch: Option<&Batch>) -> u32 {
         let most = self.tile_size.layers.min(limit.max(1));
-        let missing = self.settings.image.spp.saturating_sub(self.samples);
+        let to_spp = self.settings.image.spp.saturating_sub(samples);
+        let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
         let learning = self.specialisation.features.has(Feature::FineCells);
-        let most = if learning { most.min(self.samples.max(1)) } else { most };
-        // Denoisers compare halves that end at powers of two.
-        let to_power = (self.samples + 1).next_power_of_two() - self.samples;
-        if self.settings.image.denoise == Denoise::None { most } else { most.min(to_power) }
+        let most = if learning { most.min(samples.max(1)) } else { most };
+        // Halves of the samples are compared, which end at powers of two.
+        let to_power = (samples + 1).next_power_of_two() - samples;
+        if self.settings.estimates_error() { most.min(to_power) } else { most }
     }
 
-    /// Keeps what denoisers need of the samples so far.
-    fn take_snapshots(&self) -> Result<()> {
-        if self.settings.image.denoise == Denoise::None || !self.samples.is_power_of_two() {
-            return Ok(());
-        }
-        let mut frame = self.gpu.frame("film");
-        self.tiles.iter().for_each(|tile| tile.take_snapshot(&mut frame, self.samples));
-        Ok(frame.submit()?)
-    }
-
-    /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one of
-    /// `layers` samples per pixel.
-    fn decide_on_shading(&mut self, sampled: u64, layers: u32) {
+    /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one,
+    /// of `points` points.
+    fn decide_on_shading(&mut self, sampled: u64, points: u64) {
         let chunks = self.lighting.direct.as_ref().map_or(0, |direct| direct.chunks().count());
-        let Settings { image, .. } = &self.settings;
-        let points = u64::from(image.width) * u64::from(image.height) * u64::from(layers) * chunks as u64;
-        self.shade_at_once = sampled as f64 > AT_ONCE_SHARE * points as f64;
+        self.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
     }
 
     /// Classifies the fine cells by the shadow rays so far, and repairs the visibility map after the second batch, the
@@ -108,10 +113,15 @@ impl Renderer<'_> {
         self.lighting.repair_map(&Shared { gpu, scene, gpu_scene, tile }, due, &mut self.totals)
     }
 
-    /// Runs the technique's second pass for `layers` samples of each pixel of a tile.
-    fn render_tile(&mut self, index: usize, layers: u32) -> Result<()> {
+    /// Runs the technique's second pass for `layers` samples of each pixel of a tile, or of those in the batch. Returns
+    /// the number of points.
+    fn render_tile(&mut self, index: usize, first_sample: u32, layers: u32, batch: Option<&Batch>) -> Result<u64> {
         let film = &self.tiles[index];
-        let tile = film.tile(&self.settings, self.samples, layers);
+        let pixel_count = self.list_pixels(film, batch);
+        if pixel_count == 0 {
+            return Ok(0);
+        }
+        let tile = film.tile(&self.settings, pixel_count, first_sample, layers);
         let mut frame = self.gpu.frame("sample");
         frame.clear(&self.buffers.counters);
         let mut second_pass = SecondPass {
@@ -125,6 +135,7 @@ impl Renderer<'_> {
             class_films: &film.classes,
         };
         (implementation(self.settings.technique).second_pass)(&mut second_pass);
+        film.take_snapshot(&mut frame, &tile, first_sample + layers);
         frame.submit()?;
         let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
         self.totals.add(&counters, u64::from(tile.point_count));
@@ -133,7 +144,18 @@ impl Renderer<'_> {
         if features.has(Feature::VisibilityMap) && !features.has(Feature::FineCells) {
             self.totals.add_mapped(&counters);
         }
-        Ok(())
+        Ok(u64::from(tile.point_count))
+    }
+
+    /// Lists the pixels of a tile that get samples in the batch, if not all do, and returns their number.
+    fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> u32 {
+        let image = &self.settings.image;
+        let (Some(blocks), Some(batch), Some(sampled)) = (&self.blocks, batch, &self.buffers.sampled_pixels) else {
+            return film.rows().len() as u32 * image.width;
+        };
+        let pixels = batch.pixels(blocks, film.rows(), image.width);
+        sampled.set(self.gpu, &pixels);
+        pixels.len() as u32
     }
 
     /// Adds the kernels' counts for procedural objects since the last batch.

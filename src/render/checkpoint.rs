@@ -9,13 +9,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::blocks::Blocks;
 use crate::fingerprint::digest;
 use crate::render::film::{read_file, write_atomically};
 use crate::statistics::totals::Totals;
 use crate::{Error, Result};
 
 /// The first bytes of every file; the number rises when the format changes.
-const MAGIC: &[u8] = b"penumbra checkpoint 4\n";
+const MAGIC: &[u8] = b"penumbra checkpoint 5\n";
 
 /// Bytes of the digest of everything after it.
 const DIGEST: usize = 32;
@@ -27,6 +28,7 @@ pub(super) struct Header {
     /// Fingerprint of scene, camera, settings and version.
     pub fingerprint: String,
     pub samples: u32,
+    pub blocks: Option<Blocks>,
     pub batches: u32,
     /// How the next batch is shaded.
     pub shade_at_once: bool,

@@ -5,7 +5,7 @@ use glam::DVec4;
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
 use super::output::Film;
 use super::renderer::Renderer;
-use super::tiles::{DenoisingPlanes, PartPlanes, TileFilm, first_half};
+use super::tiles::{GuidePlanes, TileFilm, first_half};
 use crate::passes::film::{Plane, Sum, variance_of_mean};
 use crate::settings::Denoise;
 use crate::{Error, Image, Result};
@@ -49,32 +49,27 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// What denoisers take.
-    fn noisy(&self) -> Result<Noisy> {
-        let (film, samples) = (Film::of(self), self.samples);
-        let guide = |pick: &dyn Fn(&DenoisingPlanes) -> &Plane| -> Result<Vec<Colour>> {
-            Ok(film.means(&|f| f.denoising.as_ref().map(pick))?.unwrap_or_default().iter().map(colour).collect())
+    /// What denoisers take. Without denoisers there are no guides, and the variances are 0.
+    pub(super) fn noisy(&self) -> Result<Noisy> {
+        let film = Film::of(self);
+        let guide = |pick: &dyn Fn(&GuidePlanes) -> &Plane| -> Result<Vec<Colour>> {
+            Ok(film.means(&|f| f.guides.as_ref().map(pick))?.unwrap_or_default().iter().map(colour).collect())
         };
         let mut albedo = guide(&|planes| &planes.albedo)?;
         albedo.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
         let normal = guide(&|planes| &planes.normal)?;
         // Without what passes by: w is the share of samples that met a surface.
         let met = |p: &DVec4| if p.w > 0.0 { colour(&(*p / p.w)) } else { [0.0; 3] };
-        let positions = film.means(&|f| f.denoising.as_ref().map(|planes| &planes.position))?.unwrap_or_default();
+        let positions = film.means(&|f| f.guides.as_ref().map(|planes| &planes.position))?.unwrap_or_default();
         let position = positions.iter().map(met).collect();
 
-        let in_half = if samples > 1 { first_half(samples) } else { samples };
-        let half_samples = [in_half, samples - in_half];
+        let samples = |pixel: usize| self.samples_of(pixel);
         let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
         let parts: [Pick; 2] = [&|f| Some(&f.direct), &|f| f.indirect.as_ref()];
         for (index, part) in parts.into_iter().enumerate() {
-            let Some(whole) = film.sums(part, samples)? else { continue };
-            let own = |pick: &dyn Fn(&PartPlanes) -> &Plane, samples: u32| {
-                film.sums(&|f| f.denoising.as_ref()?.parts.get(index).map(pick), samples)
-            };
-            let squares = own(&|planes| &planes.squares, samples)?;
-            let first = if samples > 1 { own(&|planes| planes.first_half(samples), in_half)? } else { None };
-            if let Some(first) = first {
+            let Some(whole) = film.sums(part, &samples)? else { continue };
+            let squares = film.sums(&|f| f.parts.get(index)?.squares.as_ref(), &samples)?;
+            if let Some(first) = self.first_halves(&film, index)? {
                 // A pixel without samples of a half tells nothing of the error: it counts as exact.
                 let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
                 let both = first.iter().zip(&whole);
@@ -88,21 +83,42 @@ impl Renderer<'_> {
             let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
             all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
         }
+        let [width, height] = [self.settings.image.width, self.settings.image.height];
+        // Filters take one number: with adaptive sampling that of the pixels which know least.
+        let fewest = (0..width as usize * height as usize).map(samples).min().unwrap_or(0);
+        let in_half = if fewest > 1 { first_half(fewest) } else { fewest };
+        let half_samples = [in_half, fewest - in_half];
+        let factor = |of: usize, pixel: usize| {
+            let first = f64::from(first_half(samples(pixel))) / f64::from(samples(pixel));
+            (1.0 / if of == 0 { first } else { 1.0 - first }) as f32
+        };
         let half =
-            |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, samples, half_samples[of]) };
+            |of: usize, means: Vec<Vec<Colour>>| Light { parts: half_parts(means, &all, &|pixel| factor(of, pixel)) };
         let [first, second] = halves;
-        let halves = (samples > 1 && !first.is_empty()).then(|| [half(0, first), half(1, second)]);
-        let size = [self.settings.image.width, self.settings.image.height];
-        Ok(Noisy { size, all: Light { parts: all }, halves, half_samples, guides: Guides { albedo, normal, position } })
+        let halves = (!first.is_empty()).then(|| [half(0, first), half(1, second)]);
+        let guides = Guides { albedo, normal, position };
+        Ok(Noisy { size: [width, height], all: Light { parts: all }, halves, half_samples, guides })
+    }
+
+    /// The sums of the first half of each pixel's samples, of a part of the light; none of a single sample.
+    fn first_halves(&self, film: &Film<'_>, part: usize) -> Result<Option<Vec<Sum>>> {
+        if self.samples < 2 {
+            return Ok(None);
+        }
+        let half = |pixel: usize| first_half(self.samples_of(pixel));
+        let snapshot = |k: usize| film.sums(&|f| Some(&f.parts.get(part)?.snapshots[k]), &half);
+        let (Some(even), Some(odd)) = (snapshot(0)?, snapshot(1)?) else { return Ok(None) };
+        let pick = |(pixel, sums): (usize, [Sum; 2])| sums[half(pixel).ilog2() as usize % 2];
+        Ok(Some(even.into_iter().zip(odd).map(<[Sum; 2]>::from).enumerate().map(pick).collect()))
     }
 }
 
-/// The parts of `own` of the samples. The variance of their means is that of all samples, times the share.
-fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], samples: u32, own: u32) -> Vec<Part> {
-    let factor = samples as f32 / own as f32;
+/// The parts of one half of the samples. The variances of their means are those of all samples times `factor`.
+fn half_parts(means: Vec<Vec<Colour>>, all: &[Part], factor: &dyn Fn(usize) -> f32) -> Vec<Part> {
+    let variance = |(pixel, variance): (usize, &Colour)| variance.map(|x| x * factor(pixel));
     let part = |(mean, all): (Vec<Colour>, &Part)| Part {
         mean,
-        variance: all.variance.iter().map(|variance| variance.map(|x| x * factor)).collect(),
+        variance: all.variance.iter().enumerate().map(variance).collect(),
     };
     means.into_iter().zip(all).map(part).collect()
 }

@@ -1,7 +1,9 @@
 //! The renderer: prepares a scene, adds samples in batches, and gives the image and the statistics at any time. The
 //! files of `src/techniques/` decide what runs for a sample.
 
+mod adaptive_sampling;
 mod batches;
+mod blocks;
 mod checkpoint;
 mod conditioning;
 pub mod denoise;

@@ -64,6 +64,10 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
             Aov::Variance => {
                 push(&mut channels, ["variance.R", "variance.G", "variance.B"], &film.variances(&total)?);
             }
+            Aov::Samples => {
+                let samples = (0..total.len()).map(|pixel| renderer.samples_of(pixel) as f32).collect();
+                channels.push(Channel { name: "samples".into(), samples });
+            }
             Aov::Shadow => film.push_class_channels(&mut channels)?,
         }
     }
@@ -96,33 +100,34 @@ impl<'a> Film<'a> {
         Film { renderer, kept: None }
     }
 
-    /// The sums of `samples` samples of each pixel.
-    fn plane_sums(&self, plane: &Plane, samples: u32) -> Result<Vec<Sum>> {
+    /// The sums of a tile's plane, by the number of samples of each pixel of the image.
+    fn plane_sums(&self, tile: &TileFilm, plane: &Plane, samples: &dyn Fn(usize) -> u32) -> Result<Vec<Sum>> {
+        let first = tile.rows().start as usize * self.renderer.settings.image.width as usize;
+        let samples = &|pixel| samples(first + pixel);
         match &self.kept {
             Some(kept) => Ok(Plane::sums_of(kept[&std::ptr::from_ref(plane)], samples)),
             None => Ok(Plane::sums_of(&plane.state(self.renderer.gpu)?, samples)),
         }
     }
 
-    /// See [`Plane::means`].
-    fn plane_means(&self, plane: &Plane) -> Result<Vec<DVec4>> {
-        Ok(self.plane_sums(plane, self.renderer.samples)?.iter().map(Sum::mean).collect())
-    }
-
-    /// The sums of a plane over the whole image, which recorded `samples` samples of each pixel; none if the tiles have
-    /// no such plane.
-    pub fn sums(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>, samples: u32) -> Result<Option<Vec<Sum>>> {
+    /// The sums of a plane over the whole image, by the number of samples of each pixel; none if the tiles have no such
+    /// plane.
+    pub fn sums(
+        &self,
+        pick: &dyn Fn(&TileFilm) -> Option<&Plane>,
+        samples: &dyn Fn(usize) -> u32,
+    ) -> Result<Option<Vec<Sum>>> {
         let mut all = Vec::new();
         for tile in &self.renderer.tiles {
             let Some(plane) = pick(tile) else { return Ok(None) };
-            all.extend(self.plane_sums(plane, samples)?);
+            all.extend(self.plane_sums(tile, plane, samples)?);
         }
         Ok(Some(all))
     }
 
     /// The means of a plane over the whole image; none if the tiles have no such plane.
     pub fn means(&self, pick: &dyn Fn(&TileFilm) -> Option<&Plane>) -> Result<Option<Vec<DVec4>>> {
-        let sums = self.sums(pick, self.renderer.samples)?;
+        let sums = self.sums(pick, &|pixel| self.renderer.samples_of(pixel))?;
         Ok(sums.map(|sums| sums.iter().map(Sum::mean).collect()))
     }
 
@@ -157,9 +162,10 @@ impl<'a> Film<'a> {
     /// See [`variance_of_mean`].
     fn variances(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
         let squares = self.means(&|f| f.squares.as_ref())?.unwrap_or_default();
-        let n = f64::from(self.renderer.samples);
-        let variance = |(square, mean): (&DVec4, &DVec4)| variance_of_mean(*mean, *square, n);
-        Ok(squares.iter().zip(total).map(variance).collect())
+        let variance = |(pixel, (square, mean)): (usize, (&DVec4, &DVec4))| {
+            variance_of_mean(*mean, *square, f64::from(self.renderer.samples_of(pixel)))
+        };
+        Ok(squares.iter().zip(total).enumerate().map(variance).collect())
     }
 
     /// Class, visibility, n_i and n_s of each light.
@@ -167,14 +173,9 @@ impl<'a> Film<'a> {
         let renderer = self.renderer;
         let mut used = std::collections::HashSet::new();
         for (index, light) in renderer.scene.lights.iter().enumerate() {
-            let mut all = Vec::new();
-            for tile in &renderer.tiles {
-                let Some(plane) = tile.classes.get(index) else { return Ok(()) };
-                let mut means = self.plane_means(plane)?;
-                // Only the first sample wrote its class into the sum.
-                means.iter_mut().for_each(|v| v.x *= f64::from(renderer.samples));
-                all.extend(means);
-            }
+            let Some(mut all) = self.means(&|f| f.classes.get(index))? else { return Ok(()) };
+            // Only the first sample wrote its class into the sum.
+            all.iter_mut().enumerate().for_each(|(pixel, v)| v.x *= f64::from(renderer.samples_of(pixel)));
             // A dot ends a layer's name, and two lights may share theirs.
             let mut name = light.name.replace('.', "_");
             if !used.insert(name.clone()) {
@@ -202,7 +203,7 @@ fn add_metadata(renderer: &Renderer<'_>, image: &mut Image) {
         image.metadata.insert(name.to_owned(), value);
     };
     put("renderTimeSeconds", Metadata::Float(renderer.totals.time_render as f32));
-    put("samplesPerPixel", Metadata::Int(renderer.samples as i32));
+    put("samplesPerPixel", Metadata::Int(renderer.mean_samples().round() as i32));
     let text = |s: &str| Metadata::Text(s.to_owned());
     put("penumbra:version", text(env!("CARGO_PKG_VERSION")));
     put("penumbra:technique", text(settings.technique.name()));
@@ -234,6 +235,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
             s.visibility_map.photons_per_light = Some(renderer.settings.photons_per_light());
         }),
         samples: renderer.samples,
+        mean_samples: renderer.mean_samples(),
         rays: totals.rays(),
         points: totals.points(),
         photons: totals.photons.clone(),

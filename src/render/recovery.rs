@@ -129,6 +129,7 @@ impl Renderer<'_> {
     fn salvage(&mut self) -> Option<Box<Salvage>> {
         let kept = self.keeping.take()?.state?;
         self.samples = kept.header.samples;
+        self.blocks.clone_from(&kept.header.blocks);
         self.totals = kept.header.totals.clone();
         let image = output::image(self, Some(&kept)).ok()?;
         let statistics = output::statistics(self, self.gpu.known_pass_times());

@@ -58,6 +58,8 @@ impl Renderer<'_> {
             return Ok(());
         }
         let (gpu, scene, gpu_scene, tile) = (self.gpu, &self.scene, &self.gpu_scene, &self.buffers);
+        // Records are for the whole view.
+        tile.sampled_pixels.iter().for_each(|sampled| sampled.set_all(gpu));
         let setup = IndirectSetup {
             shared: Shared { gpu, scene, gpu_scene, tile },
             kernels: &self.indirect_kernels,
@@ -70,9 +72,9 @@ impl Renderer<'_> {
         Ok(())
     }
 
-    /// Makes the caustic map of the next samples, unless they share the last one.
-    pub(super) fn trace_caustics(&mut self) -> Result<()> {
-        let number = CausticMap::number_at(self.samples);
+    /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
+    pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
+        let number = CausticMap::number_at(first_sample);
         let IndirectKernels { global_map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
             return Ok(());
         };

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
+use super::blocks::Blocks;
 use super::keeping::Keeping;
 use super::notes::notes;
 use super::tiles::{TileFilm, TileSize};
@@ -43,7 +44,10 @@ pub struct Renderer<'g> {
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
+    /// Samples of the pixels that have most.
     pub(super) samples: u32,
+    /// Which pixels get samples, if some get more than others.
+    pub(super) blocks: Option<Blocks>,
     /// See [`crate::passes::shade::ShadeParameters::at_once`].
     pub(super) shade_at_once: bool,
     /// Calls of [`Renderer::render_batch`] so far.
@@ -119,6 +123,7 @@ impl<'g> Renderer<'g> {
             tiles,
             tile_size,
             samples: 0,
+            blocks: settings.image.noise.map(|_| Blocks::new(&settings.image)),
             shade_at_once: false,
             batches: 0,
             totals,
@@ -131,7 +136,8 @@ impl<'g> Renderer<'g> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples per pixel so far.
+    /// Samples per pixel so far. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the
+    /// samples of the pixels that have most.
     pub fn samples(&self) -> u32 {
         self.samples
     }

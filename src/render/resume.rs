@@ -39,6 +39,7 @@ impl Renderer<'_> {
             version: Header::version(),
             fingerprint: String::new(),
             samples: self.samples,
+            blocks: self.blocks.clone(),
             batches: self.batches,
             shade_at_once: self.shade_at_once,
             totals: self.totals.clone(),
@@ -76,6 +77,12 @@ impl Renderer<'_> {
         if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
             return Err(damaged());
         }
+        let image = &self.settings.image;
+        if header.blocks.is_some() != image.noise.is_some()
+            || header.blocks.as_ref().is_some_and(|blocks| !blocks.fits(image))
+        {
+            return Err(damaged());
+        }
         let mut rest = words.as_slice();
         for plane in self.planes() {
             let (state, others) = rest.split_at_checked(plane.state_words()).ok_or_else(damaged)?;
@@ -89,6 +96,7 @@ impl Renderer<'_> {
         }
         self.refine_for(header.samples)?;
         self.samples = header.samples;
+        self.blocks.clone_from(&header.blocks);
         self.batches = header.batches;
         self.shade_at_once = header.shade_at_once;
         self.totals = header.totals.clone().after(&self.totals);

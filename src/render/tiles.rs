@@ -1,5 +1,7 @@
 //! Tiles: whole rows of the image with several samples of each pixel. Each tile has a film.
 
+use std::ops::Range;
+
 use kernel_kit::{Buffer, Frame, Gpu};
 
 use crate::Result;
@@ -34,20 +36,20 @@ impl TileSize {
     }
 }
 
-/// What denoisers need beside the image.
-pub(super) struct DenoisingPlanes {
+/// The guides of denoisers.
+pub(super) struct GuidePlanes {
     pub albedo: Plane,
     pub normal: Plane,
     pub position: Plane,
-    /// Of direct and, if there is any, indirect light; none for a single sample.
-    pub parts: Vec<PartPlanes>,
 }
 
 /// What tells the error of a part of the light.
 pub(super) struct PartPlanes {
-    /// The sums when the number of samples was a power of two last, and the time before; see [`first_half`].
-    snapshots: [Plane; 2],
-    pub squares: Plane,
+    /// The sums when the number of samples was a power of two last, and the time before; see [`first_half`]. After 2^k
+    /// samples, snapshot k modulo 2 is taken.
+    pub snapshots: [Plane; 2],
+    /// For denoisers.
+    pub squares: Option<Plane>,
 }
 
 /// The film of some rows.
@@ -61,21 +63,11 @@ pub(super) struct TileFilm {
     pub normal: Option<Plane>,
     pub position: Option<Plane>,
     /// What denoisers need, if they are requested.
-    pub denoising: Option<DenoisingPlanes>,
+    pub guides: Option<GuidePlanes>,
+    /// Of direct and, if there is any, indirect light, if the error is to be estimated; none for a single sample.
+    pub parts: Vec<PartPlanes>,
     /// The classes of each light, if they are requested; see [`DirectLight::class_films`].
     pub classes: Vec<Plane>,
-}
-
-impl PartPlanes {
-    /// The sums of the first half of `samples` samples; see [`first_half`].
-    pub fn first_half(&self, samples: u32) -> &Plane {
-        self.snapshot(first_half(samples))
-    }
-
-    /// The snapshot after a number of samples that is a power of two.
-    fn snapshot(&self, samples: u32) -> &Plane {
-        &self.snapshots[samples.ilog2() as usize % 2]
-    }
 }
 
 /// The number of samples of the first of two halves whose errors are compared: the largest power of two up to half of
@@ -85,31 +77,12 @@ pub(super) fn first_half(samples: u32) -> u32 {
     1 << (samples.ilog2() - 1)
 }
 
-impl DenoisingPlanes {
-    /// Empty planes of `pixels` pixels; none if there are no guides.
-    fn new(
-        gpu: &Gpu,
-        film: &Film,
-        buffers: &TileBuffers,
-        pixels: u32,
-        settings: &Settings,
-    ) -> Result<Option<DenoisingPlanes>> {
+impl GuidePlanes {
+    /// Empty planes; none if there are no guides.
+    fn new(buffers: &TileBuffers, plane: &dyn Fn(&Buffer) -> Result<Plane>) -> Result<Option<GuidePlanes>> {
         let guides = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples, &buffers.guide_position_samples];
         let [Some(albedo), Some(normal), Some(position)] = guides else { return Ok(None) };
-        let counters = &buffers.counters;
-        let parts = [Some(&buffers.radiance_direct), buffers.radiance_indirect.as_ref()].into_iter().flatten();
-        let part = |samples: &Buffer| -> Result<PartPlanes> {
-            Ok(PartPlanes {
-                snapshots: [film.plane(gpu, pixels, samples, counters)?, film.plane(gpu, pixels, samples, counters)?],
-                squares: film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], counters)?,
-            })
-        };
-        Ok(Some(DenoisingPlanes {
-            albedo: film.plane(gpu, pixels, albedo, counters)?,
-            normal: film.plane(gpu, pixels, normal, counters)?,
-            position: film.plane(gpu, pixels, position, counters)?,
-            parts: parts.filter(|_| settings.image.spp > 1).map(part).collect::<Result<_>>()?,
-        }))
+        Ok(Some(GuidePlanes { albedo: plane(albedo)?, normal: plane(normal)?, position: plane(position)? }))
     }
 }
 
@@ -141,59 +114,72 @@ impl TileFilm {
         settings: &Settings,
     ) -> Result<TileFilm> {
         let pixels = rows * settings.image.width;
-        let plane = |samples: &Buffer| film.plane(gpu, pixels, samples, &buffers.counters);
+        let inputs = buffers.film_inputs();
+        let plane = |samples: &Buffer| film.plane(gpu, pixels, samples, inputs);
         let optional = |samples: &Option<Buffer>| samples.as_ref().map(plane).transpose();
         let other = buffers.radiance_indirect.as_ref();
         let squares = settings.image.aovs.contains(&Aov::Variance).then(|| {
             let parts = [&buffers.radiance_direct, other.unwrap_or(&buffers.zeros)];
-            film.plane_of_squares(gpu, pixels, parts, &buffers.counters)
+            film.plane_of_squares(gpu, pixels, parts, inputs)
         });
-        let classes = direct.map(|direct| direct.class_films(gpu, film, pixels, &buffers.counters));
+        let classes = direct.map(|direct| direct.class_films(gpu, film, pixels, inputs));
+        let (direct, indirect) = (plane(&buffers.radiance_direct)?, optional(&buffers.radiance_indirect)?);
+        let guides = GuidePlanes::new(buffers, &plane)?;
+        let part = |(sums, samples): (&Plane, &Buffer)| -> Result<PartPlanes> {
+            let squares =
+                guides.is_some().then(|| film.plane_of_squares(gpu, pixels, [samples, &buffers.zeros], inputs));
+            Ok(PartPlanes {
+                snapshots: [film.snapshot(gpu, sums, inputs)?, film.snapshot(gpu, sums, inputs)?],
+                squares: squares.transpose()?,
+            })
+        };
+        let parts = [Some((&direct, &buffers.radiance_direct)), indirect.as_ref().zip(other)];
+        let is_estimated = settings.estimates_error();
+        let parts = parts.into_iter().flatten().filter(|_| is_estimated).map(part).collect::<Result<_>>()?;
         Ok(TileFilm {
             first_row,
             rows,
-            direct: plane(&buffers.radiance_direct)?,
-            indirect: optional(&buffers.radiance_indirect)?,
+            direct,
+            indirect,
             squares: squares.transpose()?,
             albedo: optional(&buffers.albedo_samples)?,
             normal: optional(&buffers.normal_samples)?,
             position: optional(&buffers.position_samples)?,
-            denoising: DenoisingPlanes::new(gpu, film, buffers, pixels, settings)?,
+            guides,
+            parts,
             classes: classes.transpose()?.unwrap_or_default(),
         })
     }
 
     /// All planes but those of classes.
     pub fn planes(&self) -> impl Iterator<Item = &Plane> {
-        let parts = self.denoising.iter().flat_map(|planes| &planes.parts);
-        self.sample_planes().chain(parts.flat_map(|part| &part.snapshots))
+        self.sample_planes().chain(self.parts.iter().flat_map(|part| &part.snapshots))
     }
 
     /// The planes that sum samples, which every technique fills.
     pub fn sample_planes(&self) -> impl Iterator<Item = &Plane> {
         let optional = [&self.indirect, &self.squares, &self.albedo, &self.normal, &self.position];
-        let denoising = self.denoising.iter().flat_map(|planes| {
-            let parts = planes.parts.iter().map(|part| &part.squares);
-            [&planes.albedo, &planes.normal, &planes.position].into_iter().chain(parts)
-        });
-        std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(denoising)
+        let guides = self.guides.iter().flat_map(|guides| [&guides.albedo, &guides.normal, &guides.position]);
+        let squares = self.parts.iter().filter_map(|part| part.squares.as_ref());
+        std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(guides).chain(squares)
     }
 
-    /// Keeps the sums of all samples so far, whose number is a power of two, for denoisers.
-    pub fn take_snapshot(&self, frame: &mut Frame<'_>, samples: u32) {
-        let Some(denoising) = &self.denoising else { return };
-        for (part, sums) in
-            denoising.parts.iter().zip([Some(&self.direct), self.indirect.as_ref()].into_iter().flatten())
-        {
-            part.snapshot(samples).copy_from(frame, sums);
+    /// Keeps the sums of the tile's pixels, which have `samples` samples, if that is a power of two.
+    pub fn take_snapshot(&self, frame: &mut Frame<'_>, tile: &Tile, samples: u32) {
+        if samples.is_power_of_two() {
+            self.parts.iter().for_each(|part| part.snapshots[samples.ilog2() as usize % 2].record(frame, tile));
         }
     }
 
-    /// The tile for `layers` samples of each pixel, the first of which is number `first_sample`.
-    pub fn tile(&self, settings: &Settings, first_sample: u32, layers: u32) -> Tile {
+    /// The image's rows in the tile.
+    pub fn rows(&self) -> Range<u32> {
+        self.first_row..self.first_row + self.rows
+    }
+
+    /// The tile for `layers` samples of each of `pixel_count` pixels, the first of which is number `first_sample`.
+    pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, layers: u32) -> Tile {
         let (width, height, seed, spp) =
             (settings.image.width, settings.image.height, settings.image.seed, settings.image.spp);
-        let pixel_count = self.rows * width;
         Tile {
             width,
             height,

@@ -9,7 +9,7 @@ use crate::render::film::{Image, View};
 use crate::{Error, Result};
 
 /// Added to r^2 in relMSE so that black pixels do not dominate it (Rousselle et al. 2011).
-pub(super) const RELMSE_FLOOR: f64 = 0.01;
+pub(super) use crate::render::denoise::RELMSE_FLOOR;
 
 /// All error measures of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

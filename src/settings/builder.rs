@@ -39,6 +39,7 @@ setters! {
     spp: u32 => "ImageSettings::spp", image.spp;
     seed: u32 => "ImageSettings::seed", image.seed;
     denoise: Denoise => "ImageSettings::denoise", image.denoise;
+    noise: f64 => "ImageSettings::noise", image.noise;
     photons_per_light: u32 => "VisibilityMapSettings::photons_per_light", visibility_map.photons_per_light;
     nearest: u32 => "VisibilityMapSettings::nearest", visibility_map.nearest;
     shadow_photons_per_ray: u32 => "VisibilityMapSettings::shadow_photons_per_ray",

@@ -18,11 +18,22 @@ pub struct ImageSettings {
     pub aovs: Vec<Aov>,
     /// The denoiser that the film keeps what is needed for; see [`crate::Denoiser`].
     pub denoise: Denoise,
+    /// Estimated relMSE at which a block of pixels gets no more samples (adaptive sampling), above 0. `None`: each
+    /// pixel gets `spp` samples.
+    pub noise: Option<f64>,
 }
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        ImageSettings { width: 512, height: 512, spp: 16, seed: 0, aovs: Vec::new(), denoise: Denoise::None }
+        ImageSettings {
+            width: 512,
+            height: 512,
+            spp: 16,
+            seed: 0,
+            aovs: Vec::new(),
+            denoise: Denoise::None,
+            noise: None,
+        }
     }
 }
 

@@ -64,6 +64,8 @@ kernel_kit::features! {
         FarEmitters,
         /// Scene: some mesh light has an emissive texture.
         EmissiveTextures,
+        /// Setting: some pixels get more samples than others.
+        AdaptiveSampling,
         /// Method: points that face away from a light are counted apart.
         DarkPoints,
         /// Method: photons classify the points.

@@ -61,6 +61,10 @@ impl Specialisation {
             let cost = format!("{} of film", bytes_text(pixels * 32));
             self.decide(feature, on, "requested".into(), "not requested", &cost);
         }
+        let cost = format!("{} of lists, and up to {} of film", bytes_text(pixels * 8), bytes_text(pixels * 4 * 32));
+        let noise = settings.image.noise;
+        let reason = noise.map_or(String::new(), |noise| format!("pixels get samples until their relMSE is {noise}"));
+        self.decide(Feature::AdaptiveSampling, noise.is_some(), reason, "all pixels get the same samples", &cost);
         let denoise = settings.image.denoise;
         // The guides; of direct and of indirect light the squares and two snapshots.
         let cost = format!("up to {} of film", bytes_text(pixels * (3 + 2 * 3) * 32));

@@ -26,8 +26,11 @@ pub struct Statistics {
     pub device: DeviceInfo,
     /// The settings, as they were used.
     pub settings: Settings,
-    /// Samples a pixel that were rendered.
+    /// Samples of a pixel that were rendered; with [`ImageSettings::noise`](crate::settings::ImageSettings::noise) of
+    /// those that have most.
     pub samples: u32,
+    /// Mean number of samples of a pixel.
+    pub mean_samples: f64,
     /// Rays by type.
     pub rays: Rays,
     /// Points by class.

@@ -1,5 +1,6 @@
 //! Whole renders against references, closed forms and each other.
 
+mod adaptive;
 #[path = "../common/device.rs"]
 mod device;
 mod direct;

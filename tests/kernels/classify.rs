@@ -1,5 +1,7 @@
 //! Pass `classify` against brute force on the CPU.
 
+use std::collections::HashSet;
+
 use glam::Vec3;
 use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::{Class, Classified, GridShape, INVALID_POINT, Queue};
@@ -30,6 +32,8 @@ struct Setup<'a> {
     paper_counting: bool,
     visibility_estimate: bool,
     tile: Tile,
+    /// The pixels of the tile's rows that get samples, if not all do.
+    listed: Option<Vec<u32>>,
     chunk: Chunk,
 }
 
@@ -48,6 +52,7 @@ impl<'a> Setup<'a> {
             paper_counting: false,
             visibility_estimate: false,
             tile,
+            listed: None,
             chunk,
         }
     }
@@ -57,10 +62,14 @@ impl<'a> Setup<'a> {
             .with(Feature::PaperCounting, self.paper_counting)
             .with(Feature::ExactCounts, self.exact_counts)
             .with(Feature::VisibilityEstimate, self.visibility_estimate)
+            .with(Feature::AdaptiveSampling, self.listed.is_some())
             .with(Feature::VisibilityMap, true);
         let photons = gpu.upload("test/photons", self.photons).unwrap();
         let mut tile = TileBuffers::new(gpu, &features, self.tile.point_count, false).unwrap();
         tile.points = published(gpu, "test/points", self.points);
+        if let (Some(sampled), Some(list)) = (&tile.sampled_pixels, &self.listed) {
+            sampled.set(gpu, list);
+        }
         let grid = Grid::new(gpu, &features, self.nearest)
             .unwrap()
             .build(gpu, &photons, self.photons.len() as u32, self.lights, self.shape)
@@ -250,6 +259,57 @@ fn queues_hold_what_the_classes_say(gpu: &Gpu) {
         let deviation = (audited - near) as f64 - 0.25 * n;
         assert!(deviation.abs() < 5.0 * (n * 0.25 * 0.75).sqrt(), "{deviation} of {n}");
     }
+}
+
+/// Where some pixels get samples, boundaries are dilated to those of their neighbours that do, in the same sample.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
+    const LAYERS: usize = 2;
+    let room = Room::new(0.05);
+    let photons = room.photons(20_000, 0, &mut Random(6));
+    let (width, height) = (150u32, 100u32);
+    let points = room.points(width, height);
+    let shape = GridShape::new(room.bounds(), room.area(), photons.len() as u32, 1, 50);
+    let undilated = Setup::new(&photons, &points, shape, 50).run(gpu).words;
+    // Two thirds of the pixels, the last one first. The second sample of a pixel lies where the next pixel's does.
+    let pixel_of = |pixel: u32, layer: usize| (pixel as usize + layer) % points.len();
+    let list: Vec<u32> = (0..width * height).rev().filter(|pixel| !(pixel * 7 / 3).is_multiple_of(3)).collect();
+    let samples: Vec<(usize, u32)> =
+        (0..LAYERS).flat_map(|layer| list.iter().map(move |pixel| (layer, *pixel))).collect();
+    let listed: Vec<Point> = samples.iter().map(|(layer, pixel)| points[pixel_of(*pixel, *layer)]).collect();
+    let mut setup = Setup::new(&photons, &listed, shape, 50);
+    let pixel_count = list.len() as u32;
+    let tile = |pixel_count| Tile { width, height, pixel_count, point_count: listed.len() as u32, ..Tile::default() };
+    setup.tile = tile(pixel_count);
+    setup.listed = Some(list.clone());
+    setup.chunk.dilate = 1;
+    let traced = |word: u32| matches!(Classified::new(word).class, Class::Boundary | Class::Unknown);
+    let is_listed: HashSet<u32> = list.iter().copied().collect();
+    let expected: Vec<u32> = samples
+        .iter()
+        .map(|&(layer, pixel)| {
+            let word = undilated[pixel_of(pixel, layer)];
+            let (x, y) = ((pixel % width) as i32, (pixel / width) as i32);
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            let mut inside = near.filter(|(x, y)| (0..width as i32).contains(x) && (0..height as i32).contains(y));
+            let widened = matches!(Classified::new(word).class, Class::Lit | Class::Shadowed)
+                && inside.any(|(x, y)| {
+                    let other = (x + y * width as i32) as u32;
+                    is_listed.contains(&other) && {
+                        let (a, b) = (&points[pixel_of(pixel, layer)], &points[pixel_of(other, layer)]);
+                        let n = point_normal(a.normal).as_vec3();
+                        let offset = (Vec3::from(b.position) - Vec3::from(a.position)).dot(n);
+                        traced(undilated[pixel_of(other, layer)]) && a.normal == b.normal && offset.abs() < 1e-3
+                    }
+                });
+            if widened { (word & !7) | Class::Boundary as u32 } else { word }
+        })
+        .collect();
+    let found = setup.run(gpu).words;
+    assert!(found == expected, "{} differ", found.iter().zip(&expected).filter(|(a, b)| a != b).count());
+    // With the list of other pixels, neighbours are others.
+    setup.listed = Some((0..pixel_count).collect());
+    assert!(setup.run(gpu).words != expected, "the list does not matter");
 }
 
 /// If visibility is estimated from the photons, boundaries trace no shadow rays: only points without photons do.

@@ -1,10 +1,10 @@
 //! Pass `film` against sums in f64.
 
 use glam::DVec4;
-use kernel_kit::{Gpu, kernel_test};
+use kernel_kit::{Buffer, Gpu, kernel_test};
 use penumbra::internal::passes::Tile;
-use penumbra::internal::passes::film::{Film, Plane};
-use penumbra::internal::specialisation::features::Features;
+use penumbra::internal::passes::film::{Film, Inputs, Plane};
+use penumbra::internal::specialisation::features::{Feature, Features};
 use penumbra::internal::statistics::Counter;
 
 use crate::kit::device_features;
@@ -15,6 +15,11 @@ type Samples = Vec<[f32; 4]>;
 fn film(gpu: &Gpu) -> Film {
     let features: Features = device_features(gpu);
     Film::new(gpu, &features).unwrap()
+}
+
+/// All pixels get samples.
+fn inputs(counters: &Buffer) -> Inputs<'_> {
+    Inputs { counters, sampled_pixels: None }
 }
 
 fn tile(pixels: u32, layers: u32) -> Tile {
@@ -78,7 +83,7 @@ fn sums_of_65536_samples_lose_nothing(gpu: &Gpu) {
     }
     let samples = gpu.upload("test/samples", &batches[0]).unwrap();
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-    let plane = film(gpu).plane(gpu, PIXELS as u32, &samples, &counters).unwrap();
+    let plane = film(gpu).plane(gpu, PIXELS as u32, &samples, inputs(&counters)).unwrap();
     for batch in &batches {
         gpu.write(&samples, batch);
         add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
@@ -122,7 +127,7 @@ fn samples_that_are_not_finite_are_left_out_and_counted(gpu: &Gpu) {
         }
         let buffer = gpu.upload("test/samples", &samples).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-        let plane = film.plane(gpu, pixels as u32, &buffer, &counters).unwrap();
+        let plane = film.plane(gpu, pixels as u32, &buffer, inputs(&counters)).unwrap();
         add(gpu, &plane, &tile(pixels as u32, layers as u32), 0);
         let got = plane.means(gpu, layers as u32).unwrap();
         let found = error(&got, &means(samples.iter(), pixels));
@@ -148,7 +153,7 @@ fn the_layers_of_one_light_are_found_among_many(gpu: &Gpu) {
         samples[own.clone()].fill_with(|| [(); 4].map(|()| random.uniform() as f32));
         let buffer = gpu.upload("test/samples", &samples).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-        let plane = film(gpu).plane(gpu, PIXELS, &buffer, &counters).unwrap();
+        let plane = film(gpu).plane(gpu, PIXELS, &buffer, inputs(&counters)).unwrap();
         add(gpu, &plane, &tile, first_point);
         let got = plane.means(gpu, LAYERS).unwrap();
         let expected = |own: std::ops::Range<usize>| means(samples[own].iter(), PIXELS as usize);
@@ -169,12 +174,12 @@ fn a_snapshot_keeps_the_sums_so_far(gpu: &Gpu) {
         samples[pixels - 1][2] = f32::NAN;
         let buffer = gpu.upload("test/samples", &samples).unwrap();
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-        let plane = || film.plane(gpu, pixels as u32, &buffer, &counters).unwrap();
-        let (sums, snapshot) = (plane(), plane());
+        let sums = film.plane(gpu, pixels as u32, &buffer, inputs(&counters)).unwrap();
+        let snapshot = film.snapshot(gpu, &sums, inputs(&counters)).unwrap();
         let half = tile(pixels as u32, layers as u32 / 2);
         add(gpu, &sums, &half, 0);
         let mut frame = gpu.frame("test");
-        snapshot.copy_from(&mut frame, &sums);
+        snapshot.record(&mut frame, &half);
         frame.submit().unwrap();
         add(gpu, &sums, &half, half.point_count);
         let first = means(samples[..samples.len() / 2].iter(), pixels);
@@ -182,6 +187,67 @@ fn a_snapshot_keeps_the_sums_so_far(gpu: &Gpu) {
         assert!(error(&snapshot.means(gpu, layers as u32 / 2).unwrap(), &first) <= 1e-6, "{pixels} pixels");
         assert!(error(&sums.means(gpu, layers as u32).unwrap(), &all) <= 1e-6, "{pixels} pixels");
         assert!(error(&all, &first) > 1e-6, "the halves are not told apart");
+    }
+}
+
+/// Only the listed pixels get samples, squares and snapshots; all others keep their words. A list in another order
+/// gives other sums.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn only_listed_pixels_get_samples(gpu: &Gpu) {
+    const PIXELS: usize = 300;
+    const LAYERS: usize = 3;
+    let film = Film::new(gpu, &device_features(gpu).with(Feature::AdaptiveSampling, true)).unwrap();
+    let mut random = Random(10);
+    for listed in [1usize, 63, 64, 65, 200] {
+        // Every 7th pixel, and so on round: 300 and 7 have no common factor, so no pixel comes twice.
+        let list: Vec<u32> = (0..listed).map(|i| (i * 7 % PIXELS) as u32).collect();
+        let samples: Samples =
+            (0..listed * LAYERS).map(|_| [(); 4].map(|()| (0.5 + random.uniform()) as f32)).collect();
+        let buffer = gpu.upload("test/samples", &samples).unwrap();
+        let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
+        let listed_pixels = gpu.upload("test/list", &list).unwrap();
+        let inputs = Inputs { counters: &counters, sampled_pixels: Some(&listed_pixels) };
+        let zero = gpu.buffer::<[f32; 4]>("test/zero", 1).unwrap();
+        let sums = film.plane(gpu, PIXELS as u32, &buffer, inputs).unwrap();
+        let squares = film.plane_of_squares(gpu, PIXELS as u32, [&buffer, &zero], inputs).unwrap();
+        let snapshot = film.snapshot(gpu, &sums, inputs).unwrap();
+        // What the other pixels had, in whichever words.
+        const OLD: f32 = 1e3;
+        let old = vec![OLD.to_bits(); sums.state_words()];
+        let empty = |words: &mut [u32]| {
+            for pixel in &list {
+                for half in [0, words.len() / 2] {
+                    let first = half + 4 * *pixel as usize;
+                    words[first..first + 4].fill(0);
+                }
+            }
+        };
+        let mut start = old.clone();
+        empty(&mut start);
+        for plane in [&sums, &squares] {
+            plane.restore(gpu, &start);
+        }
+        snapshot.restore(gpu, &old);
+        let mut frame = gpu.frame("test");
+        for plane in [&sums, &squares, &snapshot] {
+            plane.record(&mut frame, &tile(listed as u32, LAYERS as u32));
+        }
+        frame.submit().unwrap();
+        let expected = means(samples.iter(), listed);
+        let of_squares: Samples = samples.iter().map(|sample| sample.map(|x| x * x)).collect();
+        let of_squares = means(of_squares.iter(), listed);
+        for (plane, expected) in [(&sums, &expected), (&squares, &of_squares), (&snapshot, &expected)] {
+            let mut state = plane.state(gpu).unwrap();
+            let found = Plane::sums_of(&state, &|_| LAYERS as u32);
+            let found: Vec<DVec4> = list.iter().map(|pixel| found[*pixel as usize].mean()).collect();
+            // As above: compensated sums of three values.
+            assert!(error(&found, expected) <= 1e-6, "{listed} pixels");
+            let mut planted = found.clone();
+            planted.rotate_left(1);
+            assert!(listed == 1 || error(&planted, expected) > 1e-6, "another order is not noticed");
+            empty(&mut state);
+            assert_eq!(state, start, "{listed} pixels: others have changed");
+        }
     }
 }
 
@@ -201,7 +267,7 @@ fn squares_are_of_the_whole(gpu: &Gpu) {
     for other in [part(PIXELS * LAYERS), vec![[0.25; 4]]] {
         let [a, b] = [&first, &other].map(|part| gpu.upload("test/part", part).unwrap());
         let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-        let plane = film(gpu).plane_of_squares(gpu, PIXELS as u32, [&a, &b], &counters).unwrap();
+        let plane = film(gpu).plane_of_squares(gpu, PIXELS as u32, [&a, &b], inputs(&counters)).unwrap();
         add(gpu, &plane, &tile(PIXELS as u32, LAYERS as u32), 0);
         let got = plane.means(gpu, LAYERS as u32).unwrap();
         let squares = |other: &[[f32; 4]]| {
@@ -233,7 +299,7 @@ fn sums_near_overflow_are_counted(gpu: &Gpu) {
     }
     let buffer = gpu.upload("test/samples", &samples).unwrap();
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
-    let plane = film(gpu).plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
+    let plane = film(gpu).plane(gpu, PIXELS as u32, &buffer, inputs(&counters)).unwrap();
     // Pixels above the limit: after the first batch 129; after the second 64, 65 and 129, while pixel 3 is at 0.8 of
     // it; after the third all four.
     for expected in [1, 1 + 3, 1 + 3 + 4] {

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, Resources, kernel_test};
 use penumbra::internal::kernels::compose_source;
 use penumbra::internal::passes::Tile;
-use penumbra::internal::passes::film::Film;
+use penumbra::internal::passes::film::{Film, Inputs};
 use penumbra::internal::scene::Scene;
 use penumbra::internal::specialisation::features::Feature;
 use penumbra::internal::statistics::Counter;
@@ -303,7 +303,7 @@ fn film(gpu: &Gpu) -> Vec<Row> {
     let buffer = gpu.upload("test/samples", &samples).unwrap();
     let counters = gpu.buffer::<u32>("test/counters", Counter::COUNT).unwrap();
     let pass = Film::new(gpu, &device_features(gpu)).unwrap();
-    let plane = pass.plane(gpu, PIXELS as u32, &buffer, &counters).unwrap();
+    let plane = pass.plane(gpu, PIXELS as u32, &buffer, Inputs { counters: &counters, sampled_pixels: None }).unwrap();
     // No invocation takes more iterations than a software device allows.
     const BATCH: u32 = 1 << 14;
     for batch in 0..LAYERS as u32 / BATCH {

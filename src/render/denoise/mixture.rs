@@ -9,16 +9,12 @@
 
 use rayon::prelude::*;
 
-use super::{Colour, Filtered};
+use super::{Colour, Filtered, RELMSE_FLOOR};
 
 /// Radius in pixels of each of the two box filters that average over a region. Of 5 to 16 pixels, 10 to 12 measured
 /// best in four scenes at 2 to 256 samples: smaller regions follow the denoisers' faults more closely, larger ones know
 /// them better. What two samples tell of a small region is mostly noise.
 const RADIUS: usize = 10;
-
-/// Added to the square of each pixel, over which squared errors are averaged, as in relMSE: bright pixels would else
-/// decide for dark ones.
-const FLOOR: f64 = 0.01;
 
 /// The weights found are right for halves. From a half to all samples the raw image gains more than filters do: the
 /// squared error of n stratified samples falls as n^-1.5, to 0.35, that of filters to about 0.7. So the odds of filters
@@ -115,7 +111,7 @@ impl Regions {
         let pixel = |i: usize| {
             [0, 1, 2].map(|c| {
                 let mean = candidates.iter().map(|candidate| f64::from(candidate.all[i][c])).sum::<f64>() / count;
-                1.0 / (mean * mean + FLOOR)
+                1.0 / (mean * mean + RELMSE_FLOOR)
             })
         };
         Regions { size, scale: (0..candidates[0].all.len()).map(pixel).collect() }

@@ -14,6 +14,10 @@ use crate::Error;
 use crate::Result;
 use crate::settings::Denoise;
 
+/// Added to the square of a pixel, over which squared errors are averaged (relMSE): dark pixels would else decide
+/// alone.
+pub const RELMSE_FLOOR: f64 = 0.01;
+
 /// Scene-linear R, G and B.
 pub type Colour = [f32; 3];
 
