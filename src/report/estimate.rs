@@ -1,7 +1,6 @@
 //! The expected error of an image, estimated without a reference.
 
-use super::metrics::RELMSE_FLOOR;
-use super::reference::variance;
+use super::metrics::{RELMSE_FLOOR, variance};
 use crate::render::film::Image;
 use crate::statistics::Statistics;
 

@@ -3,15 +3,16 @@
 
 use penumbra::internal::report::document::{MIN_REPEATS, Report};
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::report::run::{Run, Snapshot, Subject};
+use penumbra::internal::report::run::{Run, Snapshot, Starter, Subject};
 use penumbra::internal::statistics::Rays;
-use penumbra::{Image, Result, Settings, Technique};
+use penumbra::{Denoiser, Image, Result, Settings, Technique};
 
 use crate::setup::Box;
 
 /// A run without an image: its only budget is a nanosecond.
 fn late(subject: &Subject<'_>, technique: Technique, seed: u32) -> Run {
-    Run::new(subject, technique, seed, &[1e-9], &|| false).unwrap().unwrap()
+    let starter = Starter::new(technique, Denoiser::default());
+    Run::new(subject, &starter, seed, &[1e-9], &|| false).unwrap().unwrap()
 }
 
 fn grey(level: f32) -> Image {
@@ -65,7 +66,8 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
     for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 0) {
         let (samples, rays, image) = (4, Rays::default(), grey(0.5 + 0.01 * (1 + index) as f32));
         run.first = Some(1.0);
-        run.snapshots.push(Snapshot { budget: 2.0, time: 2.0, samples, rays, image });
+        let [budget, sampled] = [2.0; 2];
+        run.snapshots.push(Snapshot { budget, sampled, denoise: 0.0, samples, rays, image, estimate: None });
     }
     let advice = report(&subject, &runs).unwrap().advice;
     assert!(
