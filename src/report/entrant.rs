@@ -1,13 +1,10 @@
 //! Entrants of a report: techniques, alone or with a denoiser.
 
-use std::fmt;
+use std::{fmt, iter};
 
 use serde::{Serialize, Serializer};
 
 use crate::settings::{Denoise, Settings, Technique};
-
-/// The order of entrants of the same technique.
-const DENOISERS: [Denoise; 4] = [Denoise::None, Denoise::Statistical, Denoise::Oidn, Denoise::Auto];
 
 /// A technique, and what removes the noise of its images. Its name is that of the technique, and with a denoiser
 /// `TECHNIQUE+DENOISER`.
@@ -22,12 +19,15 @@ pub struct Entrant {
 impl Entrant {
     /// All entrants that are possible, in the order of reports: by technique, each raw image first.
     pub fn all() -> impl Iterator<Item = Entrant> {
-        Technique::all().flat_map(|technique| DENOISERS.map(|denoise| Entrant { technique, denoise }))
+        Technique::all().flat_map(|technique| {
+            let denoised = Entrant::denoisers().map(move |denoise| Entrant { technique, denoise });
+            iter::once(Entrant::raw(technique)).chain(denoised)
+        })
     }
 
     /// The denoisers that an entrant can have.
     pub fn denoisers() -> impl Iterator<Item = Denoise> {
-        DENOISERS.into_iter().filter(|denoise| *denoise != Denoise::None)
+        Denoise::ALL.into_iter().filter(|denoise| *denoise != Denoise::None)
     }
 
     /// A technique alone.

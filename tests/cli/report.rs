@@ -98,9 +98,9 @@ fn denoisers_make_entrants() {
     assert_eq!(json["schema"], 4);
     let expected = [
         ("path", "none", serde_json::json!([])),
+        ("path+auto", "auto", serde_json::json!(["oidn", "statistical"])),
         ("path+statistical", "statistical", serde_json::json!(["statistical"])),
         ("path+oidn", "oidn", serde_json::json!(["oidn"])),
-        ("path+auto", "auto", serde_json::json!(["oidn", "statistical"])),
     ];
     let entrants = json["entrants"].as_array().unwrap();
     assert_eq!(entrants.len(), expected.len());

@@ -5,6 +5,7 @@ use penumbra::internal::report::document::{MIN_REPEATS, Report};
 use penumbra::internal::report::reference::Reference;
 use penumbra::internal::report::run::{Run, Snapshot, Starter, Subject};
 use penumbra::internal::statistics::Rays;
+use penumbra::settings::Denoise;
 use penumbra::{Denoiser, Image, Result, Settings, Technique};
 
 use crate::setup::Box;
@@ -76,4 +77,24 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
         ),
         "{advice}"
     );
+}
+
+/// An entrant's denoiser takes a part of the budget, as its set-up does.
+#[test]
+fn a_late_entrant_is_named_with_its_denoiser() {
+    let scene = Box::load();
+    let settings = Settings::builder().size(8, 8).build().unwrap();
+    let subject = scene.subject(&settings);
+    let runs: Vec<Run> = (0..MIN_REPEATS as u32)
+        .map(|seed| {
+            let mut run = late(&subject, Technique::PATH, seed);
+            run.settings.image.denoise = Denoise::Oidn;
+            (run.setup, run.denoise) = (1.0, 0.5);
+            run
+        })
+        .collect();
+    let text = report(&subject, &runs).err().unwrap().to_string();
+    for words in ["the soonest is path+oidn", "its set-up and denoiser take up to 1.50 s", "more than 1.50 s"] {
+        assert!(text.contains(words), "{words:?} in {text}");
+    }
 }

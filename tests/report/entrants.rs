@@ -167,6 +167,9 @@ fn time_and_estimate_are_those_of_the_denoised_image() {
     assert!(ratio(0.6 * error).is_none());
 }
 
+/// Renders of four samples: fewer leave the bias in doubt.
+const RENDERS: u32 = 12;
+
 /// A denoiser of four samples of the box: its error is less than that of the samples, and about what it expects.
 #[test]
 fn a_denoised_image_has_the_error_that_it_expects() {
@@ -178,7 +181,7 @@ fn a_denoised_image_has_the_error_that_it_expects() {
     let reference = Reference::make(&subject, folder.path(), goal(0.02), &|| false, &mut |_| {}).unwrap().unwrap();
     let denoiser = Denoiser::new(Denoise::Statistical, None).unwrap();
     let mut runs = Vec::new();
-    for seed in 0..RUNS {
+    for seed in 0..RENDERS {
         let settings = settings.clone().with(|s| {
             s.technique = Technique::PATH;
             s.image.denoise = Denoise::Statistical;
@@ -219,10 +222,11 @@ fn a_denoised_image_has_the_error_that_it_expects() {
         println!("{}: {}; {:?} {:?}", entrant.entrant, entrant.finding.text, shown.bias, shown.variance);
     }
     println!("{:?} of {:?}, expected {:?}", denoised.relmse, raw.relmse, denoised.estimate);
-    // 4.0 and more were measured with other seeds.
-    assert!(denoised.relmse.high < 0.5 * raw.relmse.low);
-    // What is gained is variance: the raw image has no bias, and the denoised one as much as variance.
-    assert!(denoised.variance.high < 0.5 * raw.variance.low && denoised.bias.low > 0.0);
+    // A fifth was measured.
+    assert!(denoised.relmse.high < 0.4 * raw.relmse.low);
+    // What is gained is variance, at the cost of some bias.
+    assert!(denoised.variance.high < 0.4 * raw.variance.low);
+    assert!(raw.bias.holds(0.0) && denoised.bias.low > 0.0);
     assert_eq!(of(&report, Entrant::raw(Technique::PATH)).finding.kind, FindingKind::Noise);
     // So small an image is about one region, and few regions give an estimate within a factor of three.
     let ratio = denoised.estimate_ratio.unwrap().value;

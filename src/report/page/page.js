@@ -9,18 +9,18 @@ const element = (id) => document.getElementById(id);
 const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : x === 0 ? "0" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
 const percent = (x) => `${digits(100 * x)} %`;
 
+/** A table cell with a value above small print. */
+function noted(value, note) {
+  const cell = document.createElement("td");
+  const small = document.createElement("small");
+  small.textContent = note;
+  cell.append(value, small);
+  return cell;
+}
+
 /** A table cell with an estimate above its interval. */
 function interval(value, format = digits) {
-  const cell = document.createElement("td");
-  if (value === null) {
-    cell.textContent = "–";
-    return cell;
-  }
-  cell.append(format(value.value));
-  const range = document.createElement("small");
-  range.textContent = `${format(value.low)} to ${format(value.high)}`;
-  cell.append(range);
-  return cell;
+  return value === null ? noted("–", "") : noted(format(value.value), `${format(value.low)} to ${format(value.high)}`);
 }
 
 const isText = (value) => String(value).includes(" ") && !/^[\d.]/.test(value);
@@ -69,7 +69,7 @@ fill(
       entrant.entrant,
       entrant.finding.text,
       `${digits(last.time.value)} s`,
-      ...denoising(entrant.denoisers.length > 0 ? `${digits(entrant.time.denoise)} s` : "–"),
+      ...denoising(entrant.denoisers.length > 0 ? noted(`${digits(entrant.time.denoise)} s`, entrant.denoisers.join(", ")) : "–"),
       digits(last.samples.value),
       interval(last.relmse),
       ...denoising(interval(last.estimate_ratio)),
