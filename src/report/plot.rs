@@ -23,8 +23,8 @@ const SIZE: (u32, u32) = (760, 460);
 const BAR: u32 = 44;
 const BELOW_BARS: u32 = 96;
 
-/// One colour per technique, whose denoisers are told apart by dashes: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
-/// backgrounds, and two of Tol's.
+/// One colour per technique: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
+/// backgrounds, and two of Tol's. Dashes tell its denoisers apart.
 const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
