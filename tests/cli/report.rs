@@ -116,7 +116,8 @@ fn denoisers_make_entrants() {
         // Thousands of samples fit into the last budget.
         let last = entrant["snapshots"].as_array().unwrap().last().unwrap();
         assert_eq!(last["estimate"]["value"].is_number(), is_denoised, "{last}");
-        assert_eq!(csv.lines().filter(|line| line.starts_with(&format!("{name},"))).count() % 3, 0, "{csv}");
+        // On a busy machine an image may be late for the first budget.
+        assert!((0..3).all(|seed| csv.contains(&format!("\n{name},{seed},3,"))), "{csv}");
     }
     let plot = fs::read_to_string(folder.join("report/error.svg")).unwrap();
     assert!(expected.iter().all(|(name, ..)| plot.contains(&format!("{name},"))), "{plot}");
