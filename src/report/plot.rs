@@ -24,7 +24,7 @@ const BAR: u32 = 44;
 const BELOW_BARS: u32 = 96;
 
 /// One colour per technique: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
-/// backgrounds, and two of Tol's. Dashes tell its denoisers apart.
+/// backgrounds, and two of Tol's. Dashes and filled points tell its denoisers apart.
 const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -323,7 +323,7 @@ impl Series {
                 Denoise::None => None,
                 Denoise::Statistical => Some([8, 4]),
                 Denoise::Oidn => Some([2, 3]),
-                Denoise::Auto => Some([12, 2]),
+                Denoise::Auto => Some([12, 3]),
             },
             points: entrant.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
             dashed: Vec::new(),
@@ -469,7 +469,7 @@ fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, dash, points, das
             .label(name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], style)),
         Some([dash, gap]) => {
-            chart.draw_series(line.iter().map(|point| Circle::new(*point, 3, style)))?;
+            chart.draw_series(line.iter().map(|point| Circle::new(*point, 3, style.filled())))?;
             chart
                 .draw_series(DashedLineSeries::new(line, dash, gap, style))?
                 .label(name)

@@ -234,3 +234,36 @@ fn a_denoised_image_has_the_error_that_it_expects() {
     // It tells the denoised image from the raw one.
     assert!(denoised.estimate.unwrap().value * 3.0 < raw.relmse.value);
 }
+
+/// What a run shows is what the denoiser makes of its samples, and the raw image is kept beside it: the same bits as a
+/// render of that many samples.
+#[test]
+fn a_run_shows_the_denoised_image_and_keeps_the_raw_one() {
+    let scene = Box::load();
+    let settings = settings(16);
+    let subject = scene.subject(&settings);
+    let denoiser = || Denoiser::new(Denoise::Statistical, None).unwrap();
+    let mut starter = Starter::new(Technique::PATH, denoiser());
+    assert_eq!(starter.entrant(), DENOISED);
+    starter.warm_up(&subject, 60.0).unwrap();
+    // A busy machine may need longer.
+    let run = |budget: f64| Run::new(&subject, &starter, 3, &[budget], &|| false).unwrap().unwrap();
+    let run = [1.0, 4.0, 16.0].into_iter().map(run).find(|run| !run.snapshots.is_empty()).unwrap();
+    assert_eq!((run.entrant(), run.denoisers.as_slice()), (DENOISED, &["statistical"][..]));
+    let shown = &run.snapshots[0];
+    assert!(shown.denoise > 0.0 && shown.time() <= 1.1 * shown.budget);
+
+    let mut renderer = Renderer::new(subject.gpu, subject.scene.clone(), subject.camera, &run.settings).unwrap();
+    while renderer.samples() < shown.samples {
+        renderer.render_up_to(shown.samples - renderer.samples()).unwrap();
+    }
+    let image = renderer.denoised_image(&denoiser()).unwrap();
+    assert_eq!(shown.estimate, estimate::denoised_relmse(&image));
+    let kept = run.noisy.as_ref().unwrap();
+    let channels = ["R", "G", "B", "error"];
+    assert!(channels.iter().all(|name| kept.channel(name) == image.channel(name)), "{} samples", shown.samples);
+    assert_eq!(kept.channels.len(), channels.len());
+    let denoised = image.denoised().unwrap();
+    assert!(["R", "G", "B"].iter().all(|name| shown.image.channel(name) == denoised.channel(name)));
+    assert!(shown.image.channel("R") != kept.channel("R"));
+}
