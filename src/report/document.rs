@@ -193,8 +193,9 @@ pub struct Row {
 impl Report {
     /// The measures of each image as comma-separated values, after a header line.
     pub fn csv(&self) -> String {
-        let mut text = "entrant,seed,budget,time,denoise,samples,rmse,relmse,estimate,mae,p99,flip,relmse_boundary,\
-                        relmse_elsewhere,rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,rays_bounce,rays_gather,rays_total\n"
+        let mut text = "entrant,seed,budget,time,denoise,samples,rmse,relmse,estimate,mae,p99,flip,\
+                        relmse_boundary,relmse_elsewhere,rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,\
+                        rays_bounce,rays_gather,rays_total\n"
             .to_owned();
         let optional = |value: &Option<f64>| value.map_or(String::new(), |value| value.to_string());
         for row in &self.rows {
