@@ -1,17 +1,20 @@
 //! Options that several commands share. The defaults are those of [`Settings`].
 
+use std::env;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
-use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Args, Command};
 use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
+use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::reference::Reference;
 use penumbra::internal::scene::{ImportOptions, Panorama};
 use penumbra::settings::{Denoise, LightSampling};
-use penumbra::{Aov, Camera, Error, Image, Result, Scene, Settings, Technique};
+use penumbra::{Aov, Camera, Denoiser, Error, Image, Result, Scene, Settings, Technique};
 
 #[derive(Args)]
 pub struct SceneOptions {
@@ -103,6 +106,22 @@ impl DeviceOptions {
     /// As [`Gpu::open`].
     pub fn open(&self) -> Result<Gpu> {
         Ok(Gpu::open(&self.device)?)
+    }
+}
+
+#[derive(Args)]
+pub struct OidnOptions {
+    /// The library of Open Image Denoise 2 [default: the environment variable OIDN_LIBRARY, else
+    /// libOpenImageDenoise.so.2 where the system finds it]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    oidn: Option<PathBuf>,
+}
+
+impl OidnOptions {
+    /// As [`Denoiser::new`].
+    pub fn denoiser(&self, choice: Denoise) -> Result<Denoiser> {
+        let variable = || env::var_os("OIDN_LIBRARY").filter(|name| !name.is_empty()).map(PathBuf::from);
+        Denoiser::new(choice, self.oidn.clone().or_else(variable).as_deref())
     }
 }
 
@@ -389,8 +408,38 @@ impl EarlierOptions {
 
 /// One of the techniques, by name.
 pub fn techniques() -> impl TypedValueParser<Value = Technique> {
-    let values = Technique::all().map(|technique| PossibleValue::new(technique.name()).help(technique.help()));
-    PossibleValuesParser::new(values).try_map(|name| name.parse())
+    PossibleValuesParser::new(Technique::all().map(possible)).try_map(|name| name.parse())
+}
+
+fn possible(technique: Technique) -> PossibleValue {
+    PossibleValue::new(technique.name()).help(technique.help())
+}
+
+/// A technique by name, alone or with a denoiser: `TECHNIQUE+DENOISER`.
+#[derive(Clone)]
+pub struct EntrantParser;
+
+impl TypedValueParser for EntrantParser {
+    type Value = Entrant;
+
+    fn parse_ref(
+        &self,
+        command: &Command,
+        arg: Option<&Arg>,
+        value: &OsStr,
+    ) -> std::result::Result<Entrant, clap::Error> {
+        let text = value.to_string_lossy();
+        let (technique, denoiser) = text.split_once('+').map_or((&*text, None), |(name, with)| (name, Some(with)));
+        let technique = techniques().parse(command, arg, OsString::from(technique))?;
+        let Some(denoiser) = denoiser else { return Ok(Entrant::raw(technique)) };
+        let denoisers = PossibleValuesParser::new(Entrant::denoisers().map(Denoise::name));
+        let denoise = denoisers.try_map(|name| name.parse()).parse(command, arg, OsString::from(denoiser))?;
+        Ok(Entrant { technique, denoise })
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(Technique::all().map(possible)))
+    }
 }
 
 /// One of the strategies of light sampling, by name.

@@ -18,7 +18,9 @@ use penumbra::{Camera, Denoiser, Error, Image, Renderer, Result, Scene, Settings
 
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
-use super::options::{DeviceOptions, RenderOptions, SceneOptions, denoisers, finite, positive, read_reference};
+use super::options::{
+    DeviceOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive, read_reference,
+};
 use super::progress::{Display, Goal, mega};
 use super::{Ending, compare, json, print, say};
 
@@ -46,10 +48,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DENOISER", value_parser = denoisers(), help_heading = "Output")]
     denoise: Option<Denoise>,
 
-    /// The library of Open Image Denoise 2 [default: the environment variable OIDN_LIBRARY, else
-    /// libOpenImageDenoise.so.2 where the system finds it]
-    #[arg(long, value_name = "FILE", help_heading = "Output")]
-    oidn: Option<PathBuf>,
+    #[command(flatten)]
+    oidn: OidnOptions,
 
     /// Write statistics as JSON
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
@@ -342,9 +342,7 @@ impl Arguments {
     /// The denoiser; if it cannot be used, none, and why.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
         let default = if self.output.iter().any(|path| !is_exr(path)) { Denoise::Auto } else { Denoise::None };
-        let variable = || env::var_os("OIDN_LIBRARY").filter(|name| !name.is_empty()).map(PathBuf::from);
-        let library = self.oidn.clone().or_else(variable);
-        match Denoiser::new(self.denoise.unwrap_or(default), library.as_deref()) {
+        match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
             Ok(denoiser) => (denoiser, None),
             Err(problem) => (Denoiser::default(), Some(problem)),
         }

@@ -9,17 +9,20 @@ use kernel_kit::Gpu;
 use penumbra::internal::render::film;
 use penumbra::internal::render::recovery;
 use penumbra::internal::report::classes::{Classes, Truth};
-use penumbra::internal::report::document::{MIN_REPEATS, Overhead, Report, TechniqueReport};
+use penumbra::internal::report::document::{EntrantReport, MIN_REPEATS, Overhead, Report};
+use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::page::page;
 use penumbra::internal::report::plot;
 use penumbra::internal::report::reference::{Goal, Reference, ReferenceProgress, cache_folder};
-use penumbra::internal::report::run::{Run, Subject, warm_up};
+use penumbra::internal::report::run::{Run, Starter, Subject};
 use penumbra::internal::report::sweep::{self, Sweep};
 use penumbra::{Camera, Error, Result, Scene, Settings, Technique};
 
 use super::flags::with_flags;
 use super::interrupt::Interrupt;
-use super::options::{DeviceOptions, SceneOptions, SettingsOptions, positive, read_reference, techniques};
+use super::options::{
+    DeviceOptions, EntrantParser, OidnOptions, SceneOptions, SettingsOptions, positive, read_reference,
+};
 use super::{Ending, json, say};
 
 #[derive(clap::Args)]
@@ -36,19 +39,23 @@ pub struct Arguments {
     #[arg(long, help_heading = "Output")]
     quiet: bool,
 
-    /// Techniques to compare, separated by commas
+    #[command(flatten)]
+    oidn: OidnOptions,
+
+    /// Techniques to compare, separated by commas; +statistical, +oidn or +auto after a name compares its denoised
+    /// images, as in path,path+auto: see --denoise of `penumbra render`
     #[arg(
         long,
         value_name = "LIST",
         value_delimiter = ',',
-        default_values_t = Technique::all(),
-        value_parser = techniques(),
+        default_values_t = Technique::all().map(Entrant::raw),
+        value_parser = EntrantParser,
         help_heading = "Report"
     )]
-    techniques: Vec<Technique>,
+    techniques: Vec<Entrant>,
 
-    /// Seconds of run time at which images are compared, separated by commas; set-up counts, opening the device and
-    /// reading the file do not
+    /// Seconds of run time at which images are compared, separated by commas; set-up and denoiser count, opening the
+    /// device and reading the file do not
     #[arg(
         long,
         value_name = "LIST",
@@ -59,7 +66,7 @@ pub struct Arguments {
     )]
     budgets: Vec<f64>,
 
-    /// Runs of each technique, with consecutive seeds from --seed on: at least 3, as confidence intervals come from
+    /// Runs of each entrant, with consecutive seeds from --seed on: at least 3, as confidence intervals come from
     /// their differences. Each run lasts as long as the longest budget [default: 5, or as few as 3 where the report
     /// would take more than 3 minutes]
     #[arg(long, value_name = "N", help_heading = "Report")]
@@ -92,7 +99,7 @@ pub struct Arguments {
     device: DeviceOptions,
 }
 
-/// Default number of runs of each technique, if time allows. With more runs, Student's factor on intervals hardly
+/// Default number of runs of each entrant, if time allows. With more runs, Student's factor on intervals hardly
 /// decreases.
 const REPEATS: usize = 5;
 
@@ -109,6 +116,8 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let interrupt = Interrupt::listen();
     arguments.check()?;
     let cache = arguments.cache()?;
+    let schedule = Schedule::new(arguments);
+    let mut starters = schedule.starters(arguments)?;
     let (scene, camera) = arguments.scene.load()?;
     let settings = arguments.settings.settings(&camera)?;
     arguments.sweep.iter().try_for_each(|range| range.check(&settings))?;
@@ -120,18 +129,19 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
     interrupt.defer();
     let stop = || interrupt.raised();
-    let schedule = Schedule::new(arguments);
     schedule.announce(arguments);
     let Some(reference) = bench.reference(given, &folder, &stop)? else {
         arguments.tell(format!("stopped; the reference so far is in {}", folder.display()));
         return Ok(Ending::Stopped);
     };
     let truth = bench.truth(&schedule, &folder)?;
-    let Some(warm_ups) = bench.warm_ups(&schedule, &stop)? else { return Ok(arguments.nothing()) };
+    if !bench.warm_up(&mut starters, &schedule, &stop)? {
+        return Ok(arguments.nothing());
+    }
 
     let started = Instant::now();
     let classes = bench.classes(&schedule, truth.as_ref())?;
-    let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, &schedule, &stop);
+    let Rounds { runs, whole, mut end } = Rounds::take(&mut bench, &schedule, &starters, &stop);
     if whole < MIN_REPEATS {
         return end.map(|_| arguments.nothing());
     }
@@ -145,9 +155,9 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let name = arguments.scene.scene.file_name().unwrap_or_default().to_string_lossy();
     let mut report = Report::new(&name, &bench.gpu.info, &reference, &runs, classes)?;
     report.sweeps = sweeps;
-    for TechniqueReport { settings, time, .. } in &mut report.techniques {
-        let own = warm_ups.iter().find(|(technique, _)| *technique == settings.technique);
-        time.warm_up = own.map_or(0.0, |(_, seconds)| *seconds);
+    for EntrantReport { entrant, time, .. } in &mut report.entrants {
+        let own = starters.iter().find(|starter| starter.entrant() == *entrant);
+        time.warm_up = own.map_or(0.0, |starter| starter.warm_up);
     }
     let timed: f64 = runs.iter().map(|run| run.spent).sum();
     report.overhead = Overhead::new(timed, (measured + resumed.elapsed()).as_secs_f64());
@@ -157,36 +167,50 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
 /// The runs to make.
 struct Schedule {
-    /// In the order of [`Technique::all()`], each once.
-    techniques: Vec<Technique>,
+    /// In the order of [`Entrant::all`], each once.
+    entrants: Vec<Entrant>,
     /// In ascending order, each once.
     budgets: Vec<f64>,
     /// Seconds of a run: the longest budget.
     longest: f64,
-    /// Runs of each technique.
+    /// Runs of each entrant.
     repeats: usize,
 }
 
 impl Schedule {
     fn new(arguments: &Arguments) -> Self {
-        let wanted = |technique: &Technique| arguments.techniques.contains(technique);
-        let techniques: Vec<Technique> = Technique::all().filter(wanted).collect();
+        let wanted = |entrant: &Entrant| arguments.techniques.contains(entrant);
+        let entrants: Vec<Entrant> = Entrant::all().filter(wanted).collect();
         let mut budgets = arguments.budgets.clone();
         budgets.sort_by(f64::total_cmp);
         budgets.dedup();
         let longest = budgets.last().copied().unwrap_or(0.0);
-        let affordable = ((1.0 - SHARE_BESIDE_RUNS) * LENGTH / (techniques.len() as f64 * longest)) as usize;
+        let affordable = ((1.0 - SHARE_BESIDE_RUNS) * LENGTH / (entrants.len() as f64 * longest)) as usize;
         let repeats = arguments.repeats.unwrap_or(affordable.clamp(MIN_REPEATS, REPEATS));
-        Schedule { techniques, budgets, longest, repeats }
+        Schedule { entrants, budgets, longest, repeats }
+    }
+
+    /// The entrants with their denoisers.
+    fn starters(&self, arguments: &Arguments) -> Result<Vec<Starter>> {
+        let starter = |entrant: &Entrant| -> Result<Starter> {
+            Ok(Starter::new(entrant.technique, arguments.oidn.denoiser(entrant.denoise)?))
+        };
+        self.entrants.iter().map(starter).collect()
+    }
+
+    /// The techniques that classify points, each once.
+    fn classifying(&self) -> impl Iterator<Item = Technique> {
+        let wanted = |technique: &Technique| self.entrants.iter().any(|entrant| entrant.technique == *technique);
+        Technique::all().filter(|technique| technique.classifies()).filter(wanted)
     }
 
     fn announce(&self, arguments: &Arguments) {
         let Schedule { longest, repeats, .. } = *self;
-        let length = |repeats| duration((self.techniques.len() * repeats) as f64 * longest);
+        let length = |repeats| duration((self.entrants.len() * repeats) as f64 * longest);
         arguments.tell(format!(
             "{} runs of {longest} s: {}, and before that the reference where there is none, and a first run of \
              each technique",
-            self.techniques.len() * repeats,
+            self.entrants.len() * repeats,
             length(repeats)
         ));
         if arguments.repeats.is_none() && repeats < REPEATS {
@@ -276,7 +300,7 @@ impl Bench<'_> {
     /// True visibility, if sweeps or techniques that classify points are compared with it.
     fn truth(&mut self, schedule: &Schedule, folder: &Path) -> Result<Option<Truth>> {
         let sweeps = !self.arguments.sweep.is_empty();
-        if !sweeps && !schedule.techniques.iter().any(|technique| technique.classifies()) {
+        if !sweeps && schedule.classifying().next().is_none() {
             return Ok(None);
         }
         let truth = self.on(|subject| Truth::make(subject, folder))?;
@@ -288,26 +312,24 @@ impl Bench<'_> {
         Ok(truth)
     }
 
-    /// The first run of each technique, which compiles its kernels: seconds until it was ready. `None` after a signal.
-    fn warm_ups(&mut self, schedule: &Schedule, stop: &dyn Fn() -> bool) -> Result<Option<Vec<(Technique, f64)>>> {
-        let mut warm_ups = Vec::new();
-        for &technique in &schedule.techniques {
+    /// The first run of each entrant, which compiles its kernels. False after a signal.
+    fn warm_up(&mut self, starters: &mut [Starter], schedule: &Schedule, stop: &dyn Fn() -> bool) -> Result<bool> {
+        for starter in starters {
             if stop() {
-                return Ok(None);
+                return Ok(false);
             }
-            let seconds = self.on(|subject| warm_up(subject, technique, schedule.longest))?;
-            self.arguments.tell(format!("{technique}: ready after {seconds:.2} s"));
-            warm_ups.push((technique, seconds));
+            self.on(|subject| starter.warm_up(subject, schedule.longest))?;
+            self.arguments.tell(format!("{}: ready after {:.2} s", starter.entrant(), starter.warm_up));
         }
-        Ok(Some(warm_ups))
+        Ok(true)
     }
 
     /// The classes of each technique that classifies points, against `truth`.
     fn classes(&mut self, schedule: &Schedule, truth: Option<&Truth>) -> Result<Vec<Classes>> {
         let mut classes = Vec::new();
         if let Some(truth) = truth {
-            for technique in schedule.techniques.iter().filter(|technique| technique.classifies()) {
-                classes.extend(self.on(|subject| Classes::new(subject, *technique, truth))?);
+            for technique in schedule.classifying() {
+                classes.extend(self.on(|subject| Classes::new(subject, technique, truth))?);
             }
         }
         Ok(classes)
@@ -347,15 +369,15 @@ struct Rounds {
 }
 
 impl Rounds {
-    fn take(bench: &mut Bench<'_>, schedule: &Schedule, stop: &dyn Fn() -> bool) -> Rounds {
+    fn take(bench: &mut Bench<'_>, schedule: &Schedule, starters: &[Starter], stop: &dyn Fn() -> bool) -> Rounds {
         let mut rounds = Rounds { runs: Vec::new(), whole: 0, end: Ok(Ending::Done) };
-        let mut techniques = schedule.techniques.clone();
+        let mut starters: Vec<&Starter> = starters.iter().collect();
         while rounds.whole < schedule.repeats {
-            match Rounds::round(bench, schedule, rounds.whole, &techniques, stop) {
+            match Rounds::round(bench, schedule, rounds.whole, &starters, stop) {
                 Ok(Some(runs)) => {
-                    // A technique without an image in one run is not shown: further runs cannot help it.
-                    techniques.retain(|technique| {
-                        let own = |run: &&Run| run.settings.technique == *technique;
+                    // An entrant without an image in one run is not shown: further runs cannot help it.
+                    starters.retain(|starter| {
+                        let own = |run: &&Run| run.entrant() == starter.entrant();
                         runs.iter().find(own).is_some_and(|run| !run.snapshots.is_empty())
                     });
                     rounds.runs.extend(runs);
@@ -368,26 +390,27 @@ impl Rounds {
         rounds
     }
 
-    /// One run of each technique, so that a machine that slows down is slow for all of them.
+    /// One run of each entrant, so that a machine that slows down is slow for all of them.
     fn round(
         bench: &mut Bench<'_>,
         schedule: &Schedule,
         index: usize,
-        techniques: &[Technique],
+        starters: &[&Starter],
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Vec<Run>>> {
         let Bench { arguments, settings, .. } = *bench;
         let Schedule { budgets, repeats, .. } = schedule;
         let seed = settings.image.seed.wrapping_add(index as u32);
         let mut runs = Vec::new();
-        for &technique in techniques {
-            let Some(run) = bench.on(|subject| Run::new(subject, technique, seed, budgets, stop))? else {
+        for starter in starters {
+            let Some(run) = bench.on(|subject| Run::new(subject, starter, seed, budgets, stop))? else {
                 return Ok(None);
             };
+            let entrant = starter.entrant();
             let Run { ref snapshots, ref statistics, time, .. } = run;
             let late = if snapshots.is_empty() { ", too late for all budgets: no further runs" } else { "" };
             let samples = statistics.samples;
-            arguments.tell(format!("{technique}, run {} of {repeats}: {samples} spp in {time:.2} s{late}", index + 1));
+            arguments.tell(format!("{entrant}, run {} of {repeats}: {samples} spp in {time:.2} s{late}", index + 1));
             runs.push(run);
         }
         Ok(Some(runs))

@@ -3,28 +3,28 @@
 use kernel_kit::DeviceInfo;
 use rayon::prelude::*;
 
-use super::advice::{LateTechnique, advice, budgets_too_short};
+use super::advice::{LateEntrant, advice, budgets_too_short};
 use super::classes::Classes;
 use super::curve::Comparison;
 use super::document::{BASELINE, ComparisonReport, Overhead, ReferenceReport, Report, Row};
-use super::measure::{MeasuredTechnique, Yardstick, budgets};
+use super::entrant::Entrant;
+use super::measure::{MeasuredEntrant, Yardstick, budgets};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
 use crate::Result;
-use crate::settings::Technique;
 
 /// Version of the keys of `report.json`; 2 has `finding` for conclusions and `visible` in `classes`, 3 savings in
-/// `sweeps`.
-const SCHEMA: u32 = 3;
+/// `sweeps`, 4 `entrants` for techniques.
+const SCHEMA: u32 = 4;
 
 impl Report {
     /// Measures the runs and draws conclusions.
     ///
-    /// Each technique needs the same number of runs, at least [`MIN_REPEATS`](super::document::MIN_REPEATS), taken in
-    /// turn. One run is enough for a technique that has no image in time.
+    /// Each entrant needs the same number of runs, at least [`MIN_REPEATS`](super::document::MIN_REPEATS), taken in
+    /// turn. One run is enough for an entrant that has no image in time.
     ///
     /// # Errors
-    /// As [`rmse`](super::metrics::rmse); [`crate::Error::Usage`] if no technique has an image of all its runs at one
+    /// As [`rmse`](super::metrics::rmse); [`crate::Error::Usage`] if no entrant has an image of all its runs at one
     /// budget.
     pub fn new(
         scene: &str,
@@ -37,12 +37,12 @@ impl Report {
         let rows = measure(runs, Yardstick { reference, boundary: boundary.as_deref() })?;
         let mut measured = Vec::new();
         let mut late = Vec::new();
-        for technique in Technique::all() {
-            let own = runs_of(runs, technique);
-            match MeasuredTechnique::new(&own, &rows, reference) {
+        for entrant in Entrant::all() {
+            let own = runs_of(runs, entrant);
+            match MeasuredEntrant::new(entrant, &own, &rows, reference) {
                 Some(found) => measured.push(found),
                 None if own.is_empty() => {}
-                None => late.push(LateTechnique::new(technique, &own)),
+                None => late.push(LateEntrant::new(entrant, &own)),
             }
         }
         if measured.is_empty() {
@@ -64,7 +64,7 @@ impl Report {
                 relmse: reference.floor(),
             },
             runs: measured[0].curves.len(),
-            techniques: measured.into_iter().map(|technique| technique.report).collect(),
+            entrants: measured.into_iter().map(|entrant| entrant.report).collect(),
             comparisons,
             classes,
             sweeps: Vec::new(),
@@ -74,27 +74,26 @@ impl Report {
     }
 }
 
-fn runs_of(runs: &[Run], technique: Technique) -> Vec<&Run> {
-    runs.iter().filter(|run| run.settings.technique == technique).collect()
+fn runs_of(runs: &[Run], entrant: Entrant) -> Vec<&Run> {
+    runs.iter().filter(|run| run.entrant() == entrant).collect()
 }
 
 /// Measures every image of every run.
 fn measure(runs: &[Run], against: Yardstick<'_>) -> Result<Vec<Row>> {
-    let last = Technique::all()
-        .map(|technique| (technique, budgets(&runs_of(runs, technique)).last().copied()))
-        .collect::<Vec<_>>();
-    let is_last = |run: &Run, snapshot: &Snapshot| last.contains(&(run.settings.technique, Some(snapshot.budget)));
+    let last: Vec<_> =
+        Entrant::all().map(|entrant| (entrant, budgets(&runs_of(runs, entrant)).last().copied())).collect();
+    let is_last = |run: &Run, snapshot: &Snapshot| last.contains(&(run.entrant(), Some(snapshot.budget)));
     let snapshots: Vec<_> = runs.iter().flat_map(|run| run.snapshots.iter().map(move |s| (run, s))).collect();
     snapshots.par_iter().map(|(run, snapshot)| Row::new(run, snapshot, against, is_last(run, snapshot))).collect()
 }
 
-/// Compares each technique with the baseline, if there is one.
-fn compare(techniques: &[MeasuredTechnique]) -> Vec<ComparisonReport> {
-    let Some(baseline) = techniques.iter().find(|measured| measured.technique() == BASELINE) else { return Vec::new() };
-    let others = techniques.iter().filter(|measured| measured.technique() != BASELINE);
-    let compare = |measured: &MeasuredTechnique| {
+/// Compares each entrant with the baseline, if there is one.
+fn compare(entrants: &[MeasuredEntrant]) -> Vec<ComparisonReport> {
+    let Some(baseline) = entrants.iter().find(|measured| measured.entrant() == BASELINE) else { return Vec::new() };
+    let others = entrants.iter().filter(|measured| measured.entrant() != BASELINE);
+    let compare = |measured: &MeasuredEntrant| {
         let Comparison { time, error_ratio, error, time_ratio } = Comparison::new(&measured.curves, &baseline.curves);
-        ComparisonReport { technique: measured.technique(), time, error_ratio, relmse: error, time_ratio }
+        ComparisonReport { entrant: measured.entrant(), time, error_ratio, relmse: error, time_ratio }
     };
     others.map(compare).collect()
 }

@@ -7,17 +7,18 @@ use kernel_kit::DeviceInfo;
 use serde::Serialize;
 
 use super::classes::Classes;
+use super::entrant::Entrant;
 use super::finding::Finding;
 use super::interval::Interval;
 use super::sweep::Sweep;
 use crate::settings::{Settings, Technique};
 use crate::statistics::Rays;
 
-/// Minimum number of runs of each technique: the jackknife leaves one out, and a variance needs two.
+/// Minimum number of runs of each entrant: the jackknife leaves one out, and a variance needs two.
 pub const MIN_REPEATS: usize = 3;
 
-/// The technique that the others are compared with: it traces every shadow ray.
-pub(super) const BASELINE: Technique = Technique::TWO_PASS;
+/// The entrant that the others are compared with: it traces every shadow ray.
+pub(super) const BASELINE: Entrant = Entrant::raw(Technique::TWO_PASS);
 
 /// A report.
 #[derive(Clone, Debug, Serialize)]
@@ -30,15 +31,15 @@ pub struct Report {
     pub scene: String,
     /// The device.
     pub device: DeviceInfo,
-    /// Which technique to use for this scene, and why.
+    /// Which entrant to use for this scene, and why.
     pub advice: String,
     /// The reference of all error measures.
     pub reference: ReferenceReport,
-    /// Number of runs of each technique.
+    /// Number of runs of each entrant.
     pub runs: usize,
-    /// One entry per technique.
-    pub techniques: Vec<TechniqueReport>,
-    /// Each technique against `two-pass`.
+    /// One entry per technique, alone or with a denoiser.
+    pub entrants: Vec<EntrantReport>,
+    /// Each entrant against `two-pass`.
     pub comparisons: Vec<ComparisonReport>,
     /// The classes of the techniques that classify points.
     pub classes: Vec<Classes>,
@@ -64,9 +65,13 @@ pub struct ReferenceReport {
     pub relmse: Option<f64>,
 }
 
-/// Results of a technique.
+/// Results of an entrant.
 #[derive(Clone, Debug, Serialize)]
-pub struct TechniqueReport {
+pub struct EntrantReport {
+    /// The name.
+    pub entrant: Entrant,
+    /// The denoisers of which its images are made; empty for raw images.
+    pub denoisers: Vec<&'static str>,
     /// The settings of the first run.
     pub settings: Settings,
     /// Parts left out because the scene does not need them.
@@ -88,7 +93,7 @@ pub struct TechniqueReport {
 /// Times in seconds.
 #[derive(Clone, Debug, Serialize)]
 pub struct TimeReport {
-    /// Duration of [`warm_up`](super::run::warm_up) before the runs. Not part of any run.
+    /// Duration of the [`warm_up`](super::run::Starter::warm_up) before the runs. Not part of any run.
     pub warm_up: f64,
     /// All of the set-up, until the first sample.
     pub setup: f64,
@@ -96,7 +101,9 @@ pub struct TimeReport {
     pub bvh: f64,
     /// Compilation.
     pub compile: f64,
-    /// Time on the device until the last budget, by kernel and entry point.
+    /// Removing the noise of the last image; 0 without a denoiser.
+    pub denoise: f64,
+    /// Time on the device until the last budget, by kernel and entry point, without the denoiser's.
     pub passes: BTreeMap<String, f64>,
 }
 
@@ -113,13 +120,18 @@ pub struct SnapshotReport {
     pub rmse: Interval,
     /// See [`relmse`](super::metrics::relmse).
     pub relmse: Interval,
+    /// The relMSE that the denoiser expects, as it knows no reference. `None` without a denoiser, and where an image is
+    /// of a single sample.
+    pub estimate: Option<Interval>,
+    /// `estimate` over the measured relMSE without the reference's own. `None` where that is not well above it.
+    pub estimate_ratio: Option<Interval>,
     /// See [`mae`](super::metrics::mae).
     pub mae: Interval,
     /// See [`p99`](super::metrics::p99).
     pub p99: Interval,
     /// See [`flip`](super::metrics::flip). At the last budget only: it takes longer than all other measures together.
     pub flip: Option<Interval>,
-    /// The part of relMSE that would remain with more samples.
+    /// The part of relMSE that is the same in every run. It remains with more samples, unless it is that of a denoiser.
     pub bias: Interval,
     /// The part of relMSE that differs from run to run.
     pub variance: Interval,
@@ -131,11 +143,11 @@ pub struct SnapshotReport {
     pub rays: Rays,
 }
 
-/// A technique against `two-pass`.
+/// An entrant against `two-pass`.
 #[derive(Clone, Debug, Serialize)]
 pub struct ComparisonReport {
-    /// The technique.
-    pub technique: Technique,
+    /// The entrant.
+    pub entrant: Entrant,
     /// The time in seconds at which errors are compared.
     pub time: f64,
     /// relMSE over that of `two-pass` at that time.
@@ -160,13 +172,16 @@ pub struct Overhead {
 /// The measures of one image of one run.
 #[derive(Clone, Debug)]
 pub struct Row {
-    pub(super) technique: Technique,
+    pub(super) entrant: Entrant,
     pub(super) seed: u32,
     pub(super) budget: f64,
     pub(super) time: f64,
+    /// The part of `time` in which the noise was removed.
+    pub(super) denoise: f64,
     pub(super) samples: u32,
     pub(super) rmse: f64,
     pub(super) relmse: f64,
+    pub(super) estimate: Option<f64>,
     pub(super) mae: f64,
     pub(super) p99: f64,
     pub(super) flip: Option<f64>,
@@ -178,18 +193,21 @@ pub struct Row {
 impl Report {
     /// The measures of each image as comma-separated values, after a header line.
     pub fn csv(&self) -> String {
-        let mut text = "technique,seed,budget,time,samples,rmse,relmse,mae,p99,flip,relmse_boundary,relmse_elsewhere,\
-                        rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,rays_bounce,rays_gather,rays_total\n"
+        let mut text = "entrant,seed,budget,time,denoise,samples,rmse,relmse,estimate,mae,p99,flip,\
+                        relmse_boundary,relmse_elsewhere,rays_camera,rays_photon,rays_cell,rays_shadow,rays_audit,\
+                        rays_bounce,rays_gather,rays_total\n"
             .to_owned();
-        for Row { technique, seed, budget, time, samples, rmse, relmse, mae, p99, flip, parts, rays } in &self.rows {
-            let flip = flip.map_or(String::new(), |flip| flip.to_string());
+        let optional = |value: &Option<f64>| value.map_or(String::new(), |value| value.to_string());
+        for row in &self.rows {
+            let Row { entrant, seed, budget, time, denoise, samples, rmse, relmse, mae, p99, parts, rays, .. } = row;
+            let [estimate, flip] = [&row.estimate, &row.flip].map(optional);
             let [boundary, elsewhere] = parts.map_or(Default::default(), |parts| parts.map(|x| x.to_string()));
             let Rays { camera, photon, cell, shadow, audit, bounce, gather, total } = rays;
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{technique},{seed},{budget},{time},{samples},{rmse},{relmse},{mae},{p99},{flip},{boundary},\
-                 {elsewhere},{camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
+                "{entrant},{seed},{budget},{time},{denoise},{samples},{rmse},{relmse},{estimate},{mae},{p99},{flip},\
+                 {boundary},{elsewhere},{camera},{photon},{cell},{shadow},{audit},{bounce},{gather},{total}"
             );
         }
         text

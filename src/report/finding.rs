@@ -1,25 +1,29 @@
-//! What the error of a technique consists of: bias, noise, or the error of the reference.
+//! What the error of an entrant consists of: bias, noise, or the error of the reference.
 
 use serde::Serialize;
 
 use super::format::percent;
 use super::interval::Interval;
-use super::metrics::channels;
-use super::reference::{Reference, variance};
+use super::metrics::{channels, variance};
+use super::reference::Reference;
 use crate::Image;
 
-/// Relative brightness error from which a technique counts as biased. A smaller one does not change an 8-bit code of
+/// Relative brightness error from which an entrant counts as biased. A smaller one does not change an 8-bit code of
 /// mid grey.
 const BRIGHTNESS: f64 = 0.005;
 
-/// Share of bias in the error from which a technique counts as biased. A smaller share is lost in the noise of the
+/// Share of bias in the error from which an entrant counts as biased. A smaller share is lost in the noise of the
 /// image.
 const BIAS_SHARE: f64 = 0.1;
 
-/// An error below this multiple of the reference's own error cannot be distinguished from it.
-const ABOVE_FLOOR: f64 = 2.0;
+/// A bias counts as falling if it was this many times as large at the first budget. One that falls by less may be about
+/// to stop, while the noise of n samples falls as 1 / n over budgets that usually double at least.
+const MIN_FALL: f64 = 1.5;
 
-/// What the error of a technique consists of.
+/// An error below this multiple of the reference's own error cannot be distinguished from it.
+pub(super) const ABOVE_FLOOR: f64 = 2.0;
+
+/// What the error of an entrant consists of.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// The larger part of the error.
@@ -32,21 +36,44 @@ pub struct Finding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingKind {
-    /// The image stays wrong however long it renders.
+    /// The image stays wrong however long it renders, as far as the budgets tell.
     Bias,
+    /// The image is wrong in the same way in every run, and less so the longer it renders, as those of denoisers are.
+    FallingBias,
     /// The error decreases with time.
     Noise,
     /// The error is no larger than that of the reference.
     Reference,
 }
 
-/// The relMSE of a technique at its last budget, and its parts.
+/// The relMSE of an entrant at its last budget, and its parts.
 pub(super) struct ErrorParts<'a> {
     pub relmse: f64,
     pub bias: &'a Interval,
+    /// The bias at the first budget, if there are several.
+    pub earlier_bias: Option<&'a Interval>,
     pub variance: f64,
     /// relMSE of the reference itself, if known.
     pub floor: Option<f64>,
+    /// Whether a denoiser adds a bias of its own, which may fall with the noise.
+    pub is_denoised: bool,
+}
+
+impl ErrorParts<'_> {
+    /// Whether the intervals of the bias show that it decreases with time.
+    fn bias_falls(&self) -> bool {
+        self.earlier_bias.is_some_and(|earlier| MIN_FALL * self.bias.high < earlier.low)
+    }
+
+    /// The kind of a bias, and what the budgets tell of its future.
+    fn trend(&self) -> (FindingKind, &'static str) {
+        match self.earlier_bias {
+            Some(_) if self.bias_falls() => (FindingKind::FallingBias, "; the bias falls with time"),
+            _ if !self.is_denoised => (FindingKind::Bias, ""),
+            Some(_) => (FindingKind::Bias, "; the bias does not clearly fall from the first to the last budget"),
+            None => (FindingKind::Bias, "; one budget does not tell whether the bias falls with time"),
+        }
+    }
 }
 
 /// Mean radiance over the reference's, minus 1. The interval includes the reference's own error where that is known.
@@ -78,8 +105,10 @@ pub(super) fn finding(parts: &ErrorParts<'_>, brightness: &Interval) -> Finding 
         let mut ends = [sign * brightness.low, sign * brightness.high];
         ends.sort_by(f64::total_cmp);
         let [low, high] = ends.map(percent);
-        let text = format!("biased: its light is too {word} by {} ({low} to {high})", percent(brightness.value.abs()));
-        return Finding { kind: FindingKind::Bias, text };
+        let (kind, trend) = parts.trend();
+        let value = percent(brightness.value.abs());
+        let text = format!("biased: its light is too {word} by {value} ({low} to {high}){trend}");
+        return Finding { kind, text };
     }
     // The error that all runs share includes the reference's error. A few bright pixels can dominate that error, and
     // then its estimate is only good to this factor.
@@ -90,8 +119,10 @@ pub(super) fn finding(parts: &ErrorParts<'_>, brightness: &Interval) -> Finding 
     }
     if parts.bias.low > 0.0 && share(bias) >= BIAS_SHARE && !unclear {
         let part = if floor.is_some() { "" } else { ", unless it is the reference's error, which is not known" };
-        let text = format!("biased: {} of the error stays however long it renders{part}", percent(share(bias)));
-        return Finding { kind: FindingKind::Bias, text };
+        let (kind, trend) = parts.trend();
+        let stays = if trend.is_empty() { "stays however long it renders" } else { "is the same in every run" };
+        let text = format!("biased: {} of the error {stays}{part}{trend}", percent(share(bias)));
+        return Finding { kind, text };
     }
     let text = format!("noise: {} of the error differs from run to run", percent(share(noise)));
     Finding { kind: FindingKind::Noise, text }

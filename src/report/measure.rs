@@ -1,15 +1,15 @@
-//! Measurement of runs against the reference: rows, snapshots and techniques of a report.
+//! Measurement of runs against the reference: rows, snapshots and entrants of a report.
 
 use std::collections::BTreeMap;
 
 use super::curve::Curve;
-use super::document::{Row, SnapshotReport, TechniqueReport, TimeReport};
-use super::finding::{ErrorParts, brightness, finding};
+use super::document::{EntrantReport, Row, SnapshotReport, TimeReport};
+use super::entrant::Entrant;
+use super::finding::{ABOVE_FLOOR, ErrorParts, brightness, finding};
 use super::interval::Interval;
 use super::metrics::{self, RELMSE_FLOOR, channels};
 use super::reference::Reference;
 use super::run::{Run, Snapshot};
-use crate::settings::Technique;
 use crate::statistics::Rays;
 use crate::{Image, Result};
 
@@ -24,18 +24,20 @@ pub(super) struct Yardstick<'a> {
 impl Row {
     /// Measures an image of a run. FLIP is measured at the last budget only.
     pub(super) fn new(run: &Run, snapshot: &Snapshot, against: Yardstick<'_>, is_last: bool) -> Result<Row> {
-        let Snapshot { budget, time, samples, rays, ref image } = *snapshot;
+        let Snapshot { budget, denoise, samples, rays, ref image, estimate, .. } = *snapshot;
         let reference = &against.reference.image;
         let parts =
             against.boundary.map(|mask| [true, false].map(|inside| masked_relmse(image, reference, mask, inside)));
         Ok(Row {
-            technique: run.settings.technique,
+            entrant: run.entrant(),
             seed: run.settings.image.seed,
             budget,
-            time,
+            time: snapshot.time(),
+            denoise,
             samples,
             rmse: metrics::rmse(image, reference)?,
             relmse: metrics::relmse(image, reference)?,
+            estimate,
             mae: metrics::mae(image, reference)?,
             p99: metrics::p99(image, reference)?,
             flip: is_last.then(|| metrics::flip(image, reference)).transpose()?,
@@ -45,20 +47,20 @@ impl Row {
     }
 
     fn is_of(&self, run: &Run) -> bool {
-        self.technique == run.settings.technique && self.seed == run.settings.image.seed
+        self.entrant == run.entrant() && self.seed == run.settings.image.seed
     }
 }
 
-/// A technique all of whose runs have an image at one budget at least.
-pub(super) struct MeasuredTechnique {
-    pub report: TechniqueReport,
+/// An entrant all of whose runs have an image at one budget at least.
+pub(super) struct MeasuredEntrant {
+    pub report: EntrantReport,
     /// relMSE over time, one curve per run.
     pub curves: Vec<Curve>,
 }
 
-impl MeasuredTechnique {
-    /// Measures the runs of one technique. `None` if there is no budget at which all of them have an image.
-    pub fn new(runs: &[&Run], rows: &[Row], reference: &Reference) -> Option<MeasuredTechnique> {
+impl MeasuredEntrant {
+    /// Measures the runs of one entrant. `None` if there is no budget at which all of them have an image.
+    pub fn new(entrant: Entrant, runs: &[&Run], rows: &[Row], reference: &Reference) -> Option<MeasuredEntrant> {
         let snapshots: Vec<(SnapshotReport, Vec<&Image>)> = budgets(runs)
             .into_iter()
             .map(|budget| {
@@ -72,15 +74,28 @@ impl MeasuredTechnique {
         let (last, images) = snapshots.last()?;
         let brightness = brightness(images, reference);
         let SnapshotReport { relmse, bias, variance, .. } = last;
-        let parts = ErrorParts { relmse: relmse.value, bias, variance: variance.value, floor: reference.floor() };
-        let finding = finding(&parts, &brightness);
-        let curve = |run: &Run, from: f64| {
-            let own = rows.iter().filter(|row| row.is_of(run));
-            Curve::new(own.map(|row| (row.time - from, row.relmse)))
+        let parts = ErrorParts {
+            relmse: relmse.value,
+            bias,
+            earlier_bias: snapshots
+                .first()
+                .filter(|(first, _)| first.budget < last.budget)
+                .map(|(first, _)| &first.bias),
+            variance: variance.value,
+            floor: reference.floor(),
+            is_denoised: entrant.is_denoised(),
         };
-        // The slope is that of sampling, so set-up does not count.
-        let slopes: Option<Vec<f64>> = runs.iter().map(|run| curve(run, run.setup).slope()).collect();
-        let report = TechniqueReport {
+        let finding = finding(&parts, &brightness);
+        let curve = |run: &Run, time: &dyn Fn(&Row) -> f64| {
+            let own = rows.iter().filter(|row| row.is_of(run));
+            Curve::new(own.map(|row| (time(row), row.relmse)))
+        };
+        // The slope is that of sampling, so set-up and denoiser do not count.
+        let slope = |run: &&Run| curve(run, &|row| row.time - row.denoise - run.setup).slope();
+        let slopes: Option<Vec<f64>> = runs.iter().map(slope).collect();
+        let report = EntrantReport {
+            entrant,
+            denoisers: runs[0].denoisers.clone(),
             settings: runs[0].settings.clone(),
             left_out: runs[0].statistics.left_out.clone(),
             notes: runs[0].statistics.notes.clone(),
@@ -90,11 +105,11 @@ impl MeasuredTechnique {
             finding,
             snapshots: snapshots.into_iter().map(|(report, _)| report).collect(),
         };
-        Some(MeasuredTechnique { report, curves: runs.iter().map(|run| curve(run, 0.0)).collect() })
+        Some(MeasuredEntrant { report, curves: runs.iter().map(|run| curve(run, &|row| row.time)).collect() })
     }
 
-    pub fn technique(&self) -> Technique {
-        self.report.settings.technique
+    pub fn entrant(&self) -> Entrant {
+        self.report.entrant
     }
 
     /// The smallest relMSE that all runs have reached.
@@ -130,6 +145,7 @@ impl TimeReport {
             setup: mean(&|run| run.setup),
             bvh: mean(&|run| run.statistics.time.bvh),
             compile: mean(&|run| run.statistics.time.compile),
+            denoise: mean(&|run| run.snapshots.last().map_or(0.0, |snapshot| snapshot.denoise)),
             passes,
         }
     }
@@ -146,12 +162,21 @@ impl SnapshotReport {
         };
         let [bias, variance] = bias_and_variance(images, reference);
         let flips: Option<Vec<f64>> = rows.iter().map(|row| row.flip).collect();
+        let estimates: Option<Vec<f64>> = rows.iter().map(|row| row.estimate).collect();
+        let floor = reference.floor().unwrap_or(0.0);
+        let ratio = |row: &&Row| {
+            let is_resolved = row.relmse > ABOVE_FLOOR * floor;
+            row.estimate.filter(|_| is_resolved).map(|estimate| estimate / (row.relmse - floor))
+        };
+        let ratios: Option<Vec<f64>> = rows.iter().map(ratio).collect();
         SnapshotReport {
             budget,
             time: mean(&|row| row.time),
             samples: mean(&|row| f64::from(row.samples)),
             rmse: error(&|row| row.rmse),
             relmse: error(&|row| row.relmse),
+            estimate: estimates.map(|estimates| Interval::of_geometric_mean(&estimates)),
+            estimate_ratio: ratios.map(|ratios| Interval::of_geometric_mean(&ratios)),
             mae: error(&|row| row.mae),
             p99: error(&|row| row.p99),
             flip: flips.map(|flips| Interval::of_geometric_mean(&flips)),

@@ -145,3 +145,8 @@ fn missing(name: &str, channel: &str) -> Error {
 pub(super) fn channels(image: &Image) -> impl Iterator<Item = (&'static str, &[f32])> {
     ["R", "G", "B"].into_iter().filter_map(|name| Some((name, image.channel(name)?)))
 }
+
+/// The name of the channel with the variance of another.
+pub(super) fn variance(channel: &str) -> String {
+    format!("variance.{channel}")
+}

@@ -25,8 +25,10 @@ struct Data<'a> {
     height: u32,
     /// Factor from stored values to radiance.
     scale: f32,
-    /// The reference, then images of the first run of each technique.
+    /// The reference, then images of the first run of each entrant.
     views: Vec<View>,
+    /// The last image of the first run of each entrant with a denoiser.
+    denoised: Vec<Denoised>,
     /// The class of each pixel, one byte each, in base64.
     classes: Option<String>,
 }
@@ -38,6 +40,16 @@ struct View {
     pixels: String,
 }
 
+/// An image without noise, and what it was made of.
+#[derive(Serialize)]
+struct Denoised {
+    /// Indices of views.
+    denoised: usize,
+    raw: usize,
+    /// The estimated standard error of each pixel, as the values of views; none if it is not known.
+    error: Option<String>,
+}
+
 /// Renders the page.
 ///
 /// # Errors
@@ -47,14 +59,21 @@ pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<Stri
     // A half-precision float ends at 65,504. Scaling by a power of two is exact.
     let brightest = image.channels.iter().flat_map(|channel| &channel.samples).fold(1.0f32, |max, x| max.max(*x));
     let scale = (brightest.log2().ceil() - 14.0).max(0.0).exp2();
-    let mut views = vec![View { name: "reference".to_owned(), pixels: pixels(image, scale) }];
+    let mut views = vec![View { name: "reference".to_owned(), pixels: colours(image, scale) }];
+    let mut denoised = Vec::new();
     for (run, index) in snapshots_shown(runs, image.pixels()) {
         let snapshot = &run.snapshots[index];
-        let name = format!("{}, {} s", run.settings.technique, snapshot.budget);
-        views.push(View { name, pixels: pixels(&snapshot.image, scale) });
+        let name = format!("{}, {} s", run.entrant(), snapshot.budget);
+        let is_last = index + 1 == run.snapshots.len();
+        if let Some(noisy) = run.noisy.as_ref().filter(|_| is_last) {
+            let error = noisy.channel("error").map(|error| pixels([error], scale));
+            denoised.push(Denoised { raw: views.len(), denoised: views.len() + 1, error });
+            views.push(View { name: format!("{name}, raw"), pixels: colours(noisy, scale) });
+        }
+        views.push(View { name, pixels: colours(&snapshot.image, scale) });
     }
     let classes = report.classes.first().map(|classes| STANDARD.encode(&classes.map));
-    let data = Data { report, width: image.width, height: image.height, scale, views, classes };
+    let data = Data { report, width: image.width, height: image.height, scale, views, denoised, classes };
     let data = serde_json::to_string(&data).map_err(|problem| Error::output("report.html", problem))?;
 
     let mut plots = vec![
@@ -76,17 +95,19 @@ pub fn page(report: &Report, reference: &Reference, runs: &[Run]) -> Result<Stri
         .replace("{{data}}", &data.replace('<', "\\u003c")))
 }
 
-/// The first run of each technique, with the indices of the snapshots that fit into the page: the last ones.
+/// The first run of each entrant, with the indices of the snapshots that fit into the page: the last ones.
 fn snapshots_shown(runs: &[Run], pixels: usize) -> Vec<(&Run, usize)> {
     let mut first: Vec<&Run> = Vec::new();
     for run in runs {
-        if first.iter().all(|other| other.settings.technique != run.settings.technique) {
+        if first.iter().all(|other| other.entrant() != run.entrant()) {
             first.push(run);
         }
     }
     // Base64 adds a third.
     let room = MAX_BYTES / (pixels * PIXEL_BYTES * 4 / 3);
-    let each = (room / first.len().max(1)).max(1);
+    // The raw image and the error of a denoised one take no more than two images.
+    let beside = 2 * first.iter().filter(|run| run.noisy.is_some()).count();
+    let each = (room.saturating_sub(beside) / first.len().max(1)).max(1);
     let all = first.into_iter().flat_map(|run| {
         let count = run.snapshots.len();
         (count.saturating_sub(each)..count).map(move |index| (run, index))
@@ -94,9 +115,12 @@ fn snapshots_shown(runs: &[Run], pixels: usize) -> Vec<(&Run, usize)> {
     all.collect()
 }
 
-fn pixels(image: &Image, scale: f32) -> String {
-    let channels = ["R", "G", "B"].into_iter().filter_map(|name| image.channel(name));
-    let bytes: Vec<u8> = channels.flatten().flat_map(|x| f16::from_f32(x / scale).to_le_bytes()).collect();
+fn colours(image: &Image, scale: f32) -> String {
+    pixels(["R", "G", "B"].into_iter().filter_map(|name| image.channel(name)), scale)
+}
+
+fn pixels<'a>(channels: impl IntoIterator<Item = &'a [f32]>, scale: f32) -> String {
+    let bytes: Vec<u8> = channels.into_iter().flatten().flat_map(|x| f16::from_f32(x / scale).to_le_bytes()).collect();
     STANDARD.encode(bytes)
 }
 

@@ -5,13 +5,14 @@ use std::ops::Range;
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, KeyPointWeight};
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 
-use super::document::{Report, SnapshotReport, TechniqueReport};
+use super::document::{EntrantReport, Report, SnapshotReport};
 use super::format::number;
 use super::interval::Interval;
 use super::sweep::{Savings, Sweep, SweepPoint};
-use crate::settings::Technique;
+use crate::settings::{Denoise, Technique};
 use crate::stress::{self, Family, Reading};
 use crate::{Error, Result};
 
@@ -23,7 +24,7 @@ const BAR: u32 = 44;
 const BELOW_BARS: u32 = 96;
 
 /// One colour per technique: Okabe and Ito's, which remain distinct for all types of colour vision on dark and light
-/// backgrounds, and two of Tol's.
+/// backgrounds, and two of Tol's. Dashes and filled points tell its denoisers apart.
 const COLOURS: [RGBColor; 9] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -35,6 +36,10 @@ const COLOURS: [RGBColor; 9] = [
     RGBColor(153, 153, 51),
     RGBColor(140, 140, 140),
 ];
+
+/// Pixels for a letter of a name beside a bar, with the text's margin, and for the shortest names.
+const LETTER: i32 = 8;
+const MIN_NAMES: i32 = 130;
 
 /// Number of parts of a bar with their own colour and legend entry.
 const PARTS: usize = 6;
@@ -51,11 +56,11 @@ const MARGIN: f64 = 1.3;
 /// [`Error::Output`] if drawing fails.
 pub fn error_over_time(report: &Report) -> Result<String> {
     let curves: Vec<_> = report
-        .techniques
+        .entrants
         .iter()
-        .map(|technique| {
-            let slope = technique.slope.map_or(String::new(), |slope| format!(", slope {:.2}", slope.value));
-            Series::new(technique, slope, |snapshot| snapshot.time.value)
+        .map(|entrant| {
+            let slope = entrant.slope.map_or(String::new(), |slope| format!(", slope {:.2}", slope.value));
+            Series::new(entrant, slope, |snapshot| snapshot.time.value)
         })
         .collect();
     draw("error.svg", SIZE, |area| logarithmic(area, &curves, ["seconds", "relMSE"], Some(-1.0), floor(report)))
@@ -71,9 +76,9 @@ pub fn error_over_rays(report: &Report) -> Result<String> {
         let rays = snapshot.rays;
         (rays.shadow + rays.audit + rays.photon + rays.cell) as f64
     };
-    let own = |technique: &&TechniqueReport| technique.settings.technique != Technique::PATH;
-    let techniques = report.techniques.iter().filter(own);
-    let curves: Vec<_> = techniques.map(|technique| Series::new(technique, String::new(), rays)).collect();
+    let own = |entrant: &&EntrantReport| entrant.settings.technique != Technique::PATH;
+    let entrants = report.entrants.iter().filter(own);
+    let curves: Vec<_> = entrants.map(|entrant| Series::new(entrant, String::new(), rays)).collect();
     draw("rays.svg", SIZE, |area| {
         let names = ["shadow rays, audits, photons and rays of cells", "relMSE"];
         logarithmic(area, &curves, names, None, floor(report))
@@ -90,7 +95,7 @@ pub fn sweep(sweep: &Sweep) -> Result<String> {
         let points = sweep.points.iter().map(|point| (f64::from(point.value), quantity(point)));
         // 0 cannot be drawn on a logarithmic axis.
         let points = points.filter(|(_, y)| y.value > 0.0).collect();
-        Series { name: name.to_owned(), colour, points, dashed: Vec::new() }
+        Series { name: name.to_owned(), colour, dash: None, points, dashed: Vec::new() }
     };
     let series = [
         series("boundary share", COLOURS[0], &|point| exact(point.boundary_share)),
@@ -116,6 +121,7 @@ pub fn savings(sweep: &Sweep) -> Result<String> {
         Series {
             name: name.to_owned(),
             colour,
+            dash: None,
             points: values(&|point| point.fine_cells).into_iter().map(|(x, y)| (x, exact(y))).collect(),
             dashed: values(&|point| point.photons_alone),
         }
@@ -142,6 +148,7 @@ pub fn break_even(prices: &[f64], ratios: &[(&str, Vec<f64>)]) -> Result<String>
     let series = ratios.iter().zip(COLOURS).map(|((name, ratios), colour)| Series {
         name: (*name).to_owned(),
         colour,
+        dash: None,
         points: prices.iter().zip(ratios).map(|(price, ratio)| (*price, exact(*ratio))).collect(),
         dashed: Vec::new(),
     });
@@ -167,6 +174,7 @@ pub fn stress(family: &Family, curves: &[(&stress::Series, Vec<Reading>)]) -> Re
         Series {
             name: series.name.to_owned(),
             colour,
+            dash: None,
             points: readings.iter().filter_map(finite).collect(),
             dashed: readings.iter().map(|reading| (reading.value, drawn(reading.bound))).collect(),
         }
@@ -183,20 +191,20 @@ fn exact(value: f64) -> Interval {
     Interval { value, low: value, high: value }
 }
 
-/// The time of each technique by pass, until its last snapshot, as stacked bars.
+/// The time of each entrant by pass, until its last snapshot, as stacked bars.
 ///
 /// # Errors
 /// As [`error_over_time`].
 pub fn time_by_pass(report: &Report) -> Result<String> {
-    let bars: Vec<Bar> = report.techniques.iter().map(Bar::new).collect();
+    let bars: Vec<Bar> = report.entrants.iter().map(Bar::new).collect();
     let legend = Legend::new(&bars);
     let height = BAR * bars.len() as u32 + BELOW_BARS;
     draw("passes.svg", (SIZE.0, height), |area| draw_bars(area, &bars, &legend, height))
 }
 
-/// The time of a technique and its parts.
+/// The time of an entrant and its parts.
 struct Bar {
-    technique: String,
+    entrant: String,
     /// Names and seconds.
     parts: Vec<(String, f64)>,
 }
@@ -233,10 +241,12 @@ impl<'a> Legend<'a> {
 fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) -> Drawn {
     let count = bars.len();
     let longest = bars.iter().map(|bar| bar.parts.iter().map(|part| part.1).sum()).fold(0.0, f64::max);
+    let letters = bars.iter().map(|bar| bar.entrant.len()).max().unwrap_or(0);
+    let names = (LETTER * letters as i32).max(MIN_NAMES);
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(40)
-        .y_label_area_size(130)
+        .y_label_area_size(names)
         // The range below 0 makes room for the legend.
         .build_cartesian_2d(0.0..longest.max(f64::MIN_POSITIVE) * 1.02, -0.7..count as f64)?;
     chart
@@ -249,7 +259,7 @@ fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) ->
         .light_line_style(TRANSPARENT)
         .bold_line_style(BLACK.mix(0.15))
         .draw()?;
-    for (index, Bar { technique, parts }) in bars.iter().enumerate() {
+    for (index, Bar { entrant, parts }) in bars.iter().enumerate() {
         let row = (count - 1 - index) as f64;
         let mut from = 0.0;
         let mut parts: Vec<_> = parts.iter().map(|(name, seconds)| (legend.colour(name), *seconds)).collect();
@@ -260,7 +270,7 @@ fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) ->
             from += seconds;
         }
         let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
-        area.draw_text(technique, &text_style().into_text_style(area), (x - 125, y - 8))?;
+        area.draw_text(entrant, &text_style().into_text_style(area), (x - names + 5, y - 8))?;
     }
     for (index, name) in legend.names.iter().enumerate() {
         let (x, y) = (150 + 85 * index as i32, height as i32 - 75);
@@ -271,19 +281,22 @@ fn draw_bars(area: &Area<'_>, bars: &[Bar], legend: &Legend<'_>, height: u32) ->
 }
 
 impl Bar {
-    /// Splits a technique's time into compilation, passes by kernel, and the rest, which is the host's.
-    fn new(technique: &TechniqueReport) -> Bar {
+    /// Splits an entrant's time into compilation, passes by kernel, denoiser, and the rest, which is the host's.
+    fn new(entrant: &EntrantReport) -> Bar {
         let mut parts: BTreeMap<String, f64> = BTreeMap::new();
-        for (pass, seconds) in &technique.time.passes {
+        for (pass, seconds) in &entrant.time.passes {
             let kernel = pass.split('/').next().unwrap_or(pass);
             *parts.entry(kernel.to_owned()).or_default() += seconds;
         }
         let passes: f64 = parts.values().sum();
-        let whole = technique.snapshots.last().map_or(0.0, |snapshot| snapshot.time.value);
-        let compile = technique.time.compile;
+        let whole = entrant.snapshots.last().map_or(0.0, |snapshot| snapshot.time.value);
+        let (compile, denoise) = (entrant.time.compile, entrant.time.denoise);
         parts.insert("compilation".to_owned(), compile);
-        parts.insert("host".to_owned(), (whole - passes - compile).max(0.0));
-        Bar { technique: technique.settings.technique.to_string(), parts: parts.into_iter().collect() }
+        parts.insert("host".to_owned(), (whole - passes - compile - denoise).max(0.0));
+        if denoise > 0.0 {
+            parts.insert("denoiser".to_owned(), denoise);
+        }
+        Bar { entrant: entrant.entrant.to_string(), parts: parts.into_iter().collect() }
     }
 }
 
@@ -291,6 +304,8 @@ impl Bar {
 struct Series {
     name: String,
     colour: RGBColor,
+    /// Pixels of its dashes and of the gaps between them; none if it is drawn through.
+    dash: Option<[i32; 2]>,
     /// x, and y with its interval, drawn as a band.
     points: Vec<(f64, Interval)>,
     /// Other values of y, drawn dashed; may be empty.
@@ -298,13 +313,19 @@ struct Series {
 }
 
 impl Series {
-    fn new(technique: &TechniqueReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
-        let of = technique.settings.technique;
-        let index = Technique::all().position(|technique| technique == of).unwrap_or(0);
+    fn new(entrant: &EntrantReport, suffix: String, x: impl Fn(&SnapshotReport) -> f64) -> Series {
+        let of = entrant.entrant;
+        let index = Technique::all().position(|technique| technique == of.technique).unwrap_or(0);
         Series {
             name: format!("{of}{suffix}"),
             colour: COLOURS[index % COLOURS.len()],
-            points: technique.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
+            dash: match of.denoise {
+                Denoise::None => None,
+                Denoise::Statistical => Some([8, 4]),
+                Denoise::Oidn => Some([2, 3]),
+                Denoise::Auto => Some([12, 3]),
+            },
+            points: entrant.snapshots.iter().map(|snapshot| (x(snapshot), snapshot.relmse)).collect(),
             dashed: Vec::new(),
         }
     }
@@ -432,7 +453,7 @@ fn draw_power_law(chart: &mut Chart<'_, '_>, power: f64, (from, value): (f64, f6
     Ok(())
 }
 
-fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, points, dashed }: &Series) -> Drawn {
+fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, dash, points, dashed }: &Series) -> Drawn {
     let dashes = DashedLineSeries::new(dashed.iter().copied(), 6, 4, colour.mix(0.6).stroke_width(1));
     chart.draw_series(dashes)?;
     let y = chart.y_range();
@@ -440,12 +461,21 @@ fn draw_line(chart: &mut Chart<'_, '_>, Series { name, colour, points, dashed }:
     let upper = points.iter().map(|(x, y)| (*x, inside(y.high)));
     let lower = points.iter().rev().map(|(x, y)| (*x, inside(y.low)));
     chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.2).filled())])?;
-    let line = points.iter().map(|(x, y)| (*x, y.value));
-    let own = *colour;
-    chart
-        .draw_series(LineSeries::new(line, colour.stroke_width(2)).point_size(3))?
-        .label(name)
-        .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], own.stroke_width(2)));
+    let line: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.value)).collect();
+    let style = colour.stroke_width(2);
+    match *dash {
+        None => chart
+            .draw_series(LineSeries::new(line, style).point_size(3))?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], style)),
+        Some([dash, gap]) => {
+            chart.draw_series(line.iter().map(|point| Circle::new(*point, 3, style.filled())))?;
+            chart
+                .draw_series(DashedLineSeries::new(line, dash, gap, style))?
+                .label(name)
+                .legend(move |(x, y)| DashedPathElement::new([(x, y), (x + 16, y)], dash, gap, style))
+        }
+    };
     Ok(())
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::metrics::{self, RELMSE_FLOOR};
+use super::metrics::{self, RELMSE_FLOOR, variance};
 use super::run::{Subject, colour};
 use crate::render::film::Metadata;
 use crate::settings::{Settings, Technique};
@@ -317,11 +317,6 @@ impl Half {
         image.write_exr(&self.file)?;
         Ok(image)
     }
-}
-
-/// The name of the channel with the variance of another.
-pub(super) fn variance(channel: &str) -> String {
-    format!("variance.{channel}")
 }
 
 /// An integer attribute; 0 if it is missing.

@@ -5,10 +5,12 @@ use std::time::Instant;
 
 use kernel_kit::Gpu;
 
-use crate::settings::{Settings, Technique};
+use super::entrant::Entrant;
+use super::estimate;
+use crate::settings::Settings;
 use crate::specialisation::features::Feature;
 use crate::statistics::{Rays, Statistics};
-use crate::{Camera, Image, Renderer, Result, Scene};
+use crate::{Camera, Denoiser, Image, Renderer, Result, Scene, Technique};
 
 /// A snapshot may be late by this factor of its budget: the duration of a batch is predicted from the previous one.
 const MAX_LATENESS: f64 = 1.1;
@@ -22,7 +24,7 @@ pub struct Subject<'a> {
     pub scene: &'a Scene,
     /// The camera.
     pub camera: &'a Camera,
-    /// Settings of all renders, except for technique, seed and samples.
+    /// Settings of all renders, except for technique, denoiser, seed and samples.
     pub settings: &'a Settings,
 }
 
@@ -36,22 +38,29 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// A render of one technique and seed.
+/// A render of one entrant and seed.
 pub struct Run {
     /// The settings of this run.
     pub settings: Settings,
     /// Seconds until the first sample: BVH, compilation, upload of the scene, photons and their grid.
     pub setup: f64,
-    /// Seconds until the first image, even one too late for all budgets. `None` if set-up took longer than the longest
-    /// budget.
+    /// Seconds until the first image, even one too late for all budgets. `None` if set-up and denoiser take longer than
+    /// the longest budget.
     pub first: Option<f64>,
     /// The image at each budget that added samples.
     pub snapshots: Vec<Snapshot>,
-    /// Statistics at the end; pass times are those of this run alone.
+    /// The image of the last snapshot before its noise was removed: the channels `R`, `G`, `B` and, if it is known,
+    /// `error`, the estimated standard error of what was made of it. `None` without a denoiser.
+    pub noisy: Option<Image>,
+    /// The names of the denoisers.
+    pub denoisers: Vec<&'static str>,
+    /// Seconds that removing the noise of the last image took, or is expected to take; 0 without a denoiser.
+    pub denoise: f64,
+    /// Statistics at the end; pass times are those of this run alone, without the denoiser's.
     pub statistics: Statistics,
     /// Why the technique left out the visibility map that it would have used, if it did.
     pub map_left_out: Option<String>,
-    /// Seconds until the last sample, without the time for snapshots.
+    /// Seconds until the last image, without the time for snapshots.
     pub time: f64,
     /// `time`, and the seconds of preparation for samples that no longer fitted into the last budget.
     pub spent: f64,
@@ -61,79 +70,150 @@ pub struct Run {
 pub struct Snapshot {
     /// The budget in seconds.
     pub budget: f64,
-    /// Seconds from the imported scene to this image, including set-up. Close to the budget; the time axis of all
-    /// curves.
-    pub time: f64,
+    /// Seconds from the imported scene to the last sample, including set-up.
+    pub sampled: f64,
+    /// Seconds that removing the noise took; 0 without a denoiser.
+    pub denoise: f64,
     /// Samples per pixel.
     pub samples: u32,
     /// Rays traced so far.
     pub rays: Rays,
-    /// The channels `R`, `G` and `B`.
+    /// The channels `R`, `G` and `B`, without noise if there is a denoiser.
     pub image: Image,
+    /// The relMSE that the denoiser expects of it. `None` without a denoiser, and of a single sample.
+    pub estimate: Option<f64>,
 }
 
-/// Takes two untimed samples and returns the seconds that this took.
-///
-/// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs and says
-/// nothing about the technique. If the first sample takes longer than the `longest` budget (seconds), the second is
-/// skipped: no timed run will have an image in time.
-///
-/// # Errors
-/// As [`Renderer::new`] and [`Renderer::render_batch`].
-pub fn warm_up(subject: &Subject<'_>, technique: Technique, longest: f64) -> Result<f64> {
-    let start = Instant::now();
-    let mut renderer = subject.renderer(&settings(subject, technique, subject.settings.image.seed))?;
-    let sample = Instant::now();
-    renderer.render_up_to(1)?;
-    subject.gpu.wait("warm-up")?;
-    if sample.elapsed().as_secs_f64() <= longest {
-        // Later samples find fine cells.
+impl Snapshot {
+    /// Seconds from the imported scene to this image. Close to the budget; the time axis of all curves.
+    pub fn time(&self) -> f64 {
+        self.sampled + self.denoise
+    }
+}
+
+/// An entrant that is ready to run.
+pub struct Starter {
+    technique: Technique,
+    denoiser: Denoiser,
+    /// Seconds of the warm-up; 0 before it.
+    pub warm_up: f64,
+    /// Seconds that removing the noise of an image is expected to take.
+    denoise: f64,
+}
+
+impl Starter {
+    /// A technique whose images `denoiser` filters, if it holds any filter.
+    pub fn new(technique: Technique, denoiser: Denoiser) -> Starter {
+        Starter { technique, denoiser, warm_up: 0.0, denoise: 0.0 }
+    }
+
+    /// Its name.
+    pub fn entrant(&self) -> Entrant {
+        Entrant { technique: self.technique, denoise: self.denoiser.choice() }
+    }
+
+    /// Takes two untimed samples, and removes the noise of their image three times.
+    ///
+    /// The driver compiles every kernel on first use and caches it. That can take many times as long as later runs and
+    /// says nothing about the entrant. If the first sample takes longer than the `longest` budget (seconds), the second
+    /// is skipped: no timed run will have an image in time.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`], [`Renderer::render_batch`] and [`Renderer::add_denoised`].
+    pub fn warm_up(&mut self, subject: &Subject<'_>, longest: f64) -> Result<()> {
+        let start = Instant::now();
+        let mut renderer = subject.renderer(&self.settings(subject, subject.settings.image.seed))?;
+        let sample = Instant::now();
         renderer.render_up_to(1)?;
         subject.gpu.wait("warm-up")?;
+        if sample.elapsed().as_secs_f64() <= longest {
+            // Later samples find fine cells.
+            renderer.render_up_to(1)?;
+            subject.gpu.wait("warm-up")?;
+        }
+        if self.entrant().is_denoised() {
+            // The first filter compiles. The others tell how long before a budget sampling has to end: the shorter of
+            // the two, as a machine that did other work meanwhile could leave no time for samples.
+            let mut took = [0.0; 3];
+            for seconds in &mut took {
+                let start = Instant::now();
+                renderer.add_denoised(&mut renderer.image()?, &self.denoiser)?;
+                *seconds = start.elapsed().as_secs_f64();
+            }
+            self.denoise = took[1].min(took[2]);
+        }
+        self.warm_up = start.elapsed().as_secs_f64();
+        Ok(())
     }
-    Ok(start.elapsed().as_secs_f64())
-}
 
-fn settings(subject: &Subject<'_>, technique: Technique, seed: u32) -> Settings {
-    subject.settings.clone().with(|s| {
-        s.technique = technique;
-        s.image.seed = seed;
-        s.image.spp = Settings::UNLIMITED_SPP;
-        s.image.aovs = Vec::new();
-    })
+    fn settings(&self, subject: &Subject<'_>, seed: u32) -> Settings {
+        subject.settings.clone().with(|s| {
+            s.technique = self.technique;
+            s.image.denoise = self.denoiser.choice();
+            s.image.seed = seed;
+            s.image.spp = Settings::UNLIMITED_SPP;
+            s.image.aovs = Vec::new();
+        })
+    }
 }
 
 impl Run {
     /// Renders until the last of the `budgets`, given in seconds and ascending. `None` once `stop` returns true.
     ///
     /// # Errors
-    /// As [`Renderer::new`] and [`Renderer::render_batch`].
+    /// As [`Renderer::new`], [`Renderer::render_batch`] and [`Renderer::add_denoised`].
     pub fn new(
         subject: &Subject<'_>,
-        technique: Technique,
+        starter: &Starter,
         seed: u32,
         budgets: &[f64],
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Run>> {
-        let settings = settings(subject, technique, seed);
+        let settings = starter.settings(subject, seed);
         let passes_before = subject.gpu.pass_times()?;
         let mut timed = TimedRender::start(subject, &settings)?;
         let mut snapshots: Vec<Snapshot> = Vec::new();
+        let mut noisy = None;
+        let mut denoise = starter.denoise;
         for &budget in budgets {
-            if !timed.render_until(budget, stop)? {
+            // An image is ready once its noise is removed.
+            if !timed.render_until(budget - denoise, stop)? {
                 return Ok(None);
             }
             let shown = snapshots.last().map_or(0, |snapshot| snapshot.samples);
-            if timed.renderer.samples() > shown && timed.sampled <= MAX_LATENESS * budget {
-                snapshots.push(timed.snapshot(budget)?);
+            if timed.renderer.samples() > shown && timed.sampled + denoise <= MAX_LATENESS * budget {
+                let (snapshot, before) = timed.snapshot(budget, &starter.denoiser)?;
+                denoise = snapshot.denoise;
+                if snapshot.time() <= MAX_LATENESS * budget {
+                    snapshots.push(snapshot);
+                    noisy = before;
+                }
             }
         }
         let TimedRender { renderer, setup, time, sampled, first, passes, .. } = timed;
         let mut statistics = renderer.statistics()?;
         statistics.time.passes = difference(&passes, &passes_before);
         let left_out = || renderer.specialisation().left_out.iter().find(|item| item.feature == Feature::VisibilityMap);
-        let map_left_out = technique.uses_visibility_map().then(left_out).flatten().map(|item| item.reason.clone());
-        Ok(Some(Run { settings, setup, first, snapshots, statistics, map_left_out, time: sampled, spent: time }))
+        let uses_map = starter.technique.uses_visibility_map();
+        let map_left_out = uses_map.then(left_out).flatten().map(|item| item.reason.clone());
+        Ok(Some(Run {
+            settings,
+            setup,
+            first: first.map(|first| first + denoise),
+            snapshots,
+            noisy,
+            denoisers: starter.denoiser.names().collect(),
+            denoise,
+            statistics,
+            map_left_out,
+            time: sampled + denoise,
+            spent: time + denoise,
+        }))
+    }
+
+    /// What ran.
+    pub fn entrant(&self) -> Entrant {
+        Entrant::of(&self.settings)
     }
 }
 
@@ -193,14 +273,25 @@ impl<'a> TimedRender<'a> {
         }
     }
 
-    fn snapshot(&self, budget: f64) -> Result<Snapshot> {
-        Ok(Snapshot {
-            budget,
-            time: self.sampled,
-            samples: self.renderer.samples(),
-            rays: self.renderer.statistics()?.rays,
-            image: colour(self.renderer.image()?),
-        })
+    /// The snapshot, and the image before its noise was removed, if it was; see [`Run::noisy`].
+    fn snapshot(&self, budget: f64, denoiser: &Denoiser) -> Result<(Snapshot, Option<Image>)> {
+        let mut image = self.renderer.image()?;
+        let start = Instant::now();
+        self.renderer.add_denoised(&mut image, denoiser)?;
+        let took = start.elapsed().as_secs_f64();
+        let denoised = image.denoised();
+        let snapshot = |image: Image, denoise: f64, estimate: Option<f64>| -> Result<Snapshot> {
+            let (samples, rays) = (self.renderer.samples(), self.renderer.statistics()?.rays);
+            Ok(Snapshot { budget, sampled: self.sampled, denoise, samples, rays, image: colour(image), estimate })
+        };
+        match denoised {
+            None => Ok((snapshot(image, 0.0, None)?, None)),
+            Some(denoised) => {
+                let snapshot = snapshot(denoised, took, estimate::denoised_relmse(&image))?;
+                image.channels.retain(|channel| ["R", "G", "B", "error"].contains(&channel.name.as_str()));
+                Ok((snapshot, Some(image)))
+            }
+        }
     }
 }
 
@@ -210,9 +301,12 @@ pub(super) fn colour(mut image: Image) -> Image {
     image
 }
 
-/// Seconds by pass between two readings: the device accumulates pass times over all renders.
+/// The kernel of the statistical denoiser. The images of all budgets run it, and the last one alone counts.
+const DENOISER_PASSES: &str = "denoise/";
+
+/// Seconds by pass between two readings, without denoisers: the device accumulates pass times over all renders.
 fn difference(after: &BTreeMap<String, f64>, before: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
     let spent = |name: &String, seconds: f64| seconds - before.get(name).unwrap_or(&0.0);
     let passes = after.iter().map(|(name, seconds)| (name.clone(), spent(name, *seconds)));
-    passes.filter(|(_, seconds)| *seconds > 0.0).collect()
+    passes.filter(|(name, seconds)| *seconds > 0.0 && !name.starts_with(DENOISER_PASSES)).collect()
 }

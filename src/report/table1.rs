@@ -8,8 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use kernel_kit::Gpu;
 
 use super::format::{grouped, percent};
-use super::metrics::{self, RELMSE_FLOOR};
-use super::reference::variance;
+use super::metrics::{self, RELMSE_FLOOR, variance};
 use crate::render::film::View;
 use crate::scene::ImportOptions;
 use crate::{Aov, Error, Image, Progress, Renderer, Result, Scene, Settings, Statistics, Technique};

@@ -7,7 +7,7 @@ use penumbra::Image;
 use penumbra::internal::render::film::Metadata;
 use serde_json::Value;
 
-use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::program::{Answer, BOX, device, folder, oidn_library, penumbra, run};
 use crate::schema;
 
 /// Quick settings: few photons, a small image.
@@ -77,6 +77,66 @@ fn everything_is_written_and_as_documented() {
     let mut expected = json["reference"].clone();
     assert_eq!(expected["goal"].take(), 0.1, "only one that is made has a goal");
     assert_eq!(read_json(folder)["reference"], expected);
+}
+
+/// Techniques with denoisers are entrants of their own, each once and in the order of techniques.
+#[test]
+fn denoisers_make_entrants() {
+    let folder = folder();
+    let folder = folder.path();
+    let library = oidn_library();
+    // Without a second bounce the reference takes little time.
+    let arguments = format!(
+        "--techniques path+auto,path+oidn,path,path+statistical,path+oidn --budgets 1,3 --reference-error 0.2 \
+         --max-bounces 1 --oidn {}",
+        library.display()
+    );
+    let answer = report(folder, &arguments);
+    assert!(answer.assert_done().stderr.contains("path+oidn, run 3 of 3: "), "{answer:?}");
+    let json = read_json(folder);
+    schema::assert_documented("Report", &json);
+    assert_eq!(json["schema"], 4);
+    let expected = [
+        ("path", "none", serde_json::json!([])),
+        ("path+auto", "auto", serde_json::json!(["oidn", "statistical"])),
+        ("path+statistical", "statistical", serde_json::json!(["statistical"])),
+        ("path+oidn", "oidn", serde_json::json!(["oidn"])),
+    ];
+    let entrants = json["entrants"].as_array().unwrap();
+    assert_eq!(entrants.len(), expected.len());
+    let csv = fs::read_to_string(folder.join("report/report.csv")).unwrap();
+    for (entrant, (name, denoise, denoisers)) in entrants.iter().zip(&expected) {
+        assert_eq!(entrant["entrant"], *name);
+        assert_eq!(entrant["settings"]["denoise"], *denoise);
+        assert_eq!(entrant["denoisers"], *denoisers);
+        let is_denoised = *denoise != "none";
+        assert_eq!(entrant["time"]["denoise"].as_f64().unwrap() > 0.0, is_denoised);
+        let passes = entrant["time"]["passes"].as_object().unwrap();
+        assert!(passes.keys().all(|pass| !pass.starts_with("denoise")), "{passes:?}");
+        // Thousands of samples fit into the last budget.
+        let last = entrant["snapshots"].as_array().unwrap().last().unwrap();
+        assert_eq!(last["estimate"]["value"].is_number(), is_denoised, "{last}");
+        // On a busy machine an image may be late for the first budget.
+        assert!((0..3).all(|seed| csv.contains(&format!("\n{name},{seed},3,"))), "{csv}");
+    }
+    let plot = fs::read_to_string(folder.join("report/error.svg")).unwrap();
+    // The legend has a line for each, with the slope after a comma.
+    let has = |name: &str| plot.lines().any(|line| line.split(',').next() == Some(name));
+    assert!(expected.iter().all(|(name, ..)| has(name)), "{plot}");
+}
+
+/// A library that is not there is an error before anything is rendered, if an entrant needs it.
+#[test]
+fn entrants_without_their_library_are_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    for entrant in ["path+oidn", "two-pass+auto"] {
+        let answer = report(folder, &format!("--techniques path,{entrant} --oidn none/missing.so"));
+        answer.assert_refused(3, &["missing.so", "there is no such file", "--oidn or OIDN_LIBRARY"]);
+        assert!(!folder.join("report").exists() && !folder.join("cache").exists());
+    }
+    let without = report(folder, "--quiet --techniques path --budgets 1e-9 --reference-error 0.5 --oidn missing.so");
+    without.assert_refused(2, &["--budgets are too short"]);
 }
 
 #[test]
@@ -210,7 +270,9 @@ addEventListener("load", () => setTimeout(() => {
     // A little off the corner where four pixels meet.
     return [...find("viewer").getContext("2d").getImageData(width / 2 + 4, height / 2 + 4, 1, 1).data].join(" ");
   };
-  const seen = { tables: ["techniques", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
+  const seen = { tables: ["entrants", "snapshots", "confusion"].map((id) => find(id).rows.length), shown: {} };
+  seen.pictures = [...find("denoised").querySelectorAll("figure")].map((figure) => figure.textContent);
+  seen.different = new Set([...find("denoised").querySelectorAll("canvas")].map((canvas) => canvas.toDataURL())).size;
   choose("exposure", 0);
   choose("left", 1);
   choose("right", 0);
@@ -247,7 +309,8 @@ fn the_page_works_in_a_browser() {
     };
     let folder = folder();
     let folder = folder.path();
-    report(folder, "--quiet --techniques shadow-photons --budgets 3,6 --reference-error 0.2").assert_done();
+    let techniques = "--techniques shadow-photons,path+statistical";
+    report(folder, &format!("--quiet {techniques} --budgets 3,6 --reference-error 0.2")).assert_done();
     let page = fs::read_to_string(folder.join("report/report.html")).unwrap();
     let visited = folder.join("visited.html");
     fs::write(&visited, page.replace("</body>", &format!("{VISITOR}</body>"))).unwrap();
@@ -262,9 +325,14 @@ fn the_page_works_in_a_browser() {
     let Some((outcome, _)) = outcome else { panic!("the page is not done: {document:.2000}") };
     let seen: Value = serde_json::from_str(outcome).unwrap();
     assert_eq!(seen["faults"], serde_json::json!([]));
-    let budgets = read_json(folder)["techniques"][0]["snapshots"].as_array().unwrap().len();
+    let json = read_json(folder);
+    let entrants = json["entrants"].as_array().unwrap();
+    let images: usize = entrants.iter().map(|entrant| entrant["snapshots"].as_array().unwrap().len()).sum();
     // Each with a header row; one row for each class.
-    assert_eq!(seen["tables"], serde_json::json!([2, 1 + budgets, 5]));
+    assert_eq!(seen["tables"], serde_json::json!([1 + entrants.len(), 1 + images, 5]));
+    let pictures = ["raw", "denoised", "difference", "estimated error", "error"];
+    assert_eq!(seen["pictures"], serde_json::json!(pictures));
+    assert_eq!(seen["different"], pictures.len());
 
     // Display values of the middle pixel, computed from the files.
     let image = Image::read(folder.join("report/reference.exr")).unwrap();

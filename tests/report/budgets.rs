@@ -3,15 +3,17 @@
 
 use penumbra::internal::report::document::{MIN_REPEATS, Report};
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::report::run::{Run, Snapshot, Subject};
+use penumbra::internal::report::run::{Run, Snapshot, Starter, Subject};
 use penumbra::internal::statistics::Rays;
-use penumbra::{Image, Result, Settings, Technique};
+use penumbra::settings::Denoise;
+use penumbra::{Denoiser, Image, Result, Settings, Technique};
 
 use crate::setup::Box;
 
 /// A run without an image: its only budget is a nanosecond.
 fn late(subject: &Subject<'_>, technique: Technique, seed: u32) -> Run {
-    Run::new(subject, technique, seed, &[1e-9], &|| false).unwrap().unwrap()
+    let starter = Starter::new(technique, Denoiser::default());
+    Run::new(subject, &starter, seed, &[1e-9], &|| false).unwrap().unwrap()
 }
 
 fn grey(level: f32) -> Image {
@@ -65,7 +67,8 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
     for (index, run) in runs.iter_mut().enumerate().filter(|(index, _)| index % 2 == 0) {
         let (samples, rays, image) = (4, Rays::default(), grey(0.5 + 0.01 * (1 + index) as f32));
         run.first = Some(1.0);
-        run.snapshots.push(Snapshot { budget: 2.0, time: 2.0, samples, rays, image });
+        let [budget, sampled] = [2.0; 2];
+        run.snapshots.push(Snapshot { budget, sampled, denoise: 0.0, samples, rays, image, estimate: None });
     }
     let advice = report(&subject, &runs).unwrap().advice;
     assert!(
@@ -74,4 +77,24 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
         ),
         "{advice}"
     );
+}
+
+/// An entrant's denoiser takes a part of the budget, as its set-up does.
+#[test]
+fn a_late_entrant_is_named_with_its_denoiser() {
+    let scene = Box::load();
+    let settings = Settings::builder().size(8, 8).build().unwrap();
+    let subject = scene.subject(&settings);
+    let runs: Vec<Run> = (0..MIN_REPEATS as u32)
+        .map(|seed| {
+            let mut run = late(&subject, Technique::PATH, seed);
+            run.settings.image.denoise = Denoise::Oidn;
+            (run.setup, run.denoise) = (1.0, 0.5);
+            run
+        })
+        .collect();
+    let text = report(&subject, &runs).err().unwrap().to_string();
+    for words in ["the soonest is path+oidn", "its set-up and denoiser take up to 1.50 s", "more than 1.50 s"] {
+        assert!(text.contains(words), "{words:?} in {text}");
+    }
 }

@@ -5,6 +5,7 @@ mod device;
 
 mod budgets;
 mod curves;
+mod entrants;
 mod honesty;
 mod intervals;
 mod planted;

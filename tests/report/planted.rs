@@ -1,10 +1,10 @@
 //! Faults planted in renders of the box: the report must identify them as bias or noise.
 
-use penumbra::internal::report::document::{Report, TechniqueReport};
+use penumbra::internal::report::document::{EntrantReport, Report};
 use penumbra::internal::report::finding::FindingKind;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::report::run::{Run, Snapshot, Subject};
-use penumbra::{Image, Renderer, Settings, Technique};
+use penumbra::internal::report::run::{Run, Snapshot, Starter, Subject};
+use penumbra::{Denoiser, Image, Renderer, Settings, Technique};
 
 use crate::setup::{Box, folder, goal};
 
@@ -19,11 +19,23 @@ fn run(subject: &Subject<'_>, settings: Settings, plant: impl Fn(u32, &mut Image
         }
         let mut image = renderer.image().unwrap();
         plant(settings.image.seed, &mut image);
-        Snapshot { budget, time: budget, samples, rays: renderer.statistics().unwrap().rays, image }
+        let rays = renderer.statistics().unwrap().rays;
+        Snapshot { budget, sampled: budget, denoise: 0.0, samples, rays, image, estimate: None }
     });
     let statistics = renderer.statistics().unwrap();
-    let (setup, first, snapshots) = (0.5, Some(0.6), snapshots.into());
-    Run { settings, setup, first, snapshots, statistics, map_left_out: None, time: 4.0, spent: 4.0 }
+    Run {
+        settings,
+        setup: 0.5,
+        first: Some(0.6),
+        snapshots: snapshots.into(),
+        noisy: None,
+        denoisers: Vec::new(),
+        denoise: 0.0,
+        statistics,
+        map_left_out: None,
+        time: 4.0,
+        spent: 4.0,
+    }
 }
 
 /// Multiplies the colour of each pixel by a factor.
@@ -82,11 +94,11 @@ fn planted_bias_and_noise_are_named() {
         runs.push(rendered(Technique::VISIBILITY_ESTIMATE, 1.0, &pattern));
     }
     let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
-    let of = |technique: Technique| -> &TechniqueReport {
-        report.techniques.iter().find(|report| report.settings.technique == technique).unwrap()
+    let of = |technique: Technique| -> &EntrantReport {
+        report.entrants.iter().find(|report| report.settings.technique == technique).unwrap()
     };
-    for technique in &report.techniques {
-        println!("{}: {}", technique.settings.technique, technique.finding.text);
+    for entrant in &report.entrants {
+        println!("{}: {}", entrant.entrant, entrant.finding.text);
     }
     println!("{}", report.advice);
 
@@ -99,7 +111,7 @@ fn planted_bias_and_noise_are_named() {
     assert!((strong.brightness.value - 0.02).abs() < 0.002, "{:?}", strong.brightness);
     let noisy = of(Technique::SHADOW_PHOTONS);
     assert_eq!(noisy.finding.kind, FindingKind::Noise, "{}", noisy.finding.text);
-    let last = |technique: &TechniqueReport| technique.snapshots.last().unwrap().clone();
+    let last = |entrant: &EntrantReport| entrant.snapshots.last().unwrap().clone();
     // Noise of 0.3 r adds 0.09 r^2 / (r^2 + 0.01) to the variance, of which more than 0.03 must show.
     assert!(last(noisy).variance.low > last(plain).variance.high + 0.03);
     let wrong = of(Technique::VISIBILITY_ESTIMATE);
@@ -134,10 +146,12 @@ fn the_references_own_error_is_not_called_bias() {
     let (common, own) = (0.05f32, 0.035);
     let runs: Vec<Run> = (0..3)
         .map(|seed| {
-            let mut run = Run::new(&subject, Technique::PATH, seed, &[1e-9], &|| false).unwrap().unwrap();
+            let starter = Starter::new(Technique::PATH, Denoiser::default());
+            let mut run = Run::new(&subject, &starter, seed, &[1e-9], &|| false).unwrap().unwrap();
             let image = image(&|x, y| GREY + common * sign(y) + own * sign(x >> seed));
             let rays = run.statistics.rays;
-            run.snapshots.push(Snapshot { budget: 1.0, time: 1.0, samples: 4, rays, image });
+            let [budget, sampled] = [1.0; 2];
+            run.snapshots.push(Snapshot { budget, sampled, denoise: 0.0, samples: 4, rays, image, estimate: None });
             run
         })
         .collect();
@@ -147,7 +161,7 @@ fn the_references_own_error_is_not_called_bias() {
             reference.image.add_channel(name, vec![common * common / common_over_floor; 64]);
         }
         let report = Report::new("box.glb", &subject.gpu.info, &reference, &runs, Vec::new()).unwrap();
-        report.techniques[0].finding.kind
+        report.entrants[0].finding.kind
     };
     assert_eq!(kind(1.5), FindingKind::Reference);
     assert_eq!(kind(3.0), FindingKind::Bias);

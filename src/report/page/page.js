@@ -9,18 +9,18 @@ const element = (id) => document.getElementById(id);
 const digits = (x) => (x === null || !Number.isFinite(x) ? "–" : x === 0 ? "0" : Math.abs(x) >= 0.01 && Math.abs(x) < 1e4 ? String(Number(x.toPrecision(3))) : x.toExponential(1));
 const percent = (x) => `${digits(100 * x)} %`;
 
+/** A table cell with a value above small print. */
+function noted(value, note) {
+  const cell = document.createElement("td");
+  const small = document.createElement("small");
+  small.textContent = note;
+  cell.append(value, small);
+  return cell;
+}
+
 /** A table cell with an estimate above its interval. */
 function interval(value, format = digits) {
-  const cell = document.createElement("td");
-  if (value === null) {
-    cell.textContent = "–";
-    return cell;
-  }
-  cell.append(format(value.value));
-  const range = document.createElement("small");
-  range.textContent = `${format(value.low)} to ${format(value.high)}`;
-  cell.append(range);
-  return cell;
+  return value === null ? noted("–", "") : noted(format(value.value), `${format(value.low)} to ${format(value.high)}`);
 }
 
 const isText = (value) => String(value).includes(" ") && !/^[\d.]/.test(value);
@@ -53,45 +53,51 @@ const error =
   reference.standard_error === null
     ? "of unknown error"
     : `with a standard error of ${percent(reference.standard_error)}${short ? ` (time ran out before it reached ${percent(reference.goal)})` : ""}`;
-element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each technique, with their 95 % intervals in small print.`;
+element("subject").textContent = `${report.scene}, ${width} × ${height} pixels, on ${device.name}; reference ${error}. Penumbra ${report.version}. Means over ${report.runs} runs of each entrant, with their 95 % intervals in small print.`;
 element("advice").textContent = report.advice;
 
+/** Cells that are left out of tables where no entrant has a denoiser. */
+const anyDenoised = report.entrants.some((entrant) => entrant.denoisers.length > 0);
+const denoising = (...cells) => (anyDenoised ? cells : []);
+
 fill(
-  "techniques",
-  ["technique", "finding", "time", "spp", "relMSE", "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
-  report.techniques.map((technique) => {
-    const last = technique.snapshots.at(-1);
+  "entrants",
+  ["entrant", "finding", "time", ...denoising("denoiser"), "spp", "relMSE", ...denoising("estimate over relMSE"), "FLIP", "slope", "brightness", "set-up", "compilation", "warm-up"],
+  report.entrants.map((entrant) => {
+    const last = entrant.snapshots.at(-1);
     return [
-      technique.settings.technique,
-      technique.finding.text,
+      entrant.entrant,
+      entrant.finding.text,
       `${digits(last.time.value)} s`,
+      ...denoising(entrant.denoisers.length > 0 ? noted(`${digits(entrant.time.denoise)} s`, entrant.denoisers.join(", ")) : "–"),
       digits(last.samples.value),
       interval(last.relmse),
+      ...denoising(interval(last.estimate_ratio)),
       interval(last.flip),
-      interval(technique.slope),
-      interval(technique.brightness, percent),
-      `${digits(technique.time.setup)} s`,
-      `${digits(technique.time.compile)} s`,
-      `${digits(technique.time.warm_up)} s`,
+      interval(entrant.slope),
+      interval(entrant.brightness, percent),
+      `${digits(entrant.time.setup)} s`,
+      `${digits(entrant.time.compile)} s`,
+      `${digits(entrant.time.warm_up)} s`,
     ];
   }),
 );
 element("against").hidden = report.comparisons.length === 0;
 fill(
   "comparisons",
-  ["technique", "at time", "error ratio", "at relMSE", "time ratio"],
-  report.comparisons.map((row) => [row.technique, `${digits(row.time)} s`, interval(row.error_ratio), digits(row.relmse), interval(row.time_ratio)]),
+  ["entrant", "at time", "error ratio", "at relMSE", "time ratio"],
+  report.comparisons.map((row) => [row.entrant, `${digits(row.time)} s`, interval(row.error_ratio), digits(row.relmse), interval(row.time_ratio)]),
 );
 fill(
   "snapshots",
-  ["technique", "budget", "time", "spp", "relMSE", "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "shadow rays", "all rays"],
-  report.techniques.flatMap((technique) =>
-    technique.snapshots.map((s) => [
-      technique.settings.technique,
+  ["entrant", "budget", "time", "spp", "relMSE", ...denoising("estimate", "estimate over relMSE"), "bias", "variance", "at boundaries", "elsewhere", "RMSE", "MAE", "p99", "shadow rays", "all rays"],
+  report.entrants.flatMap((entrant) =>
+    entrant.snapshots.map((s) => [
+      entrant.entrant,
       `${s.budget} s`,
       interval(s.time),
       digits(s.samples.value),
-      ...[s.relmse, s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99].map((x) => interval(x)),
+      ...[s.relmse, ...denoising(s.estimate, s.estimate_ratio), s.bias, s.variance, s.relmse_boundary, s.relmse_elsewhere, s.rmse, s.mae, s.p99].map((x) => interval(x)),
       s.rays.shadow.toLocaleString("en"),
       s.rays.total.toLocaleString("en"),
     ]),
@@ -141,12 +147,10 @@ const halves = Float32Array.from({ length: 65536 }, (_, h) => {
   const size = exponent === 31 ? (fraction ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024);
   return (h & 32768 ? -size : size) * scale;
 });
+const decode = (text) => Float32Array.from(new Uint16Array(bytes(text).buffer), (word) => halves[word]);
 const decoded = new Map();
 function radiance(index) {
-  if (!decoded.has(index)) {
-    const words = new Uint16Array(bytes(data.views[index].pixels).buffer);
-    decoded.set(index, Float32Array.from(words, (word) => halves[word]));
-  }
+  if (!decoded.has(index)) decoded.set(index, decode(data.views[index].pixels));
   return decoded.get(index);
 }
 
@@ -172,34 +176,73 @@ function heat(x) {
   return HEAT[i].map((low, c) => low + (at - i) * (HEAT[i + 1][c] - low));
 }
 
-/** Relative error of a pixel as in relMSE. At exposure 0, 1 % or less is black and 100 % or more is white. */
-function relative(index, pixel) {
-  const [x, r] = [radiance(index), radiance(0)];
+/** The root of the mean over R, G and B of what relMSE is the mean of, for the error of each channel at a pixel of r. */
+function relativeTo(r, pixel, error) {
   let sum = 0;
-  for (let at = pixel; at < 3 * pixels; at += pixels) sum += (x[at] - r[at]) ** 2 / (r[at] ** 2 + 0.01) / 3;
+  for (let at = pixel; at < 3 * pixels; at += pixels) sum += error(at) ** 2 / (r[at] ** 2 + 0.01) / 3;
   return Math.sqrt(sum);
 }
 
-/** Draws a view with the current exposure, mode and class overlay. */
-function paint(index) {
+/** Relative difference of a pixel from that of another view, the reference unless it is given. */
+function relative(index, pixel, other = 0) {
+  const [x, r] = [radiance(index), radiance(other)];
+  return relativeTo(r, pixel, (at) => x[at] - r[at]);
+}
+
+/** An error as a colour: at gain 1, 1 % or less is black and 100 % or more is white. */
+const heatOf = (error, gain) => heat(1 + Math.log10(Math.max(1e-9, gain * error)) / 2);
+const displayed = (index, pixel, gain) => [0, 1, 2].map((c) => code(gain * radiance(index)[c * pixels + pixel]));
+
+/** A canvas with the colour of each pixel. */
+function paintBy(colour) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [width, height];
   const context = canvas.getContext("2d");
   const image = context.createImageData(width, height);
-  const x = radiance(index);
+  for (let pixel = 0; pixel < pixels; pixel++) image.data.set([...colour(pixel), 255], 4 * pixel);
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+/** Draws a view with the current exposure, mode and class overlay. */
+function paint(index) {
   const gain = 2 ** Number(element("exposure").value);
   const asError = element("mode").value === "error";
   const overlay = element("classes").checked && classMap;
-  for (let pixel = 0; pixel < pixels; pixel++) {
-    let colour = asError
-      ? heat(1 + Math.log10(Math.max(1e-9, gain * relative(index, pixel))) / 2)
-      : [0, 1, 2].map((c) => code(gain * x[c * pixels + pixel]));
+  return paintBy((pixel) => {
+    const colour = asError ? heatOf(relative(index, pixel), gain) : displayed(index, pixel, gain);
     const tint = overlay && CLASSES[classMap[pixel]][1];
-    if (tint) colour = colour.map((value, c) => 0.65 * value + 0.35 * tint[c]);
-    image.data.set([...colour, 255], 4 * pixel);
+    return tint ? colour.map((value, c) => 0.65 * value + 0.35 * tint[c]) : colour;
+  });
+}
+
+// ---- denoised images
+
+element("denoising").hidden = data.denoised.length === 0;
+for (const { denoised, raw, error } of data.denoised) {
+  const expected = error && decode(error);
+  const pictures = [
+    ["raw", (pixel) => displayed(raw, pixel, 1)],
+    ["denoised", (pixel) => displayed(denoised, pixel, 1)],
+    ["difference", (pixel) => heatOf(relative(raw, pixel, denoised), 1)],
+    ["estimated error", expected && ((pixel) => heatOf(relativeTo(radiance(denoised), pixel, () => expected[pixel]), 1))],
+    ["error", (pixel) => heatOf(relative(denoised, pixel), 1)],
+  ];
+  const row = document.createElement("div");
+  row.className = "row";
+  for (const [name, colour] of pictures.filter(([, colour]) => colour)) {
+    const figure = document.createElement("figure");
+    const caption = document.createElement("figcaption");
+    caption.textContent = name;
+    const picture = paintBy(colour);
+    picture.setAttribute("role", "img");
+    picture.setAttribute("aria-label", `${data.views[denoised].name}: ${name}`);
+    figure.append(picture, caption);
+    row.append(figure);
   }
-  context.putImageData(image, 0, 0);
-  return canvas;
+  const heading = document.createElement("h3");
+  heading.textContent = data.views[denoised].name;
+  element("denoised").append(heading, row);
 }
 
 // ---- viewer
@@ -376,7 +419,7 @@ if (classMap) {
     element("tints").append(swatch, name);
   }
 }
-element("ramp").style.background = `linear-gradient(to right, ${HEAT.map((colour) => `rgb(${colour})`)})`;
+for (const ramp of document.querySelectorAll(".ramp")) ramp.style.background = `linear-gradient(to right, ${HEAT.map((colour) => `rgb(${colour})`)})`;
 function resize() {
   viewer.width = viewer.clientWidth * ratio();
   viewer.height = viewer.clientHeight * ratio();
