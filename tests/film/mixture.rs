@@ -3,6 +3,8 @@
 use penumbra::internal::render::denoise::Colour;
 use penumbra::internal::render::denoise::mixture::{Candidate, Mixed, Raw, alone, mix};
 
+use crate::random::Random;
+
 const SIZE: [u32; 2] = [97, 83];
 
 /// The true image: constant, and bright enough that the floor of relative errors does not matter.
@@ -10,22 +12,6 @@ const TRUTH: f32 = 2.0;
 
 /// Standard deviation of a half's noise.
 const NOISE: f64 = 0.3;
-
-/// Splitmix64, and normal numbers by Box and Muller.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
 
 /// An image in three versions: of all samples, and of both halves.
 #[derive(Clone)]

@@ -252,7 +252,7 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 }
 
 /// Means over squares of [`RADIUS`], as far as they are within the image.
-fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
+pub(super) fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let means = |line: &[f64]| -> Vec<f64> {
         let mean = |i: usize| {

@@ -4,6 +4,7 @@ pub mod mixture;
 #[cfg(feature = "oidn")]
 mod oidn;
 pub mod statistical;
+pub mod stratification;
 
 use std::path::Path;
 
