@@ -17,8 +17,8 @@ const REST_OF_ALL: f32 = 0.5;
 const REST_OF_HALF: f32 = 0.7;
 
 /// For each pixel, the noise of light over that of independent samples, by the `variance` of the mean of these and the
-/// difference of the halves' means. At most 1: chance makes it more as often as less, and a firefly that one half has to
-/// itself much more.
+/// difference of the halves' means. At most 1: chance makes it more as often as less, and a firefly that only one half
+/// has much more.
 pub fn ratios(size: [u32; 2], variance: &[Colour], halves: [&[Colour]; 2], half_samples: [u32; 2]) -> Vec<f32> {
     let [first, second] = half_samples.map(f64::from);
     // The variance of the halves' difference over that of the mean of all, if samples were independent.
