@@ -285,29 +285,10 @@ fn restrain(
     light_out[2u * pixel + 1u] = restrained(load_light(2u * pixel + 1u), indirect, spread.y, count);
 }
 
-// Sums over a window for a part of the light: differences from the centre, their squares, variances.
-struct Spread {
-    difference: vec3f,
-    square: f32,
-    variance: f32,
-}
-
-fn spread_with(spread: Spread, weight: f32, centre: vec4f, other: vec4f) -> Spread {
-    let d = other.xyz - centre.xyz;
-    let square = spread.square + weight * dot(d, d);
-    return Spread(spread.difference + weight * d, square, spread.variance + weight * other.w);
-}
-
-// The variance of a pixel, from its own and its neighbours' variances. A single sample has none, so that the spread of
-// the neighbours' light takes its place.
-fn pooled(spread: Spread, weight: f32, count: f32, own: f32) -> f32 {
-    let mean = spread.difference / weight;
-    let unbiased = count / max(count - 1.0, 1.0);
-    let of_single = max(spread.square / weight - dot(mean, mean), 0.0) * unbiased;
-    let samples = f32(denoise.samples);
-    let several = POOLED_SAMPLES * spread.variance / weight + (samples - 1.0) * own;
-    let of_several = several / (POOLED_SAMPLES + samples - 1.0);
-    return select(of_several, of_single, denoise.samples < 2u);
+// The variance of a pixel, from its own and its neighbours' mean variance.
+fn pooled(light: vec4f, neighbours: f32) -> vec4f {
+    let more = f32(denoise.samples) - 1.0;
+    return vec4f(light.xyz, (POOLED_SAMPLES * neighbours + more * light.w) / (POOLED_SAMPLES + more));
 }
 
 // Pools the variance of each pixel with its neighbours': that of few samples is itself noise.
@@ -320,11 +301,8 @@ fn pool(
     let pixel = pixel_of(group, groups, lane);
     if outside(pixel) { return; }
     let surface = surface_at(pixel);
-    let direct = load_light(2u * pixel);
-    let indirect = load_light(2u * pixel + 1u);
-    var spreads = array<Spread, 2>();
+    var variances = vec2f(0.0);
     var weights = TINY;
-    var count = 0.0;
     let extent = window(pixel, POOL_RADIUS);
     let own = column_and_row(pixel);
     for (var y = extent.y; y <= extent.w; y++) {
@@ -332,13 +310,58 @@ fn pool(
             let other = u32(y) * denoise.width + u32(x);
             let weight = surface_weight(surface, surface_at(other), vec2f(vec2i(x, y) - own));
             weights += weight;
-            count += select(0.0, 1.0, weight > COUNTED_WEIGHT);
-            spreads[0] = spread_with(spreads[0], weight, direct, load_light(2u * other));
-            spreads[1] = spread_with(spreads[1], weight, indirect, load_light(2u * other + 1u));
+            variances += weight * vec2f(load_light(2u * other).w, load_light(2u * other + 1u).w);
         }
     }
-    light_out[2u * pixel] = vec4f(direct.xyz, pooled(spreads[0], weights, count, direct.w));
-    light_out[2u * pixel + 1u] = vec4f(indirect.xyz, pooled(spreads[1], weights, count, indirect.w));
+    light_out[2u * pixel] = pooled(load_light(2u * pixel), variances.x / weights);
+    light_out[2u * pixel + 1u] = pooled(load_light(2u * pixel + 1u), variances.y / weights);
+}
+
+// The squared differences of direct and of indirect light between two pixels, and 1, by `weight` and that of the other
+// pixel `to`; 0 if it is outside of the window that ends at `last`.
+fn step_to(surface: Surface, own: vec2i, last: vec2i, weight: f32, other: u32, to: vec2i) -> vec3f {
+    if any(to > last) { return vec3f(0.0); }
+    let next = u32(to.y) * denoise.width + u32(to.x);
+    let both = weight * surface_weight(surface, surface_at(next), vec2f(to - own));
+    let a = load_light(2u * next).xyz - load_light(2u * other).xyz;
+    let b = load_light(2u * next + 1u).xyz - load_light(2u * other + 1u).xyz;
+    return both * vec3f(dot(a, a), dot(b, b), 1.0);
+}
+
+// `pool` of single samples, which have no variance: what neighbours one and two pixels apart differ by. Noise differs
+// the same at both distances, and edges or slopes twice as much at the second or more. So what is left at distance 0 is
+// noise (the nugget of a linear variogram; Matheron 1963).
+@compute @workgroup_size(64)
+fn pool_single(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let pixel = pixel_of(group, groups, lane);
+    if outside(pixel) { return; }
+    let surface = surface_at(pixel);
+    var near = vec3f(0.0);
+    var far = vec3f(0.0);
+    let extent = window(pixel, POOL_RADIUS);
+    let own = column_and_row(pixel);
+    let last = extent.zw;
+    for (var y = extent.y; y <= extent.w; y++) {
+        for (var x = extent.x; x <= extent.z; x++) {
+            let at = vec2i(x, y);
+            let other = u32(y) * denoise.width + u32(x);
+            let weight = surface_weight(surface, surface_at(other), vec2f(at - own));
+            near += step_to(surface, own, last, weight, other, at + vec2i(1, 0));
+            near += step_to(surface, own, last, weight, other, at + vec2i(0, 1));
+            far += step_to(surface, own, last, weight, other, at + vec2i(2, 0));
+            far += step_to(surface, own, last, weight, other, at + vec2i(0, 2));
+        }
+    }
+    // Half of a mean squared difference is a variance.
+    let one = 0.5 * near.xy / max(near.z, TINY);
+    let two = 0.5 * far.xy / max(far.z, TINY);
+    let variance = clamp(2.0 * one - two, vec2f(0.0), one);
+    light_out[2u * pixel] = vec4f(load_light(2u * pixel).xyz, variance.x);
+    light_out[2u * pixel + 1u] = vec4f(load_light(2u * pixel + 1u).xyz, variance.y);
 }
 
 // Means of 3 x 3 pixels of the same surface, and their variance.

@@ -94,8 +94,9 @@ impl Denoise {
             frame.submit()?;
             Ok(table)
         };
+        let pool = if image.samples < 2 { "pool_single" } else { "pool" };
         let restrained = table(run("restrain", &prepared, &prepared)?)?;
-        let light = table(run("pool", &restrained, &restrained)?)?;
+        let light = table(run(pool, &restrained, &restrained)?)?;
         let mut guide = table(run("smooth_light", &light, &light)?)?;
         for entry in ["average", "regress"] {
             guide = table(run(entry, &light, &guide)?)?;

@@ -5,4 +5,6 @@ mod exr;
 mod metrics;
 mod mixture;
 mod png;
+mod random;
+mod stratification;
 mod tone_map;

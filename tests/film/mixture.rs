@@ -3,29 +3,18 @@
 use penumbra::internal::render::denoise::Colour;
 use penumbra::internal::render::denoise::mixture::{Candidate, Mixed, Raw, alone, mix};
 
+use crate::random::Random;
+
 const SIZE: [u32; 2] = [97, 83];
 
 /// The true image: constant, and bright enough that the floor of relative errors does not matter.
 const TRUTH: f32 = 2.0;
 
+/// Samples whose noise is that of independent ones.
+const INDEPENDENT: [f32; pixels(SIZE)] = [1.0; pixels(SIZE)];
+
 /// Standard deviation of a half's noise.
 const NOISE: f64 = 0.3;
-
-/// Splitmix64, and normal numbers by Box and Muller.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
 
 /// An image in three versions: of all samples, and of both halves.
 #[derive(Clone)]
@@ -59,13 +48,13 @@ fn mean(a: &[Colour], b: &[Colour]) -> Vec<Colour> {
     a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)).collect()
 }
 
-fn pixels([width, height]: [u32; 2]) -> usize {
+const fn pixels([width, height]: [u32; 2]) -> usize {
     width as usize * height as usize
 }
 
 fn raw(versions: &Versions, size: [u32; 2]) -> Raw<'_> {
     let halves = versions.halves.each_ref().map(Vec::as_slice);
-    Raw { size, all: &versions.all, halves, half_samples: [8, 8] }
+    Raw { size, all: &versions.all, halves, half_samples: [8, 8], ratios: &INDEPENDENT[..pixels(size)] }
 }
 
 /// The mixture of images of [`SIZE`].
@@ -150,6 +139,31 @@ fn the_error_of_all_samples_is_estimated_from_their_halves() {
         // Bias is what is left of much more noise.
         assert!(found < 1.5 * expected && found > expected / 1.5, "{found} for {expected}");
     }
+}
+
+/// Noise of stratified halves that avoid each other is less in their mean than in their difference.
+#[test]
+fn the_error_of_stratified_samples_is_not_that_of_independent_ones() {
+    // What both halves have, and what one has more and the other less. At a ratio of 0.1, 16 samples have
+    // 1 - 2 * 0.35 * 0.9 / sqrt(2) = 0.55 of the variance of the second.
+    let (shared, opposite) = (Versions::noisy(0.0, NOISE, 12), Versions::noisy(0.0, NOISE, 13));
+    let half = |sign: f32| -> Vec<Colour> {
+        let both = shared.halves[0].iter().zip(&opposite.halves[0]);
+        let pixel = |(x, y): (&Colour, &Colour)| {
+            [0, 1, 2].map(|c| TRUTH + 0.55f32.sqrt() * (x[c] - TRUTH) + sign * (y[c] - TRUTH))
+        };
+        both.map(pixel).collect()
+    };
+    let [a, b] = [half(1.0), half(-1.0)];
+    let own = Versions { all: mean(&a, &b), halves: [a, b] };
+    let stratified = Raw { ratios: &[0.1; pixels(SIZE)], ..raw(&own, SIZE) };
+    let kept = alone(&stratified, &own.candidate());
+    assert!(is_near(estimate(&kept), error(&own.all)), "{} for {}", estimate(&kept), error(&own.all));
+    let planted = alone(&raw(&own, SIZE), &own.candidate());
+    assert!(!is_near(estimate(&planted), error(&own.all)), "independent samples");
+    // An image without noise has no noise to avoid.
+    let truth = Versions::of([TRUTH; 3], pixels(SIZE));
+    assert!(estimate(&alone(&stratified, &truth.candidate())) < 0.02 * error(&own.all));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use glam::DVec3;
 use kernel_kit::{Gpu, kernel_test};
 use penumbra::internal::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use penumbra::internal::render::denoise::statistical::StatisticalDenoiser;
-use penumbra::internal::render::denoise::{self, Guides, Part};
+use penumbra::internal::render::denoise::{self, Guides, Noisy, Part};
 
 use crate::kit::device_features;
 use crate::statistics::Random;
@@ -223,21 +223,38 @@ impl Oracle {
 
     fn pool(&self, light: &[Light]) -> Vec<Light> {
         let pixel = |i: usize| {
-            let (mut weights, mut count, mut square, mut variance, mut mean) = (0.0, 0.0, 0.0, 0.0, DVec3::ZERO);
+            if self.samples < 2.0 {
+                return (light[i].0, self.nugget(light, i));
+            }
+            let (mut weights, mut variance) = (0.0, 0.0);
             self.around(i, 2, |_, j, weight| {
                 weights += weight;
-                count += if weight > 0.3 { 1.0 } else { 0.0 };
-                mean += weight * light[j].0;
-                square += weight * light[j].0.length_squared();
                 variance += weight * light[j].1;
             });
-            mean /= weights;
-            let spread = (square / weights - mean.length_squared()).max(0.0) * count / f64::max(count - 1.0, 1.0);
             let more = self.samples - 1.0;
-            let several = (4.0 * variance / weights + more * light[i].1) / (4.0 + more);
-            (light[i].0, if self.samples > 1.0 { several } else { spread })
+            (light[i].0, (4.0 * variance / weights + more * light[i].1) / (4.0 + more))
         };
         (0..light.len()).map(pixel).collect()
+    }
+
+    /// The variogram's value at distance 0, by those at 1 and 2 along rows and columns of 5 x 5 pixels.
+    fn nugget(&self, light: &[Light], i: usize) -> f64 {
+        let mut members = Vec::new();
+        self.around(i, 2, |at, j, weight| members.push((at, weight, light[j].0)));
+        let [one, two] = [1.0, 2.0].map(|distance| {
+            let (mut weights, mut sum) = (0.0, 0.0);
+            for (from, weight, light) in &members {
+                for (to, other_weight, other) in &members {
+                    let step = [to[0] - from[0], to[1] - from[1]];
+                    if step == [distance, 0.0] || step == [0.0, distance] {
+                        weights += weight * other_weight;
+                        sum += weight * other_weight * light.distance_squared(*other);
+                    }
+                }
+            }
+            0.5 * sum / f64::max(weights, 1e-10)
+        });
+        (2.0 * one - two).clamp(0.0, one)
     }
 
     fn smooth(&self, light: &[Light]) -> Vec<Light> {
@@ -410,6 +427,65 @@ fn noise_is_removed_as_far_as_it_is_known(gpu: &Gpu) {
     // Stein's estimate from 25 pixels of 3 equal channels leaves a few hundredths of the variance.
     assert!(known < 0.01 / 8.0, "{known}");
     assert!(unknown > 0.9 * 0.01, "{unknown}");
+}
+
+/// Of one sample noise is told from edges and slopes by how differences grow with distance.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn single_samples_lose_noise_and_keep_edges(gpu: &Gpu) {
+    const SIZE: usize = 32;
+    let single = Input::plane(SIZE, SIZE, 1);
+    // Two values, in which no pixel is a firefly among its neighbours.
+    let mut random = Random(21);
+    let noisy = single.clone().light(|_, _| if random.uniform() < 0.5 { 0.9 } else { 1.1 }, 0.0).red(gpu);
+    let left = noisy.iter().map(|value| (value - 1.0).powi(2)).sum::<f64>() / noisy.len() as f64;
+    // What 5 x 5 pixels tell of the variance is noisy itself, and Stein's estimate returns some of the noise.
+    assert!(left < 0.01 / 2.0, "{left}");
+    let edge = |x: usize, y: usize| if x + y / 3 < SIZE / 2 { 1.0 } else { 2.0 };
+    let kept = single.light(edge, 0.0).red(gpu);
+    let worst = (0..kept.len()).map(|i| (kept[i] - f64::from(edge(i % SIZE, i / SIZE))).abs()).fold(0.0, f64::max);
+    // The spread of the light about an edge taken for noise moves pixels there by up to a third.
+    assert!(worst < 0.1, "{worst}");
+}
+
+/// A texture is kept where halves show that the variance is not that of independent samples, and is lost where it is.
+#[kernel_test("PENUMBRA_DEVICE")]
+fn halves_tell_how_much_is_noise(gpu: &Gpu) {
+    const SIZE: usize = 48;
+    let mut random = Random(22);
+    let texture: Vec<[f32; 3]> =
+        (0..SIZE * SIZE).map(|_| if random.uniform() < 0.5 { [0.9; 3] } else { [1.1; 3] }).collect();
+    let mut changed = |noise: f32| -> f64 {
+        let mut half = || -> Vec<[f32; 3]> {
+            let pixel = |[value, ..]: &[f32; 3]| [value + noise * normal(&mut random) as f32; 3];
+            texture.iter().map(pixel).collect()
+        };
+        let means = [half(), half()];
+        let mean = |i: usize| [(means[0][i][0] + means[1][i][0]) / 2.0; 3];
+        let all: Vec<[f32; 3]> = (0..texture.len()).map(mean).collect();
+        // Four times the texture's, and twice that for each half.
+        let light = |mean: Vec<[f32; 3]>, variance: f32| {
+            let variance = vec![[variance; 3]; mean.len()];
+            denoise::Light { parts: vec![Part { mean, variance }] }
+        };
+        let Input { planes, .. } = Input::plane(SIZE, SIZE, 16);
+        let [.., albedo, normal, position] = planes;
+        let noisy = Noisy {
+            size: [SIZE as u32; 2],
+            all: light(all.clone(), 0.04),
+            halves: Some(means.map(|mean| light(mean, 0.08))),
+            half_samples: [8, 8],
+            guides: Guides { albedo, normal, position },
+        };
+        let filtered = StatisticalDenoiser::new(gpu).unwrap().filter_noisy(&noisy).unwrap();
+        assert_eq!(filtered.halves.map(|halves| halves.map(|half| half.len())), Some([all.len(); 2]));
+        let squares = filtered.all.iter().zip(&all).map(|(x, y)| f64::from(x[0] - y[0]).powi(2));
+        squares.sum::<f64>() / all.len() as f64
+    };
+    // The halves' noise is a hundredth of what the variance says, then all of it.
+    let (stratified, independent) = (changed(0.1 * 0.08f32.sqrt()), changed(0.08f32.sqrt()));
+    assert!(stratified < 0.001, "{stratified}: the texture is lost");
+    // Stein's estimate leaves a fifth of the light as it is: light and noise have 1.25 times the variance.
+    assert!(independent > 0.04 / 2.0, "{independent}: noise is kept");
 }
 
 /// An edge between regions whose intervals do not overlap keeps every pixel on its side; one that noise explains does

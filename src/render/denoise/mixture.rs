@@ -21,6 +21,12 @@ const RADIUS: usize = 10;
 /// against the raw image fall to this part.
 const ODDS_OF_ALL: f64 = 0.5;
 
+/// By how much the halves avoid each other, as their samples are points of one sequence: minus the covariance of their
+/// noise, over half of the mean square of their difference, is this part at 4 samples where they are stratified
+/// perfectly, and falls with the fourth root of their number. Measured with references in three scenes by two
+/// techniques: 0.12 to 0.31 at 4 samples, 0.04 to 0.27 at 16, 0 to 0.2 at 256, the more the smaller the ratio.
+const AVOIDANCE: f64 = 0.35;
+
 /// The raw image.
 pub struct Raw<'a> {
     /// Width and height in pixels.
@@ -31,6 +37,8 @@ pub struct Raw<'a> {
     pub halves: [&'a [Colour]; 2],
     /// Number of samples of each half.
     pub half_samples: [u32; 2],
+    /// The noise of each pixel over that of independent samples, at most 1; see [`super::stratification`].
+    pub ratios: &'a [f32],
 }
 
 /// What one denoiser made of a raw image.
@@ -133,13 +141,20 @@ impl Regions {
         let [a, b] = raw.halves;
         let squares = |x, y| self.products([x, y], [x, y]);
         let (across, back, noise, own) = (squares(of_a, b), squares(of_b, a), squares(a, b), squares(of_a, of_b));
+        // By what the image differs from the raw one, the noise that it lost.
+        let (lost_a, lost_b) = (self.products([of_a, a], [b, a]), self.products([of_b, b], [a, b]));
         let [count_a, count_b] = raw.half_samples.map(f64::from);
         // The variance of a mean over the mean squared difference of the means of its halves.
         let share = count_a * count_b / (count_a + count_b).powi(2);
+        let avoidance = AVOIDANCE * (4.0 / (count_a + count_b)).powf(0.25);
         let pixel = |i: usize| {
             // The squared error of a half is that of its mean, and its noise. All samples have less of the noise.
             let bias = (across[i] + back[i] - noise[i] - own[i]) / 2.0;
-            let relative = bias.max(0.0) + share * own[i];
+            // Where noise is left that avoids that of the other half, the difference has more of it than the mean. What
+            // lost its noise seems less biased than it is, but at few samples nobody can tell by how much.
+            let avoided = avoidance * (1.0 - f64::from(raw.ratios[i])) * (noise[i] / 2.0 - lost_a[i] - lost_b[i]);
+            let variance = share * own[i];
+            let relative = (bias.max(0.0) + variance - avoided.max(0.0)).max(variance / 2.0);
             (relative / (self.scale[i].iter().sum::<f64>() / 3.0)).sqrt() as f32
         };
         (0..self.scale.len()).map(pixel).collect()
@@ -248,7 +263,7 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
 }
 
 /// Means over squares of [`RADIUS`], as far as they are within the image.
-fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
+pub(super) fn smooth(values: Vec<f64>, [width, height]: [u32; 2]) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let means = |line: &[f64]| -> Vec<f64> {
         let mean = |i: usize| {

@@ -4,6 +4,7 @@ pub mod mixture;
 #[cfg(feature = "oidn")]
 mod oidn;
 pub mod statistical;
+pub mod stratification;
 
 use std::path::Path;
 
@@ -38,10 +39,19 @@ pub struct Light {
 impl Light {
     /// The sum of the parts.
     pub fn colour(&self) -> Vec<Colour> {
-        let mut sum = self.parts[0].mean.clone();
+        self.sum(|part| &part.mean)
+    }
+
+    /// The sum of the parts' variances.
+    fn variance(&self) -> Vec<Colour> {
+        self.sum(|part| &part.variance)
+    }
+
+    fn sum(&self, pick: impl Fn(&Part) -> &Vec<Colour>) -> Vec<Colour> {
+        let mut sum = pick(&self.parts[0]).clone();
         for part in &self.parts[1..] {
             let add = |(sum, more): (&mut Colour, &Colour)| (0..3).for_each(|c| sum[c] += more[c]);
-            sum.iter_mut().zip(&part.mean).for_each(add);
+            sum.iter_mut().zip(pick(part)).for_each(add);
         }
         sum
     }
@@ -169,12 +179,10 @@ impl Denoiser {
             return Ok(Some(Denoised { colour: all.clone(), error: None }));
         };
         let halves = halves.each_ref().map(Light::colour);
-        let raw = mixture::Raw {
-            size: noisy.size,
-            all: &raw,
-            halves: halves.each_ref().map(Vec::as_slice),
-            half_samples: noisy.half_samples,
-        };
+        let halves = halves.each_ref().map(Vec::as_slice);
+        let (size, half_samples) = (noisy.size, noisy.half_samples);
+        let ratios = stratification::ratios(size, &noisy.all.variance(), halves, half_samples);
+        let raw = mixture::Raw { size, all: &raw, halves, half_samples, ratios: &ratios };
         let mixed = if self.choice == Denoise::Auto {
             mixture::mix(&raw, &candidates)
         } else {

@@ -2,6 +2,7 @@
 
 use kernel_kit::Gpu;
 
+use super::stratification::{ratios, reduced};
 use super::{Colour, Filter, Filtered, Guides, Light, Noisy, Part};
 use crate::passes::denoise::{Denoise, DenoiseParameters, PIXEL_VECTORS, REACH};
 use crate::specialisation::device_features;
@@ -21,14 +22,7 @@ impl Filter for Statistical {
     }
 
     fn filter(&self, gpu: &Gpu, noisy: &Noisy) -> Result<Filtered> {
-        let denoiser = StatisticalDenoiser::new(gpu)?;
-        let filter = |light, samples| denoiser.filter(noisy.size, samples, light, &noisy.guides);
-        let all = filter(&noisy.all, noisy.half_samples.iter().sum())?;
-        let halves = match &noisy.halves {
-            Some([a, b]) => Some([filter(a, noisy.half_samples[0])?, filter(b, noisy.half_samples[1])?]),
-            None => None,
-        };
-        Ok(Filtered { all, halves })
+        StatisticalDenoiser::new(gpu)?.filter_noisy(noisy)
     }
 }
 
@@ -45,6 +39,24 @@ impl<'g> StatisticalDenoiser<'g> {
     /// As [`kernel_kit::Kernel::new`].
     pub fn new(gpu: &'g Gpu) -> Result<StatisticalDenoiser<'g>> {
         Ok(StatisticalDenoiser { gpu, pass: Denoise::new(gpu, &device_features(gpu, Features::default()))? })
+    }
+
+    /// Filters the light of all samples and that of their halves, whose difference tells the variance of each.
+    ///
+    /// # Errors
+    /// As [`StatisticalDenoiser::filter`].
+    pub fn filter_noisy(&self, noisy: &Noisy) -> Result<Filtered> {
+        let filter = |light: &Light, samples| self.filter(noisy.size, samples, light, &noisy.guides);
+        let (all, samples) = (&noisy.all, noisy.half_samples.iter().sum());
+        let Some(halves) = &noisy.halves else { return Ok(Filtered { all: filter(all, samples)?, halves: None }) };
+        let of_part = |(part, whole): (usize, &Part)| {
+            let means = halves.each_ref().map(|half| half.parts[part].mean.as_slice());
+            ratios(noisy.size, &whole.variance, means, noisy.half_samples)
+        };
+        let ratios: Vec<Vec<f32>> = all.parts.iter().enumerate().map(of_part).collect();
+        let half = |half: usize| filter(&reduced(&halves[half], &ratios, true), noisy.half_samples[half]);
+        let all = filter(&reduced(all, &ratios, false), samples)?;
+        Ok(Filtered { all, halves: Some([half(0)?, half(1)?]) })
     }
 
     /// Filters direct and indirect light, each of `samples` samples a pixel, and adds them. A pixel whose light is not
