@@ -14,7 +14,7 @@ import package::lib::camera::pixel_size;
 import package::kit::{dispatch_groups, group_index};
 import package::lib::irradiance::irradiance_near;
 import package::lib::light::BEYOND_SCENE;
-import package::lib::math::{PI, basis, is_finite3, luminance, oct_decode16};
+import package::lib::math::{PI, basis, circle_point, is_finite3, luminance, oct_decode16};
 import package::lib::path_tracing::{PathStart, PathVertex, spread_along, trace_path};
 import package::lib::path_tracing::{bounce_rays, heavy_path, shadow_rays};
 import package::lib::visible_point::{load_point, load_surface};
@@ -85,10 +85,10 @@ fn gather_ray(id: u32) -> GatherRay {
     let seed = hash3(bits.x ^ gather_pass.seed, bits.y, bits.z + DIMENSION_GATHER);
     let xi = vec2f(uniform_from_bits(hash2(seed, 2u * stratum)), uniform_from_bits(hash2(seed, 2u * stratum + 1u)));
     let sine_squared = (f32(stratum % gather_pass.rings) + xi.x) / f32(gather_pass.rings);
-    let angle = 2.0 * PI * (f32(stratum / gather_pass.rings) + xi.y) / f32(gather_pass.sectors);
+    let turns = (f32(stratum / gather_pass.rings) + xi.y) / f32(gather_pass.sectors);
     let sine = sqrt(sine_squared);
     let cosine = sqrt(1.0 - sine_squared);
-    let direction = normalize(basis(normal) * vec3f(sine * cos(angle), sine * sin(angle), cosine));
+    let direction = normalize(basis(normal) * vec3f(sine * circle_point(turns), cosine));
     let pdf = select(0.0, max(cosine, 1e-3) / PI, dot(direction, geometric) > 0.0);
     return GatherRay(Ray(offset_origin(position, geometric), 0.0, direction, BEYOND_SCENE), pdf, stratum, seed);
 }
@@ -202,12 +202,12 @@ fn add_sector(sums: ptr<function, RecordSums>, base: u32, k: u32, frame: mat3x3f
     let sectors = gather_pass.sectors;
     let here = base + k * rings;
     let previous = base + select(k - 1u, sectors - 1u, k == 0u) * rings;
-    let angle = 2.0 * PI * (f32(k) + 0.5) / f32(sectors);
-    let edge_angle = 2.0 * PI * f32(k) / f32(sectors);
+    let middle = circle_point((f32(k) + 0.5) / f32(sectors));
+    let edge = circle_point(f32(k) / f32(sectors));
     // Unit vectors towards the sector's middle, and across its first edge.
-    let outwards = frame * vec3f(cos(angle), sin(angle), 0.0);
-    let across_edge = frame * vec3f(-sin(edge_angle), cos(edge_angle), 0.0);
-    @if(smooth_normals || normal_maps) let across = frame * vec3f(-sin(angle), cos(angle), 0.0);
+    let outwards = frame * vec3f(middle, 0.0);
+    let across_edge = frame * vec3f(-edge.y, edge.x, 0.0);
+    @if(smooth_normals || normal_maps) let across = frame * vec3f(-middle.y, middle.x, 0.0);
     // The sums of Ward and Heckbert's equation 4 over the rings of this sector.
     var along = vec3f(0.0);
     var beyond = vec3f(0.0);

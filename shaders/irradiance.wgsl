@@ -12,8 +12,10 @@ import package::lib::grid::{
     COMPATIBLE_COSINE_SQUARED, GridShape, NORMAL_STRETCH, cell_of, counted_distance, load_photon, nearest, point_ball,
     reach_guess, row_photons, rows_about
 };
-@if(!(photon_map || caustics)) import package::lib::math::{PI, basis, is_finite3};
-@if(photon_map || caustics) import package::lib::math::{PI, basis, is_finite3, oct_decode16, invalid_sample};
+@if(!(photon_map || caustics)) import package::lib::math::{PI, basis, circle_point, is_finite3};
+@if(photon_map || caustics) import package::lib::math::{
+    PI, basis, circle_point, invalid_sample, is_finite3, oct_decode16
+};
 @if(photon_map || caustics) import package::lib::point::{Point, VisibleSurface};
 @if(photon_map || caustics) import package::lib::visible_point::{load_point, load_surface};
 @if(photon_map || caustics) import package::lib::constants::{COUNTER_OVERRUN, INVALID_POINT};
@@ -247,8 +249,7 @@ fn covered(position: vec3f, normal: vec3f, radius: f32) -> Covered {
         // Golden-angle spiral, with equal areas.
         let part = (f32(j) + 0.5) / f32(PROBES);
         let distance = radius * sqrt(part);
-        let angle = 2.0 * PI * fract(rotation + f32(j) * 0.61803399);
-        let across = frame * vec3f(distance * cos(angle), distance * sin(angle), 0.0);
+        let across = frame * vec3f(distance * circle_point(rotation + f32(j) * 0.61803399), 0.0);
         let above = position + across + height * normal;
         let there = Ray(origin, 0.0, above - origin, 1.0);
         // Half the height of the ellipsoid above this sample of the disc.

@@ -3,7 +3,7 @@
 // uniform direction within the cell. src/gpu_scene/environment.rs makes the tables.
 
 import package::lib::constants::ENVIRONMENT_HEADER;
-import package::lib::math::{PI, safe_sqrt};
+import package::lib::math::{PI, angle_of, circle_point, safe_sqrt};
 @if(texture_loads) import package::lib::table::table_texel;
 
 // Header: size in texels, patches along a side of a cell, rotation in turns; numbers of columns and rows of cells,
@@ -62,11 +62,12 @@ struct EnvironmentPatch {
 }
 
 fn environment_patch(shape: EnvironmentShape, direction: vec3f) -> EnvironmentPatch {
-    // At the poles any azimuth will do, but atan2(0, 0) is undefined.
-    let x_axis = select(direction.x, 1.0, all(direction.xz == vec2f(0.0)));
-    let u = fract(atan2(direction.z, x_axis) * (0.5 / PI) + 0.5 + shape.turn);
+    // At the poles any azimuth will do, but the angle of a null vector is undefined. Devices may take subnormals for 0.
+    let across = abs(direction.xz);
+    let azimuth = angle_of(across.y, select(direction.x, 1.0, max(across.x, across.y) < 1e-30));
+    let u = fract(select(azimuth, -azimuth, direction.z < 0.0) * (0.5 / PI) + 0.5 + shape.turn);
     // The arc cosine would lose precision at the poles.
-    let v = atan2(length(direction.xz), direction.y) / PI;
+    let v = angle_of(length(direction.xz), direction.y) / PI;
     // A patch begins at the centre of a texel; those of the first row begin at the zenith.
     let x = u * f32(shape.size.x) - 0.5;
     let y = v * f32(shape.size.y) + 0.5;
@@ -139,10 +140,10 @@ fn environment_sample(u: vec2f) -> EnvironmentSample {
 
     let width = environment_cell_width(shape, column);
     let along = (f32(column * shape.step) + 0.5 + left.x * width) / f32(shape.size.x);
-    let azimuth = (along - 0.5 - shape.turn) * (2.0 * PI);
+    let towards = circle_point(along - 0.5 - shape.turn);
     let below = own.y + left.y * own.z;
     let across = safe_sqrt(below * (2.0 - below));
-    let direction = vec3f(across * cos(azimuth), select(1.0 - below, below - 1.0, own.w < 0.0), across * sin(azimuth));
+    let direction = vec3f(across * towards.x, select(1.0 - below, below - 1.0, own.w < 0.0), across * towards.y);
     let pdf = share.x * share.y * abs(own.w) / width;
     return EnvironmentSample(direction, pdf, environment_radiance_at(shape, environment_patch(shape, direction)));
 }

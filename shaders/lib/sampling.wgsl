@@ -1,6 +1,6 @@
 // Low-discrepancy points, and maps from the unit square that keep them stratified.
 
-import package::lib::math::{PI, angle_of, safe_sqrt};
+import package::lib::math::{PI, angle_of, circle_point, safe_sqrt};
 import package::lib::rng::{hash1, hash2, uniform_from_bits};
 
 // For each bit of the index, the direction numbers of the first four dimensions.
@@ -63,12 +63,9 @@ fn sobol4(index: u32, seed: u32) -> vec4f {
 fn sample_disc(u: vec2f) -> vec2f {
     let p = 2.0 * u - 1.0;
     if p.x == 0.0 && p.y == 0.0 { return vec2f(0.0); }
-    if abs(p.x) > abs(p.y) {
-        let phi = (PI / 4.0) * (p.y / p.x);
-        return p.x * vec2f(cos(phi), sin(phi));
-    }
-    let phi = PI / 2.0 - (PI / 4.0) * (p.x / p.y);
-    return p.y * vec2f(cos(phi), sin(phi));
+    // An angle of half a quadrant at most.
+    if abs(p.x) > abs(p.y) { return p.x * circle_point(0.125 * (p.y / p.x)); }
+    return p.y * circle_point(0.125 * (p.x / p.y)).yx;
 }
 
 // A direction about +z with density z / pi.
@@ -81,8 +78,7 @@ fn sample_cosine(u: vec2f) -> vec3f {
 fn sample_cap(u: vec2f, height: f32) -> vec3f {
     let below = u.x * height;
     let radius = safe_sqrt(below * (2.0 - below));
-    let phi = 2.0 * PI * u.y;
-    return vec3f(radius * cos(phi), radius * sin(phi), 1.0 - below);
+    return vec3f(radius * circle_point(u.y), 1.0 - below);
 }
 
 // Barycentric coordinates of the second and third corner, uniform by area (Heitz 2019).
@@ -138,8 +134,9 @@ fn opening(a: vec3f, b: vec3f) -> f32 {
 // angle) = q volume / (p (1 + ab) + q (ac + bc)). With p - q = radius sin((1 - u.x) half_angle) nothing cancels. So the
 // sampling covers triangles of any size and shape; the only errors are roundings of the barycentric coordinates.
 fn sample_spherical_triangle(triangle: SphericalTriangle, u: vec2f) -> vec2f {
-    let ahead = triangle.radius * sin((1.0 - u.x) * triangle.half_angle);
-    let behind = opening(triangle.a, triangle.b) * sin(u.x * triangle.half_angle);
+    let turns = triangle.half_angle * (0.5 / PI);
+    let ahead = triangle.radius * circle_point((1.0 - u.x) * turns).y;
+    let behind = opening(triangle.a, triangle.b) * circle_point(u.x * turns).y;
     // In units of p.
     let q = behind / (ahead + behind);
     let m = ahead / (ahead + behind);

@@ -4,12 +4,8 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 
 use penumbra::internal::render::film;
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
-use signal_hook::low_level;
 
 /// The signals received so far.
 pub struct Interrupt(Arc<State>);
@@ -24,19 +20,7 @@ impl Interrupt {
     /// Listens to signals in a thread of its own: a signal handler could not remove temporary files.
     pub fn listen() -> Self {
         let state = Arc::new(State::default());
-        // If no handler can be set, a signal ends the process by its default action.
-        if let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) {
-            let state = state.clone();
-            thread::spawn(move || {
-                for signal in signals.forever() {
-                    let again = state.raised.swap(true, Ordering::SeqCst);
-                    if again || !state.deferred.load(Ordering::SeqCst) {
-                        film::abandon_writes();
-                        low_level::exit(128 + signal);
-                    }
-                }
-            });
-        }
+        listen(state.clone());
         Interrupt(state)
     }
 
@@ -49,4 +33,46 @@ impl Interrupt {
     pub fn raised(&self) -> bool {
         self.0.raised.load(Ordering::SeqCst)
     }
+}
+
+impl State {
+    /// Notes a signal. If the process is to end at once, no file can be written any more.
+    fn ends_the_process(&self) -> bool {
+        let again = self.raised.swap(true, Ordering::SeqCst);
+        let ends = again || !self.deferred.load(Ordering::SeqCst);
+        if ends {
+            film::abandon_writes();
+        }
+        ends
+    }
+}
+
+// If no handler can be set, a signal ends the process by its default action.
+
+/// SIGINT and SIGTERM. The crate ctrlc does not tell which of them came, and its handler of SIGHUP would end renders
+/// that nohup started.
+#[cfg(unix)]
+fn listen(state: Arc<State>) {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    if let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) {
+        std::thread::spawn(move || {
+            for signal in signals.forever() {
+                if state.ends_the_process() {
+                    // Without exit handlers, in which drivers would end while other threads use them.
+                    signal_hook::low_level::exit(128 + signal);
+                }
+            }
+        });
+    }
+}
+
+/// Ctrl-C and Ctrl-Break. Windows ends the process itself when the console is closed.
+#[cfg(windows)]
+fn listen(state: Arc<State>) {
+    let _ = ctrlc::set_handler(move || {
+        if state.ends_the_process() {
+            // As after SIGINT elsewhere.
+            std::process::exit(130);
+        }
+    });
 }

@@ -4,10 +4,13 @@ use std::fs;
 use std::path::Path;
 
 use penumbra::Image;
+#[cfg(unix)]
 use penumbra::internal::render::film::Metadata;
 use serde_json::Value;
 
-use crate::program::{Answer, BOX, device, folder, oidn_library, penumbra, run};
+#[cfg(unix)]
+use crate::program::penumbra;
+use crate::program::{Answer, BOX, device, folder, oidn_library, run};
 use crate::schema;
 
 /// Quick settings: few photons, a small image.

@@ -313,6 +313,51 @@ fn tests_get_open_image_denoise_once() {
 }
 
 #[test]
+fn swiftshader_is_unpacked_once_and_is_the_only_driver() {
+    let machine = Machine::new("swiftshader");
+    machine.driver(LAVAPIPE);
+    // The first package of the list has none.
+    machine.manager("apt-get", r#": >"$3_1_amd64.deb""#);
+    machine.stub("dpkg-deb", r#"[[ $2 == chromium_* ]]"#);
+    machine.stub("tar", "cat; : >libvk_swiftshader.so; echo {} >vk_swiftshader_icd.json");
+    let manifest = machine.root.join("target/swiftshader/vk_swiftshader_icd.json");
+    for _ in 0..2 {
+        let output = machine.run(&["--swiftshader", "cargo", "test"], &[("VK_DRIVER_FILES", "/mine.json")]);
+        assert_ran(&output, "cargo test");
+        assert_eq!(machine.variable("VK_DRIVER_FILES").as_deref(), manifest.to_str());
+        assert_eq!(fs::read_dir(manifest.parent().unwrap()).unwrap().count(), 2, "a package is left behind");
+        assert!(machine.log().ends_with("apt-get download -q chromium\n"), "{}", machine.log());
+        assert_eq!(machine.log().matches("-q chromium\n").count(), 1, "{}", machine.log());
+    }
+
+    let machine = Machine::new("no-swiftshader");
+    machine.driver(LAVAPIPE);
+    assert_refused(&machine.run(&["--no-install", "--swiftshader", "cargo", "test"], &[]), "missing: SwiftShader");
+    assert_refused(&machine.run(&["--swiftshader", "cargo", "test"], &[]), "no apt-get");
+    machine.manager("apt-get", "exit 100");
+    machine.stub("dpkg-deb", "exit 2");
+    machine.stub("tar", "exit 2");
+    assert_refused(&machine.run(&["--swiftshader", "cargo", "test"], &[]), "have no SwiftShader");
+    assert_eq!(fs::read_dir(machine.root.join("target")).unwrap().count(), 0, "something was left behind");
+}
+
+#[test]
+fn builds_for_windows_get_their_compiler() {
+    let machine = Machine::new("mingw");
+    machine.driver(LAVAPIPE);
+    machine.stub("mingw", "");
+    machine.manager("apt-get", r#"[[ $1 == update ]] || mv "$ROOT/bin/mingw" "$ROOT/bin/x86_64-w64-mingw32-g++""#);
+    let here = "cargo check --target x86_64-unknown-linux-gnu";
+    assert_ran(&machine.run(&here.split(' ').collect::<Vec<_>>(), &[]), here);
+    assert_eq!(machine.log(), "");
+    let there = "cargo check --target x86_64-pc-windows-gnu";
+    for _ in 0..2 {
+        assert_ran(&machine.run(&there.split(' ').collect::<Vec<_>>(), &[]), there);
+        assert_eq!(machine.log().matches("g++-mingw-w64-x86-64").count(), 1, "{}", machine.log());
+    }
+}
+
+#[test]
 fn mesa_gets_a_private_runtime_folder() {
     let machine = Machine::new("runtime");
     machine.driver(LAVAPIPE);

@@ -82,3 +82,34 @@ fn a_link_stays_and_its_target_is_replaced() {
     assert_eq!(fs::read_to_string(&target).unwrap(), "new");
     assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
 }
+
+/// A file that another program keeps to itself is replaced as soon as it lets go; until then there is an error, and the
+/// old file.
+#[cfg(windows)]
+#[test]
+fn a_file_open_elsewhere_is_waited_for() {
+    use std::os::windows::fs::OpenOptionsExt;
+    use std::time::Duration;
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    fs::write(&path, "old").unwrap();
+    let keep = || fs::OpenOptions::new().read(true).share_mode(0).open(&path).unwrap();
+    let replace = || write_atomically(&path, |file| Ok(file.write_all(b"new")?));
+
+    let kept = keep();
+    let error = replace().unwrap_err().to_string();
+    assert!(error.contains("open in another program"), "{error}");
+    drop(kept);
+    assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+    assert_eq!(files(folder.path()), ["a.exr"]);
+
+    let kept = keep();
+    let other = std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_millis(200));
+        drop(kept);
+    });
+    replace().unwrap();
+    other.join().unwrap();
+    assert_eq!(fs::read_to_string(&path).unwrap(), "new");
+}

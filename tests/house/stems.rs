@@ -32,3 +32,18 @@ fn no_shader_has_hexadecimal_floats() {
         assert_eq!(wrong, None, "{}", path.display());
     }
 }
+
+/// Vulkan allows sine, cosine and arc tangent large errors: `circle_point` and `angle_of` of `shaders/lib/math.wgsl`
+/// have small ones on every device. No shader may call the device's own.
+#[test]
+fn no_shader_calls_the_devices_trigonometry() {
+    for (path, text) in sources("shaders", &["wgsl"]) {
+        let code = text.lines().map(|line| line.split("//").next().unwrap());
+        let mut calls = code.flat_map(|line| {
+            let heads = line.split('(').rev().skip(1);
+            heads.filter_map(|head| head.rsplit(|c: char| !c.is_ascii_alphanumeric() && c != '_').next())
+        });
+        let wrong = calls.find(|name| ["sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sincos"].contains(name));
+        assert_eq!(wrong, None, "{}", path.display());
+    }
+}

@@ -47,7 +47,10 @@ impl Row {
 
 /// All rows.
 pub fn rows(gpu: &Gpu) -> Vec<Row> {
-    [intersection(gpu), closed_form(gpu), photons_and_records(gpu), film(gpu)].into_iter().flatten().collect()
+    [intersection(gpu), angles(gpu), closed_form(gpu), photons_and_records(gpu), film(gpu)]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 // ---- Intersection and offset
@@ -155,6 +158,49 @@ fn intersection(gpu: &Gpu) -> Vec<Row> {
         rows.push(Row::new("offset", format!("-height of the origin, {family}"), "largest coordinate", -8.0, lost));
     }
     rows
+}
+
+// ---- Angles
+
+/// Bounds hold on any Vulkan device: sums and products may be rounded towards 0, a division may be 2.5 ulp off, and
+/// the device's own sine and arc tangent, which may be 4096 ulp off, are not used.
+fn angles(gpu: &Gpu) -> Vec<Row> {
+    let mut random = Random(7);
+    // Around and beyond the circle, with all eighths of it, and down to tiny angles.
+    let around = (0..=32).map(|i| f64::from(i) / 8.0 - 2.0);
+    let around: Vec<f64> = around.chain((0..20_000).map(|_| 4.0 * random.uniform() - 2.0)).collect();
+    let small: Vec<f64> = (0..20_000).map(|_| 0.25 * 10f64.powf(-30.0 * random.uniform())).collect();
+    let points = |turns: &[f64]| -> Vec<[f64; 3]> {
+        let items: Vec<Meeting> = turns.iter().map(|t| [Vec3::new(*t as f32, 1.0, 1.0); 5]).collect();
+        let results = run(gpu, "angles", &items, false);
+        let point = |(item, [found, ..]): (&Meeting, &[[f32; 4]; 3])| {
+            [2.0 * PI * f64::from(item[0].x), found[0].into(), found[1].into()]
+        };
+        items.iter().zip(&results).map(point).collect()
+    };
+    let around = points(&around);
+    let off = around.iter().map(|[angle, x, y]| (x - angle.cos()).abs().max((y - angle.sin()).abs()));
+    let long = around.iter().map(|[_, x, y]| (x.hypot(*y) - 1.0).abs());
+    let fine = points(&small).into_iter().map(|[angle, _, y]| (y / angle.sin() - 1.0).abs());
+    let directions: Vec<Meeting> = (0..20_000)
+        .map(|_| {
+            let angle = PI * random.uniform() * if random.uniform() < 0.5 { 1.0 } else { 1e-6 };
+            [Vec3::new(0.0, angle.sin() as f32, angle.cos() as f32); 5]
+        })
+        .collect();
+    let turned = run(gpu, "angles", &directions, false)
+        .into_iter()
+        .zip(&directions)
+        .map(|([found, ..], [v, ..])| (f64::from(found[2]) / f64::from(v.y).atan2(f64::from(v.z)) - 1.0).abs());
+    vec![
+        // The polynomial's last sum and its product with the angle, 2; its other terms, which are at most half as
+        // large, 2.3; rounded coefficients, 0.5; the angle's distance from a quarter turn, 0.5.
+        Row::new("angle", "point of the unit circle", "radius", 6.0, off.collect()),
+        Row::new("angle", "its distance from the centre", "radius", 6.0, long.collect()),
+        Row::new("angle", "sine down to 1e-30", "sine", 6.0, fine.collect()),
+        // A quotient of two sums, 4.5; the polynomial's terms, 0.5; the sums with eighths of the circle, 3.
+        Row::new("angle", "of a vector", "angle", 8.0, turned.collect()),
+    ]
 }
 
 // ---- Closed form

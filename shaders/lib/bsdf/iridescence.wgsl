@@ -9,7 +9,7 @@
     IRIDESCENCE_TEXTURE, IRIDESCENCE_TEXTURES, IRIDESCENCE_THICKNESS_TEXTURE,
 };
 @if(iridescence) import package::lib::material::load_material_texel;
-@if(iridescence) import package::lib::math::{PI, safe_sqrt};
+@if(iridescence) import package::lib::math::{PI, circle_point, safe_sqrt};
 
 @if(iridescence)
 struct Iridescence {
@@ -91,13 +91,17 @@ fn iridescence_through(lobe: Iridescence, specular: Specular, bare: f32, light_z
 // phase shift.
 @if(iridescence)
 fn film_sensitivity(path: f32, shift: vec3f) -> vec3f {
-    let phase = 2.0 * PI * path * 1e-9;
+    let turns = path * 1e-9;
+    let phase = 2.0 * PI * turns;
     // Normalised, and multiplied by the Gaussians' widths.
     let amplitude = vec3f(0.8465900023, 1.0002218936, 1.0011224857);
     let position = vec3f(1.6810e6, 1.7953e6, 2.2084e6);
     let variance = vec3f(4.3278e9, 9.3046e9, 6.6121e9);
-    var xyz = amplitude * cos(position * phase + shift) * exp(-variance * (phase * phase));
-    xyz.x += 0.1538683065 * cos(2.2399e6 * phase + shift.x) * exp(-4.5282e9 * (phase * phase));
+    let wave = position * turns + shift * (0.5 / PI);
+    let cosines = vec3f(circle_point(wave.x).x, circle_point(wave.y).x, circle_point(wave.z).x);
+    var xyz = amplitude * cosines * exp(-variance * (phase * phase));
+    let second = circle_point(2.2399e6 * turns + shift.x * (0.5 / PI)).x;
+    xyz.x += 0.1538683065 * second * exp(-4.5282e9 * (phase * phase));
     return mat3x3f(
         vec3f(3.2404542, -0.9692660, 0.0556434),
         vec3f(-1.5371385, 1.8760108, -0.2040259),

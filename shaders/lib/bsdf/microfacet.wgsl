@@ -1,7 +1,7 @@
 // GGX microfacets, and dielectric layers of them over a base: the code that the specular lobe, transmission and the
 // clear coat share.
 
-@if(glossy) import package::lib::math::{PI, safe_sqrt};
+@if(glossy) import package::lib::math::{PI, circle_point, safe_sqrt};
 
 // Minimum width. Narrower lobes look like mirrors, and their peak, 1 / (pi alpha^2), would exceed the precision of f32.
 @if(glossy) const MIN_ALPHA = 1e-3;
@@ -125,9 +125,8 @@ fn max_visible_density(view_z: f32, widths: vec2f) -> f32 {
 @if(glossy)
 fn sample_visible_normal(view: vec3f, alpha: vec2f, u: vec2f) -> vec3f {
     let stretched = normalize(vec3f(alpha * view.xy, view.z));
-    let phi = 2.0 * PI * u.x;
     let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
     let radius = safe_sqrt(1.0 - z * z);
-    let h = vec3f(radius * cos(phi), radius * sin(phi), z) + stretched;
+    let h = vec3f(radius * circle_point(u.x), z) + stretched;
     return normalize(vec3f(alpha * h.xy, h.z));
 }

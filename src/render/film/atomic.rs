@@ -6,6 +6,8 @@ use std::io::{self, BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard};
+use std::thread;
+use std::time::Duration;
 
 use crate::{Error, Result};
 
@@ -112,7 +114,7 @@ impl Temporary {
     /// Renames it to `target`.
     fn rename(self, target: &Path) -> io::Result<()> {
         let mut temporary_files = temporary_files();
-        if let Err(problem) = fs::rename(&self.0, target) {
+        if let Err(problem) = rename(&self.0, target) {
             // Dropping `self` takes the lock.
             drop(temporary_files);
             return Err(problem);
@@ -122,6 +124,33 @@ impl Temporary {
         std::mem::forget(self);
         Ok(())
     }
+}
+
+/// Renames a file. Windows does not replace one that another program keeps to itself: indexers and virus scanners let
+/// go of it within some tens of milliseconds, a viewer only when the user closes it.
+fn rename(from: &Path, to: &Path) -> io::Result<()> {
+    let mut attempts = 20;
+    loop {
+        match fs::rename(from, to) {
+            Err(problem) if is_kept(&problem) => {
+                attempts -= 1;
+                if attempts == 0 {
+                    let problem = format!("is it open in another program? {problem}");
+                    return Err(io::Error::other(problem));
+                }
+                thread::sleep(Duration::from_millis(50));
+            }
+            ended => return ended,
+        }
+    }
+}
+
+/// Another program may keep the file to itself. If it does, Windows says so, or that access is denied.
+fn is_kept(problem: &io::Error) -> bool {
+    /// `ERROR_SHARING_VIOLATION`
+    const SHARING_VIOLATION: i32 = 32;
+    cfg!(windows)
+        && (problem.kind() == ErrorKind::PermissionDenied || problem.raw_os_error() == Some(SHARING_VIOLATION))
 }
 
 impl Drop for Temporary {

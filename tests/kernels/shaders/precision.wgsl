@@ -1,7 +1,8 @@
-// Intersection and offset of lib/ray on given numbers, for a test to compare with double precision.
-// In: `items`. Out: `results`, three for each item; see each entry point.
+// Intersection and offset of lib/ray, and angles of lib/math, on given numbers, for a test to compare with double
+// precision. In: `items`. Out: `results`, three for each item; see each entry point.
 
 import package::kit::group_index;
+import package::lib::math::{angle_of, circle_point};
 import package::lib::ray::{Ray, intersect_triangle, offset_origin, shear_ray};
 
 override count: u32;
@@ -30,6 +31,19 @@ fn intersect(
     results[3u * i] = vec4f(hit, 0.0);
     results[3u * i + 1u] = vec4f(point, 0.0);
     results[3u * i + 2u] = vec4f(offset_origin(point, normal), 0.0);
+}
+
+// The point of the unit circle at x turns; the angle of (z, y).
+@compute @workgroup_size(64)
+fn angles(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = group_index(group, groups) * 64u + lane;
+    if i >= count { return; }
+    let item = items[5u * i];
+    results[3u * i] = vec4f(circle_point(item.x), angle_of(item.y, item.z), 0.0);
 }
 
 // fma(a, b, -a b): the rounding error of the product where fma is fused, else 0.
