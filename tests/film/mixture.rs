@@ -11,7 +11,7 @@ const SIZE: [u32; 2] = [97, 83];
 const TRUTH: f32 = 2.0;
 
 /// Samples whose noise is that of independent ones.
-const INDEPENDENT: [f32; pixels(SIZE)] = [1.0; pixels(SIZE)];
+static INDEPENDENT: [f32; pixels(SIZE)] = [1.0; pixels(SIZE)];
 
 /// Standard deviation of a half's noise.
 const NOISE: f64 = 0.3;
