@@ -279,8 +279,7 @@ fn dilation_finds_the_neighbours_that_get_samples(gpu: &Gpu) {
     let listed: Vec<Point> = samples.iter().map(|(layer, pixel)| points[pixel_of(*pixel, *layer)]).collect();
     let mut setup = Setup::new(&photons, &listed, shape, 50);
     let pixel_count = list.len() as u32;
-    let tile = |pixel_count| Tile { width, height, pixel_count, point_count: listed.len() as u32, ..Tile::default() };
-    setup.tile = tile(pixel_count);
+    setup.tile = Tile { width, height, pixel_count, point_count: listed.len() as u32, ..Tile::default() };
     setup.listed = Some(list.clone());
     setup.chunk.dilate = 1;
     let traced = |word: u32| matches!(Classified::new(word).class, Class::Boundary | Class::Unknown);
