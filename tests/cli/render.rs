@@ -68,7 +68,7 @@ fn the_requested_channels_are_written() {
     };
     let set = |names: &[&str]| names.iter().map(|name| name.to_string()).collect::<BTreeSet<_>>();
     assert_eq!(layers("--aov Z,N,Z"), set(&["R", "G", "B", "A", "N", "Z"]));
-    let all = ["R", "G", "B", "A", "N", "P", "Z", "albedo", "direct", "indirect", "shadow", "variance"];
+    let all = ["R", "G", "B", "A", "N", "P", "Z", "albedo", "direct", "indirect", "samples", "shadow", "variance"];
     assert_eq!(layers("--aov all"), set(&all));
 }
 
