@@ -61,9 +61,10 @@ fn pixels_have_the_bits_of_uniform_renders() {
 #[test]
 fn samples_go_where_the_noise_is() {
     let statistical = Denoiser::new(Denoise::Statistical, None).unwrap();
-    for denoiser in [Denoiser::default(), statistical] {
+    // The filter takes most of the noise away: its image needs a smaller bound to take as many samples.
+    for (denoiser, noise) in [(Denoiser::default(), 2e-3), (statistical, 4e-4)] {
         let settings = settings(Technique::PATH, [64, 64], 0);
-        let image = adaptive("box.glb", &settings, 2e-3, &denoiser);
+        let image = adaptive("box.glb", &settings, noise, &denoiser);
         let samples = image.channel("samples").unwrap();
         let mean = samples.iter().sum::<f32>() / samples.len() as f32;
         let (least, most) = samples.iter().fold((f32::MAX, 0f32), |(a, b), n| (a.min(*n), b.max(*n)));
@@ -78,7 +79,7 @@ fn samples_go_where_the_noise_is() {
         };
         let error = ["R", "G", "B"].map(relative).iter().sum::<f64>() / 3.0;
         // Many blocks have far less; estimates from halves are too large for stratified samples, by up to 4.
-        assert!(error < 2e-3 && error > 2e-3 / 40.0, "{:?}: {error}", denoiser.choice());
+        assert!(error < noise && error > noise / 40.0, "{:?}: {error}", denoiser.choice());
     }
 }
 
