@@ -137,6 +137,7 @@ impl Selection {
             s.visibility_map.paper_counting = self.has(19);
             s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
             s.indirect.irradiance_cache.enabled = self.has(21);
+            s.image.noise = self.has(14).then_some(0.01);
             s.image.denoise = if self.has(63) { Denoise::Auto } else { Denoise::None };
             // The last one, the AOV of classes, excludes light sampling.
             s.image.aovs =
