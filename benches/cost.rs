@@ -136,7 +136,8 @@ fn room(cells: u32, lights: u32) -> Scene {
 fn camera() -> Camera {
     let projection = Projection::Perspective { yfov: 0.7, aspect: Some(1.0) };
     let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-    Camera { name: String::new(), position: vec3(0.0, 0.0, 1.8), axes, projection, near: 1e-3, far: 10.0 }
+    let position = vec3(0.0, 0.0, 1.8);
+    Camera { name: String::new(), position, axes, projection, near: 1e-3, far: 10.0, lens: None }
 }
 
 /// Median time of a render in seconds.

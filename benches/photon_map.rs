@@ -89,8 +89,14 @@ fn main() {
         frame.publish(&buffers.points, 1_000_000);
         frame.submit().unwrap();
         let candidates = ClassifyBuffers::new(gpu, 1_000_000).unwrap();
-        let tile =
-            Tile { width: 1000, height: 1000, pixel_count: 1_000_000, point_count: 1_000_000, ..Tile::default() };
+        let tile = Tile {
+            width: 1000,
+            height: 1000,
+            columns: 1000,
+            pixel_count: 1_000_000,
+            point_count: 1_000_000,
+            ..Tile::default()
+        };
         let chunk = Chunk { first_light: 0, lights: 1, dilate: 0, audit_probability: 0.0 };
         for exact_counts in [true, false] {
             let classify = Classify::new(gpu, &features.clone().with(Feature::ExactCounts, exact_counts), k).unwrap();

@@ -11,7 +11,9 @@ import package::lib::math::{PI, oct_decode16};
 import package::lib::record::{Interpolated, interpolate_records};
 import package::lib::point::{Point, VisibleSurface};
 import package::lib::visible_point::{load_point, load_surface};
-import package::lib::tile::{Tile, tile_pixel};
+import package::lib::tile::Tile;
+@if(!thin_lens) import package::lib::tile::tile_pixel;
+@if(thin_lens) import package::lib::camera::film_position;
 import package::lib::constants::{INVALID_POINT, PATH_GROUP};
 
 struct CacheParameters {
@@ -40,8 +42,9 @@ var<immediate> cache_pass: CacheParameters;
 const MIN_WEIGHT = 0.3;
 
 fn interpolate_at(i: u32, surface: VisibleSurface, point: Point) -> Interpolated {
-    let size = vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
-    let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
+    @if(thin_lens) let film = clamp(film_position(point.position), vec2f(0.0), vec2f(1.0));
+    @if(!thin_lens) let size = vec2f(f32(cache_pass.tile.width), f32(cache_pass.tile.height));
+    @if(!thin_lens) let film = (vec2f(tile_pixel(cache_pass.tile, i)) + 0.5) / size;
     let last = vec2u(cache_pass.block_columns, cache_pass.block_rows) - 1u;
     let block = min(vec2u(film * cache_pass.blocks), last);
     let normal = oct_decode16(bitcast<u32>(surface.packed.base.w));

@@ -29,7 +29,7 @@ import package::lib::grid::{GridShape, cell_centre, cell_index, cell_of, nearest
 import package::lib::sampled_light::candidate_light;
 import package::lib::point::Point;
 import package::lib::visible_point::load_point;
-import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_pixel, tile_rows, tile_sample};
+import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_rows, tile_sample};
 @if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
@@ -49,7 +49,6 @@ struct ClassifyParameters {
     // The queue whose length `arrange_queue` makes into arguments, and the invocations of the consumer's workgroups.
     queue: u32,
     queue_group: u32,
-    padding: vec2u,
 }
 
 var<immediate> classify_pass: ClassifyParameters;
@@ -334,13 +333,13 @@ fn dilate(
     // Neighbours are of the same sample.
     let tile = classify_pass.tile;
     let layer = pixel - pixel % tile.pixel_count;
-    let at = vec2i(tile_pixel(tile, pixel)) - vec2i(0, i32(tile.first_row));
+    let at = vec2i(tile_position(tile, pixel));
     let radius = i32(classify_pass.dilate_radius);
     let low = max(at - radius, vec2i(0));
-    let high = min(at + radius, vec2i(i32(tile.width), i32(tile_rows(tile))) - 1);
+    let high = min(at + radius, vec2i(i32(tile.columns), i32(tile_rows(tile))) - 1);
     for (var y = low.y; y <= high.y; y++) {
         for (var x = low.x; x <= high.x; x++) {
-            let neighbour = first_point_of(u32(y) * tile.width + u32(x));
+            let neighbour = first_point_of(u32(y) * tile.columns + u32(x));
             @if(adaptive_sampling) { if neighbour == NOT_SAMPLED { continue; } }
             let other = layer + neighbour;
             // Few are: a boundary lies among boundaries.

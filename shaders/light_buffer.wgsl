@@ -25,7 +25,6 @@ struct LightBufferParameters {
     // The first light of the chunk, and its (light, point) pairs.
     first_light: u32,
     candidate_count: u32,
-    padding: vec2u,
 }
 
 // A light and where its cells are.

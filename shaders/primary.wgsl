@@ -2,17 +2,19 @@
 // any.
 // In: the scene, the camera.
 // Out: `points` and `surfaces`, the visible surface of each sample; `radiance_direct`, the emission that the ray meets,
-// with w 1 where it met anything, the environment included (the image's alpha); the AOVs that were requested; the
-// guides of denoisers, which are of the surface at the end of a specular chain. Positions are in scene units after
-// normalisation.
+// with w 1 where it met anything, the environment included unless that is hidden (the image's alpha); the AOVs that
+// were requested; the guides of denoisers, which are of the surface at the end of a specular chain. Positions are in
+// scene units after normalisation.
 
 import package::kit::group_index;
 import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
+@if(thin_lens) import package::lib::lens::through_lens;
+@if(thin_lens) import package::lib::constants::DIMENSION_LENS;
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_closest_together};
 @if(specular_chains) import package::lib::packet::in_any_lane;
-@if(environment) import package::lib::environment::environment_radiance;
+@if(environment && (!hidden_environment || specular_chains)) import package::lib::environment::environment_radiance;
 import package::lib::ray::{NO_HIT, RaySample};
 import package::lib::surface::{SurfaceHit, surface_at};
 import package::lib::math::{is_finite4, oct_encode16, invalid_sample};
@@ -53,14 +55,17 @@ fn primary(
     let sample_index = tile_sample(tile, i);
     let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);
     let film = (vec2f(tile_pixel(tile, i)) + within) / vec2f(f32(tile.width), f32(tile.height));
-    let camera = camera_ray(film);
+    @if(!thin_lens) let camera = camera_ray(film);
+    @if(thin_lens) let camera = through_lens(camera_ray(film), sobol2(sample_index, hash2(seed, DIMENSION_LENS)));
     var ray = no_ray();
     if i < tile.point_count { ray = camera.ray; }
     let hit = trace_closest_together(ray, RaySample(hash2(seed, DIMENSION_ALPHA), sample_index), lane);
     let met = hit.triangle != NO_HIT;
     var found: SurfaceHit;
     var direct = vec4f(0.0);
-    @if(environment) { if !met { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); } }
+    @if(environment && !hidden_environment) {
+        if !met { direct = vec4f(environment_radiance(camera.ray.direction), 1.0); }
+    }
     @if(aov_albedo) var albedo = vec4f(0.0);
     @if(aov_normal) var normal = vec4f(0.0);
     @if(aov_position) var position = vec4f(0.0);
@@ -95,6 +100,7 @@ fn primary(
         if !ends { point = Point(found.position, oct_encode16(found.surface.geometric_normal)); }
         var surface = visible_surface(found);
         @if(specular_chains) { surface.chain = chain; }
+        @if(thin_lens) { surface.eye = vec4f(camera.ray.origin, 0.0); }
         surfaces[i] = surface;
     }
     if !is_finite4(direct + vec4f(point.position, 0.0)) { atomicAdd(&counters[COUNTER_NOT_FINITE_PRIMARY], 1u); }

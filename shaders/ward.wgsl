@@ -28,7 +28,6 @@ struct WardParameters {
     visibility_words: u32,
     // Share of the light found so far. Testing stops when the remaining lights could contribute less than this.
     tolerance: f32,
-    padding: vec2u,
 }
 
 // Progress of a point through its lights.

@@ -111,7 +111,7 @@ pub use render::Progress;
 /// # Ok::<(), penumbra::Error>(())
 /// ```
 pub use render::Renderer;
-pub use render::film::{Channel, Metadata, View};
+pub use render::film::{Channel, Metadata, View, Window};
 /// # Example
 ///
 /// ```
@@ -126,6 +126,18 @@ pub use scene::Camera;
 /// # Example
 ///
 /// ```
+/// use penumbra::{Focus, Framing, ImportOptions, Iris, Scene};
+///
+/// let scene = Scene::load("scenes/box.glb", &ImportOptions::default())?;
+/// let mut camera = scene.frame(&Framing { azimuth: 30.0, elevation: 20.0, aspect: 16.0 / 9.0 });
+/// scene.open_iris(&mut camera, Iris { f_number: 2.8, blades: 0 }, Focus::Distance(1.5)).unwrap();
+/// assert!(camera.lens.is_some());
+/// # Ok::<(), penumbra::Error>(())
+/// ```
+pub use scene::Framing;
+/// # Example
+///
+/// ```
 /// use penumbra::{ImportOptions, Scene};
 ///
 /// let scene = Scene::load("scenes/box.glb", &ImportOptions::default())?;
@@ -133,6 +145,7 @@ pub use scene::Camera;
 /// # Ok::<(), penumbra::Error>(())
 /// ```
 pub use scene::Scene;
+pub use scene::{Focus, Iris, Lens};
 pub use scene::{ImportOptions, Panorama};
 /// # Example
 ///

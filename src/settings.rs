@@ -24,10 +24,9 @@ const MIN_PHOTONS: u32 = 4096;
 
 pub use builder::SettingsBuilder;
 pub use groups::{
-    CellSettings, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings, LightSamplingSettings,
-    ShadowRaySettings, VisibilityMapSettings, WardSettings,
+    Background, CellSettings, Crop, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings,
+    LightSamplingSettings, ShadowRaySettings, VisibilityMapSettings, WardSettings,
 };
-
 pub use technique::Technique;
 
 /// The lights that a point uses if direct light is a separate pass, and the probabilities with which a path samples a
@@ -309,6 +308,14 @@ impl Settings {
         };
         range("image.width", image.width, 1, Self::MAX_SIDE)?;
         range("image.height", image.height, 1, Self::MAX_SIDE)?;
+        if let Some(Crop { x, y, width, height }) = image.crop
+            && (x.checked_add(width).is_none_or(|end| end > image.width || width == 0)
+                || y.checked_add(height).is_none_or(|end| end > image.height || height == 0))
+        {
+            let problem =
+                format!("is {width} x {height} pixels at {x}, {y}; it must have pixels, all of them in the image");
+            return Err(Error::setting("image.crop", format!("{problem} of {} x {}", image.width, image.height)));
+        }
         range("image.spp", image.spp, 1, u32::MAX)?;
         range("visibility_map.photons_per_light", self.photons_per_light(), 1, Self::MAX_PHOTONS)?;
         range("visibility_map.nearest", visibility_map.nearest, 1, Self::MAX_NEAREST)?;

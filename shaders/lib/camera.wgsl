@@ -15,7 +15,12 @@ struct CameraUniform {
     up: vec3f,
     far: f32,
     backward: vec3f,
-    padding: u32,
+    // 0: a pinhole.
+    lens_radius: f32,
+    focus_distance: f32,
+    // Corners of the iris; below 3 it is round, and never 0.
+    iris_blades: f32,
+    padding: vec2u,
 }
 
 @group(1) @binding(13) var<uniform> camera: CameraUniform;
@@ -40,6 +45,15 @@ fn camera_ray(film: vec2f) -> CameraRay {
 // Unit vector from a point towards the viewer.
 fn view_direction(position: vec3f) -> vec3f {
     return select(normalize(camera.position - position), camera.backward, camera.orthographic == 1u);
+}
+
+// Where the image shows a position that is before the lens's centre (0 to 1 from the left and from the top).
+@if(thin_lens)
+fn film_position(position: vec3f) -> vec2f {
+    let offset = position - camera.position;
+    let depth = -dot(offset, camera.backward);
+    let across = vec2f(dot(offset, camera.right), -dot(offset, camera.up));
+    return 0.5 + 0.5 * across / (depth * vec2f(dot(camera.right, camera.right), dot(camera.up, camera.up)));
 }
 
 // Height of a pixel at the distance of a visible position. `height` is the image's height in pixels.

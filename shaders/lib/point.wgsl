@@ -2,7 +2,7 @@
 
 import package::lib::bsdf::surface::PackedSurface;
 @if(specular_chains) import package::lib::math::oct_decode16;
-@if(specular_chains) import package::lib::camera::view_direction;
+@if(!thin_lens) import package::lib::camera::view_direction;
 @if(specular_chains) import package::lib::constants::INVALID_POINT;
 
 struct Point {
@@ -18,6 +18,8 @@ struct VisibleSurface {
     // Throughput of the specular chain that leads here, and the direction back along it (oct_encode16), or
     // INVALID_POINT if the camera sees the point directly.
     @if(specular_chains) chain: vec4f,
+    // Where the camera's ray left the lens.
+    @if(thin_lens) eye: vec4f,
     // The point on the triangle, where photons lie, and the triangle's normal (oct_encode16). `points` holds those of
     // the smooth surface, which may be farther from the triangle than the height of a search ellipsoid.
     @if(smooth_normals && (photon_map || caustics)) triangle: vec4f,
@@ -33,8 +35,14 @@ struct Chain {
 }
 
 @if(specular_chains)
-fn unpack_chain(chain: vec4f, position: vec3f) -> Chain {
-    let code = bitcast<u32>(chain.w);
+fn unpack_chain(surface: VisibleSurface, position: vec3f) -> Chain {
+    let code = bitcast<u32>(surface.chain.w);
     let none = code == INVALID_POINT;
-    return Chain(chain.xyz, select(oct_decode16(code), view_direction(position), none), none);
+    return Chain(surface.chain.xyz, select(oct_decode16(code), direct_view(surface, position), none), none);
+}
+
+// The direction from a point that the camera sees directly towards the viewer.
+fn direct_view(surface: VisibleSurface, position: vec3f) -> vec3f {
+    @if(thin_lens) { return normalize(surface.eye.xyz - position); }
+    @else { return view_direction(position); }
 }

@@ -1,16 +1,18 @@
-// Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, with several samples of each
-// pixel. Each sample is a layer of `pixel_count` points; the layers follow one another. With adaptive sampling only the
-// listed pixels of these rows are in the tile.
+// Tiles: pixel and sample of a point. A tile is a number of whole rows of the image, or of the part of it that is
+// rendered, with several samples of each pixel. Each sample is a layer of `pixel_count` points; the layers follow one
+// another. With adaptive sampling only the listed pixels of these rows are in the tile.
 
 @if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::rng::hash2;
 
 struct Tile {
-    // Size of the image.
+    // Size of the whole image.
     width: u32,
     height: u32,
-    // First row of the tile, and pixels that get samples.
+    // First pixel of the tile, pixels in each of its rows, and pixels that get samples.
+    first_column: u32,
     first_row: u32,
+    columns: u32,
     pixel_count: u32,
     // Points in it: pixels times layers.
     point_count: u32,
@@ -41,14 +43,19 @@ fn first_point_of(pixel: u32) -> u32 {
 
 // Number of the tile's rows, of which the last ones may be missing with adaptive sampling.
 fn tile_rows(tile: Tile) -> u32 {
-    @if(adaptive_sampling) { return arrayLength(&list_indices) / tile.width; }
-    @else { return tile.pixel_count / tile.width; }
+    @if(adaptive_sampling) { return arrayLength(&list_indices) / tile.columns; }
+    @else { return tile.pixel_count / tile.columns; }
+}
+
+// Column and row of the pixel of point i within the tile.
+fn tile_position(tile: Tile, i: u32) -> vec2u {
+    let pixel = pixel_index(tile, i);
+    return vec2u(pixel % tile.columns, pixel / tile.columns);
 }
 
 // Image coordinates of the pixel of point i.
 fn tile_pixel(tile: Tile, i: u32) -> vec2u {
-    let pixel = pixel_index(tile, i);
-    return vec2u(pixel % tile.width, tile.first_row + pixel / tile.width);
+    return tile_position(tile, i) + vec2u(tile.first_column, tile.first_row);
 }
 
 // Sample index of point i.
@@ -56,7 +63,7 @@ fn tile_sample(tile: Tile, i: u32) -> u32 {
     return tile.first_sample + i / tile.pixel_count;
 }
 
-// The seed of a pixel's sample sequences. It does not depend on the tiles.
+// The seed of a pixel's sample sequences. It does not depend on the tiles, nor on the part that is rendered.
 fn pixel_seed(tile: Tile, i: u32) -> u32 {
     let pixel = tile_pixel(tile, i);
     return hash2(pixel.x + pixel.y * tile.width, tile.seed);

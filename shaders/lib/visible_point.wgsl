@@ -3,9 +3,9 @@
 
 @if(glossy) import package::lib::bsdf::specular::PackedSpecular;
 import package::lib::bsdf::surface::{Surface, unpack_surface};
-@if(glossy && !specular_chains) import package::lib::camera::view_direction;
 import package::lib::math::oct_decode16;
 import package::lib::point::{Point, VisibleSurface};
+@if(glossy && !specular_chains) import package::lib::point::direct_view;
 @if(specular_chains) import package::lib::point::{Chain, unpack_chain};
 @if(texture_loads) import package::lib::table::table_texel;
 
@@ -47,19 +47,23 @@ fn load_surface(i: u32) -> VisibleSurface {
         surface.chain = load_surface_vector(next);
         next++;
     }
+    @if(thin_lens) {
+        surface.eye = load_surface_vector(next);
+        next++;
+    }
     @if(smooth_normals && (photon_map || caustics)) { surface.triangle = load_surface_vector(next); }
     return surface;
 }
 
 @if(specular_chains)
 fn visible_chain(surface: VisibleSurface, point: Point) -> Chain {
-    return unpack_chain(surface.chain, point.position);
+    return unpack_chain(surface, point.position);
 }
 
 // The surface at a point, with the direction towards the viewer, which Lambertian surfaces do not need.
 fn visible_surface(surface: VisibleSurface, point: Point) -> Surface {
     var view = vec3f(0.0);
-    @if(glossy && !specular_chains) { view = view_direction(point.position); }
+    @if(glossy && !specular_chains) { view = direct_view(surface, point.position); }
     @if(glossy && specular_chains) { view = visible_chain(surface, point).view; }
     return unpack_surface(surface.packed, oct_decode16(point.normal), view);
 }

@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 35] = [
+const FLAGS: [(&str, &str); 36] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
     ("`image.height`", "--height"),
+    ("`image.crop`", "--crop"),
     ("`image.spp`", "--spp"),
     ("`image.seed`", "--seed"),
     ("`image.aovs`", "--aov"),

@@ -10,11 +10,15 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, Command};
 use kernel_kit::{DeviceChoice, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
+use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::scene::{ImportOptions, Panorama};
-use penumbra::settings::{Denoise, LightSampling};
+use penumbra::internal::scene::{Focus, Framing, ImportOptions, Iris, Panorama};
+use penumbra::settings::{Background, Crop, Denoise, LightSampling};
 use penumbra::{Aov, Camera, Denoiser, Error, Image, Result, Scene, Settings, Technique};
+
+/// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
+const MAX_BLADES: u32 = 64;
 
 #[derive(Args)]
 pub struct SceneOptions {
@@ -24,6 +28,46 @@ pub struct SceneOptions {
     /// Camera, by name or index [default: the first of the file, or one that frames the scene]
     #[arg(long, value_name = "NAME|INDEX", help_heading = "Scene")]
     camera: Option<String>,
+
+    /// Frame the scene from this direction, in degrees: the azimuth counter-clockwise seen from above, 0 from the front
+    /// (+Z) and 90 from +X; the elevation above the horizon [default: 0,15 if the file has no camera]
+    #[arg(
+        long,
+        value_name = "AZIMUTH,ELEVATION",
+        value_parser = direction,
+        allow_hyphen_values = true,
+        conflicts_with = "camera",
+        help_heading = "Scene"
+    )]
+    from: Option<[f32; 2]>,
+
+    /// F-number of the camera's lens, which blurs what is out of focus; the film is 24 mm high, and a unit of the file
+    /// is a metre [default: a pinhole]
+    #[arg(long, value_name = "F", value_parser = positive, help_heading = "Scene")]
+    aperture: Option<f64>,
+
+    /// Distance at which the lens is in focus, in metres along the viewing direction; auto: that of the surface in the
+    /// centre of the image
+    #[arg(
+        long,
+        value_name = "METRES|auto",
+        default_value = "auto",
+        value_parser = focus,
+        requires = "aperture",
+        help_heading = "Scene"
+    )]
+    focus: Focus,
+
+    /// Blades of the iris, at least 3, which give the blur its shape; 0: round
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        value_parser = blades,
+        requires = "aperture",
+        help_heading = "Scene"
+    )]
+    iris_blades: u32,
 
     /// Add a soft light above the scene if the file has no light
     #[arg(long, help_heading = "Scene")]
@@ -64,8 +108,9 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
-    /// The scene, and the camera to render it with.
-    pub fn load(&self) -> Result<(Scene, Camera)> {
+    /// The scene, and the camera to render it with. `aspect` is the image's width over its height if the camera does
+    /// not decide it.
+    pub fn load(&self, aspect: f32) -> Result<(Scene, Camera)> {
         let options = ImportOptions { default_light: self.default_light, lenient: self.lenient };
         let mut scene = Scene::load(&self.scene, &options)?;
         if let Some(path) = &self.environment {
@@ -73,17 +118,27 @@ impl SceneOptions {
             scene.set_environment(Arc::new(panorama), self.environment_rotation, self.environment_strength)?;
             scene.notes.extend(notes);
         }
-        let camera = self.select_camera(&scene)?;
-        if scene.cameras.is_empty() {
+        let mut camera = self.select_camera(&scene, aspect)?;
+        if scene.cameras.is_empty() && self.from.is_none() {
             scene.notes.push("the view is that of a camera that frames the scene".into());
         }
+        if let Some(f_number) = self.aperture {
+            let iris = Iris { f_number, blades: self.iris_blades };
+            let refused = |problem| Error::Usage(format!("--aperture: {problem}"));
+            scene.open_iris(&mut camera, iris, self.focus).map_err(refused)?;
+        }
+        scene.notes.extend(scene.clipped_away(&camera));
         Ok((scene, camera))
     }
 
-    fn select_camera(&self, scene: &Scene) -> Result<Camera> {
+    fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
         let cameras = &scene.cameras;
+        let framing = Framing { aspect, ..Framing::default() };
+        if let Some([azimuth, elevation]) = self.from {
+            return Ok(scene.frame(&Framing { azimuth, elevation, ..framing }));
+        }
         let Some(wanted) = &self.camera else {
-            return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame_camera()));
+            return Ok(cameras.first().cloned().unwrap_or_else(|| scene.frame(&framing)));
         };
         let by_name = cameras.iter().find(|camera| camera.name == *wanted);
         let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
@@ -144,11 +199,25 @@ pub struct RenderOptions {
     #[arg(long, value_name = "LIST", long_help = AovList::help())]
     aov: Option<AovList>,
 
+    /// Render only this part of the image, in pixels from the left and from the top
+    #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", value_parser = crop)]
+    crop: Option<Crop>,
+
+    /// What is seen where there is no surface: environment, transparent, or a colour as #RRGGBB (sRGB) or R,G,B (linear
+    /// radiance), which .png tone-maps like the rest; the environment lights the scene in any case
+    #[arg(long, value_name = "BACKGROUND", default_value = "environment", value_parser = background)]
+    background: Background,
+
     #[command(flatten)]
     settings: SettingsOptions,
 }
 
 impl RenderOptions {
+    /// As [`SettingsOptions::aspect`].
+    pub fn aspect(&self) -> f32 {
+        self.settings.aspect()
+    }
+
     /// As [`SettingsOptions::check`].
     pub fn check(&self) -> Result<()> {
         self.complete(self.settings.settings_of_aspect(1.0)).check()
@@ -165,6 +234,8 @@ impl RenderOptions {
         settings.technique = self.technique;
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
+        settings.image.crop = self.crop;
+        settings.image.background = self.background;
         settings
     }
 
@@ -219,6 +290,14 @@ pub struct SettingsOptions {
 }
 
 impl SettingsOptions {
+    /// Width over height of the image, if the camera does not decide it.
+    pub fn aspect(&self) -> f32 {
+        match (self.width, self.height) {
+            (Some(width), Some(height)) if height > 0 => width as f32 / height as f32,
+            _ => 1.0,
+        }
+    }
+
     /// Checks the settings before a file is opened.
     ///
     /// # Errors
@@ -505,10 +584,57 @@ pub fn positive(text: &str) -> std::result::Result<f64, String> {
     finite(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "it must be a finite number, more than 0".into())
 }
 
+/// Numbers separated by commas.
+fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
+/// The azimuth and the elevation of a view, in degrees.
+fn direction(text: &str) -> std::result::Result<[f32; 2], String> {
+    let is_direction = |[azimuth, elevation]: &[f32; 2]| azimuth.is_finite() && elevation.abs() <= 90.0;
+    let direction = numbers(text).filter(is_direction);
+    direction.ok_or_else(|| "it must be two numbers as in 30,15; the elevation is from -90 to 90".into())
+}
+
+fn focus(text: &str) -> std::result::Result<Focus, String> {
+    match text {
+        "auto" => Ok(Focus::Auto),
+        _ => positive(text).map(Focus::Distance).map_err(|problem| problem + ", or auto"),
+    }
+}
+
+fn blades(text: &str) -> std::result::Result<u32, String> {
+    let blades = text.parse().ok().filter(|blades| *blades == 0 || (3..=MAX_BLADES).contains(blades));
+    blades.ok_or_else(|| format!("it must be 0, or from 3 to {MAX_BLADES}"))
+}
+
+fn crop(text: &str) -> std::result::Result<Crop, String> {
+    let parts = numbers(text).map(|[x, y, width, height]| Crop { x, y, width, height });
+    parts.ok_or_else(|| "it must be four whole numbers of pixels, as in 0,0,64,48".into())
+}
+
+fn background(text: &str) -> std::result::Result<Background, String> {
+    match text {
+        "environment" => return Ok(Background::Environment),
+        "transparent" => return Ok(Background::Transparent),
+        _ => {}
+    }
+    let linear = || numbers(text).filter(|colour: &[f32; 3]| colour.iter().all(|x| x.is_finite() && *x >= 0.0));
+    let coded = || {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6)?;
+        let code = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
+        Some([1, 2, 3].map(|i| linear_from_srgb(f32::from(code[i]) / 255.0)))
+    };
+    let problem = "it must be environment, transparent, a colour as #RRGGBB or three numbers that are 0 or more";
+    coded().or_else(linear).map(Background::Colour).ok_or_else(|| problem.into())
+}
+
 /// The reference image, which must have the size of the settings.
 pub fn read_reference(path: &Path, settings: &Settings) -> Result<Reference> {
     let reference = Reference::read(path)?;
-    let (Image { width, height, .. }, own) = (&reference.image, [settings.image.width, settings.image.height]);
+    let part = settings.image.part();
+    let (Image { width, height, .. }, own) = (&reference.image, [part.width, part.height]);
     if [*width, *height] != own {
         let sizes = format!("is {width} x {height} pixels, not {} x {}", own[0], own[1]);
         return Err(Error::input(path, "file", format!("{sizes}; set --width and --height to its size")));

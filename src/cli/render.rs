@@ -325,7 +325,7 @@ impl Arguments {
                 self.device.open().map(|gpu| (gpu, timed(start)))
             });
             let start = Instant::now();
-            let (scene, camera) = self.scene.load()?;
+            let (scene, camera) = self.scene.load(self.settings.aspect())?;
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {

@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     let cache = arguments.cache()?;
     let schedule = Schedule::new(arguments);
     let mut starters = schedule.starters(arguments)?;
-    let (scene, camera) = arguments.scene.load()?;
+    let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     let settings = arguments.settings.settings(&camera)?;
     arguments.sweep.iter().try_for_each(|range| range.check(&settings))?;
     let given = arguments.reference.as_deref().map(|path| read_reference(path, &settings)).transpose()?;

@@ -23,8 +23,14 @@ kernel_kit::shared_struct! {
         pub far: f32,
         /// Unit vector.
         pub backward: [f32; 3],
+        /// Radius of the iris; 0 for a pinhole.
+        pub lens_radius: f32,
+        /// Distance along the viewing direction at which points are in focus.
+        pub focus_distance: f32,
+        /// Corners of the iris; 1 if it is round, since a kernel divides by them.
+        pub iris_blades: f32,
         /// To a multiple of 16 bytes.
-        pub padding: u32,
+        pub padding: [u32; 2],
     }
 }
 
@@ -49,7 +55,10 @@ impl CameraUniform {
             up: (up * half_height).into(),
             far: camera.far.min(1e30),
             backward: backward.into(),
-            padding: 0,
+            lens_radius: camera.lens.map_or(0.0, |lens| lens.radius),
+            focus_distance: camera.lens.map_or(1.0, |lens| lens.distance),
+            iris_blades: camera.lens.map_or(1.0, |lens| (lens.blades as f32).max(1.0)),
+            padding: [0; 2],
         }
     }
 

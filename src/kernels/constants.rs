@@ -56,6 +56,7 @@ const CONSTANTS: &[(&str, u32)] = &[
     // What a hashed seed is for, so that no two choices share their random numbers. Consecutive numbers are added to
     // some of these: they are far apart.
     ("DIMENSION_CAMERA", 0x1000_0000),
+    ("DIMENSION_LENS", 0x1800_0000),
     ("DIMENSION_ALPHA", 0x2000_0000),
     ("DIMENSION_LIGHT", 0x3000_0000),
     ("DIMENSION_AUDIT", 0x4000_0000),

@@ -106,27 +106,32 @@ impl Records {
         totals: &mut Totals,
     ) -> Result<bool> {
         let Filling { gpu, tile, primary, .. } = *with;
-        let (width, height, seed, max_bounces, gather_rays) = (
-            with.settings.image.width,
-            with.settings.image.height,
-            with.settings.image.seed,
+        let (image, max_bounces, gather_rays) = (
+            &with.settings.image,
             with.settings.indirect.max_bounces,
             with.settings.indirect.irradiance_cache.gather_rays,
         );
-        let [columns, rows] = [width, height].map(|side| side.div_ceil(spacing));
-        let rows_at_once = (tile.capacity() / columns).min(rows);
+        let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
+        // The pixels of that image that reach into the part.
+        let part = image.part();
+        let reach = |first: u32, side: u32| first / spacing..(first + side).div_ceil(spacing);
+        let (columns, rows) = (reach(part.x, part.width), reach(part.y, part.height));
+        let column_count = columns.end - columns.start;
+        let rows_at_once = (tile.capacity() / column_count).min(rows.end - rows.start);
         let before = self.heads.len();
         let mut gather: Option<BoundGather> = None;
-        for first_row in (0..rows).step_by(rows_at_once as usize) {
-            let pixel_count = rows_at_once.min(rows - first_row) * columns;
+        for first_row in rows.clone().step_by(rows_at_once as usize) {
+            let pixel_count = rows_at_once.min(rows.end - first_row) * column_count;
             let part = Tile {
-                width: columns,
-                height: rows,
+                width,
+                height,
+                first_column: columns.start,
                 first_row,
+                columns: column_count,
                 pixel_count,
                 point_count: pixel_count,
                 first_sample: 0,
-                seed,
+                seed: image.seed,
                 centred: 1,
             };
             let mut frame = gpu.frame("cache");
@@ -143,7 +148,7 @@ impl Records {
                     Some(bound) => bound,
                     None => with.kernels.gather.bind(gpu, tile, gather_rays, &self.values, with.scene)?,
                 };
-                let settings = GatherSettings { max_bounces, seed, height };
+                let settings = GatherSettings { max_bounces, seed: image.seed, height: image.height };
                 self.heads.extend(bound.gather(gpu, &wanted, self.heads.len() as u32, settings)?);
                 totals.gather_rays += wanted.len() as u64 * u64::from(bound.rays());
                 gather = Some(bound);
@@ -186,8 +191,8 @@ impl Records {
         for (head, distance) in heads.iter_mut().zip(distances) {
             head.size = radius(distance, head.size, accuracy);
         }
-        let gpu_scene = ViewRecords::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
-        with.kernels.cache.bind(gpu, with.tile, buffers, &gpu_scene)
+        let records = ViewRecords::new(gpu, &heads, &self.values, [width, height], |head| seen_part(camera, head))?;
+        with.kernels.cache.bind(gpu, with.tile, buffers, &records, with.scene)
     }
 }
 

@@ -1,7 +1,9 @@
 //! Pass `cache`: the irradiance cache. It lists the points that need an irradiance record of their own, and
 //! interpolates the indirect light of the others from existing records.
 
-use kernel_kit::{BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows};
+use kernel_kit::{
+    Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, Table, TableFormat, bindings, shared_struct, whole_rows,
+};
 
 use super::gather::RecordHead;
 use super::{Tile, TileBuffers, kernel};
@@ -231,6 +233,7 @@ impl Cache {
         tile: &TileBuffers,
         buffers: &CacheBuffers,
         records: &ViewRecords,
+        scene: &[&dyn Bindings],
     ) -> Result<BoundCache> {
         let own = CacheBindings {
             wanted_count: &buffers.wanted_count,
@@ -240,7 +243,10 @@ impl Cache {
             path_points: &buffers.path_points,
             path_arguments: &buffers.path_arguments,
         };
-        let entry = |name: &str| self.0.bind(gpu, name, &[&own, tile, &records.bindings()]);
+        let records_bound = records.bindings();
+        let sets: Vec<&dyn Bindings> =
+            [&own as &dyn Bindings, tile, &records_bound].into_iter().chain(scene.iter().copied()).collect();
+        let entry = |name: &str| self.0.bind(gpu, name, &sets);
         Ok(BoundCache {
             request: entry("request")?,
             interpolate: entry("interpolate")?,

@@ -21,7 +21,6 @@ shared_struct! {
         cell_count: u32,
         candidate_count: u32,
         seed: u32,
-        padding: [u32; 2],
     }
 }
 

@@ -33,7 +33,6 @@ shared_struct! {
         audit_probability: f32,
         queue: u32,
         queue_group: u32,
-        padding: [u32; 2],
     }
 }
 
@@ -255,7 +254,6 @@ impl BoundClassify {
             audit_probability: chunk.audit_probability,
             queue: queue as u32,
             queue_group,
-            padding: [0; 2],
         }
     }
 }

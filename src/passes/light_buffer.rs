@@ -14,7 +14,6 @@ shared_struct! {
         tile: Tile,
         first_light: u32,
         candidate_count: u32,
-        padding: [u32; 2],
     }
 }
 
@@ -72,10 +71,6 @@ impl BoundLightBuffer {
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile, chunk: &Chunk) {
         let candidate_count = tile.point_count * chunk.lights;
         let first_light = chunk.first_light;
-        frame.run(
-            &self.0,
-            candidate_count,
-            &LightBufferParameters { tile: *tile, first_light, candidate_count, padding: [0; 2] },
-        );
+        frame.run(&self.0, candidate_count, &LightBufferParameters { tile: *tile, first_light, candidate_count });
     }
 }

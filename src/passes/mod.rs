@@ -34,14 +34,19 @@ use crate::specialisation::features::{Feature, Features};
 use crate::specialisation::surface_vectors;
 
 shared_struct! {
-    /// Whole rows of the image, or some pixels of them, with several samples of each; see `shaders/lib/tile.wgsl`.
+    /// Whole rows of the image or of its crop, or some pixels of them, with several samples of each; see
+    /// `shaders/lib/tile.wgsl`.
     pub struct Tile {
-        /// Width of the image in pixels.
+        /// Width of the whole image in pixels.
         pub width: u32,
-        /// Height of the image in pixels.
+        /// Height of the whole image in pixels.
         pub height: u32,
+        /// First column of the tile.
+        pub first_column: u32,
         /// First row of the tile.
         pub first_row: u32,
+        /// Pixels in a row of the tile.
+        pub columns: u32,
         /// Pixels that get samples.
         pub pixel_count: u32,
         /// Points of the tile: pixels times samples.

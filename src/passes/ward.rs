@@ -26,8 +26,6 @@ shared_struct! {
         /// Share of the light found so far, 0 to 1. Testing stops when the remaining lights could contribute less than
         /// this.
         pub tolerance: f32,
-        /// To a multiple of sixteen bytes.
-        pub padding: [u32; 2],
     }
 }
 

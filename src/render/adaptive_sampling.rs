@@ -80,7 +80,7 @@ impl Renderer<'_> {
         let Some([a, b]) = noisy.halves.map(|halves| halves.map(|half| half.colour())) else {
             return Ok(vec![f64::INFINITY; colour.len()]);
         };
-        let medians = medians(&colour, self.settings.image.width as usize);
+        let medians = medians(&colour, self.settings.image.part().width as usize);
         let pixel = |pixel: usize| {
             let samples = self.samples_of(pixel);
             let part = f64::from(first_half(samples)) / f64::from(samples);
@@ -95,13 +95,14 @@ impl Renderer<'_> {
 
     /// Samples of a pixel so far.
     pub(super) fn samples_of(&self, pixel: usize) -> u32 {
-        let width = self.settings.image.width;
+        let width = self.settings.image.part().width;
         self.blocks.as_ref().map_or(self.samples, |blocks| blocks.samples_of(pixel, width))
     }
 
     /// Mean number of samples of a pixel so far.
     pub fn mean_samples(&self) -> f64 {
-        let pixels = self.settings.image.width as usize * self.settings.image.height as usize;
+        let part = self.settings.image.part();
+        let pixels = part.width as usize * part.height as usize;
         let sum: u64 = (0..pixels).map(|pixel| u64::from(self.samples_of(pixel))).sum();
         sum as f64 / pixels as f64
     }

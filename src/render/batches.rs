@@ -149,11 +149,11 @@ impl Renderer<'_> {
 
     /// Lists the pixels of a tile that get samples in the batch, if not all do, and returns their number.
     fn list_pixels(&self, film: &TileFilm, batch: Option<&Batch>) -> u32 {
-        let image = &self.settings.image;
+        let width = self.settings.image.part().width;
         let (Some(blocks), Some(batch), Some(sampled)) = (&self.blocks, batch, &self.buffers.sampled_pixels) else {
-            return film.rows().len() as u32 * image.width;
+            return film.rows().len() as u32 * width;
         };
-        let pixels = batch.pixels(blocks, film.rows(), image.width);
+        let pixels = batch.pixels(blocks, film.rows(), width);
         sampled.set(self.gpu, &pixels);
         pixels.len() as u32
     }

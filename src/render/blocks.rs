@@ -48,7 +48,8 @@ pub(super) struct Batch {
 impl Blocks {
     /// No samples yet; the first ones are for all blocks.
     pub fn new(image: &ImageSettings) -> Blocks {
-        let [columns, rows] = [image.width, image.height].map(|side| side.div_ceil(SIDE));
+        let part = image.part();
+        let [columns, rows] = [part.width, part.height].map(|side| side.div_ceil(SIDE));
         let target = image.spp.min(MIN_SAMPLES);
         let next = (0..columns * rows).map(|block| Next { block, target }).collect();
         Blocks { columns, samples: vec![0; (columns * rows) as usize], next }

@@ -3,11 +3,11 @@
 use glam::DVec4;
 
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
-use super::output::Film;
+use super::output::{Film, background_colour};
 use super::renderer::Renderer;
 use super::tiles::{GuidePlanes, TileFilm, first_half};
 use crate::passes::film::{Plane, Sum, variance_of_mean};
-use crate::settings::Denoise;
+use crate::settings::{Crop, Denoise};
 use crate::{Error, Image, Result};
 
 /// A choice of a tile's planes.
@@ -40,8 +40,11 @@ impl Renderer<'_> {
             return Err(Error::setting("image.denoise", "is none: the film keeps nothing for denoisers"));
         }
         let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)? else { return Ok(()) };
+        let coverage = Film::of(self).means(&|f| Some(&f.direct))?.unwrap_or_default();
+        let background = background_colour(&self.settings);
         for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
-            image.add_channel(name, denoised.colour.iter().map(|colour| colour[c]).collect());
+            let shown = |(colour, mean): (&Colour, &DVec4)| colour[c] + (background[c] * (1.0 - mean.w)) as f32;
+            image.add_channel(name, denoised.colour.iter().zip(&coverage).map(shown).collect());
         }
         if let Some(error) = denoised.error {
             image.add_channel("error", error);
@@ -83,7 +86,7 @@ impl Renderer<'_> {
             let mean = whole.iter().map(|sum| colour(&sum.mean())).collect();
             all.push(Part { mean, variance: variance.unwrap_or_else(|| vec![[0.0; 3]; whole.len()]) });
         }
-        let [width, height] = [self.settings.image.width, self.settings.image.height];
+        let Crop { width, height, .. } = self.settings.image.part();
         // Filters take one number: with adaptive sampling that of the pixels which know least.
         let fewest = (0..width as usize * height as usize).map(samples).min().unwrap_or(0);
         let in_half = if fewest > 1 { first_half(fewest) } else { fewest };

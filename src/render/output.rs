@@ -10,8 +10,8 @@ use super::conditioning;
 use super::renderer::Renderer;
 use super::tiles::TileFilm;
 use crate::passes::film::{Plane, Sum, variance_of_mean};
-use crate::render::film::{Channel, Metadata};
-use crate::settings::Aov;
+use crate::render::film::{Channel, Metadata, Window};
+use crate::settings::{Aov, Background, Settings};
 use crate::statistics::{Counter, Memory, SceneCounts, Statistics, Times};
 use crate::{Image, Result};
 
@@ -48,8 +48,12 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     };
     let indirect = indirect.unwrap_or_else(|| vec![DVec4::ZERO; direct.len()]);
     let mut channels = Vec::new();
-    push(&mut channels, ["R", "G", "B"], &total);
-    channels.push(Channel { name: "A".into(), samples: total.iter().map(|v| v.w as f32).collect() });
+    let background = background_colour(settings);
+    let shown: Vec<DVec4> = total.iter().map(|v| (v.truncate() + background * (1.0 - v.w)).extend(v.w)).collect();
+    push(&mut channels, ["R", "G", "B"], &shown);
+    let opaque = matches!(settings.image.background, Background::Colour(_));
+    let alpha = |v: &DVec4| if opaque { 1.0 } else { v.w as f32 };
+    channels.push(Channel { name: "A".into(), samples: total.iter().map(alpha).collect() });
     for aov in &settings.image.aovs {
         match aov {
             Aov::Direct => push(&mut channels, ["direct.R", "direct.G", "direct.B"], &direct),
@@ -59,8 +63,12 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
                 push(&mut channels, ["albedo.R", "albedo.G", "albedo.B"], &albedo);
             }
             Aov::Normal => push(&mut channels, ["N.X", "N.Y", "N.Z"], &film.normals()?),
-            Aov::Position => push(&mut channels, ["P.X", "P.Y", "P.Z"], &film.positions(&total)?),
-            Aov::Depth => channels.push(Channel { name: "Z".into(), samples: film.depths(&total)? }),
+            Aov::Position => {
+                push(&mut channels, ["P.X", "P.Y", "P.Z"], &film.positions(&film.surface_shares(&total)?)?)
+            }
+            Aov::Depth => {
+                channels.push(Channel { name: "Z".into(), samples: film.depths(&film.surface_shares(&total)?)? })
+            }
             Aov::Variance => {
                 push(&mut channels, ["variance.R", "variance.G", "variance.B"], &film.variances(&total)?);
             }
@@ -71,10 +79,24 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
             Aov::Shadow => film.push_class_channels(&mut channels)?,
         }
     }
-    let mut image = Image { width: settings.image.width, height: settings.image.height, channels, ..Image::default() };
+    let part = settings.image.part();
+    let mut image = Image { width: part.width, height: part.height, channels, ..Image::default() };
+    image.transparent = settings.image.background == Background::Transparent;
+    image.crop = settings
+        .image
+        .crop
+        .map(|crop| Window { at: [crop.x, crop.y], of: [settings.image.width, settings.image.height] });
     image.add_camera(&renderer.camera, &renderer.scene.normalisation);
     add_metadata(renderer, &mut image);
     Ok(image)
+}
+
+/// What is added to the light of a pixel where no surface covers it.
+pub(super) fn background_colour(settings: &Settings) -> DVec3 {
+    match settings.image.background {
+        Background::Colour(colour) => colour.map(f64::from).into(),
+        Background::Environment | Background::Transparent => DVec3::ZERO,
+    }
 }
 
 /// The sums of samples, on the device or kept.
@@ -102,7 +124,7 @@ impl<'a> Film<'a> {
 
     /// The sums of a tile's plane, by the number of samples of each pixel of the image.
     fn plane_sums(&self, tile: &TileFilm, plane: &Plane, samples: &dyn Fn(usize) -> u32) -> Result<Vec<Sum>> {
-        let first = tile.rows().start as usize * self.renderer.settings.image.width as usize;
+        let first = tile.rows().start as usize * self.renderer.settings.image.part().width as usize;
         let samples = &|pixel| samples(first + pixel);
         match &self.kept {
             Some(kept) => Ok(Plane::sums_of(kept[&std::ptr::from_ref(plane)], samples)),
@@ -137,26 +159,31 @@ impl<'a> Film<'a> {
         Ok(normals)
     }
 
-    /// Positions in world space; w of `total` is the share of a pixel's rays that hit something.
-    fn positions(&self, total: &[DVec4]) -> Result<Vec<DVec4>> {
+    /// The share of each pixel's rays that hit a surface. It is w of `total` if the camera sees no environment; else
+    /// there is a plane of albedo, whose w it is.
+    fn surface_shares(&self, total: &[DVec4]) -> Result<Vec<f64>> {
+        let albedo = self.means(&|f| f.albedo.as_ref())?;
+        Ok(albedo.as_deref().unwrap_or(total).iter().map(|mean| mean.w).collect())
+    }
+
+    /// Positions in world space, by the share of each pixel's rays that hit a surface.
+    fn positions(&self, shares: &[f64]) -> Result<Vec<DVec4>> {
         let mut positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
-        for (p, total) in positions.iter_mut().zip(total) {
-            let hit = total.w;
-            let normalised = if hit > 0.0 { p.truncate() / hit } else { DVec3::ZERO };
+        for (p, share) in positions.iter_mut().zip(shares) {
+            let normalised = if *share > 0.0 { p.truncate() / *share } else { DVec3::ZERO };
             let normalisation = &self.renderer.scene.normalisation;
-            let world = if hit > 0.0 { normalisation.undo_f64(normalised) } else { DVec3::ZERO };
+            let world = if *share > 0.0 { normalisation.undo_f64(normalised) } else { DVec3::ZERO };
             *p = world.extend(0.0);
         }
         Ok(positions)
     }
 
-    /// Depth in world units; `total` as for [`Film::positions`].
-    fn depths(&self, total: &[DVec4]) -> Result<Vec<f32>> {
+    /// Depth in world units; `shares` as for [`Film::positions`].
+    fn depths(&self, shares: &[f64]) -> Result<Vec<f32>> {
         let positions = self.means(&|f| f.position.as_ref())?.unwrap_or_default();
         let scale = self.renderer.scene.normalisation.scale();
-        let depth =
-            |(p, total): (&DVec4, &DVec4)| (if total.w > 0.0 { p.w / total.w / scale } else { NO_DEPTH }) as f32;
-        Ok(positions.iter().zip(total).map(depth).collect())
+        let depth = |(p, share): (&DVec4, &f64)| (if *share > 0.0 { p.w / share / scale } else { NO_DEPTH }) as f32;
+        Ok(positions.iter().zip(shares).map(depth).collect())
     }
 
     /// See [`variance_of_mean`].

@@ -70,6 +70,7 @@ impl<'g> Renderer<'g> {
         scene.scale_lights(settings.light_scale);
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
         let mut specialisation = Specialisation::new(&scene, settings);
+        specialisation.of_camera(camera);
         specialisation.of_device(gpu, &scene, &bvh);
         let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;

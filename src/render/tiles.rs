@@ -30,9 +30,10 @@ impl TileSize {
     /// As many rows as fit, then as many samples as fit; `lights` is the number of the scene's lights.
     pub fn new(features: &Features, lights: usize, settings: &Settings) -> TileSize {
         let most = TILE_POINTS.min(max_points(features, lights, settings));
-        let rows = (most / settings.image.width).clamp(1, settings.image.height);
-        let layers = (most / (rows * settings.image.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
-        TileSize { rows, layers, points: rows * settings.image.width * layers }
+        let part = settings.image.part();
+        let rows = (most / part.width).clamp(1, part.height);
+        let layers = (most / (rows * part.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
+        TileSize { rows, layers, points: rows * part.width * layers }
     }
 }
 
@@ -96,10 +97,11 @@ impl TileFilm {
         size: TileSize,
         settings: &Settings,
     ) -> Result<Vec<TileFilm>> {
-        let first_rows = (0..settings.image.height).step_by(size.rows as usize);
+        let height = settings.image.part().height;
+        let first_rows = (0..height).step_by(size.rows as usize);
         first_rows
             .map(|first_row| {
-                let rows = size.rows.min(settings.image.height - first_row);
+                let rows = size.rows.min(height - first_row);
                 TileFilm::new(gpu, film, buffers, direct, [first_row, rows], settings)
             })
             .collect()
@@ -113,7 +115,7 @@ impl TileFilm {
         [first_row, rows]: [u32; 2],
         settings: &Settings,
     ) -> Result<TileFilm> {
-        let pixels = rows * settings.image.width;
+        let pixels = rows * settings.image.part().width;
         let inputs = buffers.film_inputs();
         let plane = |samples: &Buffer| film.plane(gpu, pixels, samples, inputs);
         let optional = |samples: &Option<Buffer>| samples.as_ref().map(plane).transpose();
@@ -171,24 +173,26 @@ impl TileFilm {
         }
     }
 
-    /// The image's rows in the tile.
+    /// The rows of the rendered part that are in the tile.
     pub fn rows(&self) -> Range<u32> {
         self.first_row..self.first_row + self.rows
     }
 
     /// The tile for `layers` samples of each of `pixel_count` pixels, the first of which is number `first_sample`.
     pub fn tile(&self, settings: &Settings, pixel_count: u32, first_sample: u32, layers: u32) -> Tile {
-        let (width, height, seed, spp) =
-            (settings.image.width, settings.image.height, settings.image.seed, settings.image.spp);
+        let image = &settings.image;
+        let part = image.part();
         Tile {
-            width,
-            height,
-            first_row: self.first_row,
+            width: image.width,
+            height: image.height,
+            first_column: part.x,
+            first_row: part.y + self.first_row,
+            columns: part.width,
             pixel_count,
             point_count: pixel_count * layers,
             first_sample,
-            seed,
-            centred: u32::from(spp == 1),
+            seed: image.seed,
+            centred: u32::from(image.spp == 1),
         }
     }
 }

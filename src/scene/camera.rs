@@ -22,6 +22,19 @@ pub struct Camera {
     pub near: f32,
     /// Distance of the far plane. Infinite if the file has none.
     pub far: f32,
+    /// Its lens. None: a pinhole, as all cameras of glTF.
+    pub lens: Option<Lens>,
+}
+
+/// A thin lens, in normalised space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// Radius of the iris; of the circle around it, if it is a polygon.
+    pub radius: f32,
+    /// Distance along the viewing direction at which points are in focus.
+    pub distance: f32,
+    /// Blades of the iris, at least 3, which make it a regular polygon. 0: it is round.
+    pub blades: u32,
 }
 
 /// Projection of a camera.
@@ -136,6 +149,6 @@ impl CameraKind {
             return Ok(None);
         };
         let (near, far) = ((self.near * scale) as f32, (self.far * scale) as f32);
-        Ok(Some(Camera { name, position, axes, projection, near, far }))
+        Ok(Some(Camera { name, position, axes, projection, near, far, lens: None }))
     }
 }

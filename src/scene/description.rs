@@ -90,13 +90,13 @@ impl Scene {
 
     /// Lower and upper corner of the bounding box of all triangles and procedural objects. None for an empty scene.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        self.bounds_of(0..self.triangles.len())
+        let corners = self.corners_of(0..self.triangles.len()).map(|p| [p, p]);
+        corners.reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
     }
 
-    /// Lower and upper corner of the bounding box of the triangles `indices` and of all procedural objects.
-    pub(super) fn bounds_of(&self, indices: impl Iterator<Item = usize>) -> Option<[Vec3; 2]> {
+    /// The corners of the triangles `indices`, and of the boxes of all procedural objects.
+    pub(super) fn corners_of(&self, indices: impl Iterator<Item = usize>) -> impl Iterator<Item = Vec3> {
         let corners = indices.flat_map(|index| self.triangle_positions(index));
-        let corners = corners.chain(self.procedurals.iter().flat_map(Procedural::corners));
-        corners.map(|p| [p, p]).reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
+        corners.chain(self.procedurals.iter().flat_map(Procedural::corners))
     }
 }

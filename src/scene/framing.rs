@@ -1,37 +1,118 @@
-//! A camera for scenes without one.
+//! Cameras that frame the scene.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 use super::camera::{Camera, Projection};
 use super::description::Scene;
 use super::triangle::NO_LIGHT;
 
-/// Vertical field of view of [`Scene::frame_camera`] in degrees, as of a 50 mm lens on 36 mm film.
+/// Vertical field of view of a camera that frames the scene in degrees, as of a 50 mm lens on 36 mm film.
 const FRAME_YFOV_DEGREES: f32 = 40.0;
 
+/// Share of the image's width, and of its height, that stays free at each side.
+const MARGIN: f32 = 0.05;
+
+/// From where a camera looks at the scene, and for what image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Framing {
+    /// Direction in degrees from which the camera looks, counter-clockwise seen from above: 0 is the front (+Z in
+    /// glTF), 90 is from +X.
+    pub azimuth: f32,
+    /// Height of that direction over the horizon in degrees, -90 to 90.
+    pub elevation: f32,
+    /// Width of the image over its height.
+    pub aspect: f32,
+}
+
+impl Default for Framing {
+    /// From the front, 15 degrees above the horizon: the view of a model that stands on the ground.
+    fn default() -> Self {
+        Framing { azimuth: 0.0, elevation: 15.0, aspect: 1.0 }
+    }
+}
+
 impl Scene {
-    /// A perspective camera in front of the scene and slightly above it. Its view contains every surface that emits no
-    /// light (every surface, if all of them emit) in images that are not taller than wide.
+    /// As [`frame`](Self::frame) from the front, for a square image.
     pub fn frame_camera(&self) -> Camera {
-        let lit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
-        let [lower, upper] = self
-            .bounds_of(lit)
-            .or_else(|| self.bounds())
-            // An empty scene gets a box of about unit size.
-            .unwrap_or([Vec3::splat(-1.0), Vec3::ONE]);
-        let centre = 0.5 * (lower + upper);
-        let radius = 0.5 * (upper - lower).length();
+        self.frame(&Framing::default())
+    }
+
+    /// The perspective camera that sees every surface that emits no light (every surface, if all of them emit) as large
+    /// as the image allows, with a margin of 5 % at each side.
+    pub fn frame(&self, framing: &Framing) -> Camera {
+        let [azimuth, elevation] = [framing.azimuth, framing.elevation].map(f32::to_radians);
+        let turn = Mat3::from_rotation_y(azimuth) * Mat3::from_rotation_x(-elevation);
+        let axes = [turn.x_axis, turn.y_axis, turn.z_axis];
         let yfov = FRAME_YFOV_DEGREES.to_radians();
-        let distance = radius / (0.5 * yfov).sin();
-        let backward = Vec3::new(0.0, 0.35, 1.0).normalize();
-        let up = (Vec3::Y - backward * backward.y).normalize();
+        let up_slope = (0.5 * yfov).tan() * (1.0 - 2.0 * MARGIN);
+        let slopes = [up_slope * framing.aspect, up_slope];
+        let seen = self.seen_from(axes, slopes);
+        let radius = 0.5 * seen.extent.length();
+        let [right, up, backward] = axes;
         Camera {
             name: "framed".into(),
-            position: centre + distance * backward,
-            axes: [up.cross(backward), up, backward],
+            position: seen.eye[0] * right + seen.eye[1] * up + seen.eye[2] * backward,
+            axes,
             projection: Projection::Perspective { yfov, aspect: None },
-            near: 0.01 * radius,
+            // Nothing lies in front of it, however near the nearest corner comes.
+            near: (0.01 * radius).min(0.5 * (seen.eye[2] - seen.nearest)).max(1e-6 * radius),
             far: f32::INFINITY,
+            lens: None,
         }
     }
+
+    /// The eye on the plane nearest to the scene from which all corners are within the slopes to both sides of the
+    /// viewing direction, in coordinates along `axes`.
+    fn seen_from(&self, axes: [Vec3; 3], slopes: [f32; 2]) -> Seen {
+        let unlit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
+        let mut corners: Vec<Vec3> = self.corners_of(unlit).collect();
+        if corners.is_empty() {
+            corners = self.corners_of(0..self.triangles.len()).collect();
+        }
+        if corners.is_empty() {
+            // An empty scene gets a box of about unit size.
+            corners = vec![Vec3::splat(-1.0), Vec3::ONE];
+        }
+        // A corner at (x, z) is inside if the eye's z is at least z + |x - eye.x| / slope. The two sides meet where the
+        // largest z + x / slope and the largest z - x / slope allow it.
+        let mut limits = [[f32::MIN; 2]; 2];
+        let (mut lower, mut upper) = (Vec3::MAX, Vec3::MIN);
+        for corner in corners {
+            let along = Vec3::from(axes.map(|axis| axis.dot(corner)));
+            (lower, upper) = (lower.min(along), upper.max(along));
+            for (limit, (across, slope)) in limits.iter_mut().zip([along.x, along.y].into_iter().zip(slopes)) {
+                *limit = [limit[0].max(along.z + across / slope), limit[1].max(along.z - across / slope)];
+            }
+        }
+        let eye = |[plus, minus]: [f32; 2], slope: f32| (0.5 * (plus - minus) * slope, 0.5 * (plus + minus));
+        let [(x, z_by_x), (y, z_by_y)] = [eye(limits[0], slopes[0]), eye(limits[1], slopes[1])];
+        // A scene that is a point is seen from a distance of its own.
+        let extent = (upper - lower).max(Vec3::splat(1e-6));
+        let z = z_by_x.max(z_by_y).max(upper.z + 1e-3 * extent.max_element());
+        Seen { eye: [x, y, z], nearest: upper.z, extent }
+    }
+
+    /// Why the camera sees nothing of the scene whatever its direction of view, if that is so.
+    pub fn clipped_away(&self, camera: &Camera) -> Option<String> {
+        let depth = |corner: Vec3| (camera.position - corner).dot(camera.axes[2]);
+        let depths = self.corners_of(0..self.triangles.len()).map(depth).map(|z| [z, z]);
+        let [nearest, farthest] = depths.reduce(|[low, high], [z, _]| [low.min(z), high.max(z)])?;
+        let metres = |x: f32| x / self.normalisation.scale() as f32;
+        let all_is = match () {
+            () if farthest < 0.0 => "behind it".to_owned(),
+            () if farthest < camera.near => format!("nearer than its znear of {}", metres(camera.near)),
+            () if nearest > camera.far => format!("beyond its zfar of {}", metres(camera.far)),
+            () => return None,
+        };
+        Some(format!("the camera sees nothing: all of the scene is {all_is}"))
+    }
+}
+
+/// What [`Scene::seen_from`] finds, in coordinates along the axes of the view.
+struct Seen {
+    eye: [f32; 3],
+    /// The largest coordinate of a corner along the axis that points backward.
+    nearest: f32,
+    /// Size of the bounding box.
+    extent: Vec3,
 }

@@ -1,15 +1,19 @@
 //! The groups of [`Settings`](super::Settings).
 
+use std::fmt;
+
 use super::{Aov, Denoise, LightSampling, Settings};
 
 /// The image: its size, samples and channels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[non_exhaustive]
 pub struct ImageSettings {
-    /// Width in pixels, 1 to [`Settings::MAX_SIDE`].
+    /// Width of the whole image in pixels, 1 to [`Settings::MAX_SIDE`].
     pub width: u32,
-    /// Height in pixels, 1 to [`Settings::MAX_SIDE`].
+    /// Height of the whole image in pixels, 1 to [`Settings::MAX_SIDE`].
     pub height: u32,
+    /// The part that is rendered. `None`: all of it.
+    pub crop: Option<Crop>,
     /// Samples per pixel, at least 1. A single sample goes through the centre of the pixel.
     pub spp: u32,
     /// Seed of all random numbers.
@@ -21,6 +25,68 @@ pub struct ImageSettings {
     /// Estimated relMSE at which a block of pixels gets no more samples (adaptive sampling), above 0. `None`: each
     /// pixel gets `spp` samples.
     pub noise: Option<f64>,
+    /// What the camera sees where there is no surface.
+    pub background: Background,
+}
+
+/// A part of an image, in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crop {
+    /// First column.
+    pub x: u32,
+    /// First row, from the top.
+    pub y: u32,
+    /// Number of columns.
+    pub width: u32,
+    /// Number of rows.
+    pub height: u32,
+}
+
+/// What the camera sees where there is no surface. The environment lights the scene whatever is seen of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Background {
+    /// The environment; black without one.
+    #[default]
+    Environment,
+    /// Nothing: the alpha of the image is the share of a pixel that surfaces cover, and a PNG has it too.
+    Transparent,
+    /// This linear Rec.709 radiance.
+    Colour([f32; 3]),
+}
+
+impl fmt::Display for Crop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},{},{},{}", self.x, self.y, self.width, self.height)
+    }
+}
+
+impl fmt::Display for Background {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Background::Environment => f.write_str("environment"),
+            Background::Transparent => f.write_str("transparent"),
+            Background::Colour([r, g, b]) => write!(f, "{r},{g},{b}"),
+        }
+    }
+}
+
+impl serde::Serialize for Crop {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl serde::Serialize for Background {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl ImageSettings {
+    /// The part that is rendered.
+    pub fn part(&self) -> Crop {
+        self.crop.unwrap_or(Crop { x: 0, y: 0, width: self.width, height: self.height })
+    }
 }
 
 impl Default for ImageSettings {
@@ -28,11 +94,13 @@ impl Default for ImageSettings {
         ImageSettings {
             width: 512,
             height: 512,
+            crop: None,
             spp: 16,
             seed: 0,
             aovs: Vec::new(),
             denoise: Denoise::None,
             noise: None,
+            background: Background::Environment,
         }
     }
 }

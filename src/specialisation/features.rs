@@ -64,6 +64,10 @@ kernel_kit::features! {
         FarEmitters,
         /// Scene: some mesh light has an emissive texture.
         EmissiveTextures,
+        /// Camera: it has an iris, so that points out of focus are blurred.
+        ThinLens,
+        /// Setting: the camera does not see the environment.
+        HiddenEnvironment,
         /// Setting: some pixels get more samples than others.
         AdaptiveSampling,
         /// Method: points that face away from a light are counted apart.

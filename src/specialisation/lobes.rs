@@ -128,7 +128,8 @@ pub fn surface_vectors(features: &Features) -> u32 {
     let chain = u32::from(features.has(Feature::SpecularChains));
     let photons_shown = features.has(Feature::PhotonMap) || features.has(Feature::Caustics);
     let triangle = u32::from(features.has(Feature::SmoothNormals) && photons_shown);
-    1 + specular + lobes + chain + triangle
+    let eye = u32::from(features.has(Feature::ThinLens));
+    1 + specular + lobes + chain + eye + triangle
 }
 
 /// Whether the material has a lobe of that part.

@@ -1,6 +1,6 @@
 //! The specialisation of a render: the only place that decides which modules and branches the kernels contain, which
-//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`], all that a
-//! plan uses), by hierarchy and device, by the light tables, and by the pilot samples.
+//! buffers exist and which passes run. It decides in steps: by scene and settings ([`Specialisation::new`]) and by
+//! camera, all that a plan uses, by hierarchy and device, by the light tables, and by the pilot samples.
 
 mod bsdf_rays;
 mod decisions;
@@ -15,8 +15,8 @@ pub(crate) mod visibility;
 use kernel_kit::Gpu;
 
 use crate::bvh::{Bvh, PACKET_LANES};
-use crate::scene::{AlphaMode, Scene, Triangle};
-use crate::settings::{Aov, Denoise, Settings};
+use crate::scene::{AlphaMode, Camera, Scene, Triangle};
+use crate::settings::{Aov, Background, Denoise, Settings};
 use crate::specialisation::features::{Feature, Features};
 
 pub(crate) use bsdf_rays::{MIN_HIT_PROBABILITY, Sphere};
@@ -45,17 +45,22 @@ impl Specialisation {
         specialisation.of_light_sampling(scene, settings);
         specialisation.of_visibility(scene, settings);
         specialisation.of_indirect_light(scene, settings, &facts);
-        specialisation.of_channels(settings);
+        specialisation.of_channels(scene, settings);
         specialisation
     }
 
-    fn of_channels(&mut self, settings: &Settings) {
-        let pixels = u64::from(settings.image.width) * u64::from(settings.image.height);
+    fn of_channels(&mut self, scene: &Scene, settings: &Settings) {
+        let part = settings.image.part();
+        let pixels = u64::from(part.width) * u64::from(part.height);
         let aov = |aov: Aov| settings.image.aovs.contains(&aov);
+        let shown = settings.image.background == Background::Environment;
+        let position = aov(Aov::Position) || aov(Aov::Depth);
+        // Where the camera sees the environment, only the albedo tells which rays hit a surface.
+        let albedo = aov(Aov::Albedo) || (position && shown && scene.environment().is_some());
         for (feature, on) in [
-            (Feature::AovAlbedo, aov(Aov::Albedo)),
+            (Feature::AovAlbedo, albedo),
             (Feature::AovNormal, aov(Aov::Normal)),
-            (Feature::AovPosition, aov(Aov::Position) || aov(Aov::Depth)),
+            (Feature::AovPosition, position),
             (Feature::AovShadow, aov(Aov::Shadow)),
         ] {
             let cost = format!("{} of film", bytes_text(pixels * 32));
@@ -65,11 +70,21 @@ impl Specialisation {
         let noise = settings.image.noise;
         let reason = noise.map_or(String::new(), |noise| format!("pixels get samples until their relMSE is {noise}"));
         self.decide(Feature::AdaptiveSampling, noise.is_some(), reason, "all pixels get the same samples", &cost);
+        let hides = scene.environment().is_some() && !shown;
+        let unneeded = if shown { "what is behind the scene is seen" } else { "there is none" };
+        self.decide(Feature::HiddenEnvironment, hides, "another background is shown".into(), unneeded, "nothing");
         let denoise = settings.image.denoise;
         // The guides; of direct and of indirect light the squares and two snapshots.
         let cost = format!("up to {} of film", bytes_text(pixels * (3 + 2 * 3) * 32));
         let reason = format!("the image is denoised: {denoise}");
         self.decide(Feature::Guides, denoise != Denoise::None, reason, "the image is not denoised", &cost);
+    }
+
+    /// Decides what depends on the camera.
+    pub fn of_camera(&mut self, camera: &Camera) {
+        let why = "the camera has an iris".to_owned();
+        let cost = "a point of the iris for every camera ray; 16 B per point";
+        self.decide(Feature::ThinLens, camera.lens.is_some(), why, "the camera is a pinhole", cost);
     }
 
     /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.

@@ -13,5 +13,6 @@ mod schema;
 mod stress;
 mod table1;
 mod usage;
+mod views;
 #[cfg(unix)]
 mod with_vulkan;

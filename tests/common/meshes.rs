@@ -79,7 +79,8 @@ pub fn camera(position: DVec3, towards: DVec3, yfov: f32) -> Camera {
     let right = up.cross(backward).normalize();
     let axes = [right, backward.cross(right), backward].map(|a| a.as_vec3());
     let projection = Projection::Perspective { yfov, aspect: None };
-    Camera { name: String::new(), position: position.as_vec3(), axes, projection, near: 1e-3, far: 10.0 }
+    let position = position.as_vec3();
+    Camera { name: String::new(), position, axes, projection, near: 1e-3, far: 10.0, lens: None }
 }
 
 /// A panorama whose texels have the radiance in the direction of their centres.

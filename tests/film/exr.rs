@@ -109,6 +109,7 @@ fn cameras_follow_the_conventions_of_pbrt() {
         projection: Projection::Perspective { yfov: 90f32.to_radians(), aspect: None },
         near: 0.125,
         far: f32::INFINITY,
+        lens: None,
     };
     let mut image = Image::new(200, 100);
     image.add_channel("R", vec![0.0; image.pixels()]);

@@ -130,7 +130,7 @@ impl Setup {
         buffers.path_points = gpu.poisoned::<u32>("test/path_points", count + 3).unwrap();
         buffers.path_arguments = gpu.poisoned::<u32>("test/arguments", 4).unwrap();
         let pass = Cache::new(gpu, &self.features).unwrap();
-        let bound = pass.bind(gpu, &tile, &buffers, &gpu_scene).unwrap();
+        let bound = pass.bind(gpu, &tile, &buffers, &gpu_scene, &[]).unwrap();
         let mut frame = gpu.frame("test");
         bound.record_requests(&mut frame, &buffers, &self.tile);
         bound.record_interpolate(&mut frame, &buffers, &self.tile);
@@ -239,7 +239,7 @@ fn is_glossy(i: usize) -> bool {
 
 fn tile_of([width, height]: [u32; 2], first_row: u32, rows: u32, layers: u32) -> Tile {
     let pixel_count = width * rows;
-    Tile { width, height, first_row, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
+    Tile { width, height, first_row, columns: width, pixel_count, point_count: pixel_count * layers, ..Tile::default() }
 }
 
 /// Errors of interpolated light, relative to the light times the largest coordinate in units of the smallest radius of

@@ -13,7 +13,7 @@ use penumbra::internal::scene::{
 };
 use penumbra::internal::specialisation::Specialisation;
 use penumbra::internal::specialisation::features::{Feature, Features};
-use penumbra::settings::{Denoise, LightSampling};
+use penumbra::settings::{Background, Denoise, LightSampling};
 use penumbra::{Aov, Result, Settings, Technique};
 use rayon::prelude::*;
 
@@ -137,6 +137,9 @@ impl Selection {
             s.visibility_map.paper_counting = self.has(19);
             s.indirect.max_bounces = if self.has(20) { 64 } else { 0 };
             s.indirect.irradiance_cache.enabled = self.has(21);
+            if self.has(16) {
+                s.image.background = Background::Transparent;
+            }
             s.image.noise = self.has(14).then_some(0.01);
             s.image.denoise = if self.has(63) { Denoise::Auto } else { Denoise::None };
             // The last one, the AOV of classes, excludes light sampling.
@@ -150,6 +153,7 @@ impl Selection {
         let features = features.with(Feature::Packets, self.has(27) && self.has(62));
         let far = self.has(54) && features.has(Feature::EmitterPairs);
         features
+            .with(Feature::ThinLens, self.has(15))
             .with(Feature::ShallowBvh, self.has(60))
             .with(Feature::ClosedForms, self.has(52))
             .with(Feature::SampledForms, self.has(53))

@@ -14,6 +14,7 @@ mod gather;
 mod grid;
 mod irradiance;
 mod kit;
+mod lens;
 mod light;
 mod light_buffer;
 #[path = "../common/meshes.rs"]

@@ -95,7 +95,9 @@ fn render_clamped(
     let tile = Tile {
         width: size,
         height: size,
+        first_column: 0,
         first_row: 0,
+        columns: size,
         pixel_count: size * size,
         point_count,
         first_sample: 0,
@@ -329,7 +331,9 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
     let tile = Tile {
         width: SIZE,
         height: SIZE,
+        first_column: 0,
         first_row: 0,
+        columns: SIZE,
         pixel_count: SIZE * SIZE,
         point_count: SIZE * SIZE * SPP,
         first_sample: 0,

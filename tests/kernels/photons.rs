@@ -90,6 +90,7 @@ fn gpu_scene(gpu: &Gpu, scene: &Scene, bvh: Bvh, features: &Features) -> GpuScen
         projection: Projection::Perspective { yfov: 1.0, aspect: None },
         near: 0.0,
         far: f32::INFINITY,
+        lens: None,
     };
     GpuScene::new(gpu, scene, bvh, &camera, [1, 1], features).unwrap()
 }

@@ -555,7 +555,7 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     assert!((position - Vec4::new(0.0, 0.0, 0.6, 1.0)).abs().max_element() < 5e-3, "{position}");
 }
 
-/// Tiles of rows, and samples rendered one by one, give the same bits as the whole image.
+/// Tiles of rows, parts of the image, and samples rendered one by one, give the same bits as the whole image.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
     const LAYERS: u32 = 4;
@@ -572,8 +572,9 @@ fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
     let differences = |tile: &Tile, layer_0: u32| -> usize {
         let got = run(gpu, &stage, tile);
         let index = |i: usize| {
-            let (layer, pixel) = (i / tile.pixel_count as usize, i % tile.pixel_count as usize);
-            (layer + layer_0 as usize) * all.pixel_count as usize + (tile.first_row * size[0]) as usize + pixel
+            let (layer, pixel) = (i as u32 / tile.pixel_count, i as u32 % tile.pixel_count);
+            let [x, y] = [tile.first_column + pixel % tile.columns, tile.first_row + pixel / tile.columns];
+            ((layer + layer_0) * all.pixel_count + y * size[0] + x) as usize
         };
         let differs = |i: &usize| got.lists().iter().zip(outcome.lists()).any(|(a, b)| a[*i] != b[index(*i)]);
         (0..tile.point_count as usize).filter(differs).count()
@@ -581,6 +582,9 @@ fn tiles_and_layers_are_the_whole(gpu: &Gpu) {
     for (first_row, rows) in [(0, 5), (5, 1), (6, 7)] {
         assert_eq!(differences(&piece(first_row, rows, 0, LAYERS), 0), 0, "rows from {first_row}");
     }
+    // Some columns of some rows.
+    let part = Tile { first_column: 7, columns: 20, pixel_count: 100, point_count: 400, ..piece(6, 5, 0, LAYERS) };
+    assert_eq!(differences(&part, 0), 0, "a part of the image");
     for layer in 0..LAYERS {
         assert_eq!(differences(&piece(0, 13, layer, 1), layer), 0, "layer {layer}");
     }

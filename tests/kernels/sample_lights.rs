@@ -98,7 +98,9 @@ impl Setup {
         let tile = Tile {
             width: PIXELS,
             height: 1,
+            first_column: 0,
             first_row: 0,
+            columns: PIXELS,
             pixel_count: PIXELS,
             point_count: PIXELS * SAMPLES,
             first_sample: 0,

@@ -1,7 +1,7 @@
 //! Cameras of the file, and the camera that frames a scene without one.
 
 use glam::Vec3;
-use penumbra::internal::scene::Projection;
+use penumbra::internal::scene::{Camera, Focus, Framing, Iris, Projection, Scene};
 use serde_json::json;
 
 use crate::builder::File;
@@ -10,10 +10,14 @@ use crate::builder::File;
 /// 1/4.
 fn with_camera(camera: serde_json::Value, node: serde_json::Value) -> File {
     let mut file = File::triangle();
+    add_camera(&mut file, camera, node);
+    file
+}
+
+fn add_camera(file: &mut File, camera: serde_json::Value, node: serde_json::Value) {
     let index = file.add("cameras", camera);
     let node = file.add("nodes", node);
     file.json["nodes"][node]["camera"] = json!(index);
-    file
 }
 
 #[test]
@@ -47,6 +51,107 @@ fn orthographic_and_node_scale() {
         // Rounding of the quaternion, in f64, and of the axes to f32.
         assert!((*axis - expected).length() < 1e-6, "{axis} for {expected}");
     }
+}
+
+/// The smallest and the largest position of a vertex in the image, from -1 to 1 to the right and upward.
+fn spans(scene: &Scene, camera: &Camera, aspect: f32) -> [[f32; 2]; 2] {
+    let Projection::Perspective { yfov, .. } = camera.projection else { panic!("{camera:?}") };
+    let [right, up, backward] = camera.axes;
+    let mut spans = [[f32::MAX, f32::MIN]; 2];
+    for vertex in &scene.vertices {
+        let v = vertex.position - camera.position;
+        let depth = -v.dot(backward);
+        assert!(depth > camera.near, "{v} is clipped");
+        for (span, (axis, aspect)) in spans.iter_mut().zip([(right, aspect), (up, 1.0)]) {
+            let at = v.dot(axis) / (depth * (yfov / 2.0).tan() * aspect);
+            *span = [span[0].min(at), span[1].max(at)];
+        }
+    }
+    spans
+}
+
+/// Whatever the view, all vertices are in it with a margin of 5 % of the width and height, and two opposite sides of
+/// the image have no more: no camera of that direction is nearer.
+#[test]
+fn views_are_filled() {
+    let mut file = File::new();
+    file.mesh(&[[-5., 0., 3.], [7., 100., 2.], [1., 2., -60.]], json!({}));
+    file.mesh(&[[20., 3., 30.], [2., -4., 9.], [-40., 0., 1.]], json!({}));
+    let scene = file.load();
+    for (azimuth, elevation) in [(0.0, 15.0), (90.0, 0.0), (-130.0, 60.0), (200.0, -90.0), (10.0, 90.0)] {
+        for aspect in [1.0, 2.5, 0.4] {
+            let camera = scene.frame(&Framing { azimuth, elevation, aspect });
+            let spans = spans(&scene, &camera, aspect);
+            let margin = |[low, high]: [f32; 2]| (low + 1.0).min(1.0 - high);
+            let [x, y] = spans.map(margin);
+            // Roundings of f32 positions of unit size.
+            assert!((x.min(y) - 0.1).abs() < 1e-4, "{azimuth}, {elevation}, {aspect}: {spans:?}");
+            let [low, high] = if x < y { spans[0] } else { spans[1] };
+            assert!((low + high).abs() < 2e-4, "{azimuth}, {elevation}, {aspect}: {spans:?}");
+            let towards = camera.axes[2];
+            let (a, e) = (azimuth.to_radians(), elevation.to_radians());
+            let expected = Vec3::new(a.sin() * e.cos(), e.sin(), a.cos() * e.cos());
+            assert!((towards - expected).length() < 1e-6, "{towards} for {expected}");
+            assert!(camera.axes[0].y.abs() < 1e-6, "the horizon is not level");
+        }
+    }
+}
+
+/// The thin lens of a 50 mm objective at f/2, on film 24 mm high.
+#[test]
+fn lenses_have_the_size_of_their_f_number() {
+    let mut file = File::new();
+    // A wall 3 m before the camera, and a triangle beside the centre that is nearer.
+    file.mesh(&[[-9., -9., -3.], [9., -9., -3.], [0., 9., -3.]], json!({}));
+    file.mesh(&[[0.5, 0., -1.], [1., 0., -1.], [1., 1., -1.]], json!({}));
+    let yfov = 2.0 * (12f32 / 50.0).atan();
+    let perspective = json!({ "yfov": yfov, "znear": 0.1 });
+    add_camera(&mut file, json!({ "type": "perspective", "perspective": perspective }), json!({}));
+    let scene = file.load();
+    let mut camera = scene.cameras[0].clone();
+    let scale = scene.normalisation.scale();
+    let metres = |length: f32| f64::from(length) / scale;
+    let near = |x: f64, expected: f64| (x / expected - 1.0).abs() < 1e-6;
+    scene.open_iris(&mut camera, Iris { f_number: 2.0, blades: 7 }, Focus::Auto).unwrap();
+    let lens = camera.lens.unwrap();
+    assert!(near(metres(lens.radius), 0.0125) && lens.blades == 7, "{lens:?}");
+    assert!(near(metres(lens.distance), 3.0), "{lens:?}");
+    scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Distance(0.75)).unwrap();
+    let lens = camera.lens.unwrap();
+    assert!(near(metres(lens.radius), 0.00625) && near(metres(lens.distance), 0.75), "{lens:?}");
+    camera.axes[2] = Vec3::NEG_Z;
+    let problem = scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Auto).unwrap_err();
+    assert!(problem.contains("centre of the image"), "{problem}");
+    camera.projection = Projection::Orthographic { xmag: 1.0, ymag: 1.0 };
+    let problem = scene.open_iris(&mut camera, Iris { f_number: 4.0, blades: 0 }, Focus::Auto).unwrap_err();
+    assert!(problem.contains("orthographic"), "{problem}");
+}
+
+/// A camera that can see nothing says why.
+#[test]
+fn views_without_anything_in_them_are_reported() {
+    let mut file = File::new();
+    file.mesh(&[[0., 0., -1.], [1., 0., -1.], [0., 1., -2.]], json!({}));
+    let seen_with = |near: f32, far: f32| {
+        let mut file = file.clone();
+        let perspective = json!({ "yfov": 1, "znear": near, "zfar": far });
+        add_camera(&mut file, json!({ "type": "perspective", "perspective": perspective }), json!({}));
+        let scene = file.load();
+        scene.clipped_away(&scene.cameras[0])
+    };
+    assert_eq!(seen_with(0.5, 10.0), None);
+    assert_eq!(seen_with(1.5, 10.0), None);
+    assert_eq!(seen_with(0.1, 1.5), None);
+    let beyond = "the camera sees nothing: all of the scene is beyond its zfar of 0.75";
+    assert_eq!(seen_with(0.5, 0.75).as_deref(), Some(beyond));
+    let nearer = "the camera sees nothing: all of the scene is nearer than its znear of 4";
+    assert_eq!(seen_with(4.0, 10.0).as_deref(), Some(nearer));
+    let scene = file.load();
+    let mut camera = scene.frame_camera();
+    assert_eq!(scene.clipped_away(&camera), None);
+    camera.axes[2] *= -1.0;
+    let behind = "the camera sees nothing: all of the scene is behind it";
+    assert_eq!(scene.clipped_away(&camera).as_deref(), Some(behind));
 }
 
 #[test]

@@ -11,11 +11,11 @@ use ::exr::image::{
 };
 use ::exr::math::Vec2;
 use ::exr::meta::MetaData;
-use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, Text};
 use ::exr::meta::header::{ImageAttributes, LayerAttributes};
 
 use super::atomic::write_atomically;
-use super::image::{Channel, Image, Metadata};
+use super::image::{Channel, Image, Metadata, Window};
 use crate::{Error, Result};
 
 /// Rec.709 primaries and D65.
@@ -79,9 +79,14 @@ impl Image {
         }
 
         let size = Vec2(self.width as usize, self.height as usize);
+        let [x, y] = self.crop.map_or([0; 2], |window| window.at);
+        attributes.layer_position = Vec2(x as i32, y as i32);
         let channels = AnyChannels::sort(channels.into_iter().collect());
         let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, channels);
-        let mut shared = ImageAttributes::with_size(size);
+        let mut shared = match self.crop {
+            Some(Window { of: [width, height], .. }) => ImageAttributes::with_size((width as usize, height as usize)),
+            None => ImageAttributes::with_size(size),
+        };
         shared.chromaticities = Some(REC709);
         Ok(ExrImage::new(shared, layer))
     }
@@ -105,6 +110,7 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
 
     let layer = file.layer_data;
     let mut image = Image::new(layer.size.width() as u32, layer.size.height() as u32);
+    image.crop = window(&file.attributes.display_window, layer.attributes.layer_position, layer.size);
     let mut names = HashSet::new();
     for channel in layer.channel_data.list {
         let samples = match channel.sample_data {
@@ -130,6 +136,18 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
         image.metadata.insert(name, value);
     }
     Ok(image)
+}
+
+/// Where the pixels lie in the display window, if they are a part of it; `None` for other windows, which Penumbra does
+/// not write.
+fn window(display: &IntegerBounds, at: Vec2<i32>, size: Vec2<usize>) -> Option<Window> {
+    let side = |at: i32, size: usize, first: i32, of: usize| {
+        let at = usize::try_from(i64::from(at) - i64::from(first)).ok()?;
+        (at.checked_add(size)? <= of).then_some([u32::try_from(at).ok()?, u32::try_from(of).ok()?])
+    };
+    let [x, width] = side(at.0, size.0, display.position.0, display.size.0)?;
+    let [y, height] = side(at.1, size.1, display.position.1, display.size.1)?;
+    (display.size != size).then_some(Window { at: [x, y], of: [width, height] })
 }
 
 /// The name of a channel or attribute, as UTF-8.

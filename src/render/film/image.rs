@@ -9,8 +9,21 @@ pub struct Image {
     pub height: u32,
     /// Channels with EXR names, such as `R`, `G`, `B`, `A`, `direct.R`, `N.X`, `Z`, `shadow.lamp.class`.
     pub channels: Vec<Channel>,
+    /// Whether a PNG of it has an alpha channel. Else it is over black.
+    pub transparent: bool,
+    /// Where it lies in a larger image, if it is a part of one. An EXR has that as its data window.
+    pub crop: Option<Window>,
     /// EXR attributes (camera, counts, seed, technique, device, version), sorted by name.
     pub metadata: std::collections::BTreeMap<String, Metadata>,
+}
+
+/// Where an image lies in a larger one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// Column and row of its first pixel.
+    pub at: [u32; 2],
+    /// Width and height of the larger image.
+    pub of: [u32; 2],
 }
 
 /// A channel of an [`Image`].

@@ -16,5 +16,5 @@ mod tone_map;
 pub use atomic::{abandon_writes, check_target, write_atomically};
 pub use formats::check_writable;
 pub(crate) use formats::read_file;
-pub use image::{Channel, Image, Metadata};
-pub use tone_map::View;
+pub use image::{Channel, Image, Metadata, Window};
+pub use tone_map::{View, linear_from_srgb};

@@ -14,8 +14,8 @@ use crate::{Error, Result};
 const MAX_DECODED: u64 = 1 << 29;
 
 impl Image {
-    /// Writes the colour over black as an 8-bit PNG without alpha, scaled by 2^`exposure_ev` and tone-mapped by `view`.
-    /// Blender and pbrt write PNGs in the same way.
+    /// Writes the colour as an 8-bit PNG, scaled by 2^`exposure_ev` and tone-mapped by `view`: over black, without
+    /// alpha, as Blender and pbrt do, or with its alpha channel if it is [`transparent`](Self::transparent).
     ///
     /// # Errors
     /// [`Error::Output`] if `R`, `G` or `B` is missing or the file cannot be written. The old file is then unchanged.
@@ -30,10 +30,14 @@ impl Image {
         view: View,
         exposure_ev: f32,
     ) -> std::result::Result<(), Problem> {
-        let bytes = self.display(view, exposure_ev).map_err(|name| format!("there is no channel {name}"))?;
+        let missing = |name| format!("there is no channel {name}");
+        let (bytes, colour) = match self.transparent {
+            true => (self.display_with_alpha(view, exposure_ev).map_err(missing)?, png::ColorType::Rgba),
+            false => (self.display(view, exposure_ev).map_err(missing)?, png::ColorType::Rgb),
+        };
         let mut encoder = png::Encoder::new(to, self.width, self.height);
         encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_color(colour);
         if view != View::Raw {
             encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
         }
@@ -54,6 +58,20 @@ impl Image {
             }
         });
         Ok(bytes)
+    }
+
+    /// As [`display`](Self::display), as RGBA. The colour of a PNG is not multiplied by its alpha.
+    fn display_with_alpha(&self, view: View, exposure_ev: f32) -> std::result::Result<Vec<u8>, &'static str> {
+        let [r, g, b] = self.rgb()?;
+        let alpha = self.channel("A").ok_or("A")?;
+        let gain = exposure_ev.exp2();
+        let pixel = |i: usize| {
+            let share = alpha[i].clamp(0.0, 1.0);
+            let own = if share > 0.0 { gain / share } else { 0.0 };
+            let [r, g, b] = view.apply([r[i] * own, g[i] * own, b[i] * own]);
+            [r, g, b, share].map(|x| (x * 255.0).round() as u8)
+        };
+        Ok((0..self.pixels()).into_par_iter().flat_map_iter(pixel).collect())
     }
 }
 

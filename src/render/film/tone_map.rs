@@ -67,7 +67,7 @@ pub(super) fn srgb_from_linear(x: f32) -> f32 {
 }
 
 /// The inverse of [`srgb_from_linear`] for 0 to 1.
-pub(super) fn linear_from_srgb(x: f32) -> f32 {
+pub fn linear_from_srgb(x: f32) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 

@@ -1,0 +1,72 @@
+//! The lens of a camera: its iris, and where it is in focus.
+
+use glam::{DVec3, Vec3};
+
+use super::camera::{Camera, Lens, Projection};
+use super::description::Scene;
+
+/// Height of a camera's film in metres: that of 35 mm film, to which f-numbers and focal lengths of cameras without a
+/// stated film refer.
+const FILM_HEIGHT: f64 = 0.024;
+
+/// Distance at which a lens is in focus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Focus {
+    /// The nearest surface in the centre of the image.
+    Auto,
+    /// Along the viewing direction, in metres.
+    Distance(f64),
+}
+
+/// The iris of a lens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iris {
+    /// The f-number: focal length over diameter. More than 0.
+    pub f_number: f64,
+    /// Blades, at least 3, which make it a regular polygon. 0: it is round.
+    pub blades: u32,
+}
+
+impl Scene {
+    /// Opens the iris of a perspective camera, whose film is 24 mm high. glTF's unit is the metre.
+    ///
+    /// # Errors
+    /// What is wrong, if the camera is orthographic or nothing is in the centre of the image.
+    pub fn open_iris(&self, camera: &mut Camera, iris: Iris, focus: Focus) -> Result<(), String> {
+        let Projection::Perspective { yfov, .. } = camera.projection else {
+            return Err(format!("camera `{}` is orthographic, which has no iris", camera.name));
+        };
+        let focal_length = 0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan();
+        let scale = self.normalisation.scale();
+        let distance = match focus {
+            Focus::Distance(metres) => (metres * scale) as f32,
+            Focus::Auto => self.depth_ahead(camera).ok_or("nothing is in the centre of the image to focus on")?,
+        };
+        let radius = (0.5 * focal_length / iris.f_number * scale) as f32;
+        camera.lens = Some(Lens { radius, distance, blades: iris.blades });
+        Ok(())
+    }
+
+    /// Distance of the nearest surface straight ahead of a camera. Surfaces that are functions are seen as their boxes.
+    fn depth_ahead(&self, camera: &Camera) -> Option<f32> {
+        let ahead = -camera.axes[2];
+        let triangles = (0..self.triangles.len()).filter_map(|i| {
+            let [a, b, c] = self.triangle_positions(i).map(|corner| (corner - camera.position).as_dvec3());
+            let (ahead, normal) = (ahead.as_dvec3(), (b - a).cross(c - a));
+            let depth = a.dot(normal) / ahead.dot(normal);
+            let at = depth * ahead;
+            let inside = |p: DVec3, q: DVec3| (q - p).cross(at - p).dot(normal) >= 0.0;
+            (depth.is_finite() && inside(a, b) && inside(b, c) && inside(c, a)).then_some(depth as f32)
+        });
+        let boxes = self.procedurals.iter().filter_map(|object| {
+            let corners = object.corners();
+            let lower = corners.iter().copied().reduce(Vec3::min)? - camera.position;
+            let upper = corners.iter().copied().reduce(Vec3::max)? - camera.position;
+            let (a, b) = (lower / ahead, upper / ahead);
+            let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+            (enter <= leave).then_some(enter)
+        });
+        let depths = triangles.chain(boxes).filter(|depth| (camera.near..=camera.far).contains(depth));
+        depths.min_by(f32::total_cmp)
+    }
+}
