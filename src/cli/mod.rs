@@ -11,6 +11,7 @@ mod plan;
 mod progress;
 mod render;
 mod report;
+mod sequence;
 mod stress;
 mod table1;
 

@@ -1,7 +1,5 @@
 //! Kernels: compiled entry points, ready to bind.
 
-use std::collections::BTreeMap;
-
 use wgpu::naga;
 
 use crate::binding::{Bindings, Declared};
@@ -9,7 +7,7 @@ use crate::compose::Composed;
 use crate::device::Gpu;
 use crate::error::{Error, Result};
 use crate::layout::{OpaqueStruct, SharedStruct, check_layouts};
-use crate::pipeline::{Entry, Interface, Source, Undispatched};
+use crate::pipeline::{Entries, Entry, Interface, Source, Undispatched};
 
 /// What the host has for a kernel; [`Kernel::new`] compares it with what the kernel takes.
 ///
@@ -35,7 +33,7 @@ pub struct Host<'a> {
 pub struct Kernel {
     /// The name that it was composed under.
     pub name: String,
-    entries: BTreeMap<String, Entry>,
+    entries: Entries,
 }
 
 /// An entry point with its resources bound.
@@ -58,9 +56,13 @@ impl Kernel {
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
         check_layouts(composed, host.shared, host.opaque)?;
         check_names(composed, host)?;
+        let name = composed.kernel.clone();
+        if let Some(entries) = gpu.kept(composed, host.constants) {
+            return Ok(Kernel { name, entries });
+        }
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);
-        let mut entries = BTreeMap::new();
+        let mut entries = Entries::new();
         for (index, entry) in composed.module.entry_points.iter().enumerate() {
             let interface = Interface::new(composed, index)?;
             let built = interface.build(&gpu.device, &source, &shader);
@@ -72,7 +74,8 @@ impl Kernel {
             entries.insert(entry.name.clone(), made);
         }
         gpu.check(&composed.kernel)?;
-        Ok(Kernel { name: composed.kernel.clone(), entries })
+        gpu.keep(composed, host.constants, &entries);
+        Ok(Kernel { name, entries })
     }
 
     /// Binds the resources of the entry point `entry`, each variable from the first of `sets` that has it.

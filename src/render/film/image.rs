@@ -13,6 +13,9 @@ pub struct Image {
     pub metadata: std::collections::BTreeMap<String, Metadata>,
 }
 
+/// The metadata by which an image file tells what it shows.
+pub(super) const FINGERPRINT: &str = "penumbra:fingerprint";
+
 /// A channel of an [`Image`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {

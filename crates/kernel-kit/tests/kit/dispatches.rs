@@ -42,6 +42,29 @@ fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
     Kernel::new(gpu, &composed, &Host { constants: &[("factor", 3.0)], ..Host::default() }).unwrap()
 }
 
+/// Kept kernels are told apart by source and constants, and one that is made again is not kept twice.
+#[kernel_test]
+fn kernels_are_kept_by_source_and_constants(gpu: &Gpu) {
+    let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+    let kernel = |source: &str, factor: f64| {
+        let composed = Composer::new().compose_source("squares", source, &Features::none()).unwrap();
+        Kernel::new(&gpu, &composed, &Host { constants: &[("factor", factor)], ..Host::default() }).unwrap()
+    };
+    kernel(SQUARES, 3.0);
+    assert_eq!(gpu.kept_kernels(), 0);
+    gpu.keep_kernels();
+    let other = SQUARES.replace("* factor", "+ factor");
+    for kept in [1, 3, 3] {
+        // The planted differences are another constant and another source.
+        if kept == 3 {
+            compare::must_catch("constant", squares(&gpu, &kernel(SQUARES, 4.0), 65));
+            compare::must_catch("source", squares(&gpu, &kernel(&other, 3.0), 65));
+        }
+        squares(&gpu, &kernel(SQUARES, 3.0), 65).unwrap();
+        assert_eq!(gpu.kept_kernels(), kept);
+    }
+}
+
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
 
 /// At the edges of the workgroup and past 65,535 groups, words past the end stay as they were. (An empty buffer has
