@@ -3,9 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::adapter::{self, DeviceChoice, DeviceInfo};
-use crate::compose::Composed;
 use crate::error::{Error, Result, one_line};
-use crate::pipeline::{Entries, Kept, Key, Undispatched};
+use crate::pipeline::{Kept, Undispatched};
 use crate::timer::Timer;
 
 /// An open device with its queue.
@@ -38,12 +37,6 @@ enum Fault {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|e| e.into_inner())
-}
-
-/// What tells kernels apart: name, source, and constants with all of their bits.
-fn key(composed: &Composed, constants: &[(&str, f64)]) -> Key {
-    let constants = constants.iter().map(|(name, value)| ((*name).to_owned(), value.to_bits())).collect();
-    (composed.kernel.clone(), composed.wgsl.clone(), constants)
 }
 
 impl Gpu {
@@ -105,28 +98,20 @@ impl Gpu {
         Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, kept, fault }
     }
 
-    /// From now on keeps the pipelines of kernels: one that is compiled again, from the same source and constants, is
-    /// the one that was kept. For programs that make the same kernels for one scene after another. They are kept as
-    /// long as the device is.
+    /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for programs
+    /// that need the same kernels for one scene after another.
     pub fn keep_kernels(&self) {
-        lock(&self.kept).get_or_insert_default();
+        self.kept().get_or_insert_default();
     }
 
-    /// Number of kernels whose pipelines are kept.
+    /// Number of kernels that are kept.
     pub fn kept_kernels(&self) -> usize {
-        lock(&self.kept).as_ref().map_or(0, Kept::len)
+        self.kept().as_ref().map_or(0, Kept::len)
     }
 
-    /// The kept pipelines of a kernel.
-    pub(crate) fn kept(&self, composed: &Composed, constants: &[(&str, f64)]) -> Option<Entries> {
-        lock(&self.kept).as_ref()?.get(&key(composed, constants)).cloned()
-    }
-
-    /// Keeps the pipelines of a kernel, if they are to be kept.
-    pub(crate) fn keep(&self, composed: &Composed, constants: &[(&str, f64)], entries: &Entries) {
-        if let Some(kept) = lock(&self.kept).as_mut() {
-            kept.insert(key(composed, constants), entries.clone());
-        }
+    /// The kept kernels; none if they are not to be kept.
+    pub(crate) fn kept(&self) -> MutexGuard<'_, Option<Kept>> {
+        lock(&self.kept)
     }
 
     /// The entry points that have not been dispatched.

@@ -56,10 +56,6 @@ impl Kernel {
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
         check_layouts(composed, host.shared, host.opaque)?;
         check_names(composed, host)?;
-        let name = composed.kernel.clone();
-        if let Some(entries) = gpu.kept(composed, host.constants) {
-            return Ok(Kernel { name, entries });
-        }
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);
         let mut entries = Entries::new();
@@ -74,8 +70,28 @@ impl Kernel {
             entries.insert(entry.name.clone(), made);
         }
         gpu.check(&composed.kernel)?;
-        gpu.keep(composed, host.constants, &entries);
-        Ok(Kernel { name, entries })
+        Ok(Kernel { name: composed.kernel.clone(), entries })
+    }
+
+    /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use of
+    /// `key` only, which must tell all kernels of the device apart: by source, features and constants.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn kept<E>(
+        gpu: &Gpu,
+        key: &str,
+        make: impl FnOnce() -> std::result::Result<Kernel, E>,
+    ) -> std::result::Result<Kernel, E> {
+        let kept = gpu.kept().as_ref().and_then(|kept| kept.get(key).cloned());
+        if let Some((name, entries)) = kept {
+            return Ok(Kernel { name, entries });
+        }
+        let kernel = make()?;
+        if let Some(kept) = gpu.kept().as_mut() {
+            kept.insert(key.to_owned(), (kernel.name.clone(), kernel.entries.clone()));
+        }
+        Ok(kernel)
     }
 
     /// Binds the resources of the entry point `entry`, each variable from the first of `sets` that has it.

@@ -66,11 +66,8 @@ pub(crate) struct Entry {
 /// The entry points of a kernel by name.
 pub(crate) type Entries = BTreeMap<String, Entry>;
 
-/// Name, source and constants of a kernel.
-pub(crate) type Key = (String, String, Vec<(String, u64)>);
-
-/// The entry points of kernels that are kept.
-pub(crate) type Kept = HashMap<Key, Entries>;
+/// Names and entry points of kernels that are kept, by key.
+pub(crate) type Kept = HashMap<String, (String, Entries)>;
 
 /// An entry point that has not been dispatched.
 pub(crate) struct Undispatched {

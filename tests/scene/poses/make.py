@@ -329,11 +329,17 @@ def blender(path, animation, time):
         data = thing.animation_data
         if data is None:
             continue
-        data.action = None
+        strips = [strip for track in data.nla_tracks if track.name == name for strip in track.strips]
         for track in data.nla_tracks:
-            track.mute = track.name != name
-            for strip in track.strips:
-                strip.extrapolation = "HOLD"
+            track.mute = True
+        # A strip would begin at frame 1, whenever its first key is.
+        data.action = strips[0].action if strips else None
+        if strips:
+            data.action_slot = strips[0].action_slot
+    # The interface limits weights, from 0 to 1.
+    for shapes in bpy.data.shape_keys:
+        for block in shapes.key_blocks:
+            block.slider_min, block.slider_max = -10, 10
     scene = bpy.context.scene
     frame = time * scene.render.fps / scene.render.fps_base
     scene.frame_set(math.floor(frame), subframe=frame - math.floor(frame))

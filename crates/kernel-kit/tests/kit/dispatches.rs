@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use kernel_kit::{
-    Composer, DeviceChoice, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
+    Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
     TableFormat, compare, dispatch_size, kernel_test, whole_rows,
 };
 
@@ -42,27 +42,30 @@ fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
     Kernel::new(gpu, &composed, &Host { constants: &[("factor", 3.0)], ..Host::default() }).unwrap()
 }
 
-/// Kept kernels are told apart by source and constants, and one that is made again is not kept twice.
+/// A kernel is made once for each key, if the device keeps kernels, and runs as often as it is wanted.
 #[kernel_test]
-fn kernels_are_kept_by_source_and_constants(gpu: &Gpu) {
+fn kept_kernels_are_made_once(gpu: &Gpu) {
     let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
-    let kernel = |source: &str, factor: f64| {
-        let composed = Composer::new().compose_source("squares", source, &Features::none()).unwrap();
-        Kernel::new(&gpu, &composed, &Host { constants: &[("factor", factor)], ..Host::default() }).unwrap()
+    let mut made = 0;
+    let mut kernel = |key: &str, source: &str| {
+        let make = || {
+            made += 1;
+            Ok::<_, Error>(square_kernel(&gpu, source))
+        };
+        let kernel = Kernel::kept(&gpu, key, make).unwrap();
+        (kernel, made)
     };
-    kernel(SQUARES, 3.0);
-    assert_eq!(gpu.kept_kernels(), 0);
-    gpu.keep_kernels();
     let other = SQUARES.replace("* factor", "+ factor");
-    for kept in [1, 3, 3] {
-        // The planted differences are another constant and another source.
-        if kept == 3 {
-            compare::must_catch("constant", squares(&gpu, &kernel(SQUARES, 4.0), 65));
-            compare::must_catch("source", squares(&gpu, &kernel(&other, 3.0), 65));
-        }
-        squares(&gpu, &kernel(SQUARES, 3.0), 65).unwrap();
-        assert_eq!(gpu.kept_kernels(), kept);
+    assert_eq!([1, 2].map(|_| kernel("squares", SQUARES).1), [1, 2], "nothing is kept unless it is wanted");
+    gpu.keep_kernels();
+    for made in [3, 4] {
+        let (right, count) = kernel("squares", SQUARES);
+        squares(&gpu, &right, 65).unwrap();
+        assert_eq!((right.name.as_str(), count), ("squares", made));
+        // The planted fault: another key has another kernel.
+        compare::must_catch("source", squares(&gpu, &kernel("other", &other).0, 65));
     }
+    assert_eq!(gpu.kept_kernels(), 2);
 }
 
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;
