@@ -33,8 +33,8 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
-    /// Show an animation at this time after its beginning, with all that it moves: nodes, skins, morph targets, cameras,
-    /// lights, materials. Before its first key and after its last one it stands still [default: the pose of the file]
+    /// Show an animation at this time after its beginning: nodes, skins, morph targets, cameras, lights and materials.
+    /// Before its first key and after its last one it stands still [default: the pose of the file]
     #[arg(
         long,
         value_name = "SECONDS",

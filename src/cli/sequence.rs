@@ -18,9 +18,9 @@ const DIGITS: usize = 4;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Sequence")]
 pub struct SequenceOptions {
-    /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of each
-    /// output stands for its number. Frames are skipped whose files are there, are complete and show the same scene with
-    /// the same settings: run an interrupted command again, and it goes on where it stopped
+    /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of
+    /// each output stands for its number. Frames are skipped whose files are there, are complete and show the same
+    /// scene with the same settings: run an interrupted command again, and it goes on where it stopped
     #[arg(long, value_name = "A..B", group = "moment", conflicts_with_all = ["checkpoint", "reference"])]
     frames: Option<Frames>,
 

@@ -264,7 +264,7 @@ mod tests {
     const ROUNDING: f64 = 1e-14;
 
     #[test]
-    fn slerp_turns_at_constant_speed_along_the_shorter_arc() {
+    fn slerp_has_constant_speed_along_the_shorter_arc() {
         let axis = DVec3::new(1.0, 2.0, -2.0) / 3.0;
         for angle in [1e-12, 1e-6, 0.01, 1.0, FRAC_PI_2, PI - 1e-6] {
             for t in [0.0, 0.25, 0.5, 0.9, 1.0] {

@@ -9,13 +9,15 @@ use penumbra::internal::render::film;
 use crate::program::{Answer, BOX, device, folder, penumbra, run};
 
 /// Quick settings.
-const SMALL: &str = "--width 16 --height 12 --photons 4096 --spp 2 --max-bounces 0";
+const SMALL: &str = "--width 16 --height 12 --photons 4096 --max-bounces 0";
 
 /// Its two animations are called `both` and `left`; the first has keys from 0.5 to 2 s.
 const FACE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scene/poses/face.gltf");
 
 fn render(arguments: &str, output: &Path) -> Answer {
-    Answer::of(penumbra(&format!("render --device {} {SMALL} {arguments}", device()), &[&FACE, &"-o"]).arg(output))
+    Answer::of(
+        penumbra(&format!("render --device {} {SMALL} --spp 2 {arguments}", device()), &[&FACE, &"-o"]).arg(output),
+    )
 }
 
 fn sequence(arguments: &str, output: &Path) -> Answer {
@@ -130,7 +132,7 @@ fn wrong_usage_of_time_names_the_option() {
         ("SEQUENCE --fps 3", "--frames"),
         ("SEQUENCE --seed-per-frame", "--frames"),
         ("SEQUENCE --at nan", "--at"),
-        ("SEQUENCE --animation walk", "--at"),
+        ("SEQUENCE --animation run", "--at"),
         ("SEQUENCE --loop", "--at"),
         ("plan no-scene.glb --loop", "--at"),
         ("plan no-scene.glb --frames 0..3", "--frames"),

@@ -103,18 +103,18 @@ fn rotations_turn_at_constant_speed_the_shorter_way() {
 #[test]
 fn animations_are_selected_by_name_or_index() {
     let mut file = File::triangle();
-    for (x, name) in [(1f32, "walk"), (2., "run"), (3., "0")] {
+    for (x, name) in [(1f32, "trot"), (2., "run"), (3., "0")] {
         let index = animate(&mut file, &[0.], &[[x, 0., 0.]], "STEP", json!({ "node": 0, "path": "translation" }));
         file.json["animations"][index]["name"] = json!(name);
     }
     let with = |name: &str| file.load_with(&ImportOptions { animation: Some(name.into()), ..at(0.0) });
-    for (name, expected) in [("run", 2.0), ("1", 2.0), ("0", 3.0), ("walk", 1.0)] {
+    for (name, expected) in [("run", 2.0), ("1", 2.0), ("0", 3.0), ("trot", 1.0)] {
         assert_eq!(origin(&with(name).unwrap()).x, expected, "{name}");
     }
     assert_eq!(origin(&load(&file, 0.0)).x, 1.0, "the first one by default");
     for name in ["jump", "3"] {
         let error = with(name).unwrap_err();
-        assert!(matches!(&error, Error::Usage(text) if text.contains("walk, run, 0")), "{error}");
+        assert!(matches!(&error, Error::Usage(text) if text.contains("trot, run, 0")), "{error}");
     }
     for (file, time) in [(&File::triangle(), 0.0), (&file, f64::NAN)] {
         let error = file.load_with(&at(time)).unwrap_err();

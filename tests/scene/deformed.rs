@@ -218,7 +218,7 @@ fn targets_displace_positions_normals_and_tangents() {
 }
 
 #[test]
-fn animated_weights_take_the_place_of_both() {
+fn animated_weights_come_before_all_others() {
     let mut file = morphed();
     file.json["meshes"][0]["weights"] = json!([1.0, 1.0]);
     let (input, output) = (file.floats(&[[0f32], [2.]]), file.floats(&[[0f32], [0.], [1.], [0.5]]));

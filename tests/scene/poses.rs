@@ -105,3 +105,19 @@ fn the_fox_runs_as_elsewhere() {
     let late = load(&fox, &cases[0], cases[0].time + 1e-3).unwrap();
     assert!(error(&late, &cases[0]) > TOLERANCE, "a millisecond is not seen");
 }
+
+/// The outcome depends on the byte. Only panics and hangs are failures.
+#[test]
+fn no_wrong_byte_of_an_animated_file_causes_a_panic() {
+    for name in ["arm.gltf", "face.gltf"] {
+        let bytes = std::fs::read(Path::new(FOLDER).join(name)).unwrap();
+        for i in 0..bytes.len() {
+            // A digit more or less, another letter, another sign.
+            let mut damaged = bytes.clone();
+            damaged[i] ^= [0x01, 0x02, 0x08][i % 3];
+            let options = ImportOptions { time: Some(0.9), ..Default::default() };
+            let outcome = Scene::from_bytes(&damaged, Path::new(name), &options);
+            assert!(matches!(outcome, Ok(_) | Err(penumbra::Error::Input { .. } | penumbra::Error::Usage(_))));
+        }
+    }
+}

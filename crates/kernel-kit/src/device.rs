@@ -98,8 +98,8 @@ impl Gpu {
         Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, kept, fault }
     }
 
-    /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for programs
-    /// that need the same kernels for one scene after another.
+    /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for
+    /// programs that need the same kernels for one scene after another.
     pub fn keep_kernels(&self) {
         self.kept().get_or_insert_default();
     }

@@ -73,8 +73,8 @@ impl Kernel {
         Ok(Kernel { name: composed.kernel.clone(), entries })
     }
 
-    /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use of
-    /// `key` only, which must tell all kernels of the device apart: by source, features and constants.
+    /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use
+    /// of `key` only, which must tell all kernels of the device apart: by source, features and constants.
     ///
     /// # Errors
     /// Those of `make`.
