@@ -227,7 +227,8 @@ impl Session<'_> {
             };
             subject.settings.image.seed = settings.image.seed.wrapping_add(frame.seed);
             self.files = arguments.files(Some(frame));
-            let fingerprint = arguments.fingerprint(&subject);
+            let denoisers: Vec<&str> = self.denoiser.names().collect();
+            let fingerprint = arguments.fingerprint(&subject, &denoisers);
             if self.files.are_complete(&fingerprint) {
                 if !arguments.quiet {
                     say(format_args!("frame {} is complete", frame.number));
@@ -506,8 +507,8 @@ impl Arguments {
     }
 
     /// Identifies a frame by all that decides what its files show.
-    fn fingerprint(&self, Subject { scene, camera, settings }: &Subject) -> String {
-        scene.fingerprint(&(camera, settings, self.time, self.view, self.exposure))
+    fn fingerprint(&self, Subject { scene, camera, settings }: &Subject, denoisers: &[&str]) -> String {
+        scene.fingerprint(&(camera, settings, self.time, denoisers, self.view, self.exposure))
     }
 
     fn write_statistics(&self, statistics: &Statistics, files: &Files) -> Result<()> {

@@ -28,8 +28,8 @@ pub struct SequenceOptions {
     #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive, requires = "frames")]
     fps: f64,
 
-    /// Add the number of the frame to the seed; otherwise all frames have the same random numbers, and noise does not
-    /// flicker where nothing moves
+    /// Add the number of the frame to the seed; otherwise all frames have the same random numbers, and noise flickers
+    /// less
     #[arg(long, requires = "frames")]
     seed_per_frame: bool,
 }

@@ -100,9 +100,6 @@ impl<'r, 'a> Reader<'r, 'a> {
             return Err(input_json.error("times must be float scalars"));
         }
         self.check_times(&input_json, input_index)?;
-        if output.component == Component::U32 || (output.component != Component::F32 && !output.normalised) {
-            return Err(output_json.error("values must be floats or normalised integers"));
-        }
         if self.finite.insert(output_index) {
             self.count(&output_json, output)?;
             for first in (0..output.count).step_by(BLOCK) {
@@ -144,6 +141,9 @@ impl<'r, 'a> Reader<'r, 'a> {
     /// Checks that a sampler has the values of a property. `json` is the channel's reference to the sampler.
     pub fn check(&mut self, json: &Json<'a>, sampler: &Sampler<'r, 'a>, values: Values) -> Result<()> {
         let Sampler { input, output, .. } = sampler;
+        if output.component == Component::U32 || (output.component != Component::F32 && !output.normalised) {
+            return Err(json.error("its output must be floats or normalised integers"));
+        }
         if output.width != values.width() {
             let problem = format!("its output has {} numbers in an element, not {}", output.width, values.width());
             return Err(json.error(problem));
@@ -197,9 +197,11 @@ impl Sampler<'_, '_> {
     /// The values at a time: those of the first key before it, those of the last key after it.
     pub fn at(&self, seconds: f64, values: Values) -> Result<Vec<f64>> {
         let (mut low, mut high) = (0, self.input.count);
+        // A frame at the time of a key must not come before it, because the file has rounded that time.
+        let rounded = seconds.max(f64::from(seconds as f32));
         while low < high {
             let middle = low + (high - low) / 2;
-            if self.time(middle)? <= seconds { low = middle + 1 } else { high = middle }
+            if self.time(middle)? <= rounded { low = middle + 1 } else { high = middle }
         }
         let value = |key: usize| self.part(key, self.middle(), values);
         let key = low.saturating_sub(1);
@@ -207,7 +209,7 @@ impl Sampler<'_, '_> {
             value(key)?
         } else {
             let (start, end) = (self.time(key)?, self.time(key + 1)?);
-            let (span, t) = (end - start, (seconds - start) / (end - start));
+            let (span, t) = (end - start, ((seconds - start) / (end - start)).max(0.0));
             let (from, to) = (value(key)?, value(key + 1)?);
             match self.interpolation {
                 Interpolation::CubicSpline => {

@@ -5,7 +5,7 @@ use penumbra::Error;
 use penumbra::internal::scene::{ImportOptions, LightKind, Projection, Scene};
 use serde_json::{Value, json};
 
-use crate::builder::{F32, File, I16, U32, bytes_of, world};
+use crate::builder::{F32, File, I16, U8, U32, bytes_of, world};
 
 /// Adds an animation of one channel with those keys, and returns its index.
 fn animate<const N: usize>(file: &mut File, times: &[f32], values: &[[f32; N]], mode: &str, target: Value) -> usize {
@@ -233,7 +233,7 @@ fn malformed_animations_are_refused() {
         set(f, "/animations/0/samplers/0/output", json!(output));
     };
     assert_eq!(refused(&|f| output(f, &[0; 32], F32, "VEC4")), format!("{CHANNEL}/sampler"));
-    assert_eq!(refused(&|f| output(f, &[0; 16], I16, "VEC3")), format!("{SAMPLER}/output"));
+    assert_eq!(refused(&|f| output(f, &[0; 16], I16, "VEC3")), format!("{CHANNEL}/sampler"));
     let nan = bytes_of(&[[0f32, 0., 0.], [0., f32::NAN, 0.]]);
     assert_eq!(refused(&|f| output(f, &nan, F32, "VEC3")), format!("{SAMPLER}/output"));
     let long = bytes_of(&[[0f32, 0., 0., 1.], [0., 1., 0., 1.]]);
@@ -267,6 +267,30 @@ fn malformed_animations_are_refused() {
         let edit = |f: &mut File| set(f, "/animations/0/channels/0/target", pointer(wrong));
         assert_eq!(refused(&edit), at, "{wrong}");
     }
+}
+
+/// A file has its times as f32; a frame at the time of a key shows the key.
+#[test]
+fn steps_are_not_late_by_a_rounding() {
+    for frame in 1..24 {
+        let time = f64::from(frame) / 24.0;
+        let mut file = File::triangle();
+        let target = json!({ "node": 0, "path": "translation" });
+        animate(&mut file, &[0., time as f32], &[[0f32; 3], [1., 0., 0.]], "STEP", target);
+        assert_eq!(origin(&load(&file, time)).x, 1.0, "frame {frame}");
+        assert_eq!(origin(&load(&file, time - 1e-6)).x, 0.0, "frame {frame}");
+    }
+}
+
+/// Switches have whole numbers as values. No such property is known, and none is refused.
+#[test]
+fn animations_of_switches_are_noted() {
+    let mut file = File::triangle();
+    let target = pointer("/nodes/0/extensions/ACME_switch/on");
+    animate(&mut file, &[0., 1.], &[[0f32], [1.]], "STEP", target);
+    let output = file.accessor(&[0, 1], U8, "SCALAR", 2);
+    file.json["animations"][0]["samplers"][0]["output"] = json!(output);
+    assert!(load(&file, 1.0).notes.iter().any(|note| note.contains("ACME_switch/on` is not played")));
 }
 
 /// A channel without a node is for extensions, and is left out.
