@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use penumbra::Image;
 use penumbra::internal::render::film;
+use serde_json::{Value, json};
 
-use crate::program::{Answer, BOX, device, folder, penumbra, run};
+use crate::program::{Answer, BOX, device, folder, run};
 
 /// Quick settings.
 const SMALL: &str = "--width 16 --height 12 --photons 4096 --max-bounces 0";
@@ -14,14 +15,13 @@ const SMALL: &str = "--width 16 --height 12 --photons 4096 --max-bounces 0";
 /// Its two animations are called `both` and `left`; the first has keys from 0.5 to 2 s.
 const FACE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scene/poses/face.gltf");
 
-fn render(arguments: &str, output: &Path) -> Answer {
-    Answer::of(
-        penumbra(&format!("render --device {} {SMALL} --spp 2 {arguments}", device()), &[&FACE, &"-o"]).arg(output),
-    )
+fn render(scene: &Path, arguments: &str, output: &Path) -> Answer {
+    let arguments = format!("render --device {} {SMALL} --spp 2 {arguments}", device());
+    run(&arguments, &[&scene, &"-o", &output])
 }
 
 fn sequence(arguments: &str, output: &Path) -> Answer {
-    let answer = render(&format!("--default-light {arguments}"), output);
+    let answer = render(Path::new(FACE), &format!("--default-light {arguments}"), output);
     answer.assert_done();
     answer
 }
@@ -56,6 +56,26 @@ fn frames_are_the_images_of_their_times() {
     sequence("--at 4.5 --animation left --loop", &a);
     sequence("--at 0.5 --animation 1", &b);
     assert_eq!(bits(&a), bits(&b));
+}
+
+/// Frames after the first are rendered with its kernels, and have the bits of a render of their own.
+#[test]
+fn later_frames_are_those_of_a_process_of_their_own() {
+    let folder = folder();
+    let scene = folder.path().join("seen.gltf");
+    let mut json: Value = serde_json::from_slice(&fs::read(FACE).unwrap()).unwrap();
+    json["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.1 } }]);
+    json["nodes"].as_array_mut().unwrap().push(json!({ "camera": 0, "translation": [6, 3, 20] }));
+    json["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(2));
+    fs::write(&scene, json.to_string()).unwrap();
+    let name = folder.path().join("shot.{frame}.exr");
+    let arguments = "--default-light --animation both";
+    render(&scene, &format!("{arguments} --frames 1..3 --fps 2"), &name).assert_done();
+    for (frame, time) in [(1, 0.5), (2, 1.0), (3, 1.5)] {
+        let single = folder.path().join("single.exr");
+        render(&scene, &format!("{arguments} --at {time}"), &single).assert_done();
+        assert_eq!(bits(&folder.path().join(format!("shot.{frame:04}.exr"))), bits(&single), "frame {frame}");
+    }
 }
 
 #[test]
@@ -100,6 +120,8 @@ fn film_of(path: &Path) -> Image {
 fn a_signal_leaves_complete_frames() {
     use std::io::{BufRead, BufReader, Read};
     use std::process::{Command, Stdio};
+
+    use crate::program::penumbra;
 
     let folder = folder();
     let name = folder.path().join("shot.{frame}.png");
