@@ -59,9 +59,15 @@ pub fn check(error: &Error) {
 /// Imports `bytes` and checks the result. `json` is about the part of them that is JSON.
 pub fn import(bytes: &[u8], json: &[u8], path: &str) {
     let lenient = bytes.len() % 2 == 1;
-    let options = ImportOptions { default_light: bytes.len() % 4 < 2, lenient };
+    let still = ImportOptions { default_light: bytes.len() % 4 < 2, lenient, ..ImportOptions::default() };
+    let time = (bytes.len() % 8 < 4).then_some(bytes.len() as f64 * 0.01);
+    let moved = ImportOptions { time, repeat: lenient, ..still.clone() };
     let outcome = bounded(
-        || Scene::from_bytes(bytes, Path::new(path), &options),
+        || match Scene::from_bytes(bytes, Path::new(path), &moved) {
+            // Without an animation there is no time.
+            Err(Error::Usage(_)) => Scene::from_bytes(bytes, Path::new(path), &still),
+            outcome => outcome,
+        },
         |outcome| {
             // A JSON value takes 32 bytes of memory, and a member 32 more.
             let values = json.iter().filter(|byte| b",:[{".contains(byte)).count();

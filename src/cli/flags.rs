@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 36] = [
+const FLAGS: [(&str, &str); 37] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
@@ -34,6 +34,7 @@ const FLAGS: [(&str, &str); 36] = [
     ("`ward.tolerance`", "--shadow-tolerance"),
     ("`light_scale`", "--light-scale"),
     ("`lenient` import", "--lenient"),
+    ("`time`", "--at"),
     ("`environment_rotation`", "--environment-rotation"),
     ("`environment_strength`", "--environment-strength"),
     ("`budgets`", "--budgets"),

@@ -11,6 +11,7 @@ mod plan;
 mod progress;
 mod render;
 mod report;
+mod sequence;
 mod stress;
 mod table1;
 
@@ -36,7 +37,7 @@ enum Command {
     /// Render a scene to images
     Render(Box<render::Arguments>),
     /// Print what a scene needs, what is left out and why, without rendering it
-    Plan(plan::Arguments),
+    Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
     Devices(devices::Arguments),
     /// Measure the error of an image against a reference

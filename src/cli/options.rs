@@ -77,6 +77,26 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
+    /// Show an animation at this time after its beginning: nodes, skins, morph targets, cameras, lights and materials.
+    /// Before its first key and after its last one it stands still [default: the pose of the file]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        value_parser = finite::<f64>,
+        allow_negative_numbers = true,
+        group = "moment",
+        help_heading = "Scene"
+    )]
+    at: Option<f64>,
+
+    /// Animation, by name or index [default: the first of the file]
+    #[arg(long, value_name = "NAME|INDEX", requires = "moment", help_heading = "Scene")]
+    animation: Option<String>,
+
+    /// Begin the animation again after its last key
+    #[arg(long = "loop", requires = "moment", help_heading = "Scene")]
+    repeat: bool,
+
     /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X,
     /// the column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
@@ -107,28 +127,70 @@ pub struct SceneOptions {
     environment_strength: f32,
 }
 
+/// A panorama, and the notes on its file.
+pub struct Surroundings {
+    panorama: Arc<Panorama>,
+    notes: Vec<String>,
+}
+
 impl SceneOptions {
     /// The scene, and the camera to render it with. `aspect` is the image's width over its height if the camera does
     /// not decide it.
     pub fn load(&self, aspect: f32) -> Result<(Scene, Camera)> {
-        let options = ImportOptions { default_light: self.default_light, lenient: self.lenient };
-        let mut scene = Scene::load(&self.scene, &options)?;
-        if let Some(path) = &self.environment {
-            let (panorama, notes) = Panorama::load(path, self.lenient)?;
-            scene.set_environment(Arc::new(panorama), self.environment_rotation, self.environment_strength)?;
-            scene.notes.extend(notes);
+        self.load_first(self.at, aspect)
+    }
+
+    /// As [`load`](Self::load), after so many seconds of the animation.
+    pub fn load_first(&self, time: Option<f64>, aspect: f32) -> Result<(Scene, Camera)> {
+        let mut scene = self.load_at(time)?;
+        if let Some(surroundings) = self.surroundings()? {
+            self.surround(&mut scene, &surroundings)?;
         }
-        let mut camera = self.select_camera(&scene, aspect)?;
+        let camera = self.camera(&scene, aspect)?;
         if scene.cameras.is_empty() && self.from.is_none() {
             scene.notes.push("the view is that of a camera that frames the scene".into());
         }
+        scene.notes.extend(scene.clipped_away(&camera));
+        Ok((scene, camera))
+    }
+
+    /// The scene after so many seconds of its animation, without surroundings.
+    pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
+        let Self { default_light, lenient, repeat, .. } = *self;
+        let options = ImportOptions { default_light, lenient, repeat, time, animation: self.animation.clone() };
+        Scene::load(&self.scene, &options)
+    }
+
+    /// The panorama around the scene.
+    pub fn surroundings(&self) -> Result<Option<Surroundings>> {
+        let load = |path: &PathBuf| {
+            let (panorama, notes) = Panorama::load(path, self.lenient)?;
+            Ok(Surroundings { panorama: Arc::new(panorama), notes })
+        };
+        self.environment.as_ref().map(load).transpose()
+    }
+
+    /// Puts the panorama around a scene.
+    pub fn surround(&self, scene: &mut Scene, Surroundings { panorama, notes }: &Surroundings) -> Result<()> {
+        scene.set_environment(panorama.clone(), self.environment_rotation, self.environment_strength)?;
+        scene.notes.extend_from_slice(notes);
+        Ok(())
+    }
+
+    /// Whether the camera is one that frames the scene, and not one of the file.
+    pub fn frames(&self, scene: &Scene) -> bool {
+        self.from.is_some() || (self.camera.is_none() && scene.cameras.is_empty())
+    }
+
+    /// The camera that the user selects, with its lens; `aspect` as for [`load`](Self::load).
+    pub fn camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
+        let mut camera = self.select_camera(scene, aspect)?;
         if let Some(f_number) = self.aperture {
             let iris = Iris { f_number, blades: self.iris_blades };
             let refused = |problem| Error::Usage(format!("--aperture: {problem}"));
             scene.open_iris(&mut camera, iris, self.focus).map_err(refused)?;
         }
-        scene.notes.extend(scene.clipped_away(&camera));
-        Ok((scene, camera))
+        Ok(camera)
     }
 
     fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {

@@ -22,6 +22,7 @@ use super::options::{
     DeviceOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive, read_reference,
 };
 use super::progress::{Display, Goal, mega};
+use super::sequence::{Frame, SequenceOptions};
 use super::{Ending, compare, json, print, say};
 
 #[derive(clap::Args)]
@@ -72,6 +73,9 @@ pub struct Arguments {
     quiet: bool,
 
     #[command(flatten)]
+    sequence: SequenceOptions,
+
+    #[command(flatten)]
     settings: RenderOptions,
 
     /// Render for this time; --spp is then only an upper limit, without a default
@@ -102,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.check()?;
     let (denoiser, no_denoiser) = arguments.denoiser();
     let opened = arguments.load_and_open(denoiser.choice())?;
-    let Opened { scene, camera, settings, reference, gpu, import, start } = opened;
+    let Opened { scene, camera, settings, reference, mut gpu, import, start } = opened;
     let from = arguments.checkpoint.as_ref().filter(|_| arguments.resume).map(Checkpoint::read).transpose()?;
     let mut notes = Notes { quiet: arguments.quiet, said: Vec::new() };
     notes.say(&scene.notes);
@@ -120,39 +124,38 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         announced: false,
         notes,
         stopped: false,
+        files: arguments.files(None),
+        fingerprint: None,
     };
-    let open = || arguments.device.open();
-    let rendered = recovery::render(
-        gpu,
-        open,
-        |gpu| Renderer::new(gpu, scene.clone(), &camera, &settings),
-        from,
-        |renderer| session.render(renderer),
-    );
-    let image = match rendered {
-        Ok(image) => image,
-        Err(Failure { error, salvage }) => {
-            // A fault of a file occurs before the first sample or after the image was written.
-            if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
-                session.stopped = true;
-                let Salvage { image, statistics, checkpoint } = *salvage;
-                // The error to report is the one that ended the render.
-                let _ = session.finish(image, statistics, Some(&checkpoint));
-            }
-            return Err(error);
-        }
-    };
+    let subject = Subject { scene, camera, settings };
+    if arguments.sequence.first().is_some() {
+        session.render_sequence(&mut gpu, subject)?;
+        return end(session.stopped, no_denoiser);
+    }
+    let image = session.render_subject(&mut gpu, &subject, from)?;
     if let Some(reference) = reference {
         print(&compare::text(&Measures::new(&image, &reference.image)?))?;
         if let Some(denoised) = image.denoised() {
             print(&format!("denoised\n{}", compare::text(&Measures::new(&denoised, &reference.image)?)))?;
         }
     }
+    end(session.stopped, no_denoiser)
+}
+
+/// The end of a render whose images are written.
+fn end(stopped: bool, no_denoiser: Option<Error>) -> Result<Ending> {
     // The raw image is written, and the user has asked for more.
     if let Some(problem) = no_denoiser {
         return Err(problem);
     }
-    Ok(if session.stopped { Ending::Stopped } else { Ending::Done })
+    Ok(if stopped { Ending::Stopped } else { Ending::Done })
+}
+
+/// What is rendered.
+struct Subject {
+    scene: Scene,
+    camera: Camera,
+    settings: Settings,
 }
 
 /// A render from its first sample to its files, on one device or, after a loss, on several.
@@ -170,9 +173,112 @@ struct Session<'a> {
     notes: Notes,
     /// The render was stopped by a signal or a fault.
     stopped: bool,
+    files: Files,
+    /// That of a frame of a sequence, of which only complete images are written.
+    fingerprint: Option<String>,
+}
+
+/// The files of an image.
+struct Files {
+    outputs: Vec<PathBuf>,
+    stats: Option<PathBuf>,
+}
+
+impl Files {
+    /// Whether all of them are there, and the images complete and with that fingerprint.
+    fn are_complete(&self, fingerprint: &str) -> bool {
+        let is_same = |path: &PathBuf| film::fingerprint(path).is_some_and(|found| found == fingerprint);
+        self.outputs.iter().all(is_same) && self.stats.iter().all(|path| path.exists())
+    }
 }
 
 impl Session<'_> {
+    /// Renders the frames of a sequence that are missing, of which `first` is the first.
+    fn render_sequence(&mut self, gpu: &mut Gpu, first: Subject) -> Result<()> {
+        let arguments = self.arguments;
+        gpu.keep_kernels();
+        let surroundings = arguments.scene.surroundings()?;
+        let (view, settings) = (first.camera.clone(), first.settings.clone());
+        let (space, is_framed) = (first.scene.normalisation, arguments.scene.frames(&first.scene));
+        let mut next = Some(first);
+        for frame in arguments.sequence.frames().into_iter().flatten() {
+            if self.interrupt.raised() {
+                self.stopped = true;
+                break;
+            }
+            let mut subject = match next.take() {
+                Some(first) => first,
+                None => {
+                    self.started = Instant::now();
+                    self.start = 0.0;
+                    let mut scene = arguments.scene.load_at(Some(frame.seconds))?;
+                    if let Some(surroundings) = &surroundings {
+                        arguments.scene.surround(&mut scene, surroundings)?;
+                    }
+                    // A view that frames the scene would move with it.
+                    let camera = match is_framed && arguments.scene.frames(&scene) {
+                        true => view.renormalised(&space, &scene.normalisation),
+                        false => arguments.scene.camera(&scene, arguments.settings.aspect())?,
+                    };
+                    self.import = self.started.elapsed().as_secs_f64();
+                    // All frames have the size of the first.
+                    Subject { scene, camera, settings: settings.clone() }
+                }
+            };
+            subject.settings.image.seed = settings.image.seed.wrapping_add(frame.seed);
+            self.files = arguments.files(Some(frame));
+            let denoisers: Vec<&str> = self.denoiser.names().collect();
+            let fingerprint = arguments.fingerprint(&subject, &denoisers);
+            if self.files.are_complete(&fingerprint) {
+                if !arguments.quiet {
+                    say(format_args!("frame {} is complete", frame.number));
+                }
+                continue;
+            }
+            if !arguments.quiet {
+                say(format_args!("frame {} at {:.3} s", frame.number, frame.seconds));
+            }
+            self.notes.say(&subject.scene.notes);
+            self.fingerprint = Some(fingerprint);
+            self.render_subject(gpu, &subject, None)?;
+            if self.stopped {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Renders an image and writes its files.
+    fn render_subject(&mut self, gpu: &mut Gpu, subject: &Subject, from: Option<Checkpoint>) -> Result<Image> {
+        let Subject { scene, camera, settings } = subject;
+        let device = &self.arguments.device;
+        let is_sequence = self.fingerprint.is_some();
+        let open = || {
+            let gpu = device.open()?;
+            if is_sequence {
+                gpu.keep_kernels();
+            }
+            Ok(gpu)
+        };
+        let rendered = recovery::render(
+            gpu,
+            open,
+            |gpu| Renderer::new(gpu, scene.clone(), camera, settings),
+            from,
+            |renderer| self.render(renderer),
+        );
+        rendered.map_err(|Failure { error, salvage }| {
+            // A fault of a file occurs before the first sample or after the image was written.
+            if let Some(salvage) = salvage.filter(|_| !matches!(error, Error::Output { .. } | Error::Input { .. })) {
+                self.stopped = true;
+                let Salvage { image, statistics, checkpoint } = *salvage;
+                // The error to report is the one that ended the render.
+                let _ = self.finish(image, statistics, Some(&checkpoint));
+            }
+            error
+        })
+    }
+
     /// Renders until there are enough samples or a signal stops it, and writes the files.
     fn render(&mut self, renderer: &mut Renderer<'_>) -> Result<Image> {
         let arguments = self.arguments;
@@ -234,7 +340,12 @@ impl Session<'_> {
     }
 
     /// Prints a summary and writes all files; a file that fails does not stop the others.
-    fn finish(&mut self, image: Image, mut statistics: Statistics, checkpoint: Option<&Checkpoint>) -> Result<Image> {
+    fn finish(
+        &mut self,
+        mut image: Image,
+        mut statistics: Statistics,
+        checkpoint: Option<&Checkpoint>,
+    ) -> Result<Image> {
         let arguments = self.arguments;
         if !arguments.quiet {
             say(summary(&statistics, self.stopped));
@@ -245,12 +356,19 @@ impl Session<'_> {
             (Some(path), Some(checkpoint)) => written(path, || checkpoint.write(path)),
             _ => Ok(()),
         };
-        let written = arguments.write(&image);
+        if self.stopped && self.fingerprint.is_some() {
+            self.notes.say(&["an incomplete frame is not written".to_owned()]);
+            return Ok(image);
+        }
+        if let Some(fingerprint) = &self.fingerprint {
+            image.sign(fingerprint.clone());
+        }
+        let written = arguments.write(&image, &self.files);
         statistics.notes.clone_from(&self.notes.said);
         statistics.time.start = self.start;
         statistics.time.import = self.import;
         statistics.time.total = self.started.elapsed().as_secs_f64();
-        written.and(arguments.write_statistics(&statistics)).and(checkpointed)?;
+        written.and(arguments.write_statistics(&statistics, &self.files)).and(checkpointed)?;
         Ok(image)
     }
 
@@ -292,7 +410,9 @@ impl Arguments {
     /// Checks everything that can be checked before the scene is read.
     fn check(&self) -> Result<()> {
         self.settings.check()?;
-        for path in &self.output {
+        self.sequence.check_names(self.output.iter().chain(&self.stats))?;
+        let files = self.files(self.sequence.first());
+        for path in &files.outputs {
             film::check_writable(path)?;
         }
         if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
@@ -303,10 +423,10 @@ impl Arguments {
                  points, to estimate the error";
             return Err(Error::Usage(problem.into()));
         }
-        self.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
+        files.stats.iter().chain(&self.checkpoint).try_for_each(film::check_target)?;
         // No file may overwrite another, or the scene.
         let mut named = BTreeSet::new();
-        for path in [&self.scene.scene].into_iter().chain(&self.output).chain(&self.stats).chain(&self.checkpoint) {
+        for path in [&self.scene.scene].into_iter().chain(&files.outputs).chain(&files.stats).chain(&self.checkpoint) {
             let whole = fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.clone());
             if !named.insert(whole) {
                 let file = path.display();
@@ -314,6 +434,15 @@ impl Arguments {
             }
         }
         Ok(())
+    }
+
+    /// The scene, or that of the first frame, and its camera.
+    fn load(&self) -> Result<(Scene, Camera)> {
+        let aspect = self.settings.aspect();
+        match self.sequence.first() {
+            Some(frame) => self.scene.load_first(Some(frame.seconds), aspect),
+            None => self.scene.load(aspect),
+        }
     }
 
     /// Imports the scene while the device opens. The error of a bad file comes before that of the device.
@@ -325,7 +454,7 @@ impl Arguments {
                 self.device.open().map(|gpu| (gpu, timed(start)))
             });
             let start = Instant::now();
-            let (scene, camera) = self.scene.load(self.settings.aspect())?;
+            let (scene, camera) = self.load()?;
             let import = timed(start);
             let mut settings = self.settings.settings(&camera)?;
             if (self.time.is_some() || self.noise.is_some()) && self.settings.spp.is_none() {
@@ -350,10 +479,10 @@ impl Arguments {
 
     /// Writes all output images. If one fails, the image is saved in the folder for temporary files, so that a full
     /// disk does not lose the render.
-    fn write(&self, image: &Image) -> Result<()> {
+    fn write(&self, image: &Image, files: &Files) -> Result<()> {
         let mut result = Ok(());
         let denoised = image.denoised();
-        for path in &self.output {
+        for path in &files.outputs {
             // An .exr has all channels; a .png shows one picture.
             let shown = denoised.as_ref().filter(|_| !is_exr(path)).unwrap_or(image);
             let outcome = written(path, || shown.write(path, self.view, self.exposure));
@@ -375,8 +504,19 @@ impl Arguments {
         })
     }
 
-    fn write_statistics(&self, statistics: &Statistics) -> Result<()> {
-        let Some(path) = &self.stats else { return Ok(()) };
+    /// The files of an image, or of a frame of a sequence.
+    fn files(&self, frame: Option<Frame>) -> Files {
+        let name = |path: &PathBuf| frame.map_or_else(|| path.clone(), |frame| frame.file(path));
+        Files { outputs: self.output.iter().map(name).collect(), stats: self.stats.as_ref().map(name) }
+    }
+
+    /// Identifies a frame by all that decides what its files show.
+    fn fingerprint(&self, Subject { scene, camera, settings }: &Subject, denoisers: &[&str]) -> String {
+        scene.fingerprint(&(camera, settings, self.time, denoisers, self.view, self.exposure))
+    }
+
+    fn write_statistics(&self, statistics: &Statistics, files: &Files) -> Result<()> {
+        let Some(path) = &files.stats else { return Ok(()) };
         let text = json(statistics).map_err(|problem| Error::output(path, problem))?;
         written(path, || film::write_atomically(path, |file| Ok(writeln!(file, "{text}")?)))
     }

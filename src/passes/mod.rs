@@ -129,11 +129,13 @@ pub(crate) fn kernel(
     constants: &[(&str, f64)],
     own: &[Declared],
 ) -> Result<Kernel> {
-    let composed = compose(stem, features)?;
-    let vectors = surface_vectors(features);
-    let constants = &composed.overrides(&[constants, &[("surface_vectors", f64::from(vectors))]].concat());
-    let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * vectors as usize)];
-    Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
+    Kernel::kept(gpu, &format!("{stem} {features:?} {constants:?}"), || {
+        let composed = compose(stem, features)?;
+        let vectors = surface_vectors(features);
+        let constants = &composed.overrides(&[constants, &[("surface_vectors", f64::from(vectors))]].concat());
+        let opaque = &[("VisibleSurface", size_of::<[f32; 4]>() * vectors as usize)];
+        Ok(Kernel::new(gpu, &composed, &Host { constants, shared: SHARED, opaque, own, common: Some(COMMON) })?)
+    })
 }
 
 /// Compiles the entry points of a kernel that belongs to no pass, but uses the passes' structs. `own` are its own

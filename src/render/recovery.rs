@@ -32,15 +32,15 @@ pub struct Salvage {
     pub checkpoint: Checkpoint,
 }
 
-/// Runs `work` with a renderer that `start` makes and that resumes `from`. If the device is lost, `open` opens another
-/// one, and `work` begins again with a renderer that resumes from the state kept last in memory. The image has the same
-/// bits. Keeping the state takes at most a fiftieth of the time, and as much memory as a checkpoint.
+/// Runs `work` on `gpu`, with a renderer that `start` makes and that resumes `from`. If the device is lost, `open`
+/// opens another one, and `work` begins again with a renderer that resumes from the state kept last in memory. The
+/// image has the same bits. Keeping the state takes at most a fiftieth of the time, and as much memory as a checkpoint.
 ///
 /// # Errors
 /// Those of `start` and `work`, and of `open` if there is no other device or the device is lost again and again; with
 /// the results that can be saved.
 pub fn render<T>(
-    mut gpu: Gpu,
+    gpu: &mut Gpu,
     open: impl Fn() -> Result<Gpu>,
     start: impl Fn(&Gpu) -> Result<Renderer<'_>>,
     from: Option<Checkpoint>,
@@ -51,7 +51,7 @@ pub fn render<T>(
     let mut losses = 0;
     loop {
         let state = salvage.as_ref().map(|salvage| &salvage.checkpoint).or(from.as_ref());
-        let begun = begin(&gpu, &start, state, losses);
+        let begun = begin(gpu, &start, state, losses);
         let (error, left) = match begun {
             Err(error) => (error, None),
             Ok(mut renderer) => match work(&mut renderer) {
@@ -62,8 +62,7 @@ pub fn render<T>(
         if left.is_some() {
             (salvage, losses) = (left, 0);
         }
-        drop(gpu);
-        gpu = match another(&open, error, losses) {
+        *gpu = match another(&open, error, losses) {
             Ok(gpu) => gpu,
             Err(error) => return Err(Failure { error, salvage }),
         };

@@ -161,6 +161,25 @@ impl Accessor<'_> {
         })
     }
 
+    /// The components of `count` elements from element `first`, which must exist.
+    pub fn components(&self, first: usize, count: usize) -> Result<Vec<f64>> {
+        self.check_readable()?;
+        let size = self.component.size();
+        let read = |index: usize| {
+            let bytes = self.element(index);
+            let component = move |c: usize| {
+                bytes.map_or(0.0, |bytes| f64::from(self.component.float(&bytes[c * size..], self.normalised)))
+            };
+            (0..self.width).map(component)
+        };
+        Ok((first..first + count).flat_map(read).collect())
+    }
+
+    /// Whether the file has no data for it, so that all of its elements are zero.
+    pub fn is_zero_filled(&self) -> bool {
+        self.elements.is_none() && self.sparse.is_none() && self.unreadable.is_none()
+    }
+
     /// All elements as vertex indices.
     pub fn indices(&self) -> Result<Vec<u32>> {
         let is_index = self.width == 1 && matches!(self.component, Component::U8 | Component::U16 | Component::U32);

@@ -56,6 +56,26 @@ pub enum Projection {
     },
 }
 
+impl Camera {
+    /// The same camera in another normalised space: that of the same world at another time, whose scene has another
+    /// size or centre.
+    #[must_use]
+    pub fn renormalised(&self, from: &Normalisation, to: &Normalisation) -> Camera {
+        // A power of two.
+        let scale = (to.scale() / from.scale()) as f32;
+        let projection = match self.projection {
+            Projection::Orthographic { xmag, ymag } => {
+                Projection::Orthographic { xmag: xmag * scale, ymag: ymag * scale }
+            }
+            perspective => perspective,
+        };
+        let (near, far) = (self.near * scale, self.far * scale);
+        let scaled = |lens: Lens| Lens { radius: lens.radius * scale, distance: lens.distance * scale, ..lens };
+        let (position, lens) = (to.apply(from.undo(self.position)), self.lens.map(scaled));
+        Camera { position, projection, near, far, lens, ..self.clone() }
+    }
+}
+
 /// A camera of the file, before a node places it.
 pub(super) struct CameraKind {
     name: Option<String>,

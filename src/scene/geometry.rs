@@ -4,17 +4,18 @@ use std::collections::HashMap;
 use std::iter::Peekable;
 use std::ops::Range;
 
-use glam::{DMat3, DVec3, Vec3, Vec4};
+use glam::{DAffine3, DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::description::Scene;
 use super::light::{self, Emission, EmitterTriangle, Light, LightKind};
-use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::limits::{MAX_CORNERS, MAX_DISPLACEMENTS, MAX_VERTICES};
 use super::material::Material;
-use super::mesh::Primitive;
+use super::mesh::{Mesh, Primitive};
 use super::node::Node;
 use super::normalisation::Normalisation;
 use super::notes::Notes;
+use super::skin::Influences;
 use super::triangle::{NO_LIGHT, Triangle, Vertex};
 use crate::Result;
 
@@ -22,12 +23,31 @@ use crate::Result;
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
+/// A mesh at a node, and its pose.
+pub(super) struct PlacedMesh<'p, 'r, 'a> {
+    /// The node.
+    pub node: &'p Node<'a>,
+    pub mesh: &'p Mesh<'r, 'a>,
+    /// Weights of the morph targets.
+    pub weights: &'p [f64],
+    /// Matrices from the mesh's space to world space by joint of its skin. None: that of the node.
+    pub joints: Option<Vec<DAffine3>>,
+}
+
 /// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times.
-pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive])>) -> Result<()> {
-    let (mut corners, mut vertices) = (0, 0);
-    for (node, primitives) in placed {
+pub(super) fn check_size<'p, 'r: 'p, 'a: 'r>(
+    placed: impl Iterator<Item = (&'p Node<'a>, &'p Mesh<'r, 'a>, &'p [f64])>,
+) -> Result<()> {
+    let (mut corners, mut vertices, mut displacements) = (0, 0, 0usize);
+    for (node, Mesh { primitives, .. }, weights) in placed {
         corners += primitives.iter().map(|primitive| 3 * primitive.triangles.len()).sum::<usize>();
-        vertices += primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
+        let own_vertices = primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
+        vertices += own_vertices;
+        displacements += weights.iter().filter(|weight| **weight != 0.0).count().saturating_mul(own_vertices);
+        if displacements > MAX_DISPLACEMENTS {
+            let problem = format!("the scene has more than {MAX_DISPLACEMENTS} displacements by morph targets");
+            return Err(node.json.error(problem));
+        }
         if corners > MAX_CORNERS || vertices > MAX_VERTICES {
             let max_triangles = MAX_CORNERS / 3;
             let problem = format!("the scene has more than {max_triangles} triangles or {MAX_VERTICES} vertices");
@@ -70,16 +90,10 @@ pub(super) struct Geometry {
 
 impl Geometry {
     /// Adds the primitives of a node's mesh. Primitives without a material get a default one.
-    pub fn add(
-        &mut self,
-        index: usize,
-        node: &Node,
-        primitives: &[Primitive],
-        materials: &mut Vec<Material>,
-    ) -> Result<()> {
+    pub fn add(&mut self, index: usize, placed: &PlacedMesh, materials: &mut Vec<Material>) -> Result<()> {
         let mut lights = HashMap::new();
         let first = self.world.len();
-        for primitive in primitives {
+        for primitive in &placed.mesh.primitives {
             let material = primitive.material.map(|m| m as u32).unwrap_or_else(|| {
                 *self.default_material.get_or_insert_with(|| {
                     materials.push(Material::default());
@@ -94,7 +108,7 @@ impl Geometry {
                     self.mesh_lights.len() as u32 - 1
                 })
             };
-            self.instantiate(node, primitive, material, light)?;
+            self.instantiate(placed, primitive, material, light)?;
         }
         if lights.is_empty() {
             self.objects.push(first..self.world.len());
@@ -102,25 +116,28 @@ impl Geometry {
         Ok(())
     }
 
-    fn instantiate(&mut self, node: &Node, primitive: &Primitive, material: u32, light: u32) -> Result<()> {
+    fn instantiate(&mut self, placed: &PlacedMesh, primitive: &Primitive, material: u32, light: u32) -> Result<()> {
         let first = self.vertices.len() as u32;
-        let matrix = &node.world.matrix3;
-        let mirrors = matrix.determinant() < 0.0;
-        let sign = if mirrors { -1.0 } else { 1.0 };
-        let normal_matrix = cofactor(matrix) * sign;
-        for (i, position) in primitive.positions.iter().enumerate() {
-            let world = node.world.transform_point3(position.as_dvec3());
+        let shape = Shape::new(primitive, placed.weights)?;
+        let transforms = match (&placed.joints, &primitive.influences) {
+            (Some(joints), Some(influences)) => Transforms::Skin { influences, joints },
+            _ => Transforms::Rigid(Transform::new(placed.node.world)),
+        };
+        for (i, position) in shape.positions.iter().enumerate() {
+            let transform = transforms.of(i);
+            let world = transform.affine.transform_point3(*position);
             if !world.is_finite() {
-                return Err(node.json.error("its world matrix moves vertices out of range"));
+                return Err(placed.node.json.error("its world matrix moves vertices out of range"));
             }
             self.world.push(world);
             self.vertices.push(Vertex {
                 position: Vec3::ZERO,
-                normal: primitive.normals.get(i).map_or(Vec3::ZERO, |n| unit(normal_matrix * n.as_dvec3())),
-                tangent: primitive.tangents.get(i).map_or(Vec4::ZERO, |t| {
-                    let tangent = unit(*matrix * t.truncate().as_dvec3());
-                    let handedness = if t.w < 0.0 { -sign } else { sign };
-                    if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(handedness as f32) }
+                normal: shape.normals.get(i).map_or(Vec3::ZERO, |n| unit(transform.normal_matrix * *n)),
+                tangent: shape.tangents.get(i).map_or(Vec4::ZERO, |t| {
+                    let tangent = unit(transform.affine.matrix3 * *t);
+                    let mirrored = transform.mirrors != (primitive.tangents[i].w < 0.0);
+                    let handedness = if mirrored { -1.0 } else { 1.0 };
+                    if tangent == Vec3::ZERO { Vec4::ZERO } else { tangent.extend(handedness) }
                 }),
                 uv: [0, 1].map(|set| primitive.uvs[set].get(i).copied().unwrap_or_default()),
                 colour: primitive.colours.get(i).copied().unwrap_or(Vec4::ONE),
@@ -128,7 +145,7 @@ impl Geometry {
         }
         for corners in &primitive.triangles {
             let [a, b, c] = corners.map(|corner| first + corner);
-            let vertices = if mirrors { [a, c, b] } else { [a, b, c] };
+            let vertices = if transforms.mirror(*corners) { [a, c, b] } else { [a, b, c] };
             let [p, q, r] = vertices.map(|v| self.world[v as usize]);
             if (q - p).cross(r - p) == DVec3::ZERO {
                 self.degenerate += 1;
@@ -304,6 +321,71 @@ impl Scene {
 /// Whether the normal of the triangle, computed in f32 as in the kernels, has a length whose square does not underflow.
 fn has_area([a, b, c]: [Vec3; 3]) -> bool {
     (b - a).cross(c - a).length_squared() >= f32::MIN_POSITIVE
+}
+
+/// The vertices of a primitive in its own space, displaced by morph targets.
+struct Shape {
+    positions: Vec<DVec3>,
+    /// Of each vertex, or empty; as in the file, not of unit length. The same holds for tangents.
+    normals: Vec<DVec3>,
+    tangents: Vec<DVec3>,
+}
+
+impl Shape {
+    fn new(primitive: &Primitive, weights: &[f64]) -> Result<Shape> {
+        let mut shape = Shape {
+            positions: primitive.positions.iter().map(|p| p.as_dvec3()).collect(),
+            normals: primitive.normals.iter().map(|n| n.as_dvec3()).collect(),
+            tangents: primitive.tangents.iter().map(|t| t.truncate().as_dvec3()).collect(),
+        };
+        if let Some(morph) = &primitive.morph {
+            morph.apply([&mut shape.positions, &mut shape.normals, &mut shape.tangents], weights)?;
+        }
+        Ok(shape)
+    }
+}
+
+/// The transform of a vertex to world space.
+#[derive(Clone, Copy)]
+struct Transform {
+    affine: DAffine3,
+    /// Its cofactor matrix; with a sign that keeps normals on the front of triangles whose winding is flipped.
+    normal_matrix: DMat3,
+    mirrors: bool,
+}
+
+impl Transform {
+    fn new(affine: DAffine3) -> Transform {
+        let mirrors = affine.matrix3.determinant() < 0.0;
+        let sign = if mirrors { -1.0 } else { 1.0 };
+        Transform { affine, normal_matrix: cofactor(&affine.matrix3) * sign, mirrors }
+    }
+}
+
+/// The transforms of a primitive's vertices.
+enum Transforms<'p> {
+    Rigid(Transform),
+    Skin { influences: &'p Influences<'p>, joints: &'p [DAffine3] },
+}
+
+impl Transforms<'_> {
+    fn of(&self, vertex: usize) -> Transform {
+        match self {
+            Transforms::Rigid(transform) => *transform,
+            Transforms::Skin { influences, joints } => Transform::new(influences.matrix(vertex, joints)),
+        }
+    }
+
+    /// Whether a triangle is mirrored. Joints may mirror one corner and not the others.
+    fn mirror(&self, corners: [u32; 3]) -> bool {
+        match self {
+            Transforms::Rigid(transform) => transform.mirrors,
+            Transforms::Skin { influences, joints } => {
+                let determinant = |vertex: u32| influences.matrix(vertex as usize, joints).matrix3.determinant();
+                corners.map(determinant).iter().sum::<f64>() < 0.0
+            }
+        }
+    }
 }
 
 /// The cofactor matrix, which is the determinant times the inverse transpose. It exists even if the inverse does not.

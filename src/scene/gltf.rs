@@ -5,23 +5,27 @@
 
 use std::path::Path;
 
+use glam::DAffine3;
+
 use super::camera::CameraKind;
 use super::container::Resources;
 use super::description::Scene;
-use super::geometry::{Geometry, PlacedMeshLight};
+use super::geometry::{Geometry, PlacedMesh, PlacedMeshLight};
 use super::import_options::ImportOptions;
 use super::json::{self, Json};
 use super::light::Punctual;
 use super::material::{LOBE_EXTENSIONS, Material};
-use super::mesh::Primitive;
+use super::mesh::Mesh;
 use super::node::Node;
 use super::notes::Notes;
-use super::{accessor, camera, container, geometry, images, light, material, mesh, node, procedural};
+use super::skin::Skin;
+use super::{accessor, animation, camera, container, geometry, images, light, material, mesh, node, procedural, skin};
 use crate::input::read_file;
 use crate::{Error, Result};
 
 /// Supported extensions, beside those of a material's lobes.
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 8] = [
+    animation::POINTER_EXTENSION,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -41,7 +45,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] if a file is missing, damaged, unsupported or out of range. Its location is a JSON pointer, or
-    /// a byte offset in the .glb container.
+    /// a byte offset in the .glb container. [`Error::Usage`] if the file lacks the animation of the options.
     pub fn load(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Scene> {
         let path = path.as_ref();
         let bytes = read_file(path).map_err(|e| Error::input(path, "file", e))?;
@@ -65,14 +69,17 @@ impl Scene {
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
         let views = accessor::Views::read(&root, &buffers)?;
         let accessors = views.accessors(&root)?;
+        let posed = animation::pose(&root, &accessors, options, &mut notes)?;
+        let root = posed.as_ref().map_or(root, |posed| Json::root(posed, path));
         let encoded = images::read_images(&root, &views, &mut resources)?;
         let materials = material::read(&root, &encoded, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
         let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
         let nodes = node::visible(&root, &mut notes)?;
-        let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
-        let document = Document { nodes, references, meshes, cameras, lights };
+        let skins = skin::read(&root, &accessors)?;
+        let references = check_nodes(&root, &nodes, &meshes, skins.len(), cameras.len(), lights.len())?;
+        let document = Document { nodes, references, meshes, skins, cameras, lights };
 
         let mut scene = Scene {
             images: images::decode(&encoded, &materials.images)?,
@@ -93,36 +100,52 @@ impl Scene {
         procedural::place(procedurals, &mut scene)?;
         let mesh_lights = geometry.finish(&mut scene, &mut notes);
         document.add_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
-        note_omissions(&root, &scene, &skipped, &mut notes)?;
+        note_omissions(&scene, &skipped, &mut notes)?;
         scene.notes = notes.into_lines();
         Ok(scene)
     }
 }
 
 /// The checked parts of a document that nodes refer to.
-struct Document<'a> {
+struct Document<'r, 'a> {
     /// The nodes of the rendered scene.
     nodes: Vec<Node<'a>>,
     /// The references of each of these nodes.
     references: Vec<References>,
-    meshes: Vec<Vec<Primitive>>,
+    meshes: Vec<Mesh<'r, 'a>>,
+    skins: Vec<Skin<'r, 'a>>,
     cameras: Vec<CameraKind>,
     /// None for lights of an unknown type.
     lights: Vec<Option<Punctual>>,
 }
 
-impl Document<'_> {
+impl<'r, 'a> Document<'r, 'a> {
     /// The triangles of all nodes in world space. Adds a default material if a primitive needs it.
     fn geometry(&self, materials: &mut Vec<Material>) -> Result<Geometry> {
-        let meshes = || self.nodes.iter().zip(&self.references).map(|(node, of_node)| (node, of_node.mesh));
-        geometry::check_size(meshes().filter_map(|(node, mesh)| Some((node, &*self.meshes[mesh?]))))?;
+        let meshes = || {
+            let nodes = self.nodes.iter().zip(&self.references).enumerate();
+            nodes.filter_map(|(i, (node, of_node))| Some((i, node, of_node, &self.meshes[of_node.mesh?])))
+        };
+        geometry::check_size(meshes().map(|(_, node, of_node, mesh)| (node, mesh, of_node.weights(mesh))))?;
         let mut geometry = Geometry::default();
-        for (i, (node, mesh)) in meshes().enumerate() {
-            if let Some(mesh) = mesh {
-                geometry.add(i, node, &self.meshes[mesh], materials)?;
-            }
+        for (i, node, of_node, mesh) in meshes() {
+            let joints = of_node.skin.map(|skin| self.joints(skin, node, mesh)).transpose()?;
+            let weights = of_node.weights(mesh);
+            geometry.add(i, &PlacedMesh { node, mesh, weights, joints }, materials)?;
         }
         Ok(geometry)
+    }
+
+    /// The matrices of the joints of a skin, for a mesh at a node.
+    fn joints(&self, skin: usize, node: &Node, mesh: &Mesh) -> Result<Vec<DAffine3>> {
+        let skin = &self.skins[skin];
+        for primitive in &mesh.primitives {
+            match &primitive.influences {
+                Some(influences) => influences.check(skin.joint_count(), node.index)?,
+                None => return Err(node.json.error("has a skin, but a primitive of its mesh has no JOINTS_0")),
+            }
+        }
+        skin.matrices(&self.nodes)
     }
 
     fn has_punctual_light(&self) -> bool {
@@ -184,19 +207,43 @@ fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
 /// Indices of what a node refers to.
 struct References {
     mesh: Option<usize>,
+    /// Its own weights of the mesh's morph targets.
+    weights: Option<Vec<f64>>,
+    skin: Option<usize>,
     camera: Option<usize>,
     light: Option<usize>,
 }
 
+impl References {
+    /// The weights of the mesh's morph targets at the node.
+    fn weights<'p>(&'p self, mesh: &'p Mesh) -> &'p [f64] {
+        self.weights.as_ref().unwrap_or(&mesh.weights)
+    }
+}
+
 /// Checks the references of every node of the file. Returns those of the `visible` nodes.
-fn check_nodes(root: &Json, visible: &[Node], meshes: usize, cameras: usize, lights: usize) -> Result<Vec<References>> {
+fn check_nodes(
+    root: &Json,
+    visible: &[Node],
+    meshes: &[Mesh],
+    skins: usize,
+    cameras: usize,
+    lights: usize,
+) -> Result<Vec<References>> {
     let references = |node: &Json| -> Result<References> {
         let light = match node.extension("KHR_lights_punctual")? {
             Some(extension) => Some(extension.require("light")?.index(lights, "light")?),
             None => None,
         };
         let index = |key: &str, count: usize| node.get(key)?.map(|i| i.index(count, key)).transpose();
-        Ok(References { mesh: index("mesh", meshes)?, camera: index("camera", cameras)?, light })
+        let (mesh, skin) = (index("mesh", meshes.len())?, index("skin", skins)?);
+        if mesh.is_none()
+            && let Some(skin) = node.get("skin")?
+        {
+            return Err(skin.error("a node with a skin needs a mesh"));
+        }
+        let weights = mesh::weights(node, mesh.map_or(0, |mesh| meshes[mesh].weights.len()))?;
+        Ok(References { mesh, weights, skin, camera: index("camera", cameras)?, light })
     };
     for node in root.list("nodes")? {
         references(&node)?;
@@ -205,15 +252,14 @@ fn check_nodes(root: &Json, visible: &[Node], meshes: usize, cameras: usize, lig
 }
 
 /// Adds notes on content of the file that is not rendered.
-fn note_omissions(root: &Json, scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
+fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> Result<()> {
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
         }
     };
-    note(root.list("skins")?.len(), "skins are not applied: their meshes are rendered in the pose of the file");
-    note(root.list("animations")?.len(), "animations are not played");
-    note(skipped.morphed, "primitives have morph targets, which are not applied");
+    note(skipped.partly_morphed, "primitives have morph targets of colours or texture coordinates, which stay");
+    note(skipped.uneven, "primitives have weights of joints whose sum is not 1: they are divided by it");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");
     note(skipped.without_positions, "primitives have no positions and are left out");
     note(skipped.not_finite, "primitives have numbers that are not finite and are left out");

@@ -1,10 +1,27 @@
 //! Options of import.
 
 /// Options of [`Scene::load`](super::Scene::load).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+///
+/// ```
+/// use penumbra::{ImportOptions, Scene};
+///
+/// // The second animation of the file, half a second after its beginning, from the beginning again after its end.
+/// let options =
+///     ImportOptions { animation: Some("1".into()), time: Some(0.5), repeat: true, ..ImportOptions::default() };
+/// let still = Scene::load("scenes/box.glb", &options);
+/// assert!(still.is_err(), "this file has no animation");
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
     /// Add a soft area light above the scene if the file has no light.
     pub default_light: bool,
     /// Skip primitives with NaN or infinite numbers instead of refusing the file.
     pub lenient: bool,
+    /// The animation that [`time`](Self::time) is of, by name or index. None: the first of the file.
+    pub animation: Option<String>,
+    /// Seconds from the beginning of the animation. Before its first key and after its last one it stands still. None:
+    /// the pose of the file's nodes, which no animation has changed.
+    pub time: Option<f64>,
+    /// The animation begins again after its last key.
+    pub repeat: bool,
 }

@@ -48,6 +48,11 @@ impl<'a> Json<'a> {
         Json { value, pointer: String::new(), file }
     }
 
+    /// The value itself.
+    pub fn value(&self) -> &'a Value {
+        self.value
+    }
+
     /// The file of the document.
     pub fn file(&self) -> &'a Path {
         self.file
@@ -93,6 +98,11 @@ impl<'a> Json<'a> {
     /// The elements of the array `key`. Empty if the member is absent.
     pub fn list(&self, key: &str) -> Result<Vec<Self>> {
         self.get(key)?.map_or(Ok(Vec::new()), |list| list.items())
+    }
+
+    /// The number of elements of the array `key`. 0 if the member is absent.
+    pub fn list_len(&self, key: &str) -> Result<usize> {
+        Ok(self.get(key)?.map_or(0, |list| list.len()))
     }
 
     /// The number of elements or members of an array or object, 0 for other values.

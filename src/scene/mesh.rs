@@ -5,12 +5,22 @@ use glam::{Vec2, Vec3, Vec4};
 use super::accessor::{Accessor, Component};
 use super::import_options::ImportOptions;
 use super::json::Json;
-use super::limits::{MAX_CORNERS, MAX_VERTICES};
+use super::limits::{MAX_CORNERS, MAX_DISPLACEMENTS, MAX_VERTICES};
 use super::material::Material;
+use super::morph::{self, Morph};
+use super::skin::{self, Influences};
 use crate::Result;
 
+/// A mesh.
+pub(super) struct Mesh<'r, 'a> {
+    /// The primitives that are rendered.
+    pub primitives: Vec<Primitive<'r, 'a>>,
+    /// Default weights of its morph targets, one for each.
+    pub weights: Vec<f64>,
+}
+
 /// A primitive of triangles.
-pub(super) struct Primitive {
+pub(super) struct Primitive<'r, 'a> {
     pub positions: Vec<Vec3>,
     /// One for each position, or empty. The same holds for the other attributes.
     pub normals: Vec<Vec3>,
@@ -21,6 +31,10 @@ pub(super) struct Primitive {
     pub triangles: Vec<[u32; 3]>,
     /// Index into the file's materials.
     pub material: Option<usize>,
+    /// Its morph targets, as many as the mesh has.
+    pub morph: Option<Morph<'r, 'a>>,
+    /// How the joints of a skin move it.
+    pub influences: Option<Influences<'a>>,
 }
 
 /// Counts of primitives that are not rendered, or only in part.
@@ -28,51 +42,73 @@ pub(super) struct Primitive {
 pub(super) struct Skipped {
     pub points_and_lines: usize,
     pub without_positions: usize,
-    pub morphed: usize,
     pub not_finite: usize,
+    /// Morph targets displace attributes for which there is no support.
+    pub partly_morphed: usize,
+    /// Weights of joints have a sum that is not 1.
+    pub uneven: usize,
 }
 
 /// Reads the primitives of each mesh.
-pub(super) fn read(
-    root: &Json,
-    accessors: &[Accessor],
+pub(super) fn read<'r, 'a>(
+    root: &Json<'a>,
+    accessors: &'r [Accessor<'a>],
     materials: &[Material],
     options: &ImportOptions,
-) -> Result<(Vec<Vec<Primitive>>, Skipped)> {
+) -> Result<(Vec<Mesh<'r, 'a>>, Skipped)> {
+    let (corners, vertices, displacements, skipped) = Default::default();
     let mut reader =
-        Reader { accessors, materials, lenient: options.lenient, corners: 0, vertices: 0, skipped: Skipped::default() };
+        Reader { accessors, materials, lenient: options.lenient, corners, vertices, displacements, skipped };
     let mut meshes = Vec::new();
     for mesh in root.list("meshes")? {
         let list = mesh.require("primitives")?;
         let mut primitives = Vec::new();
+        let mut targets = None;
         for json in list.items()? {
+            let count = json.list_len("targets")?;
+            if *targets.get_or_insert(count) != count {
+                return Err(json.error("has another number of morph targets than the first primitive"));
+            }
             primitives.extend(reader.primitive(&json)?);
         }
         if list.len() == 0 {
             return Err(list.error("must not be empty"));
         }
-        meshes.push(primitives);
+        let count = targets.unwrap_or(0);
+        let weights = weights(&mesh, count)?.unwrap_or_else(|| vec![0.0; count]);
+        meshes.push(Mesh { primitives, weights });
     }
     Ok((meshes, reader.skipped))
 }
 
-struct Reader<'r, 'a> {
+/// The weights that a node or mesh states for the `count` morph targets of its mesh.
+pub(super) fn weights(json: &Json, count: usize) -> Result<Option<Vec<f64>>> {
+    let Some(list) = json.get("weights")? else { return Ok(None) };
+    let weights = list.items()?.iter().map(Json::number).collect::<Result<Vec<_>>>()?;
+    if weights.len() != count {
+        return Err(list.error(format!("has {} weights for {count} morph targets", weights.len())));
+    }
+    Ok(Some(weights))
+}
+
+struct Reader<'m, 'r, 'a> {
     accessors: &'r [Accessor<'a>],
-    materials: &'r [Material],
+    materials: &'m [Material],
     lenient: bool,
     /// Number of corners read so far. Accessors may be shared, so the size of the file does not bound it.
     corners: usize,
     /// Number of vertices read so far.
     vertices: usize,
+    /// Number of displacements by morph targets read so far. Targets may share their accessors.
+    displacements: usize,
     skipped: Skipped,
 }
 
-impl<'r, 'a> Reader<'r, 'a> {
-    fn primitive(&mut self, json: &Json<'a>) -> Result<Option<Primitive>> {
+impl<'r, 'a> Reader<'_, 'r, 'a> {
+    fn primitive(&mut self, json: &Json<'a>) -> Result<Option<Primitive<'r, 'a>>> {
         let attributes = json.require("attributes")?;
         let mode = json.get("mode")?.map_or(Ok(4), |mode| mode.index(7, "mode"))?;
         let material = json.get("material")?.map(|m| m.index(self.materials.len(), "material")).transpose()?;
-        self.skipped.morphed += usize::from(json.get("targets")?.is_some());
         let Some(position) = attributes.get("POSITION")? else {
             self.skipped.without_positions += 1;
             return Ok(None);
@@ -93,16 +129,38 @@ impl<'r, 'a> Reader<'r, 'a> {
                 *corner = which.partition_point(|vertex| vertex < corner) as u32;
             }
         }
+        let targets = self.targets(json, &attributes, count)?;
+        self.displacements += targets.len() * which.as_ref().map_or(count, Vec::len);
+        if self.displacements > MAX_DISPLACEMENTS {
+            let problem = format!("the meshes have more than {MAX_DISPLACEMENTS} displacements by morph targets");
+            return Err(json.error(problem));
+        }
         let mut read = Attributes { json: attributes, reader: self, count, which: which.as_deref(), not_finite: false };
         let positions = read.read::<3, Vec3>("POSITION", &[3])?;
         let normals = read.read::<3, Vec3>("NORMAL", &[3])?;
         let tangents = read.read::<4, Vec4>("TANGENT", &[4])?;
         let uvs = [read.read::<2, Vec2>("TEXCOORD_0", &[2])?, read.read::<2, Vec2>("TEXCOORD_1", &[2])?];
         let colours = read.read::<4, Vec4>("COLOR_0", &[3, 4])?;
-        if read.not_finite {
+        let influences = read.influences()?;
+        let mut not_finite = read.not_finite;
+        let morph = match targets.is_empty() {
+            true => None,
+            false => {
+                let (morph, wrong) = Morph::new(targets, which)?;
+                if let Some((json, element)) = &wrong
+                    && !self.lenient
+                {
+                    return Err(json.error(format!("element {element} is not finite")));
+                }
+                not_finite |= wrong.is_some();
+                Some(morph)
+            }
+        };
+        if not_finite {
             self.skipped.not_finite += 1;
             return Ok(None);
         }
+        self.skipped.uneven += usize::from(influences.as_ref().is_some_and(Influences::is_uneven));
         let mut textures = material.into_iter().flat_map(|m| self.materials[m].texture_infos());
         if let Some(texture) = textures.find(|texture| uvs[texture.uv_set as usize].is_empty()) {
             let material = json.require("material")?;
@@ -113,7 +171,25 @@ impl<'r, 'a> Reader<'r, 'a> {
         if triangles.is_empty() {
             return Ok(None);
         }
-        Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material }))
+        Ok(Some(Primitive { positions, normals, tangents, uvs, colours, triangles, material, morph, influences }))
+    }
+
+    /// The morph targets of a primitive with `count` vertices.
+    fn targets(&mut self, json: &Json<'a>, attributes: &Json<'a>, count: usize) -> Result<Vec<morph::Target<'r, 'a>>> {
+        let Some(list) = json.get("targets")? else { return Ok(Vec::new()) };
+        let mut targets = Vec::new();
+        let mut has_others = false;
+        for target in list.items()? {
+            let base = |name: &str| attributes.get(name).map(|attribute| attribute.is_some());
+            let (target, others) = morph::target(&target, self.accessors, base, count)?;
+            targets.push(target);
+            has_others |= others;
+        }
+        if targets.is_empty() {
+            return Err(list.error("must not be empty"));
+        }
+        self.skipped.partly_morphed += usize::from(has_others);
+        Ok(targets)
     }
 
     fn accessor(&self, index: &Json) -> Result<&'r Accessor<'a>> {
@@ -154,16 +230,46 @@ fn used(corners: &[u32], count: usize) -> Option<Vec<u32>> {
 }
 
 /// Reads the attributes of a primitive with `count` vertices: those of the vertices `which`, or of all.
-struct Attributes<'r, 'a> {
+struct Attributes<'p, 'r, 'a> {
     json: Json<'a>,
-    reader: &'r Reader<'r, 'a>,
+    reader: &'p Reader<'p, 'r, 'a>,
     count: usize,
-    which: Option<&'r [u32]>,
+    which: Option<&'p [u32]>,
     /// Whether a lenient import has read a NaN or infinite number.
     not_finite: bool,
 }
 
-impl Attributes<'_, '_> {
+impl<'a> Attributes<'_, '_, 'a> {
+    /// The joints and weights of the vertices.
+    fn influences(&mut self) -> Result<Option<Influences<'a>>> {
+        let mut sets = Vec::new();
+        loop {
+            let [joints_name, weights_name] = ["JOINTS", "WEIGHTS"].map(|name| format!("{name}_{}", sets.len()));
+            let (joints, weights) = match (self.json.get(&joints_name)?, self.json.get(&weights_name)?) {
+                (Some(joints), Some(weights)) => (joints, weights),
+                (None, None) => break,
+                (Some(one), None) | (None, Some(one)) => {
+                    return Err(one.error(format!("{joints_name} and {weights_name} need each other")));
+                }
+            };
+            if sets.len() == skin::MAX_SETS {
+                return Err(joints.error(format!("more than {} sets of joints are not supported", skin::MAX_SETS)));
+            }
+            let of = |json: &Json<'a>| self.reader.accessor(json);
+            skin::check_set((&joints, of(&joints)?), (&weights, of(&weights)?))?;
+            // Of 16 bits at most: exact as floats.
+            let numbers = self.read::<4, [f32; 4]>(&joints_name, &[4])?;
+            let shares = self.read::<4, [f32; 4]>(&weights_name, &[4])?;
+            if let Some(i) = shares.iter().position(|weights| weights.iter().any(|weight| *weight < 0.0)) {
+                let element = self.which.map_or(i, |which| which[i] as usize);
+                return Err(weights.error(format!("element {element} has a negative weight")));
+            }
+            let numbers = numbers.into_iter().map(|joints| joints.map(|joint| joint as u16)).collect();
+            sets.push(skin::Set { json: joints, joints: numbers, weights: shares });
+        }
+        Ok((!sets.is_empty()).then(|| Influences::new(sets)))
+    }
+
     /// The values of the attribute `name`, empty if it is absent. Its number of components must be one of `widths`.
     fn read<const N: usize, T: From<[f32; N]>>(&mut self, name: &str, widths: &[usize]) -> Result<Vec<T>> {
         let Some(json) = self.json.get(name)? else { return Ok(Vec::new()) };

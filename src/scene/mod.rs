@@ -5,6 +5,7 @@
 //! otherwise. Radiance keeps the file's units.
 
 mod accessor;
+mod animation;
 mod camera;
 mod container;
 mod description;
@@ -16,16 +17,20 @@ mod gltf;
 mod images;
 mod import_options;
 mod json;
+mod keyframes;
 mod lens;
 mod light;
 mod limits;
 mod material;
 mod mesh;
+mod morph;
 mod node;
 pub(crate) mod normalisation;
 mod notes;
 mod panorama;
+mod pointer;
 mod procedural;
+mod skin;
 mod texture;
 mod triangle;
 

@@ -8,10 +8,12 @@ use crate::Result;
 
 /// Maximum deviation of the length of a rotation quaternion from 1. Quaternions of normalised bytes deviate by up to
 /// 0.008.
-const UNIT_TOLERANCE: f64 = 0.01;
+pub(super) const UNIT_TOLERANCE: f64 = 0.01;
 
 /// A node of the rendered scene.
 pub(super) struct Node<'a> {
+    /// Index in the file.
+    pub index: usize,
     /// The node in the document.
     pub json: Json<'a>,
     /// Transform from the node's space to world space. It is finite.
@@ -48,7 +50,8 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node
         world[i] = Some(matrix);
         open.extend(children[i].iter().map(|&child| (child, matrix)));
     }
-    Ok(nodes.into_iter().zip(world).filter_map(|(json, world)| Some(Node { json, world: world? })).collect())
+    let placed = nodes.into_iter().zip(world).enumerate();
+    Ok(placed.filter_map(|(index, (json, world))| Some(Node { index, json, world: world? })).collect())
 }
 
 /// Refuses loops. Every node has at most one parent, so a node that no root reaches belongs to a loop or descends from

@@ -10,6 +10,7 @@ mod render;
 mod report;
 mod scenes;
 mod schema;
+mod sequence;
 mod stress;
 mod table1;
 mod usage;

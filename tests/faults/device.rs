@@ -79,7 +79,7 @@ fn disturbed(
 ) -> std::result::Result<(Image, penumbra::Statistics), Failure> {
     let (scene, camera) = subject();
     recovery::render(
-        open().unwrap(),
+        &mut open().unwrap(),
         open_another,
         |gpu| Renderer::new(gpu, scene.clone(), &camera, settings),
         None,
@@ -131,7 +131,7 @@ fn a_device_may_be_lost_during_a_batch() {
     for milliseconds in [0, 3, 20] {
         let lost = Cell::new(false);
         let rendered = recovery::render(
-            open().unwrap(),
+            &mut open().unwrap(),
             open,
             |gpu| Renderer::new(gpu, scene.clone(), &camera, &settings),
             None,

@@ -154,6 +154,25 @@ fn views_without_anything_in_them_are_reported() {
     assert_eq!(scene.clipped_away(&camera).as_deref(), Some(behind));
 }
 
+/// A camera that is taken to another scene of the same world stays where it is there.
+#[test]
+fn a_camera_keeps_its_view_in_another_normalised_space() {
+    for lens in [
+        json!({ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.25, "zfar": 64 } }),
+        json!({ "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 1, "znear": 0.25, "zfar": 64 } }),
+    ] {
+        let mut file = with_camera(lens, json!({ "translation": [2, 1, 8] }));
+        let small = file.load();
+        file.mesh(&[[40., 0., 0.], [41., 0., 0.], [40., 1., 0.]], json!({}));
+        let large = file.load();
+        assert_ne!(small.normalisation, large.normalisation);
+        let moved = small.cameras[0].renormalised(&small.normalisation, &large.normalisation);
+        // The numbers of the file are exact in both.
+        assert_eq!(moved, large.cameras[0]);
+        assert_ne!(moved, small.cameras[0]);
+    }
+}
+
 #[test]
 fn the_framing_camera_sees_every_corner() {
     let mut file = File::new();

@@ -1,11 +1,14 @@
 //! Scene import: files made here against the glTF specification, and files of other projects.
 
+mod animations;
 mod bad_input;
 mod builder;
 mod cameras;
+mod deformed;
 mod geometry;
 mod lights;
 mod materials;
+mod poses;
 mod procedurals;
 mod shared;
 #[path = "../common/shared_files.rs"]

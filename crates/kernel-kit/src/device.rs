@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use crate::adapter::{self, DeviceChoice, DeviceInfo};
 use crate::error::{Error, Result, one_line};
-use crate::pipeline::Undispatched;
+use crate::pipeline::{Kept, Undispatched};
 use crate::timer::Timer;
 
 /// An open device with its queue.
@@ -24,6 +24,7 @@ pub struct Gpu {
     pub(crate) adapter: wgpu::Adapter,
     timer: Mutex<Timer>,
     undispatched: Mutex<Vec<Undispatched>>,
+    kept: Mutex<Option<Kept>>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
@@ -93,8 +94,24 @@ impl Gpu {
         let texture_loads = info.is_software();
         let subgroup_size = adapter::subgroup_size(&adapter, &device);
         let limits = device.limits();
-        let undispatched = Mutex::default();
-        Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, fault }
+        let (undispatched, kept) = Default::default();
+        Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, kept, fault }
+    }
+
+    /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for
+    /// programs that need the same kernels for one scene after another.
+    pub fn keep_kernels(&self) {
+        self.kept().get_or_insert_default();
+    }
+
+    /// Number of kernels that are kept.
+    pub fn kept_kernels(&self) -> usize {
+        self.kept().as_ref().map_or(0, Kept::len)
+    }
+
+    /// The kept kernels; none if they are not to be kept.
+    pub(crate) fn kept(&self) -> MutexGuard<'_, Option<Kept>> {
+        lock(&self.kept)
     }
 
     /// The entry points that have not been dispatched.

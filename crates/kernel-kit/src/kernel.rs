@@ -1,7 +1,5 @@
 //! Kernels: compiled entry points, ready to bind.
 
-use std::collections::BTreeMap;
-
 use wgpu::naga;
 
 use crate::binding::{Bindings, Declared};
@@ -9,7 +7,7 @@ use crate::compose::Composed;
 use crate::device::Gpu;
 use crate::error::{Error, Result};
 use crate::layout::{OpaqueStruct, SharedStruct, check_layouts};
-use crate::pipeline::{Entry, Interface, Source, Undispatched};
+use crate::pipeline::{Entries, Entry, Interface, Source, Undispatched};
 
 /// What the host has for a kernel; [`Kernel::new`] compares it with what the kernel takes.
 ///
@@ -35,7 +33,7 @@ pub struct Host<'a> {
 pub struct Kernel {
     /// The name that it was composed under.
     pub name: String,
-    entries: BTreeMap<String, Entry>,
+    entries: Entries,
 }
 
 /// An entry point with its resources bound.
@@ -60,7 +58,7 @@ impl Kernel {
         check_names(composed, host)?;
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);
-        let mut entries = BTreeMap::new();
+        let mut entries = Entries::new();
         for (index, entry) in composed.module.entry_points.iter().enumerate() {
             let interface = Interface::new(composed, index)?;
             let built = interface.build(&gpu.device, &source, &shader);
@@ -73,6 +71,27 @@ impl Kernel {
         }
         gpu.check(&composed.kernel)?;
         Ok(Kernel { name: composed.kernel.clone(), entries })
+    }
+
+    /// The kernel that `make` makes. If the device keeps kernels ([`Gpu::keep_kernels`]), it is made for the first use
+    /// of `key` only, which must tell all kernels of the device apart: by source, features and constants.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn kept<E>(
+        gpu: &Gpu,
+        key: &str,
+        make: impl FnOnce() -> std::result::Result<Kernel, E>,
+    ) -> std::result::Result<Kernel, E> {
+        let kept = gpu.kept().as_ref().and_then(|kept| kept.get(key).cloned());
+        if let Some((name, entries)) = kept {
+            return Ok(Kernel { name, entries });
+        }
+        let kernel = make()?;
+        if let Some(kept) = gpu.kept().as_mut() {
+            kept.insert(key.to_owned(), (kernel.name.clone(), kernel.entries.clone()));
+        }
+        Ok(kernel)
     }
 
     /// Binds the resources of the entry point `entry`, each variable from the first of `sets` that has it.

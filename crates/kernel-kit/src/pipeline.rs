@@ -1,5 +1,6 @@
 //! Pipelines on a device, and what they take from the host.
 
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use wgpu::naga;
@@ -61,6 +62,12 @@ pub(crate) struct Entry {
     pub(crate) interface: Interface,
     pub(crate) built: Built,
 }
+
+/// The entry points of a kernel by name.
+pub(crate) type Entries = BTreeMap<String, Entry>;
+
+/// Names and entry points of kernels that are kept, by key.
+pub(crate) type Kept = HashMap<String, (String, Entries)>;
 
 /// An entry point that has not been dispatched.
 pub(crate) struct Undispatched {

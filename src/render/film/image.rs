@@ -26,6 +26,9 @@ pub struct Window {
     pub of: [u32; 2],
 }
 
+/// The metadata by which an image file tells what it shows.
+pub(super) const FINGERPRINT: &str = "penumbra:fingerprint";
+
 /// A channel of an [`Image`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {

@@ -7,6 +7,7 @@
 mod atomic;
 mod camera;
 mod exr;
+mod fingerprint;
 mod formats;
 mod image;
 mod panorama;
@@ -14,6 +15,7 @@ mod png;
 mod tone_map;
 
 pub use atomic::{abandon_writes, check_target, write_atomically};
+pub use fingerprint::fingerprint;
 pub use formats::check_writable;
 pub(crate) use formats::read_file;
 pub use image::{Channel, Image, Metadata, Window};

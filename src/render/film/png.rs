@@ -5,7 +5,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::atomic::{Problem, write_atomically};
-use super::image::Image;
+use super::image::{FINGERPRINT, Image, Metadata};
 use super::tone_map::{View, linear_from_srgb};
 use crate::input::Picture;
 use crate::{Error, Result};
@@ -40,6 +40,9 @@ impl Image {
         encoder.set_color(colour);
         if view != View::Raw {
             encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+        }
+        if let Some(Metadata::Text(fingerprint)) = self.metadata.get(FINGERPRINT) {
+            encoder.add_text_chunk(FINGERPRINT.to_owned(), fingerprint.clone())?;
         }
         let mut writer = encoder.write_header()?;
         writer.write_image_data(&bytes)?;

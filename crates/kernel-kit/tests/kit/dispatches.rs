@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use kernel_kit::{
-    Composer, DeviceChoice, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
+    Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, MAX_GROUPS, POISON, Resources, TABLE_WIDTH, Table,
     TableFormat, compare, dispatch_size, kernel_test, whole_rows,
 };
 
@@ -40,6 +40,32 @@ fn squares(gpu: &Gpu, kernel: &Kernel, count: usize) -> Result<(), compare::Mism
 fn square_kernel(gpu: &Gpu, source: &str) -> Kernel {
     let composed = Composer::new().compose_source("squares", source, &Features::none()).unwrap();
     Kernel::new(gpu, &composed, &Host { constants: &[("factor", 3.0)], ..Host::default() }).unwrap()
+}
+
+/// A kernel is made once for each key, if the device keeps kernels, and runs as often as it is wanted.
+#[kernel_test]
+fn kept_kernels_are_made_once(gpu: &Gpu) {
+    let gpu = Gpu::open(&DeviceChoice::Name(gpu.info.name.clone())).unwrap();
+    let mut made = 0;
+    let mut kernel = |key: &str, source: &str| {
+        let make = || {
+            made += 1;
+            Ok::<_, Error>(square_kernel(&gpu, source))
+        };
+        let kernel = Kernel::kept(&gpu, key, make).unwrap();
+        (kernel, made)
+    };
+    let other = SQUARES.replace("* factor", "+ factor");
+    assert_eq!([1, 2].map(|_| kernel("squares", SQUARES).1), [1, 2], "nothing is kept unless it is wanted");
+    gpu.keep_kernels();
+    for made in [3, 4] {
+        let (right, count) = kernel("squares", SQUARES);
+        squares(&gpu, &right, 65).unwrap();
+        assert_eq!((right.name.as_str(), count), ("squares", made));
+        // The planted fault: another key has another kernel.
+        compare::must_catch("source", squares(&gpu, &kernel("other", &other).0, 65));
+    }
+    assert_eq!(gpu.kept_kernels(), 2);
 }
 
 const PAST_ONE_DIMENSION: usize = MAX_GROUPS as usize * 64 + 65;

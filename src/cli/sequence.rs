@@ -1,0 +1,108 @@
+//! Sequences: the frames of an animation, one file each.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use penumbra::{Error, Result};
+
+use super::options::positive;
+
+/// Stands for the number of the frame in the names of files.
+const PLACEHOLDER: &str = "{frame}";
+
+/// Minimum number of digits of a frame in a file's name, as of other programs: names sort as frames do.
+const DIGITS: usize = 4;
+
+/// Options of a sequence.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Sequence")]
+pub struct SequenceOptions {
+    /// Render the frames A to B, both included: frame N is the animation at N / fps seconds. {frame} in the name of
+    /// each output stands for its number. Frames are skipped whose files are there, are complete and show the same
+    /// scene with the same settings: run an interrupted command again, and it goes on where it stopped
+    #[arg(long, value_name = "A..B", group = "moment", conflicts_with_all = ["checkpoint", "reference"])]
+    frames: Option<Frames>,
+
+    /// Frames per second
+    #[arg(long, value_name = "N", default_value_t = 24.0, value_parser = positive, requires = "frames")]
+    fps: f64,
+
+    /// Add the number of the frame to the seed; otherwise all frames have the same random numbers, and noise flickers
+    /// less
+    #[arg(long, requires = "frames")]
+    seed_per_frame: bool,
+}
+
+/// Frames by number, from the first to the last.
+#[derive(Clone, Copy)]
+struct Frames {
+    first: u32,
+    last: u32,
+}
+
+impl FromStr for Frames {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let form = || "a range of frames is expected, like 0..99".to_owned();
+        let (first, last) = text.split_once("..").ok_or_else(form)?;
+        let number = |text: &str| text.parse::<u32>().map_err(|_| form());
+        let (first, last) = (number(first)?, number(last)?);
+        if last < first { Err(format!("{last} is before {first}")) } else { Ok(Frames { first, last }) }
+    }
+}
+
+/// A frame of a sequence.
+#[derive(Clone, Copy)]
+pub struct Frame {
+    pub number: u32,
+    /// Seconds from the beginning of the animation.
+    pub seconds: f64,
+    /// What is added to the seed.
+    pub seed: u32,
+    /// Digits of its number in names of files.
+    digits: usize,
+}
+
+impl SequenceOptions {
+    /// The frames; none for a single image.
+    pub fn frames(&self) -> Option<impl Iterator<Item = Frame> + use<>> {
+        let Frames { first, last } = self.frames?;
+        let numbers: RangeInclusive<u32> = first..=last;
+        let digits = last.to_string().len().max(DIGITS);
+        let (fps, seed_per_frame) = (self.fps, self.seed_per_frame);
+        Some(numbers.map(move |number| {
+            let seed = if seed_per_frame { number } else { 0 };
+            Frame { number, seconds: f64::from(number) / fps, seed, digits }
+        }))
+    }
+
+    /// The first frame.
+    pub fn first(&self) -> Option<Frame> {
+        self.frames()?.next()
+    }
+
+    /// Checks that the files of different frames have different names.
+    pub fn check_names<'p>(&self, mut paths: impl Iterator<Item = &'p PathBuf>) -> Result<()> {
+        let same = paths.find(|path| self.frames.is_some() && !path.to_string_lossy().contains(PLACEHOLDER));
+        match same {
+            Some(path) => {
+                let file = path.display();
+                Err(Error::Usage(format!("{file}: --frames writes many files, so its name must contain {PLACEHOLDER}")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+impl Frame {
+    /// The name of its file.
+    pub fn file(&self, path: &Path) -> PathBuf {
+        let Frame { number, digits, .. } = self;
+        match path.to_str() {
+            Some(text) => text.replace(PLACEHOLDER, &format!("{number:0digits$}")).into(),
+            None => path.to_owned(),
+        }
+    }
+}

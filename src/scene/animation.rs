@@ -1,0 +1,155 @@
+//! Animations, and the document in the pose of a moment.
+//!
+//! Every animation is checked, whether it is played or not. The values at a moment take the place of those in the
+//! document, which import then reads as any other: transforms, weights of morph targets, cameras, lights and materials.
+
+use std::collections::HashMap;
+
+use serde_json::Value;
+
+use super::accessor::Accessor;
+use super::import_options::ImportOptions;
+use super::json::Json;
+use super::keyframes::{Reader, Sampler};
+use super::notes::Notes;
+use super::pointer::Property;
+use crate::{Error, Result};
+
+/// Name of the extension by which channels animate any property.
+pub(super) const POINTER_EXTENSION: &str = "KHR_animation_pointer";
+
+/// An animation of the file.
+struct Animation<'r, 'a> {
+    name: Option<String>,
+    channels: Vec<Channel<'r, 'a>>,
+}
+
+/// What an animation does to one property.
+struct Channel<'r, 'a> {
+    json: Json<'a>,
+    target: Target,
+    sampler: Sampler<'r, 'a>,
+}
+
+enum Target {
+    Property(Property),
+    /// The pointer or path of a property that import does not know.
+    Unknown(String),
+}
+
+/// Checks the animations of a document. Returns the document at the moment that `options` choose; none for the pose of
+/// the file.
+pub(super) fn pose(
+    root: &Json,
+    accessors: &[Accessor],
+    options: &ImportOptions,
+    notes: &mut Notes,
+) -> Result<Option<Value>> {
+    let animations = read(root, accessors)?;
+    let Some(seconds) = options.time else {
+        if !animations.is_empty() {
+            let count = animations.len();
+            notes.push(format!(
+                "{count} animations are not played: the scene is in the pose of the file without `time`"
+            ));
+        }
+        return Ok(None);
+    };
+    let animation = select(&animations, options)?;
+    let mut end = 0.0f64;
+    for channel in &animation.channels {
+        end = end.max(channel.sampler.end()?);
+    }
+    let seconds = if options.repeat && end > 0.0 { seconds.rem_euclid(end) } else { seconds };
+    let mut document = root.value().clone();
+    for Channel { json, target, sampler } in &animation.channels {
+        let property = match target {
+            Target::Property(property) => property,
+            Target::Unknown(name) => {
+                notes.push(format!("the animation of `{name}` is not played: the property is not known"));
+                continue;
+            }
+        };
+        let numbers = sampler.at(seconds, property.values)?;
+        if numbers.iter().any(|x| !x.is_finite()) {
+            return Err(json.error(format!("has a value that is not finite at {seconds} s")));
+        }
+        property.set(&mut document, &numbers);
+    }
+    Ok(Some(document))
+}
+
+fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Result<&'s Animation<'r, 'a>> {
+    if !options.time.is_some_and(f64::is_finite) {
+        return Err(Error::Usage("`time` must be finite".into()));
+    }
+    let selected = match &options.animation {
+        None => animations.first(),
+        Some(wanted) => {
+            let by_name = animations.iter().find(|animation| animation.name.as_ref() == Some(wanted));
+            by_name.or_else(|| animations.get(wanted.parse::<usize>().ok()?))
+        }
+    };
+    selected.ok_or_else(|| {
+        let name = |(i, animation): (usize, &Animation)| animation.name.clone().unwrap_or_else(|| i.to_string());
+        let names: Vec<String> = animations.iter().enumerate().map(name).collect();
+        match &options.animation {
+            Some(wanted) if !names.is_empty() => {
+                let names = names.join(", ");
+                Error::Usage(format!("no animation is called '{wanted}' or has that index; there is: {names}"))
+            }
+            _ => Error::Usage("the scene has no animation, so `time` means nothing".into()),
+        }
+    })
+}
+
+fn read<'r, 'a>(root: &Json<'a>, accessors: &'r [Accessor<'a>]) -> Result<Vec<Animation<'r, 'a>>> {
+    let mut reader = Reader::new(accessors);
+    let list = root.list("animations")?;
+    list.iter().map(|json| animation(root, json, &mut reader)).collect()
+}
+
+fn animation<'r, 'a>(root: &Json<'a>, json: &Json<'a>, reader: &mut Reader<'r, 'a>) -> Result<Animation<'r, 'a>> {
+    let not_empty = |key: &str| -> Result<Vec<Json<'a>>> {
+        let list = json.require(key)?;
+        let items = list.items()?;
+        if items.is_empty() { Err(list.error("must not be empty")) } else { Ok(items) }
+    };
+    let (listed, samplers) = (not_empty("channels")?, not_empty("samplers")?);
+    let samplers = samplers.iter().map(|sampler| reader.sampler(sampler)).collect::<Result<Vec<_>>>()?;
+    let mut channels = Vec::new();
+    let mut targets = HashMap::new();
+    for (i, json) in listed.iter().enumerate() {
+        let sampler_json = json.require("sampler")?;
+        let sampler = samplers[sampler_json.index(samplers.len(), "sampler")?];
+        let target_json = json.require("target")?;
+        let Some((pointer, at)) = pointer(root, &target_json)? else { continue };
+        if let Some(first) = targets.insert(pointer.clone(), i) {
+            return Err(listed[first].require("target")?.error(format!("channel {i} has the same target")));
+        }
+        let target = match Property::find(root.value(), &pointer).map_err(|problem| at.error(problem))? {
+            Some(property) => {
+                reader.check(&sampler_json, &sampler, property.values)?;
+                Target::Property(property)
+            }
+            None => Target::Unknown(pointer),
+        };
+        channels.push(Channel { json: json.clone(), target, sampler });
+    }
+    Ok(Animation { name: json.name()?, channels })
+}
+
+/// The JSON pointer of a channel's target, with the value that states it. None if no node is stated, which glTF
+/// ignores.
+fn pointer<'a>(root: &Json<'a>, target: &Json<'a>) -> Result<Option<(String, Json<'a>)>> {
+    let path = target.require("path")?.string()?;
+    if path == "pointer" {
+        let extension = target.extension(POINTER_EXTENSION)?;
+        let extension = extension.ok_or_else(|| target.error(format!("has no {POINTER_EXTENSION}")))?;
+        let pointer = extension.require("pointer")?;
+        return Ok(Some((pointer.string()?.to_owned(), pointer)));
+    }
+    let Some(node) = target.get("node")? else { return Ok(None) };
+    let index = node.index(root.list_len("nodes")?, "node")?;
+    Ok(Some((format!("/nodes/{index}/{path}"), target.clone())))
+}

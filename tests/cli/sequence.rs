@@ -1,0 +1,167 @@
+//! Sequences: frames of an animation, and sequences that go on where they stopped.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use penumbra::Image;
+use penumbra::internal::render::film;
+use serde_json::{Value, json};
+
+use crate::program::{Answer, BOX, device, folder, run};
+
+/// Quick settings.
+const SMALL: &str = "--width 16 --height 12 --photons 4096 --max-bounces 0";
+
+/// Its two animations are called `both` and `left`; the first has keys from 0.5 to 2 s.
+const FACE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scene/poses/face.gltf");
+
+fn render(scene: &Path, arguments: &str, output: &Path) -> Answer {
+    let arguments = format!("render --device {} {SMALL} --spp 2 {arguments}", device());
+    run(&arguments, &[&scene, &"-o", &output])
+}
+
+fn sequence(arguments: &str, output: &Path) -> Answer {
+    let answer = render(Path::new(FACE), &format!("--default-light {arguments}"), output);
+    answer.assert_done();
+    answer
+}
+
+fn bits(path: &Path) -> Vec<u32> {
+    let image = Image::read(path).unwrap_or_else(|problem| panic!("{problem}"));
+    image.channels.iter().flat_map(|channel| &channel.samples).map(|x| x.to_bits()).collect()
+}
+
+#[test]
+fn frames_are_the_images_of_their_times() {
+    let folder = folder();
+    let name = folder.path().join("shot.{frame}.exr");
+    let frame = |number: u32| folder.path().join(format!("shot.{number:04}.exr"));
+    sequence("--frames 2..4 --fps 2", &name);
+    let files: Vec<PathBuf> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(files.len(), 3, "{files:?}");
+    // The file has no camera: the first frame's view stays, as with a file whose only moment is that one.
+    let single = folder.path().join("single.exr");
+    sequence("--at 1", &single);
+    assert_eq!(bits(&frame(2)), bits(&single));
+    assert_ne!(bits(&frame(2)), bits(&frame(3)));
+    // Another seed for each frame.
+    let seeded = folder.path().join("seeded.{frame}.exr");
+    sequence("--frames 3..3 --fps 2 --seed 7 --seed-per-frame", &seeded);
+    sequence("--at 1.5 --seed 10", &single);
+    assert_eq!(bits(&folder.path().join("seeded.0003.exr")), bits(&single));
+    sequence("--at 1.5 --seed 7", &single);
+    assert_ne!(bits(&folder.path().join("seeded.0003.exr")), bits(&single));
+    // Another animation, and one that repeats: 4.5 s are its 0.5 s, of an end at 2 s.
+    let (a, b) = (folder.path().join("a.exr"), folder.path().join("b.exr"));
+    sequence("--at 4.5 --animation left --loop", &a);
+    sequence("--at 0.5 --animation 1", &b);
+    assert_eq!(bits(&a), bits(&b));
+}
+
+/// Frames after the first are rendered with its kernels, and have the bits of a render of their own.
+#[test]
+fn later_frames_are_those_of_a_process_of_their_own() {
+    let folder = folder();
+    let scene = folder.path().join("seen.gltf");
+    let mut json: Value = serde_json::from_slice(&fs::read(FACE).unwrap()).unwrap();
+    json["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.1 } }]);
+    json["nodes"].as_array_mut().unwrap().push(json!({ "camera": 0, "translation": [6, 3, 20] }));
+    json["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(2));
+    fs::write(&scene, json.to_string()).unwrap();
+    let name = folder.path().join("shot.{frame}.exr");
+    let arguments = "--default-light --animation both";
+    render(&scene, &format!("{arguments} --frames 1..3 --fps 2"), &name).assert_done();
+    for (frame, time) in [(1, 0.5), (2, 1.0), (3, 1.5)] {
+        let single = folder.path().join("single.exr");
+        render(&scene, &format!("{arguments} --at {time}"), &single).assert_done();
+        assert_eq!(bits(&folder.path().join(format!("shot.{frame:04}.exr"))), bits(&single), "frame {frame}");
+    }
+}
+
+#[test]
+fn an_interrupted_sequence_goes_on_where_it_stopped() {
+    let folder = folder();
+    let name = folder.path().join("shot.{frame}.png");
+    let file = |number: u32| folder.path().join(format!("shot.{number:04}.png"));
+    let arguments = "--denoise none --fps 2";
+    sequence(&format!("--frames 0..4 {arguments}"), &name);
+    let whole: Vec<Vec<u8>> = (0..5).map(|i| fs::read(file(i)).unwrap()).collect();
+    // Complete, missing, cut, without its fingerprint, and of another image.
+    let unsigned = film_of(&file(3));
+    fs::remove_file(file(1)).unwrap();
+    fs::write(file(2), &whole[2][..whole[2].len() - 40]).unwrap();
+    unsigned.write_png(file(3), film::View::default(), 0.0).unwrap();
+    fs::copy(file(0), file(4)).unwrap();
+    let again = sequence(&format!("--frames 0..4 {arguments}"), &name);
+    let complete =
+        |answer: &Answer| (0..5).map(|i| answer.stderr.contains(&format!("frame {i} is complete"))).collect();
+    let found: Vec<bool> = complete(&again);
+    assert_eq!(found, [true, false, false, false, false], "{}", again.stderr);
+    assert!((0..5).all(|i| fs::read(file(i)).unwrap() == whole[i as usize]), "other bits than without the break");
+    let found: Vec<bool> = complete(&sequence(&format!("--frames 0..4 {arguments}"), &name));
+    assert_eq!(found, [true; 5]);
+    // Other settings, another view and another scene make other frames.
+    for other in ["--seed 1", "--exposure 1", "--view agx", "--animation left"] {
+        let found: Vec<bool> = complete(&sequence(&format!("--frames 0..0 {arguments} {other}"), &name));
+        assert!(!found[0], "{other}");
+    }
+}
+
+fn film_of(path: &Path) -> Image {
+    let mut image = Image::read(path).unwrap();
+    assert!(film::fingerprint(path).is_some());
+    image.metadata.clear();
+    image
+}
+
+/// A signal ends the frame, which is not written: whatever lies there is complete.
+#[cfg(unix)]
+#[test]
+fn a_signal_leaves_complete_frames() {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    use crate::program::penumbra;
+
+    let folder = folder();
+    let name = folder.path().join("shot.{frame}.png");
+    let arguments =
+        format!("render --device {} {SMALL} --spp 16384 --default-light --frames 0..999 --time 1000", device());
+    let mut child = penumbra(&arguments, &[&FACE, &"-o", &name]).stderr(Stdio::piped()).spawn().unwrap();
+    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("rendering") {
+        assert!(stderr.read_line(&mut said).unwrap() > 0, "it ended before it began: {said}");
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    stderr.read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{said}");
+}
+
+#[test]
+fn wrong_usage_of_time_names_the_option() {
+    for (arguments, word) in [
+        ("render no-scene.glb -o shot.png --frames 0..3", "{frame}"),
+        ("SEQUENCE -o all.exr --frames 0..3", "all.exr"),
+        ("SEQUENCE --stats all.json --frames 0..3", "all.json"),
+        ("SEQUENCE --frames 3..0", "--frames"),
+        ("SEQUENCE --frames 3", "--frames"),
+        ("SEQUENCE --frames x..2", "--frames"),
+        ("SEQUENCE --frames 0..3 --fps 0", "--fps"),
+        ("SEQUENCE --frames 0..3 --at 1", "--at"),
+        ("SEQUENCE --frames 0..3 --checkpoint x", "--checkpoint"),
+        ("SEQUENCE --fps 3", "--frames"),
+        ("SEQUENCE --seed-per-frame", "--frames"),
+        ("SEQUENCE --at nan", "--at"),
+        ("SEQUENCE --animation run", "--at"),
+        ("SEQUENCE --loop", "--at"),
+        ("plan no-scene.glb --loop", "--at"),
+        ("plan no-scene.glb --frames 0..3", "--frames"),
+    ] {
+        let arguments = arguments.replace("SEQUENCE", "render no-scene.glb -o shot.{frame}.png");
+        run(&arguments, &[]).assert_refused(2, &[word]);
+    }
+    run("plan --at 1", &[&BOX]).assert_refused(2, &["no animation", "--at"]);
+    run("plan --at 1 --animation jump", &[&FACE]).assert_refused(2, &["jump", "both, left"]);
+}
