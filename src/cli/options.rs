@@ -29,9 +29,14 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop primitives with NaN or infinite numbers instead of refusing the file; set such texels of a panorama to 0
+    /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of refusing
+    /// the file; set texels of a panorama that are not finite to 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
+
+    /// Variant of the materials (KHR_materials_variants) [default: none of them]
+    #[arg(long, value_name = "NAME", help_heading = "Scene")]
+    variant: Option<String>,
 
     /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X,
     /// the column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
@@ -66,7 +71,8 @@ pub struct SceneOptions {
 impl SceneOptions {
     /// The scene, and the camera to render it with.
     pub fn load(&self) -> Result<(Scene, Camera)> {
-        let options = ImportOptions { default_light: self.default_light, lenient: self.lenient };
+        let options =
+            ImportOptions { default_light: self.default_light, lenient: self.lenient, variant: self.variant.clone() };
         let mut scene = Scene::load(&self.scene, &options)?;
         if let Some(path) = &self.environment {
             let (panorama, notes) = Panorama::load(path, self.lenient)?;

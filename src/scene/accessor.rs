@@ -180,6 +180,13 @@ pub(super) struct Buffer<'a> {
     bytes: Option<Bytes<'a>>,
 }
 
+impl Buffer<'_> {
+    /// Its data, if the file has any.
+    pub fn bytes(&self) -> Option<&[u8]> {
+        self.bytes.as_ref().map(|bytes| &bytes[..self.length])
+    }
+}
+
 /// Reads the buffers of a document.
 pub(super) fn read_buffers<'a>(
     root: &Json<'a>,
@@ -217,12 +224,13 @@ pub(super) struct Views<'a> {
 }
 
 impl<'a> Views<'a> {
-    /// Checks every buffer view.
-    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>]) -> Result<Self> {
+    /// Checks every buffer view. `decoded` has the bytes of those that are compressed.
+    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>], decoded: &'a [Option<Vec<u8>>]) -> Result<Self> {
         let views = root
             .list("bufferViews")?
             .iter()
-            .map(|view| {
+            .zip(decoded)
+            .map(|(view, decoded)| {
                 let Buffer { length: size, bytes } =
                     &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
                 let offset = view.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
@@ -235,7 +243,8 @@ impl<'a> Views<'a> {
                     n @ 4..=252 if n % 4 == 0 => Ok(n),
                     n => Err(stride.error(format!("{n} is not a multiple of 4 from 4 to 252"))),
                 });
-                Ok(View { bytes: bytes.as_ref().map(|bytes| &bytes[offset..end]), length, stride: stride.transpose()? })
+                let bytes = decoded.as_deref().or(bytes.as_ref().map(|bytes| &bytes[offset..end]));
+                Ok(View { bytes, length, stride: stride.transpose()? })
             })
             .collect::<Result<_>>()?;
         let stored = buffers.iter().filter_map(|buffer| buffer.bytes.as_ref().map(|bytes| bytes.len()));

@@ -22,12 +22,14 @@ use crate::Result;
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
-/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times.
-pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive])>) -> Result<()> {
-    let (mut corners, mut vertices) = (0, 0);
-    for (node, primitives) in placed {
-        corners += primitives.iter().map(|primitive| 3 * primitive.triangles.len()).sum::<usize>();
-        vertices += primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
+/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times: the
+/// last member is the number of copies.
+pub(super) fn check_size<'a>(placed: impl Iterator<Item = (&'a Node<'a>, &'a [Primitive], usize)>) -> Result<()> {
+    let (mut corners, mut vertices) = (0usize, 0usize);
+    for (node, primitives, copies) in placed {
+        let sum = |count: fn(&Primitive) -> usize| primitives.iter().map(count).sum::<usize>().saturating_mul(copies);
+        corners = corners.saturating_add(sum(|primitive| 3 * primitive.triangles.len()));
+        vertices = vertices.saturating_add(sum(|primitive| primitive.positions.len()));
         if corners > MAX_CORNERS || vertices > MAX_VERTICES {
             let max_triangles = MAX_CORNERS / 3;
             let problem = format!("the scene has more than {max_triangles} triangles or {MAX_VERTICES} vertices");

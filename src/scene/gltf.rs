@@ -5,34 +5,46 @@
 
 use std::path::Path;
 
+use super::accessor::Accessor;
 use super::camera::CameraKind;
 use super::container::Resources;
 use super::description::Scene;
 use super::geometry::{Geometry, PlacedMeshLight};
+use super::images::Encoded;
 use super::import_options::ImportOptions;
+use super::instancing::Instances;
 use super::json::{self, Json};
 use super::light::Punctual;
-use super::material::{LOBE_EXTENSIONS, Material};
+use super::material::{LOBE_EXTENSIONS, Material, Materials};
 use super::mesh::Primitive;
 use super::node::Node;
 use super::notes::Notes;
-use super::{accessor, camera, container, geometry, images, light, material, mesh, node, procedural};
+use super::texture::TextureImage;
+use super::variants::Variants;
+use super::{
+    accessor, camera, container, geometry, images, instancing, light, material, mesh, meshopt, node, procedural,
+};
 use crate::input::read_file;
 use crate::{Error, Result};
 
 /// Supported extensions, beside those of a material's lobes.
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
+    images::WEBP,
+    instancing::EXTENSION,
+    material::specular_glossiness::EXTENSION,
     procedural::EXTENSION,
 ];
 
 fn is_supported(extension: &str) -> bool {
-    SUPPORTED.contains(&extension) || LOBE_EXTENSIONS.contains(&extension)
+    SUPPORTED.contains(&extension) || LOBE_EXTENSIONS.contains(&extension) || meshopt::EXTENSIONS.contains(&extension)
 }
 
 impl Scene {
@@ -63,23 +75,22 @@ impl Scene {
         check_extensions(&root, &mut notes)?;
 
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
-        let views = accessor::Views::read(&root, &buffers)?;
+        let decoded = meshopt::decode(&root, &buffers)?;
+        let views = accessor::Views::read(&root, &buffers, &decoded)?;
         let accessors = views.accessors(&root)?;
-        let encoded = images::read_images(&root, &views, &mut resources)?;
-        let materials = material::read(&root, &encoded, &mut notes)?;
+        let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
+        let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
-        let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
-        let nodes = node::visible(&root, &mut notes)?;
-        let references = check_nodes(&root, &nodes, meshes.len(), cameras.len(), lights.len())?;
+        let variants = Variants::read(&root, options.variant.as_deref(), &mut notes)?;
+        let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, &variants, options)?;
+        let nodes = node::of_scene(&root, &mut notes)?;
+        let counts = Counts { meshes: meshes.len(), cameras: cameras.len(), lights: lights.len() };
+        let references = check_nodes(&root, &nodes, &counts, &accessors)?;
         let document = Document { nodes, references, meshes, cameras, lights };
 
-        let mut scene = Scene {
-            images: images::decode(&encoded, &materials.images)?,
-            textures: materials.textures,
-            materials: materials.materials,
-            ..Default::default()
-        };
+        let mut scene =
+            Scene { images, textures: materials.textures, materials: materials.materials, ..Default::default() };
         let mut geometry = document.geometry(&mut scene.materials)?;
         let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
@@ -99,12 +110,36 @@ impl Scene {
     }
 }
 
+/// The materials, and the images that they use. A lenient import leaves out the images that turn out to be damaged, and
+/// reads the materials again without them.
+fn materials(
+    root: &Json,
+    mut encoded: Vec<Encoded>,
+    options: &ImportOptions,
+    notes: &mut Notes,
+) -> Result<(Materials, Vec<TextureImage>)> {
+    loop {
+        let materials = material::read(root, &encoded, notes)?;
+        let mut images = Vec::with_capacity(materials.images.len());
+        for (shown, image) in materials.images.iter().zip(images::decode(&encoded, &materials.images)?) {
+            match image {
+                Ok(image) => images.push(image),
+                Err(error) if options.lenient => encoded[shown.image].leave_out(&error, notes),
+                Err(error) => return Err(error),
+            }
+        }
+        if images.len() == materials.images.len() {
+            return Ok((materials, images));
+        }
+    }
+}
+
 /// The checked parts of a document that nodes refer to.
 struct Document<'a> {
     /// The nodes of the rendered scene.
     nodes: Vec<Node<'a>>,
     /// The references of each of these nodes.
-    references: Vec<References>,
+    references: Vec<References<'a>>,
     meshes: Vec<Vec<Primitive>>,
     cameras: Vec<CameraKind>,
     /// None for lights of an unknown type.
@@ -114,12 +149,20 @@ struct Document<'a> {
 impl Document<'_> {
     /// The triangles of all nodes in world space. Adds a default material if a primitive needs it.
     fn geometry(&self, materials: &mut Vec<Material>) -> Result<Geometry> {
-        let meshes = || self.nodes.iter().zip(&self.references).map(|(node, of_node)| (node, of_node.mesh));
-        geometry::check_size(meshes().filter_map(|(node, mesh)| Some((node, &*self.meshes[mesh?]))))?;
+        let meshes = || {
+            let nodes = self.nodes.iter().zip(&self.references).enumerate();
+            nodes.filter_map(|(i, (node, of_node))| Some((i, node, &*self.meshes[of_node.mesh?], &of_node.instances)))
+        };
+        let copies = |instances: &Option<Instances>| instances.as_ref().map_or(1, |instances| instances.count);
+        geometry::check_size(meshes().map(|(_, node, mesh, instances)| (node, mesh, copies(instances))))?;
         let mut geometry = Geometry::default();
-        for (i, (node, mesh)) in meshes().enumerate() {
-            if let Some(mesh) = mesh {
-                geometry.add(i, node, &self.meshes[mesh], materials)?;
+        for (i, node, mesh, instances) in meshes().filter(|(_, _, mesh, _)| !mesh.is_empty()) {
+            match instances {
+                None => geometry.add(i, node, mesh, materials)?,
+                Some(instances) => instances.each(|local| {
+                    let copy = Node { json: node.json.clone(), world: node.world * local, visible: node.visible };
+                    geometry.add(i, &copy, mesh, materials)
+                })?,
             }
         }
         Ok(geometry)
@@ -181,27 +224,46 @@ fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
     Ok(())
 }
 
+/// Numbers of things that nodes may refer to.
+struct Counts {
+    meshes: usize,
+    cameras: usize,
+    lights: usize,
+}
+
 /// Indices of what a node refers to.
-struct References {
+struct References<'a> {
     mesh: Option<usize>,
     camera: Option<usize>,
     light: Option<usize>,
+    /// The copies of the mesh.
+    instances: Option<Instances<'a>>,
 }
 
-/// Checks the references of every node of the file. Returns those of the `visible` nodes.
-fn check_nodes(root: &Json, visible: &[Node], meshes: usize, cameras: usize, lights: usize) -> Result<Vec<References>> {
-    let references = |node: &Json| -> Result<References> {
+/// Checks the references of every node of the file. Returns those of the nodes `of_scene`, as far as they are visible.
+fn check_nodes<'a>(
+    root: &Json<'a>,
+    of_scene: &[Node<'a>],
+    counts: &Counts,
+    accessors: &'a [Accessor<'a>],
+) -> Result<Vec<References<'a>>> {
+    let references = |node: &Json<'a>| -> Result<References<'a>> {
         let light = match node.extension("KHR_lights_punctual")? {
-            Some(extension) => Some(extension.require("light")?.index(lights, "light")?),
+            Some(extension) => Some(extension.require("light")?.index(counts.lights, "light")?),
             None => None,
         };
         let index = |key: &str, count: usize| node.get(key)?.map(|i| i.index(count, key)).transpose();
-        Ok(References { mesh: index("mesh", meshes)?, camera: index("camera", cameras)?, light })
+        let (mesh, camera) = (index("mesh", counts.meshes)?, index("camera", counts.cameras)?);
+        Ok(References { mesh, camera, light, instances: Instances::read(node, accessors)? })
     };
     for node in root.list("nodes")? {
         references(&node)?;
     }
-    visible.iter().map(|node| references(&node.json)).collect()
+    let shown = |node: &Node<'a>| match references(&node.json)? {
+        shown if node.visible => Ok(shown),
+        hidden => Ok(References { mesh: None, light: None, ..hidden }),
+    };
+    of_scene.iter().map(shown).collect()
 }
 
 /// Adds notes on content of the file that is not rendered.

@@ -7,6 +7,7 @@ use super::import_options::ImportOptions;
 use super::json::Json;
 use super::limits::{MAX_CORNERS, MAX_VERTICES};
 use super::material::Material;
+use super::variants::Variants;
 use crate::Result;
 
 /// A primitive of triangles.
@@ -37,10 +38,11 @@ pub(super) fn read(
     root: &Json,
     accessors: &[Accessor],
     materials: &[Material],
+    variants: &Variants,
     options: &ImportOptions,
 ) -> Result<(Vec<Vec<Primitive>>, Skipped)> {
-    let mut reader =
-        Reader { accessors, materials, lenient: options.lenient, corners: 0, vertices: 0, skipped: Skipped::default() };
+    let (lenient, skipped) = (options.lenient, Skipped::default());
+    let mut reader = Reader { accessors, materials, variants, lenient, corners: 0, vertices: 0, skipped };
     let mut meshes = Vec::new();
     for mesh in root.list("meshes")? {
         let list = mesh.require("primitives")?;
@@ -59,6 +61,7 @@ pub(super) fn read(
 struct Reader<'r, 'a> {
     accessors: &'r [Accessor<'a>],
     materials: &'r [Material],
+    variants: &'r Variants,
     lenient: bool,
     /// Number of corners read so far. Accessors may be shared, so the size of the file does not bound it.
     corners: usize,
@@ -72,6 +75,7 @@ impl<'r, 'a> Reader<'r, 'a> {
         let attributes = json.require("attributes")?;
         let mode = json.get("mode")?.map_or(Ok(4), |mode| mode.index(7, "mode"))?;
         let material = json.get("material")?.map(|m| m.index(self.materials.len(), "material")).transpose()?;
+        let material = self.variants.material(json, self.materials.len())?.or(material);
         self.skipped.morphed += usize::from(json.get("targets")?.is_some());
         let Some(position) = attributes.get("POSITION")? else {
             self.skipped.without_positions += 1;

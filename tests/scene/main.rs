@@ -3,7 +3,9 @@
 mod bad_input;
 mod builder;
 mod cameras;
+mod compressed;
 mod geometry;
+mod instances;
 mod lights;
 mod materials;
 mod procedurals;
