@@ -93,11 +93,11 @@ impl<'a> Picture<'a> {
 
 /// Texels that every WebP may have: 2048 x 2048. A lossless one of a single colour needs no bit for any of them.
 const WEBP_FREE: u64 = 1 << 22;
-/// Texels per byte beyond those. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes, which are 26038 each.
+/// Texels per byte beyond those. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes: 26038 in each.
 const WEBP_DENSEST: u64 = 1 << 15;
 
-/// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame has not the
-/// `size` of the header: the `image` crate makes room for it before it compares them.
+/// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame has not
+/// the `size` of the header: the `image` crate makes room for it before it compares them.
 fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String> {
     let mut rest = bytes.get(12..).unwrap_or(&[]);
     while let Some((head, tail)) = rest.split_first_chunk::<8>() {

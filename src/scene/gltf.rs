@@ -22,7 +22,7 @@ use super::notes::Notes;
 use super::texture::TextureImage;
 use super::variants::Variants;
 use super::{
-    accessor, camera, container, geometry, images, instancing, light, material, mesh, meshopt, node, procedural,
+    accessor, camera, container, draco, geometry, images, instancing, light, material, mesh, meshopt, node, procedural,
 };
 use crate::input::read_file;
 use crate::{Error, Result};
@@ -37,6 +37,8 @@ const SUPPORTED: &[&str] = &[
     "KHR_mesh_quantization",
     "KHR_node_visibility",
     "KHR_texture_transform",
+    draco::EXTENSION,
+    images::BASIS,
     images::WEBP,
     instancing::EXTENSION,
     material::specular_glossiness::EXTENSION,
@@ -77,7 +79,8 @@ impl Scene {
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
         let decoded = meshopt::decode(&root, &buffers)?;
         let views = accessor::Views::read(&root, &buffers, &decoded)?;
-        let accessors = views.accessors(&root)?;
+        let decoded = draco::decode(&root, &views)?;
+        let accessors = views.accessors(&root, &decoded)?;
         let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
         let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::accessor::Views;
 use super::container::{Bytes, Resources};
 use super::json::Json;
+use super::ktx2::{self, Ktx2};
 use super::notes::Notes;
 use super::texture::{Filter, TextureImage, Wrap};
 use crate::input::{MAX_FILE_BYTES, Picture, printable};
@@ -18,11 +19,51 @@ const MAX_SIDE: u32 = 16384;
 /// Maximum number of texels of all images together: 1 GiB of RGBA8.
 const MAX_TEXELS: u64 = 1 << 28;
 
+/// A format that can be decoded.
+#[derive(Clone, Copy, PartialEq)]
+enum Format {
+    Picture(ImageFormat),
+    Ktx2,
+}
+
+impl Format {
+    const PNG: Format = Format::Picture(ImageFormat::Png);
+    const JPEG: Format = Format::Picture(ImageFormat::Jpeg);
+    const WEBP: Format = Format::Picture(ImageFormat::WebP);
+
+    /// The format that the first bytes are those of.
+    fn of(bytes: &[u8]) -> Option<Format> {
+        if bytes.starts_with(ktx2::MAGIC) {
+            return Some(Format::Ktx2);
+        }
+        let format = image::guess_format(bytes).ok().map(Format::Picture);
+        format.filter(|format| [Format::PNG, Format::JPEG, Format::WEBP].contains(format))
+    }
+
+    /// The size that the header says, if it is plausible.
+    fn size(self, bytes: &[u8]) -> std::result::Result<[u32; 2], String> {
+        match self {
+            Format::Picture(format) => Ok(Picture::open(bytes, format)?.size),
+            Format::Ktx2 => Ok(Ktx2::open(bytes)?.size),
+        }
+    }
+
+    fn decode(self, bytes: &[u8]) -> std::result::Result<Vec<[u8; 4]>, String> {
+        match self {
+            Format::Picture(format) => {
+                let image = Picture::open(bytes, format)?.decode()?;
+                Ok(image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec())
+            }
+            Format::Ktx2 => Ktx2::open(bytes)?.decode(),
+        }
+    }
+}
+
 /// What the bytes of an image are.
 #[derive(Clone, Copy)]
 enum Content {
     /// A format that can be decoded, and the size.
-    Known(ImageFormat, [u32; 2]),
+    Known(Format, [u32; 2]),
     /// Another format, which is legal if only an extension uses it.
     Unknown,
     /// Missing or damaged, which a lenient import accepts.
@@ -73,10 +114,14 @@ pub(super) struct Use {
 }
 
 /// Where a texture may name its image, in the order of increasing preference, and what the image must be then.
-const SOURCES: [(Option<&str>, &[ImageFormat], &str); 2] = [
-    (None, &[ImageFormat::Png, ImageFormat::Jpeg], "neither PNG nor JPEG"),
-    (Some(WEBP), &[ImageFormat::WebP], "not WebP"),
+const SOURCES: [(Option<&str>, &[Format], &str); 3] = [
+    (None, &[Format::PNG, Format::JPEG], "neither PNG nor JPEG"),
+    (Some(BASIS), &[Format::Ktx2], "not KTX2"),
+    (Some(WEBP), &[Format::WEBP], "not WebP"),
 ];
+
+/// The extension for images that are KTX2.
+pub(super) const BASIS: &str = "KHR_texture_basisu";
 
 /// The extension for images that are WebP.
 pub(super) const WEBP: &str = "EXT_texture_webp";
@@ -119,8 +164,7 @@ impl Encoded<'_> {
         let Content::Known(format, [width, height]) = self.content else {
             return Err(self.json.error("cannot be decoded"));
         };
-        let image = Picture::open(&self.bytes, format).and_then(Picture::decode).map_err(|e| self.json.error(e))?;
-        let mut texels = image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec();
+        let mut texels = format.decode(&self.bytes).map_err(|e| self.json.error(e))?;
         form.apply(&mut texels);
         Ok(TextureImage { name: self.name.clone(), width, height, texels })
     }
@@ -165,13 +209,10 @@ pub(super) fn read_images<'a>(
                     json.error(format!("the images have more than {MAX_FILE_BYTES} bytes in total, or overlap"))
                 );
             }
-            match image::guess_format(&bytes) {
-                Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => {
-                    let size = Picture::open(&bytes, format).map(|picture| picture.size);
-                    size.map(|size| Content::Known(format, size)).map_err(|e| json.error(e))
-                }
-                _ if lenient => Err(json.error("neither PNG nor JPEG nor WebP")),
-                _ => Ok(Content::Unknown),
+            match Format::of(&bytes) {
+                Some(format) => format.size(&bytes).map(|size| Content::Known(format, size)).map_err(|e| json.error(e)),
+                None if lenient => Err(json.error("neither PNG nor JPEG nor WebP nor KTX2")),
+                None => Ok(Content::Unknown),
             }
         };
         let (content, error) = match content {

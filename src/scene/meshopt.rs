@@ -1,7 +1,7 @@
 //! Buffer views compressed by EXT_meshopt_compression or KHR_meshopt_compression.
 //!
-//! The decoder is our own, written from the appendices of the extension: the crate `meshopt` binds C++, and `meshopt-rs`
-//! knows neither version 1 of the attributes nor checks of its input.
+//! The decoder is our own, written from the appendices of the extension: the crate `meshopt` binds C++, and
+//! `meshopt-rs` does not know version 1 of the attributes.
 
 mod bitstream;
 mod filter;

@@ -138,7 +138,13 @@ fn filters_of_meshopt() {
     let plain = sheet();
     let scene = plain.load();
     let mut file = compressed(&plain, MESHOPT[1], 1, true);
-    let normals: Vec<[f32; 4]> = scene.vertices.iter().map(|v| v.normal.extend(0.0).to_array()).collect();
+    // In the order of the file.
+    let (normals, _) = plain.bin[..12 * 400].as_chunks::<12>();
+    let normal = |bytes: &[u8; 12]| {
+        let coordinate = |i: usize| f32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]);
+        glam::Vec3::new(coordinate(0), coordinate(4), coordinate(8)).normalize().extend(0.0).to_array()
+    };
+    let normals: Vec<[f32; 4]> = normals.iter().map(normal).collect();
     let octahedral = meshopt::encode_filter_oct::<i16>(&normals, 12);
     let coded = meshopt::encode_vertex_buffer_level(&octahedral, 2, Some(1)).unwrap();
     let at = file.bin.len();
@@ -171,8 +177,8 @@ fn load_fixture(name: &str) -> Scene {
     Scene::from_bytes(&fixture(name), Path::new(name), &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Checks that the file `name` has the vertices and triangles of `sheet.glb`, in any order. Positions deviate by at most
-/// half of `step` on each axis.
+/// Checks that the file `name` has the vertices and triangles of `sheet.glb`, in any order. Positions deviate by at
+/// most half of `step` on each axis.
 fn assert_near_sheet(name: &str, step: f64, normal_tolerance: f32, uv_tolerance: Option<f32>) {
     let (plain, scene) = (load_fixture("sheet.glb"), load_fixture(name));
     assert_eq!(scene.vertices.len(), plain.vertices.len(), "{name}");
@@ -211,8 +217,8 @@ fn assert_near_sheet(name: &str, step: f64, normal_tolerance: f32, uv_tolerance:
 /// Files by gltfpack: quantised positions of 14 bits and normals of 8, and positions of 15 bits with exponents.
 #[test]
 fn gltfpack_is_near_its_twin() {
-    // A byte of a normal is off by half a unit on each axis, or by one in the octahedron of 8 bits, and gltfpack left out
-    // the texture coordinates, which no material uses.
+    // A byte of a normal is off by half a unit on each axis, or by one in the octahedron of 8 bits, and gltfpack left
+    // out the texture coordinates, which no material uses.
     assert_near_sheet("sheet-meshopt-ext.glb", 11.0 / 16383.0, 0.01, None);
     // 15 bits of mantissa, whose sign is one, for numbers up to 11.
     assert_near_sheet("sheet-meshopt-khr.glb", 16.0 / 16384.0, 0.02, None);
@@ -327,4 +333,126 @@ fn lenient_imports_leave_out_images() {
     // Without a fault, the same file as without the option.
     let (a, b) = (textured(&good, None).load(), textured(&good, None).load_with(&lenient).unwrap());
     assert_eq!((a.images, a.materials, a.notes), (b.images, b.materials, b.notes));
+}
+
+/// The codings lose some precision: UASTC less than ETC1S, whose blocks have four colours of one hue.
+#[test]
+fn ktx2_is_near_its_source() {
+    let files = [("etc1s.ktx2", 20.0), ("uastc.ktx2", 5.0), ("uastc-zstd.ktx2", 5.0)];
+    let decoded: Vec<Vec<[u8; 4]>> = files
+        .iter()
+        .map(|(name, tolerance)| {
+            let mut file = textured(&fixture(name), Some("KHR_texture_basisu"));
+            file.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+            let scene = file.load();
+            assert!(!scene.notes.iter().any(|note| note.contains("basisu")), "{:?}", scene.notes);
+            let deviation = deviation(&scene);
+            assert!(deviation < *tolerance, "{name}: {deviation}");
+            scene.images[0].texels.clone()
+        })
+        .collect();
+    // The same texels as by the official transcoder; Zstandard loses nothing.
+    for (texels, file) in decoded.iter().zip(["etc1s.rgba", "uastc.rgba", "uastc.rgba"]) {
+        assert!(texels.as_flattened() == fixture(file), "{file}");
+    }
+}
+
+/// Every byte of the headers, and any cut, gives an image or an error at the image.
+#[test]
+fn damaged_ktx2_is_refused() {
+    let load = |bytes: &[u8]| match textured(bytes, Some("KHR_texture_basisu")).load_with(&ImportOptions::default()) {
+        Ok(_) => true,
+        Err(error) => {
+            let text = error.to_string();
+            assert!(text.contains("/images/1") || text.contains("/textures/0"), "{text}");
+            false
+        }
+    };
+    for name in ["etc1s.ktx2", "uastc.ktx2", "uastc-zstd.ktx2"] {
+        let good = fixture(name);
+        assert!(load(&good));
+        for length in (1..good.len()).step_by(7) {
+            load(&good[..length]);
+        }
+        for at in 0..400.min(good.len()) {
+            for byte in [0, 0x7f, 0xff] {
+                let mut damaged = good.clone();
+                damaged[at] = byte;
+                load(&damaged);
+            }
+        }
+        let with = |at: usize, word: u32| {
+            let mut damaged = good.clone();
+            damaged[at..at + 4].copy_from_slice(&word.to_le_bytes());
+            load(&damaged)
+        };
+        // Width, height, depth, layers, faces, levels, supercompression.
+        for (at, word) in [(20, 1 << 20), (24, 0), (28, 1), (32, 2), (36, 6), (40, 0), (40, 99), (44, 3)] {
+            assert!(!with(at, word), "{name} {at} {word}");
+        }
+    }
+}
+
+/// Draco without quantisation loses nothing and keeps the order of vertices and triangles.
+#[test]
+fn exact_draco_has_the_bits_of_its_twin() {
+    let (plain, exact) = (load_fixture("sheet.glb"), load_fixture("sheet-exact.glb"));
+    assert_same(&plain, &exact);
+    assert!(!exact.notes.iter().any(|note| note.contains("draco")), "{:?}", exact.notes);
+}
+
+/// Draco with 14 bits of position, 10 of normals in the octahedron and 12 of texture coordinates, in an order of its own.
+#[test]
+fn quantised_draco_is_near_its_twin() {
+    for name in ["sheet-sequential.glb", "sheet-edgebreaker.glb"] {
+        assert_near_sheet(name, 11.0 / 16383.0, 4e-3, Some(2e-4));
+    }
+}
+
+/// Faults of a compressed primitive are refused at their place; the others at the extension.
+#[test]
+fn bad_draco_is_refused() {
+    let glb = fixture("sheet-edgebreaker.glb");
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let good = File { json: serde_json::from_slice(&glb[20..20 + length]).unwrap(), bin: glb[28 + length..].to_vec() };
+    assert_eq!(good.load().triangles.len(), 242);
+    let refused = |edit: &dyn Fn(&mut File)| {
+        let mut file = good.clone();
+        edit(&mut file);
+        match file.load_with(&ImportOptions::default()) {
+            Err(penumbra::Error::Input { location, .. }) => location,
+            other => panic!("{other:?}"),
+        }
+    };
+    fn extension(file: &mut File) -> &mut Value {
+        &mut file.json["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"]
+    }
+    const PLACE: &str = "/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression";
+    assert_eq!(refused(&|f| f.json["meshes"][0]["primitives"][0]["mode"] = json!(5)), PLACE);
+    assert_eq!(refused(&|f| extension(f)["bufferView"] = json!(9)), format!("{PLACE}/bufferView"));
+    assert_eq!(refused(&|f| extension(f)["attributes"]["NORMAL"] = json!(77)), PLACE);
+    let joint = |f: &mut File| extension(f)["attributes"]["JOINTS_0"] = json!(0);
+    assert_eq!(refused(&joint), "/meshes/0/primitives/0/attributes");
+    let number = |f: &File, name: &str| f.json["meshes"][0]["primitives"][0]["attributes"][name].as_u64().unwrap();
+    let normals = number(&good, "NORMAL") as usize;
+    let place = format!("/accessors/{normals}");
+    assert_eq!(refused(&|f| f.json["accessors"][normals]["count"] = json!(7)), place);
+    assert_eq!(refused(&|f| f.json["accessors"][normals]["type"] = json!("VEC2")), place);
+    assert_eq!(refused(&|f| f.json["accessors"][normals]["componentType"] = json!(5121)), place);
+    assert_eq!(refused(&|f| f.json["accessors"][normals]["count"] = json!(1u64 << 40)), PLACE);
+    let indices = good.json["meshes"][0]["primitives"][0]["indices"].as_u64().unwrap() as usize;
+    assert_eq!(refused(&|f| f.json["accessors"][indices]["count"] = json!(723)), PLACE);
+    assert_eq!(
+        refused(&|f| f.json["accessors"][indices]["componentType"] = json!(5120)),
+        format!("/accessors/{indices}")
+    );
+    // Damage anywhere gives a mesh or an error, never a panic.
+    for at in 0..good.bin.len() {
+        for flip in [1, 0x80, 0xff] {
+            let mut damaged = good.clone();
+            damaged.bin[at] ^= flip;
+            let outcome = damaged.load_with(&ImportOptions::default());
+            assert!(matches!(outcome, Ok(_) | Err(penumbra::Error::Input { .. })), "{at} {flip}");
+        }
+    }
 }

@@ -288,7 +288,9 @@ fn specular_and_glossiness() {
         with_material(json!({ "pbrMetallicRoughness": base, "extensions": { NAME: json } }), images)
     };
     let plain = of(
-        json!({ "diffuseFactor": [0.5, 0.25, 1, 0.75], "specularFactor": [0.5, 0.25, 0.125], "glossinessFactor": 0.75 }),
+        json!({
+            "diffuseFactor": [0.5, 0.25, 1, 0.75], "specularFactor": [0.5, 0.25, 0.125], "glossinessFactor": 0.75,
+        }),
         0,
     );
     let scene = plain.load();

@@ -1,10 +1,11 @@
 //! The extension KHR_materials_pbrSpecularGlossiness, as a metallic-roughness material with a specular lobe.
 //!
-//! A dielectric whose index of refraction is infinite reflects its specular colour at normal incidence, and its specular
-//! factor of 1 at grazing angles: the Fresnel term of the extension. Its base colour is what the extension calls the diffuse
-//! albedo, diffuse (1 - max(specular)), and its roughness 1 - glossiness. The conversion is exact but for textures of
-//! specular and glossiness: their glossiness becomes a texture of roughness, rounded to 1/255, and the factor
-//! 1 - max(specular) is left out, because it differs from texel to texel. That is 4 % for the usual dielectric.
+//! A dielectric whose index of refraction is infinite reflects its specular colour at normal incidence, and its
+//! specular factor of 1 at grazing angles: the Fresnel term of the extension. Its base colour is what the extension
+//! calls the diffuse colour, diffuse (1 - max(specular)), and its roughness is 1 - glossiness. The conversion is exact
+//! but for textures of specular and glossiness: their glossiness becomes a texture of roughness, rounded to 1/255, and
+//! the factor 1 - max(specular) is left out, because it differs from texel to texel. That is 4 % for the usual
+//! dielectric.
 
 use glam::{Vec3, Vec4};
 

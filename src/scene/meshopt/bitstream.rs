@@ -247,7 +247,7 @@ impl Triangles<'_> {
         Ok([a, b, c])
     }
 
-    /// The triangle of three codes: 0 for the next index, 15 for an explicit one, else the age of a stored vertex and 1.
+    /// The triangle of three codes: 0 for the next index, 15 for an explicit one, else 1 more than a vertex's age.
     fn alone(&mut self, codes: [usize; 3]) -> Result<[u32; 3]> {
         let mut corners = [0; 3];
         for (corner, code) in corners.iter_mut().zip(codes) {

@@ -1,5 +1,5 @@
-//! Filters of meshopt compression (appendix B of KHR_meshopt_compression): the last step of decoding attributes. Numbers
-//! outside of their valid range give some number, never a panic.
+//! Filters of meshopt compression (appendix B of KHR_meshopt_compression): the last step of decoding attributes.
+//! Numbers outside of their valid range give some number, never a panic.
 
 /// What the decoded attributes stand for.
 #[derive(Clone, Copy, PartialEq)]
@@ -110,7 +110,8 @@ fn quaternion([x, y, z, last]: [i16; 4]) -> [i16; 4] {
     decoded
 }
 
-/// Filter 3: 8 bits of exponent, 24 of mantissa. The product is exact in f64, and the specification asks for that of f32.
+/// Filter 3: 8 bits of exponent, 24 of mantissa. The product is exact in f64, and the specification asks for that of
+/// f32.
 fn exponential(value: i32) -> f32 {
     (f64::from(value << 8 >> 8) * 2f64.powi(value >> 24)) as f32
 }

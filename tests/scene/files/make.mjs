@@ -4,7 +4,7 @@
 //     node make.mjs
 //     npx gltfpack -i sheet.glb -o sheet-meshopt-ext.glb -c
 //     npx gltfpack -i sheet.glb -o sheet-meshopt-khr.glb -cz -vpf
-import { writeFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import { Document, NodeIO } from "@gltf-transform/core";
 import { KHRDracoMeshCompression } from "@gltf-transform/extensions";
 import { draco } from "@gltf-transform/functions";
@@ -26,6 +26,20 @@ const ktx2 = async (name, options) => writeFileSync(name, await encodeToKTX2(dat
 await ktx2("etc1s.ktx2", { isUASTC: false, qualityLevel: 255, compressionLevel: 5 });
 await ktx2("uastc.ktx2", { isUASTC: true, needSupercompression: false });
 await ktx2("uastc-zstd.ktx2", { isUASTC: true, needSupercompression: true });
+// What the official transcoder makes of them.
+const folder = "./node_modules/ktx2-encoder/dist/basis/";
+const { default: basis } = await import(`${folder}basis_encoder.js`);
+const module = await basis({ wasmBinary: readFileSync(`${folder}basis_encoder.wasm`) });
+module.initializeBasis();
+for (const name of ["etc1s", "uastc"]) {
+    const file = new module.KTX2File(new Uint8Array(readFileSync(`${name}.ktx2`)));
+    file.startTranscoding();
+    const [level, layer, face, rgba32] = [0, 0, 0, 13];
+    const texels = new Uint8Array(file.getImageTranscodedSizeInBytes(level, layer, face, rgba32));
+    file.transcodeImage(texels, level, layer, face, rgba32, 0, -1, -1);
+    writeFileSync(`${name}.rgba`, texels);
+}
+
 const raw = { raw: { width, height, channels: 4 } };
 writeFileSync("lossy.webp", await sharp(data, raw).webp({ quality: 90 }).toBuffer());
 
