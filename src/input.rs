@@ -105,7 +105,7 @@ fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String
         let bits = |at: usize| tail.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         let frame = match &head[..4] {
             b"ANMF" | b"ANIM" => return Err("is an animation, which a texture cannot be".into()),
-            // The size follows a tag of three bytes and a signature of three; the upper two bits are scales for display.
+            // The size follows a tag of three bytes and a signature of three. Upper bits are scales for display.
             b"VP8 " => bits(6).map(|bits| [bits & 0x3fff, bits >> 16 & 0x3fff]),
             // After a signature of one byte.
             b"VP8L" => bits(1).map(|bits| [bits & 0x3fff, bits >> 14 & 0x3fff].map(|less| less + 1)),

@@ -80,7 +80,7 @@ fn compressed(bytes: &[u8]) -> usize {
     // A block of attributes takes one byte for each four of its elements' bytes, and has 256 elements.
     let meshopt = if count(b"meshopt_compression") > 0 { 1024 * bytes.len() } else { 0 };
     // An image of one colour, at any size: 2048 x 2048 texels, or 32768 for each byte, as decoded and as converted.
-    let images = if count(b"WEBP") + count(b"KTX 20") > 0 { (8 << 22).max(8 * bytes.len() << 15) } else { 0 };
+    let images = if count(b"WEBP") + count(b"KTX 20") > 0 { (8 << 22).max(bytes.len() << 18) } else { 0 };
     // 256 vertices for each byte, with 512 bytes of attributes.
     let draco = if count(b"DRACO") > 0 { bytes.len() << 17 } else { 0 };
     meshopt + images + draco

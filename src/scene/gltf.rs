@@ -128,7 +128,7 @@ fn materials(
             match image {
                 Ok(image) => images.push(image),
                 Err(error) if options.lenient => encoded[shown.image].leave_out(&error, notes),
-                Err(error) => return Err(error),
+                Err(error) => return Err(Encoded::with_remedy(error)),
             }
         }
         if images.len() == materials.images.len() {

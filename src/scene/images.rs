@@ -150,6 +150,17 @@ impl Encoded<'_> {
         matches!(self.content, Content::Broken)
     }
 
+    /// Adds to the error of an image what the user can do.
+    pub fn with_remedy(error: Error) -> Error {
+        match error {
+            Error::Input { file, location, problem } => {
+                let problem = format!("{problem}; `lenient` import leaves the image out");
+                Error::Input { file, location, problem }
+            }
+            other => other,
+        }
+    }
+
     /// Does without the image from now on, because of `error`.
     pub fn leave_out(&mut self, error: &Error, notes: &mut Notes) {
         let problem = match error {
@@ -197,7 +208,7 @@ pub(super) fn read_images<'a>(
                 images[i].leave_out(&error, notes);
                 continue;
             }
-            bytes => bytes?,
+            bytes => bytes.map_err(Encoded::with_remedy)?,
         };
         let first = *known.entry((bytes.as_ptr(), bytes.len())).or_insert(i);
         let content = if first < i {
@@ -218,7 +229,7 @@ pub(super) fn read_images<'a>(
         let (content, error) = match content {
             Ok(content) => (content, None),
             Err(error) if lenient => (Content::Broken, Some(error)),
-            Err(error) => return Err(error),
+            Err(error) => return Err(Encoded::with_remedy(error)),
         };
         images.push(Encoded { json, name, bytes, content, first });
         if let Some(error) = error {

@@ -303,7 +303,7 @@ fn webp_has_the_texels_of_its_twin() {
     assert!(error.contains("/images/1") && error.contains("16383 x 16383"), "{error}");
 }
 
-/// A lenient import renders without an image that is missing, of unknown format, damaged in its header or in its texels.
+/// A lenient import does without an image that is missing, of unknown format, damaged in its header or in its texels.
 #[test]
 fn lenient_imports_leave_out_images() {
     let good = png(2, 2, &[[1, 2, 3, 4]; 4]);
@@ -401,7 +401,7 @@ fn exact_draco_has_the_bits_of_its_twin() {
     assert!(!exact.notes.iter().any(|note| note.contains("draco")), "{:?}", exact.notes);
 }
 
-/// Draco with 14 bits of position, 10 of normals in the octahedron and 12 of texture coordinates, in an order of its own.
+/// Draco with 14 bits of position, 10 of normals in the octahedron and 12 of texture coordinates, in its own order.
 #[test]
 fn quantised_draco_is_near_its_twin() {
     for name in ["sheet-sequential.glb", "sheet-edgebreaker.glb"] {
