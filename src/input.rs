@@ -43,7 +43,7 @@ pub(crate) fn printable(text: &str) -> String {
     line
 }
 
-/// A PNG, JPEG or Radiance file whose header has been read and is plausible for the length of the file.
+/// A PNG, JPEG, WebP or Radiance file whose header has been read and is plausible for the length of the file.
 pub(crate) struct Picture<'a> {
     decoder: Box<dyn ImageDecoder + 'a>,
     /// Width and height, both at least 1.
@@ -69,6 +69,7 @@ impl<'a> Picture<'a> {
             ImageFormat::Jpeg => 8 * 64 * 2,
             // Deflate expands a byte to at most 1032.
             ImageFormat::Png => 1032 * 8 / png_texel_bits(bytes)?,
+            ImageFormat::WebP => webp_densest(bytes, [width, height])?,
             // Radiance's old run-length form has runs of 255 texels in four bytes. Repeated run markers could encode
             // more, but no known program writes them.
             _ => 64,
@@ -88,6 +89,34 @@ impl<'a> Picture<'a> {
     pub fn decode(self) -> std::result::Result<DynamicImage, String> {
         DynamicImage::from_decoder(self.decoder).map_err(|e| e.to_string())
     }
+}
+
+/// Texels that every WebP may have: 2048 x 2048. A lossless one of a single colour needs no bit for any of them.
+const WEBP_FREE: u64 = 1 << 22;
+/// Texels per byte beyond those. libwebp writes 16383 x 16383 texels of one colour as 10308 bytes: 26038 in each.
+const WEBP_DENSEST: u64 = 1 << 15;
+
+/// Maximum number of texels that one byte of the WebP can encode. Refuses animations, and images whose frame has not
+/// the `size` of the header: the `image` crate makes room for it before it compares them.
+fn webp_densest(bytes: &[u8], size: [u32; 2]) -> std::result::Result<u64, String> {
+    let mut rest = bytes.get(12..).unwrap_or(&[]);
+    while let Some((head, tail)) = rest.split_first_chunk::<8>() {
+        let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as usize;
+        let bits = |at: usize| tail.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        let frame = match &head[..4] {
+            b"ANMF" | b"ANIM" => return Err("is an animation, which a texture cannot be".into()),
+            // The size follows a tag of three bytes and a signature of three. Upper bits are scales for display.
+            b"VP8 " => bits(6).map(|bits| [bits & 0x3fff, bits >> 16 & 0x3fff]),
+            // After a signature of one byte.
+            b"VP8L" => bits(1).map(|bits| [bits & 0x3fff, bits >> 14 & 0x3fff].map(|less| less + 1)),
+            _ => Some(size),
+        };
+        if frame != Some(size) {
+            return Err("is damaged: header and frame differ in size".into());
+        }
+        rest = tail.get(length.saturating_add(length % 2)..).unwrap_or(&[]);
+    }
+    Ok(WEBP_DENSEST.max(WEBP_FREE / bytes.len() as u64))
 }
 
 /// Bits per texel as stored in the PNG. The `image` crate only reports the format after expansion.

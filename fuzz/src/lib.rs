@@ -71,13 +71,25 @@ pub fn import(bytes: &[u8], json: &[u8], path: &str) {
         |outcome| {
             // A JSON value takes 32 bytes of memory, and a member 32 more.
             let values = json.iter().filter(|byte| b",:[{".contains(byte)).count();
-            bytes.len() + 64 * values + outcome.as_ref().map_or(0, size)
+            bytes.len() + 64 * values + compressed(bytes) + outcome.as_ref().map_or(0, size)
         },
     );
     match outcome {
         Ok(scene) => check_scene(&scene),
         Err(error) => check(&error),
     }
+}
+
+/// Bytes that the compressed parts of a file can expand to, whether the import succeeds or finds a fault behind them.
+fn compressed(bytes: &[u8]) -> usize {
+    let count = |name: &[u8]| bytes.windows(name.len()).filter(|window| *window == name).count();
+    // A block of attributes takes one byte for each four of its elements' bytes, and has 256 elements.
+    let meshopt = if count(b"meshopt_compression") > 0 { 1024 * bytes.len() } else { 0 };
+    // An image of one colour, at any size: 2048 x 2048 texels, or 32768 for each byte, as decoded and as converted.
+    let images = if count(b"WEBP") + count(b"KTX 20") > 0 { (8 << 22).max(bytes.len() << 18) } else { 0 };
+    // 256 vertices for each byte, with 512 bytes of attributes.
+    let draco = if count(b"DRACO") > 0 { bytes.len() << 17 } else { 0 };
+    meshopt + images + draco
 }
 
 /// The size of a scene in bytes.

@@ -73,7 +73,8 @@ pub struct SceneOptions {
     #[arg(long, help_heading = "Scene")]
     default_light: bool,
 
-    /// Drop primitives with NaN or infinite numbers instead of refusing the file; set such texels of a panorama to 0
+    /// Drop primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of
+    /// refusing the file; set texels of a panorama that are not finite to 0
     #[arg(long, help_heading = "Scene")]
     lenient: bool,
 
@@ -96,6 +97,10 @@ pub struct SceneOptions {
     /// Begin the animation again after its last key
     #[arg(long = "loop", requires = "moment", help_heading = "Scene")]
     repeat: bool,
+
+    /// Variant of the materials (KHR_materials_variants) [default: none of them]
+    #[arg(long, value_name = "NAME", help_heading = "Scene")]
+    variant: Option<String>,
 
     /// Equirectangular panorama around the scene, .exr or .hdr, of linear Rec.709 radiance: its centre lies towards +X,
     /// the column a quarter of its width left of the centre towards -Z, as in Blender and the Khronos viewers
@@ -157,7 +162,8 @@ impl SceneOptions {
     /// The scene after so many seconds of its animation, without surroundings.
     pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
         let Self { default_light, lenient, repeat, .. } = *self;
-        let options = ImportOptions { default_light, lenient, repeat, time, animation: self.animation.clone() };
+        let (animation, variant) = (self.animation.clone(), self.variant.clone());
+        let options = ImportOptions { default_light, lenient, repeat, time, animation, variant };
         Scene::load(&self.scene, &options)
     }
 

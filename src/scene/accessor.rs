@@ -1,6 +1,7 @@
 //! Buffers, buffer views and accessors. All ranges are checked once, before any element is read.
 
 use std::cell::Cell;
+use std::collections::HashMap;
 
 use super::container::{Bytes, Resources};
 use super::json::Json;
@@ -32,7 +33,7 @@ pub(super) enum Component {
 }
 
 impl Component {
-    fn from_code(code: usize) -> Option<Self> {
+    pub fn from_code(code: usize) -> Option<Self> {
         Some(match code {
             5120 => Component::I8,
             5121 => Component::U8,
@@ -44,7 +45,7 @@ impl Component {
         })
     }
 
-    fn size(self) -> usize {
+    pub fn size(self) -> usize {
         match self {
             Component::I8 | Component::U8 => 1,
             Component::I16 | Component::U16 => 2,
@@ -199,6 +200,13 @@ pub(super) struct Buffer<'a> {
     bytes: Option<Bytes<'a>>,
 }
 
+impl Buffer<'_> {
+    /// Its data, if the file has any.
+    pub fn bytes(&self) -> Option<&[u8]> {
+        self.bytes.as_ref().map(|bytes| &bytes[..self.length])
+    }
+}
+
 /// Reads the buffers of a document.
 pub(super) fn read_buffers<'a>(
     root: &Json<'a>,
@@ -236,12 +244,13 @@ pub(super) struct Views<'a> {
 }
 
 impl<'a> Views<'a> {
-    /// Checks every buffer view.
-    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>]) -> Result<Self> {
+    /// Checks every buffer view. `decoded` has the bytes of those that are compressed.
+    pub fn read(root: &Json<'a>, buffers: &'a [Buffer<'a>], decoded: &'a [Option<Vec<u8>>]) -> Result<Self> {
         let views = root
             .list("bufferViews")?
             .iter()
-            .map(|view| {
+            .zip(decoded)
+            .map(|(view, decoded)| {
                 let Buffer { length: size, bytes } =
                     &buffers[view.require("buffer")?.index(buffers.len(), "buffer")?];
                 let offset = view.get("byteOffset")?.map_or(Ok(0), |offset| offset.whole())?;
@@ -254,7 +263,8 @@ impl<'a> Views<'a> {
                     n @ 4..=252 if n % 4 == 0 => Ok(n),
                     n => Err(stride.error(format!("{n} is not a multiple of 4 from 4 to 252"))),
                 });
-                Ok(View { bytes: bytes.as_ref().map(|bytes| &bytes[offset..end]), length, stride: stride.transpose()? })
+                let bytes = decoded.as_deref().or(bytes.as_ref().map(|bytes| &bytes[offset..end]));
+                Ok(View { bytes, length, stride: stride.transpose()? })
             })
             .collect::<Result<_>>()?;
         let stored = buffers.iter().filter_map(|buffer| buffer.bytes.as_ref().map(|bytes| bytes.len()));
@@ -290,12 +300,13 @@ impl<'a> Views<'a> {
         Ok(view.bytes.map(|bytes| Elements { bytes: &bytes[offset..], stride }))
     }
 
-    /// Checks every accessor.
-    pub fn accessors(&self, root: &Json<'a>) -> Result<Vec<Accessor<'a>>> {
-        root.list("accessors")?.into_iter().map(|json| self.accessor(json)).collect()
+    /// Checks every accessor. `decoded` has the elements of those, by their index, that a compressed mesh supplies.
+    pub fn accessors(&self, root: &Json<'a>, decoded: &'a HashMap<usize, Vec<u8>>) -> Result<Vec<Accessor<'a>>> {
+        let accessors = root.list("accessors")?.into_iter().enumerate();
+        accessors.map(|(i, json)| self.accessor(json, decoded.get(&i))).collect()
     }
 
-    fn accessor(&self, json: Json<'a>) -> Result<Accessor<'a>> {
+    fn accessor(&self, json: Json<'a>, decoded: Option<&'a Vec<u8>>) -> Result<Accessor<'a>> {
         let code = json.require("componentType")?;
         let component = code.whole().map(Component::from_code)?.ok_or_else(|| code.error("unknown component type"))?;
         let count = json.require("count")?;
@@ -325,7 +336,9 @@ impl<'a> Views<'a> {
         };
         accessor.width = width;
         const NO_DATA: &str = "its buffer has no data in this file";
-        if accessor.json.get("bufferView")?.is_some() {
+        if let Some(bytes) = decoded {
+            accessor.elements = Some(Elements { bytes, stride: size });
+        } else if accessor.json.get("bufferView")?.is_some() {
             accessor.elements = self.elements(&accessor.json, count, size, component)?;
             accessor.unreadable = accessor.elements.is_none().then_some(NO_DATA);
         } else if count > MIN_ZERO_FILLED_LIMIT.max(self.largest_buffer) {

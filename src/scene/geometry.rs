@@ -34,16 +34,19 @@ pub(super) struct PlacedMesh<'p, 'r, 'a> {
     pub joints: Option<Vec<DAffine3>>,
 }
 
-/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times.
+/// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times: the
+/// last member is the number of copies.
 pub(super) fn check_size<'p, 'r: 'p, 'a: 'r>(
-    placed: impl Iterator<Item = (&'p Node<'a>, &'p Mesh<'r, 'a>, &'p [f64])>,
+    placed: impl Iterator<Item = (&'p Node<'a>, &'p Mesh<'r, 'a>, &'p [f64], usize)>,
 ) -> Result<()> {
-    let (mut corners, mut vertices, mut displacements) = (0, 0, 0usize);
-    for (node, Mesh { primitives, .. }, weights) in placed {
-        corners += primitives.iter().map(|primitive| 3 * primitive.triangles.len()).sum::<usize>();
-        let own_vertices = primitives.iter().map(|primitive| primitive.positions.len()).sum::<usize>();
-        vertices += own_vertices;
-        displacements += weights.iter().filter(|weight| **weight != 0.0).count().saturating_mul(own_vertices);
+    let (mut corners, mut vertices, mut displacements) = (0usize, 0usize, 0usize);
+    for (node, Mesh { primitives, .. }, weights, copies) in placed {
+        let sum = |count: fn(&Primitive) -> usize| primitives.iter().map(count).sum::<usize>().saturating_mul(copies);
+        corners = corners.saturating_add(sum(|primitive| 3 * primitive.triangles.len()));
+        let own_vertices = sum(|primitive| primitive.positions.len());
+        vertices = vertices.saturating_add(own_vertices);
+        let moved = weights.iter().filter(|weight| **weight != 0.0).count().saturating_mul(own_vertices);
+        displacements = displacements.saturating_add(moved);
         if displacements > MAX_DISPLACEMENTS {
             let problem = format!("the scene has more than {MAX_DISPLACEMENTS} displacements by morph targets");
             return Err(node.json.error(problem));

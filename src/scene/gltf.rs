@@ -7,36 +7,51 @@ use std::path::Path;
 
 use glam::DAffine3;
 
+use super::accessor::Accessor;
 use super::camera::CameraKind;
 use super::container::Resources;
 use super::description::Scene;
 use super::geometry::{Geometry, PlacedMesh, PlacedMeshLight};
+use super::images::Encoded;
 use super::import_options::ImportOptions;
+use super::instancing::Instances;
 use super::json::{self, Json};
 use super::light::Punctual;
-use super::material::{LOBE_EXTENSIONS, Material};
+use super::material::{LOBE_EXTENSIONS, Material, Materials};
 use super::mesh::Mesh;
 use super::node::Node;
 use super::notes::Notes;
 use super::skin::Skin;
-use super::{accessor, animation, camera, container, geometry, images, light, material, mesh, node, procedural, skin};
+use super::texture::TextureImage;
+use super::variants::Variants;
+use super::{
+    accessor, animation, camera, container, draco, geometry, images, instancing, light, material, mesh, meshopt, node,
+    procedural, skin,
+};
 use crate::input::read_file;
 use crate::{Error, Result};
 
 /// Supported extensions, beside those of a material's lobes.
-const SUPPORTED: [&str; 8] = [
+const SUPPORTED: &[&str] = &[
     animation::POINTER_EXTENSION,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
+    draco::EXTENSION,
+    images::BASIS,
+    images::WEBP,
+    instancing::EXTENSION,
+    material::specular_glossiness::EXTENSION,
     procedural::EXTENSION,
 ];
 
 fn is_supported(extension: &str) -> bool {
-    SUPPORTED.contains(&extension) || LOBE_EXTENSIONS.contains(&extension)
+    SUPPORTED.contains(&extension) || LOBE_EXTENSIONS.contains(&extension) || meshopt::EXTENSIONS.contains(&extension)
 }
 
 impl Scene {
@@ -67,26 +82,26 @@ impl Scene {
         check_extensions(&root, &mut notes)?;
 
         let buffers = accessor::read_buffers(&root, bin, &mut resources)?;
-        let views = accessor::Views::read(&root, &buffers)?;
-        let accessors = views.accessors(&root)?;
+        let decoded = meshopt::decode(&root, &buffers)?;
+        let views = accessor::Views::read(&root, &buffers, &decoded)?;
+        let decoded = draco::decode(&root, &views)?;
+        let accessors = views.accessors(&root, &decoded)?;
         let posed = animation::pose(&root, &accessors, options, &mut notes)?;
         let root = posed.as_ref().map_or(root, |posed| Json::root(posed, path));
-        let encoded = images::read_images(&root, &views, &mut resources)?;
-        let materials = material::read(&root, &encoded, &mut notes)?;
+        let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
+        let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;
         let lights = light::read(&root, &mut notes)?;
-        let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, options)?;
-        let nodes = node::visible(&root, &mut notes)?;
+        let variants = Variants::read(&root, options.variant.as_deref(), &mut notes)?;
+        let (meshes, skipped) = mesh::read(&root, &accessors, &materials.materials, &variants, options)?;
+        let nodes = node::of_scene(&root, &mut notes)?;
         let skins = skin::read(&root, &accessors)?;
-        let references = check_nodes(&root, &nodes, &meshes, skins.len(), cameras.len(), lights.len())?;
+        let counts = Counts { skins: skins.len(), cameras: cameras.len(), lights: lights.len() };
+        let references = check_nodes(&root, &nodes, &meshes, &counts, &accessors)?;
         let document = Document { nodes, references, meshes, skins, cameras, lights };
 
-        let mut scene = Scene {
-            images: images::decode(&encoded, &materials.images)?,
-            textures: materials.textures,
-            materials: materials.materials,
-            ..Default::default()
-        };
+        let mut scene =
+            Scene { images, textures: materials.textures, materials: materials.materials, ..Default::default() };
         let mut geometry = document.geometry(&mut scene.materials)?;
         let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
@@ -106,12 +121,36 @@ impl Scene {
     }
 }
 
+/// The materials, and the images that they use. A lenient import leaves out the images that turn out to be damaged, and
+/// reads the materials again without them.
+fn materials(
+    root: &Json,
+    mut encoded: Vec<Encoded>,
+    options: &ImportOptions,
+    notes: &mut Notes,
+) -> Result<(Materials, Vec<TextureImage>)> {
+    loop {
+        let materials = material::read(root, &encoded, notes)?;
+        let mut images = Vec::with_capacity(materials.images.len());
+        for (shown, image) in materials.images.iter().zip(images::decode(&encoded, &materials.images)?) {
+            match image {
+                Ok(image) => images.push(image),
+                Err(error) if options.lenient => encoded[shown.image].leave_out(&error, notes),
+                Err(error) => return Err(Encoded::with_remedy(error)),
+            }
+        }
+        if images.len() == materials.images.len() {
+            return Ok((materials, images));
+        }
+    }
+}
+
 /// The checked parts of a document that nodes refer to.
 struct Document<'r, 'a> {
     /// The nodes of the rendered scene.
     nodes: Vec<Node<'a>>,
     /// The references of each of these nodes.
-    references: Vec<References>,
+    references: Vec<References<'r, 'a>>,
     meshes: Vec<Mesh<'r, 'a>>,
     skins: Vec<Skin<'r, 'a>>,
     cameras: Vec<CameraKind>,
@@ -126,12 +165,21 @@ impl<'r, 'a> Document<'r, 'a> {
             let nodes = self.nodes.iter().zip(&self.references).enumerate();
             nodes.filter_map(|(i, (node, of_node))| Some((i, node, of_node, &self.meshes[of_node.mesh?])))
         };
-        geometry::check_size(meshes().map(|(_, node, of_node, mesh)| (node, mesh, of_node.weights(mesh))))?;
+        let placed = meshes().map(|(_, node, of_node, mesh)| (node, mesh, of_node.weights(mesh), of_node.copies()));
+        geometry::check_size(placed)?;
         let mut geometry = Geometry::default();
-        for (i, node, of_node, mesh) in meshes() {
+        for (i, node, of_node, mesh) in meshes().filter(|(_, _, _, mesh)| !mesh.primitives.is_empty()) {
             let joints = of_node.skin.map(|skin| self.joints(skin, node, mesh)).transpose()?;
             let weights = of_node.weights(mesh);
-            geometry.add(i, &PlacedMesh { node, mesh, weights, joints }, materials)?;
+            match &of_node.instances {
+                None => geometry.add(i, &PlacedMesh { node, mesh, weights, joints }, materials)?,
+                // A skinned mesh is placed by its joints alone, so that its copies would be at the same place.
+                Some(instances) => instances.each(|local| {
+                    let copy = node.moved(local);
+                    let placed = PlacedMesh { node: &copy, mesh, weights, joints: joints.clone() };
+                    geometry.add(i, &placed, materials)
+                })?,
+            }
         }
         Ok(geometry)
     }
@@ -204,51 +252,69 @@ fn check_extensions(root: &Json, notes: &mut Notes) -> Result<()> {
     Ok(())
 }
 
+/// Numbers of things that nodes may refer to.
+struct Counts {
+    skins: usize,
+    cameras: usize,
+    lights: usize,
+}
+
 /// Indices of what a node refers to.
-struct References {
+struct References<'r, 'a> {
     mesh: Option<usize>,
     /// Its own weights of the mesh's morph targets.
     weights: Option<Vec<f64>>,
     skin: Option<usize>,
     camera: Option<usize>,
     light: Option<usize>,
+    /// The copies of the mesh.
+    instances: Option<Instances<'r, 'a>>,
 }
 
-impl References {
+impl References<'_, '_> {
     /// The weights of the mesh's morph targets at the node.
     fn weights<'p>(&'p self, mesh: &'p Mesh) -> &'p [f64] {
         self.weights.as_ref().unwrap_or(&mesh.weights)
     }
+
+    /// The number of times that the mesh is there.
+    fn copies(&self) -> usize {
+        self.instances.as_ref().map_or(1, |instances| instances.count)
+    }
 }
 
-/// Checks the references of every node of the file. Returns those of the `visible` nodes.
-fn check_nodes(
-    root: &Json,
-    visible: &[Node],
+/// Checks the references of every node of the file. Returns those of the nodes `of_scene`, as far as they are visible.
+fn check_nodes<'r, 'a>(
+    root: &Json<'a>,
+    of_scene: &[Node<'a>],
     meshes: &[Mesh],
-    skins: usize,
-    cameras: usize,
-    lights: usize,
-) -> Result<Vec<References>> {
-    let references = |node: &Json| -> Result<References> {
+    counts: &Counts,
+    accessors: &'r [Accessor<'a>],
+) -> Result<Vec<References<'r, 'a>>> {
+    let references = |node: &Json<'a>| -> Result<References<'r, 'a>> {
         let light = match node.extension("KHR_lights_punctual")? {
-            Some(extension) => Some(extension.require("light")?.index(lights, "light")?),
+            Some(extension) => Some(extension.require("light")?.index(counts.lights, "light")?),
             None => None,
         };
         let index = |key: &str, count: usize| node.get(key)?.map(|i| i.index(count, key)).transpose();
-        let (mesh, skin) = (index("mesh", meshes.len())?, index("skin", skins)?);
+        let (mesh, skin) = (index("mesh", meshes.len())?, index("skin", counts.skins)?);
         if mesh.is_none()
             && let Some(skin) = node.get("skin")?
         {
             return Err(skin.error("a node with a skin needs a mesh"));
         }
         let weights = mesh::weights(node, mesh.map_or(0, |mesh| meshes[mesh].weights.len()))?;
-        Ok(References { mesh, weights, skin, camera: index("camera", cameras)?, light })
+        let (camera, instances) = (index("camera", counts.cameras)?, Instances::read(node, accessors)?);
+        Ok(References { mesh, weights, skin, camera, light, instances })
     };
     for node in root.list("nodes")? {
         references(&node)?;
     }
-    visible.iter().map(|node| references(&node.json)).collect()
+    let shown = |node: &Node<'a>| match references(&node.json)? {
+        shown if node.visible => Ok(shown),
+        hidden => Ok(References { mesh: None, light: None, ..hidden }),
+    };
+    of_scene.iter().map(shown).collect()
 }
 
 /// Adds notes on content of the file that is not rendered.

@@ -8,45 +8,186 @@ use rayon::prelude::*;
 use super::accessor::Views;
 use super::container::{Bytes, Resources};
 use super::json::Json;
+use super::ktx2::{self, Ktx2};
+use super::notes::Notes;
 use super::texture::{Filter, TextureImage, Wrap};
-use crate::Result;
 use crate::input::{MAX_FILE_BYTES, Picture, printable};
+use crate::{Error, Result};
 
 /// Maximum side of an image in texels, the common texture limit of graphics devices.
 const MAX_SIDE: u32 = 16384;
 /// Maximum number of texels of all images together: 1 GiB of RGBA8.
 const MAX_TEXELS: u64 = 1 << 28;
 
+/// A format that can be decoded.
+#[derive(Clone, Copy, PartialEq)]
+enum Format {
+    Picture(ImageFormat),
+    Ktx2,
+}
+
+impl Format {
+    const PNG: Format = Format::Picture(ImageFormat::Png);
+    const JPEG: Format = Format::Picture(ImageFormat::Jpeg);
+    const WEBP: Format = Format::Picture(ImageFormat::WebP);
+
+    /// The format that the first bytes are those of.
+    fn of(bytes: &[u8]) -> Option<Format> {
+        if bytes.starts_with(ktx2::MAGIC) {
+            return Some(Format::Ktx2);
+        }
+        let format = image::guess_format(bytes).ok().map(Format::Picture);
+        format.filter(|format| [Format::PNG, Format::JPEG, Format::WEBP].contains(format))
+    }
+
+    /// The size that the header says, if it is plausible.
+    fn size(self, bytes: &[u8]) -> std::result::Result<[u32; 2], String> {
+        match self {
+            Format::Picture(format) => Ok(Picture::open(bytes, format)?.size),
+            Format::Ktx2 => Ok(Ktx2::open(bytes)?.size),
+        }
+    }
+
+    fn decode(self, bytes: &[u8]) -> std::result::Result<Vec<[u8; 4]>, String> {
+        match self {
+            Format::Picture(format) => {
+                let image = Picture::open(bytes, format)?.decode()?;
+                Ok(image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec())
+            }
+            Format::Ktx2 => Ktx2::open(bytes)?.decode(),
+        }
+    }
+}
+
+/// What the bytes of an image are.
+#[derive(Clone, Copy)]
+enum Content {
+    /// A format that can be decoded, and the size.
+    Known(Format, [u32; 2]),
+    /// Another format, which is legal if only an extension uses it.
+    Unknown,
+    /// Missing or damaged, which a lenient import accepts.
+    Broken,
+}
+
 /// An image of the file, checked but not yet decoded.
 pub(super) struct Encoded<'a> {
     json: Json<'a>,
     name: String,
     bytes: Bytes<'a>,
-    /// None if it is neither PNG nor JPEG, which is legal if only an extension uses it.
-    format: Option<(ImageFormat, [u32; 2])>,
+    content: Content,
     /// Index of the first image with the same bytes, possibly its own.
     pub first: usize,
 }
 
-impl Encoded<'_> {
-    /// Whether the format can be decoded.
-    pub fn is_known(&self) -> bool {
-        self.format.is_some()
+/// What textures show of an image.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Form {
+    /// The texels as they are stored.
+    Stored,
+    /// Roughness in G, from a glossiness in A with a factor, whose bits these are.
+    Roughness(u32),
+}
+
+impl Form {
+    /// The roughness that belongs to a glossiness with `factor`.
+    pub fn roughness(factor: f32) -> Form {
+        Form::Roughness(factor.to_bits())
     }
 
-    fn decode(&self) -> Result<TextureImage> {
-        let (format, [width, height]) = self.format.ok_or_else(|| self.json.error("neither PNG nor JPEG"))?;
-        let image = Picture::open(&self.bytes, format).and_then(Picture::decode).map_err(|e| self.json.error(e))?;
-        let texels = image.into_rgba8().as_raw().as_chunks::<4>().0.to_vec();
+    fn apply(self, texels: &mut [[u8; 4]]) {
+        let Form::Roughness(bits) = self else { return };
+        let factor = f32::from_bits(bits);
+        for texel in texels {
+            *texel = [255, 255 - (f32::from(texel[3]) * factor).round() as u8, 255, 255];
+        }
+    }
+}
+
+/// An image as textures show it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Use {
+    /// Index of the image in the file.
+    pub image: usize,
+    /// What is shown of it.
+    pub form: Form,
+}
+
+/// Where a texture may name its image, in the order of increasing preference, and what the image must be then.
+const SOURCES: [(Option<&str>, &[Format], &str); 3] = [
+    (None, &[Format::PNG, Format::JPEG], "neither PNG nor JPEG"),
+    (Some(BASIS), &[Format::Ktx2], "not KTX2"),
+    (Some(WEBP), &[Format::WEBP], "not WebP"),
+];
+
+/// The extension for images that are KTX2.
+pub(super) const BASIS: &str = "KHR_texture_basisu";
+
+/// The extension for images that are WebP.
+pub(super) const WEBP: &str = "EXT_texture_webp";
+
+/// The image that a texture shows, if it has any: that of an extension if there is one, as those are the better form of
+/// the same image.
+pub(super) fn source(texture: &Json, images: &[Encoded]) -> Result<Option<usize>> {
+    let mut shown = None;
+    for (extension, formats, problem) in SOURCES {
+        let owner = extension.map_or(Ok(Some(texture.clone())), |name| texture.extension(name))?;
+        let Some(source) = owner.map_or(Ok(None), |owner| owner.get("source"))? else { continue };
+        let image = source.index(images.len(), "image")?;
+        match images[image].content {
+            Content::Known(format, _) if formats.contains(&format) => {}
+            Content::Broken => {}
+            _ => return Err(source.error(format!("image {image} is {problem}"))),
+        }
+        shown = Some(image);
+    }
+    Ok(shown)
+}
+
+impl Encoded<'_> {
+    /// Whether a lenient import does without it.
+    pub fn is_broken(&self) -> bool {
+        matches!(self.content, Content::Broken)
+    }
+
+    /// Adds to the error of an image what the user can do.
+    pub fn with_remedy(error: Error) -> Error {
+        match error {
+            Error::Input { file, location, problem } => {
+                let problem = format!("{problem}; `lenient` import leaves the image out");
+                Error::Input { file, location, problem }
+            }
+            other => other,
+        }
+    }
+
+    /// Does without the image from now on, because of `error`.
+    pub fn leave_out(&mut self, error: &Error, notes: &mut Notes) {
+        let problem = match error {
+            Error::Input { problem, .. } => problem.clone(),
+            other => other.to_string(),
+        };
+        notes.push(format!("image `{}` is left out, and so are the textures that show it: {problem}", self.name));
+        self.content = Content::Broken;
+    }
+
+    fn decode(&self, form: Form) -> Result<TextureImage> {
+        let Content::Known(format, [width, height]) = self.content else {
+            return Err(self.json.error("cannot be decoded"));
+        };
+        let mut texels = format.decode(&self.bytes).map_err(|e| self.json.error(e))?;
+        form.apply(&mut texels);
         Ok(TextureImage { name: self.name.clone(), width, height, texels })
     }
 }
 
-/// Resolves every image and reads its header.
+/// Resolves every image and reads its header. A lenient import leaves out those that are missing or damaged.
 pub(super) fn read_images<'a>(
     root: &Json<'a>,
     views: &Views<'a>,
     resources: &mut Resources,
+    lenient: bool,
+    notes: &mut Notes,
 ) -> Result<Vec<Encoded<'a>>> {
     let mut images: Vec<Encoded<'a>> = Vec::new();
     let mut known = HashMap::new();
@@ -54,15 +195,24 @@ pub(super) fn read_images<'a>(
     for (i, json) in root.list("images")?.into_iter().enumerate() {
         let uri = json.get("uri")?;
         let bytes = match (&uri, json.get("bufferView")?) {
-            (Some(uri), None) => resources.resolve(uri)?,
-            (None, Some(view)) => Bytes::Borrowed(views.bytes(&view)?),
+            (Some(uri), None) => resources.resolve(uri),
+            (None, Some(view)) => views.bytes(&view).map(Bytes::Borrowed),
             _ => return Err(json.error("needs either a uri or a buffer view")),
         };
         let file_name = uri.map(|uri| uri.string()).transpose()?.filter(|uri| !uri.starts_with("data:"));
         let name = json.name()?.or(file_name.map(printable)).unwrap_or_else(|| format!("image {i}"));
+        let bytes = match bytes {
+            Err(error) if lenient => {
+                let nothing = Bytes::Borrowed(&[]);
+                images.push(Encoded { json, name, bytes: nothing, content: Content::Broken, first: i });
+                images[i].leave_out(&error, notes);
+                continue;
+            }
+            bytes => bytes.map_err(Encoded::with_remedy)?,
+        };
         let first = *known.entry((bytes.as_ptr(), bytes.len())).or_insert(i);
-        let format = if first < i {
-            images[first].format
+        let content = if first < i {
+            Ok(images[first].content)
         } else {
             total += bytes.len() as u64;
             if total > MAX_FILE_BYTES {
@@ -70,23 +220,30 @@ pub(super) fn read_images<'a>(
                     json.error(format!("the images have more than {MAX_FILE_BYTES} bytes in total, or overlap"))
                 );
             }
-            match image::guess_format(&bytes) {
-                Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => {
-                    Some((format, Picture::open(&bytes, format).map_err(|e| json.error(e))?.size))
-                }
-                _ => None,
+            match Format::of(&bytes) {
+                Some(format) => format.size(&bytes).map(|size| Content::Known(format, size)).map_err(|e| json.error(e)),
+                None if lenient => Err(json.error("neither PNG nor JPEG nor WebP nor KTX2")),
+                None => Ok(Content::Unknown),
             }
         };
-        images.push(Encoded { json, name, bytes, format, first });
+        let (content, error) = match content {
+            Ok(content) => (content, None),
+            Err(error) if lenient => (Content::Broken, Some(error)),
+            Err(error) => return Err(Encoded::with_remedy(error)),
+        };
+        images.push(Encoded { json, name, bytes, content, first });
+        if let Some(error) = error {
+            images[i].leave_out(&error, notes);
+        }
     }
     Ok(images)
 }
 
-/// Decodes the images with the indices `used` in parallel.
-pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureImage>> {
+/// Decodes the images that are `used` in parallel. The inner errors are those of single images.
+pub(super) fn decode(images: &[Encoded], used: &[Use]) -> Result<Vec<Result<TextureImage>>> {
     let mut total = 0;
-    for image in used.iter().map(|&i| &images[i]) {
-        let [width, height] = image.format.map_or([0, 0], |(_, size)| size);
+    for image in used.iter().map(|shown| &images[shown.image]) {
+        let Content::Known(_, [width, height]) = image.content else { continue };
         total += u64::from(width) * u64::from(height);
         if width.max(height) > MAX_SIDE || total > MAX_TEXELS {
             return Err(image.json.error(format!(
@@ -94,7 +251,7 @@ pub(super) fn decode(images: &[Encoded], used: &[usize]) -> Result<Vec<TextureIm
             )));
         }
     }
-    used.par_iter().map(|&i| images[i].decode()).collect()
+    Ok(used.par_iter().map(|shown| images[shown.image].decode(shown.form)).collect())
 }
 
 /// Wrap modes and filter of a sampler. The default is to repeat with a linear filter.

@@ -15,7 +15,8 @@
 pub struct ImportOptions {
     /// Add a soft area light above the scene if the file has no light.
     pub default_light: bool,
-    /// Skip primitives with NaN or infinite numbers instead of refusing the file.
+    /// Skip primitives with NaN or infinite numbers, and textures whose image is missing or damaged, instead of
+    /// refusing the file. Each leaves a note. A surface without its emissive texture does not emit.
     pub lenient: bool,
     /// The animation that [`time`](Self::time) is of, by name or index. None: the first of the file.
     pub animation: Option<String>,
@@ -24,4 +25,6 @@ pub struct ImportOptions {
     pub time: Option<f64>,
     /// The animation begins again after its last key.
     pub repeat: bool,
+    /// Name of the variant of materials (KHR_materials_variants) to render. None: the materials of no variant.
+    pub variant: Option<String>,
 }

@@ -105,6 +105,12 @@ impl<'a> Json<'a> {
         Ok(self.get(key)?.map_or(0, |list| list.len()))
     }
 
+    /// The members of an object, by their keys.
+    pub fn members(&self) -> Result<Vec<(&'a str, Self)>> {
+        let members = self.value.as_object().ok_or_else(|| self.mismatch("an object"))?;
+        members.keys().map(|key| Ok((key.as_str(), self.require(key)?))).collect()
+    }
+
     /// The number of elements or members of an array or object, 0 for other values.
     pub fn len(&self) -> usize {
         self.value.as_array().map(Vec::len).or_else(|| self.value.as_object().map(|m| m.len())).unwrap_or(0)

@@ -2,12 +2,13 @@
 
 mod lobe;
 pub mod lobes;
+pub(super) mod specular_glossiness;
 
 use std::collections::HashMap;
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
 
-use super::images::{self, Encoded};
+use super::images::{self, Encoded, Form, Use};
 use super::json::Json;
 use super::notes::Notes;
 use super::texture::{ColourSpace, Texture, TextureInfo};
@@ -15,6 +16,7 @@ use crate::Result;
 
 use lobe::{Layout, Lobe, ReadTexture, Surroundings};
 use lobes::*;
+use specular_glossiness::{Converted, INFINITE_IOR};
 
 /// How the alpha of the base colour is used (glTF 3.9.4).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -308,7 +310,7 @@ pub(super) struct Materials {
     /// Textures in the order of their first use; [`Texture::image`] indexes [`Materials::images`].
     pub textures: Vec<Texture>,
     /// Images of the file, in the order of their first use.
-    pub images: Vec<usize>,
+    pub images: Vec<Use>,
 }
 
 struct Reader<'r, 'a> {
@@ -317,7 +319,9 @@ struct Reader<'r, 'a> {
     images: &'r [Encoded<'a>],
     known: HashMap<Texture, u32>,
     /// Index into [`Materials::images`] of an image of the file.
-    placed: HashMap<usize, u32>,
+    placed: HashMap<Use, u32>,
+    /// Number of textures that are left out because a lenient import lacks their image.
+    left_out: usize,
     out: Materials,
     notes: &'r mut Notes,
 }
@@ -330,16 +334,12 @@ pub(super) fn read<'a>(root: &Json<'a>, images: &[Encoded<'a>], notes: &mut Note
     }
     for texture in &textures {
         texture.get("sampler")?.map_or(Ok(0), |sampler| sampler.index(samplers.len(), "sampler"))?;
-        if let Some(source) = texture.get("source")? {
-            let image = source.index(images.len(), "image")?;
-            if !images[image].is_known() {
-                return Err(source.error(format!("image {image} is neither PNG nor JPEG")));
-            }
-        }
+        images::source(texture, images)?;
     }
     let out = Materials { materials: Vec::new(), textures: Vec::new(), images: Vec::new() };
     let (known, placed) = Default::default();
-    let mut reader = Reader { textures: &textures, samplers: &samplers, images, known, placed, out, notes };
+    let mut reader =
+        Reader { textures: &textures, samplers: &samplers, images, known, placed, left_out: 0, out, notes };
     for (i, material) in root.list("materials")?.iter().enumerate() {
         let material = reader.material(i, material)?;
         reader.out.materials.push(material);
@@ -364,8 +364,13 @@ impl Reader<'_, '_> {
             m.normal_scale = normal.number_in("scale", 1.0, ..)?;
         }
         m.occlusion_texture = self.texture(json, "occlusionTexture", Linear)?;
+        let left_out = self.left_out;
         m.emissive_texture = self.texture(json, "emissiveTexture", Srgb)?;
         m.emissive = json.numbers_in::<3>("emissiveFactor", 0.0, 0.0..)?.into();
+        if self.left_out > left_out {
+            // Without its texture, all of the surface would be a lamp.
+            m.emissive = Vec3::ZERO;
+        }
         if let Some(emission) = json.extension("KHR_materials_emissive_strength")? {
             m.emissive *= emission.number_in("emissiveStrength", 1.0, 0.0..)?;
             if !m.emissive.is_finite() {
@@ -380,6 +385,13 @@ impl Reader<'_, '_> {
             }
         }
         m.read_lobes(json, self)?;
+        if let Some(converted) = specular_glossiness::read(json, self)? {
+            let Converted { base_colour, base_colour_texture, roughness, roughness_texture, specular } = converted;
+            let metallic_roughness_texture = roughness_texture;
+            let (metallic, ior) = (0.0, INFINITE_IOR);
+            m = Material { base_colour, base_colour_texture, metallic, roughness, ior, specular, ..m };
+            m = Material { metallic_roughness_texture, ..m };
+        }
         let cutoff = json.number_in("alphaCutoff", 0.5, 0.0..)?;
         m.alpha = match json.get("alphaMode")?.map(|mode| mode.string()).transpose()? {
             Some("MASK") => AlphaMode::Mask { cutoff },
@@ -396,7 +408,13 @@ impl Reader<'_, '_> {
 }
 
 impl ReadTexture for Reader<'_, '_> {
-    fn texture(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>> {
+    fn texture_of_form(
+        &mut self,
+        owner: &Json,
+        key: &str,
+        space: ColourSpace,
+        form: Form,
+    ) -> Result<Option<TextureInfo>> {
         let Some(json) = owner.get(key)? else { return Ok(None) };
         let index = json.require("index")?.index(self.textures.len(), "texture")?;
         let texture = &self.textures[index];
@@ -419,15 +437,20 @@ impl ReadTexture for Reader<'_, '_> {
             ));
             return Ok(None);
         }
-        let Some(source) = texture.get("source")? else {
+        let Some(image) = images::source(texture, self.images)? else {
             self.notes.push(format!("texture {index} has no image that can be shown"));
             return Ok(None);
         };
-        let image = self.images[source.index(self.images.len(), "image")?].first;
+        let image = self.images[image].first;
+        if self.images[image].is_broken() {
+            self.left_out += 1;
+            return Ok(None);
+        }
         let sampler = texture.get("sampler")?.map(|s| s.index(self.samplers.len(), "sampler")).transpose()?;
         let (wrap, filter) = images::sampler(sampler.map(|i| &self.samplers[i]))?;
-        let image = *self.placed.entry(image).or_insert_with(|| {
-            self.out.images.push(image);
+        let shown = Use { image, form };
+        let image = *self.placed.entry(shown).or_insert_with(|| {
+            self.out.images.push(shown);
             self.out.images.len() as u32 - 1
         });
         let texture = Texture { image, wrap, filter, space };

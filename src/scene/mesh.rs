@@ -9,6 +9,7 @@ use super::limits::{MAX_CORNERS, MAX_DISPLACEMENTS, MAX_VERTICES};
 use super::material::Material;
 use super::morph::{self, Morph};
 use super::skin::{self, Influences};
+use super::variants::Variants;
 use crate::Result;
 
 /// A mesh.
@@ -54,11 +55,12 @@ pub(super) fn read<'r, 'a>(
     root: &Json<'a>,
     accessors: &'r [Accessor<'a>],
     materials: &[Material],
+    variants: &Variants,
     options: &ImportOptions,
 ) -> Result<(Vec<Mesh<'r, 'a>>, Skipped)> {
     let (corners, vertices, displacements, skipped) = Default::default();
-    let mut reader =
-        Reader { accessors, materials, lenient: options.lenient, corners, vertices, displacements, skipped };
+    let lenient = options.lenient;
+    let mut reader = Reader { accessors, materials, variants, lenient, corners, vertices, displacements, skipped };
     let mut meshes = Vec::new();
     for mesh in root.list("meshes")? {
         let list = mesh.require("primitives")?;
@@ -94,6 +96,7 @@ pub(super) fn weights(json: &Json, count: usize) -> Result<Option<Vec<f64>>> {
 struct Reader<'m, 'r, 'a> {
     accessors: &'r [Accessor<'a>],
     materials: &'m [Material],
+    variants: &'m Variants,
     lenient: bool,
     /// Number of corners read so far. Accessors may be shared, so the size of the file does not bound it.
     corners: usize,
@@ -109,6 +112,7 @@ impl<'r, 'a> Reader<'_, 'r, 'a> {
         let attributes = json.require("attributes")?;
         let mode = json.get("mode")?.map_or(Ok(4), |mode| mode.index(7, "mode"))?;
         let material = json.get("material")?.map(|m| m.index(self.materials.len(), "material")).transpose()?;
+        let material = self.variants.material(json, self.materials.len())?.or(material);
         let Some(position) = attributes.get("POSITION")? else {
             self.skipped.without_positions += 1;
             return Ok(None);

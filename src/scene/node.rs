@@ -18,10 +18,19 @@ pub(super) struct Node<'a> {
     pub json: Json<'a>,
     /// Transform from the node's space to world space. It is finite.
     pub world: DAffine3,
+    /// Neither it nor a node above it is hidden by KHR_node_visibility. Only its camera is there if one is.
+    pub visible: bool,
+}
+
+impl Node<'_> {
+    /// The node with another transform between it and its mesh.
+    pub fn moved(&self, local: DAffine3) -> Self {
+        Node { json: self.json.clone(), world: self.world * local, ..*self }
+    }
 }
 
 /// The nodes of the rendered scene in the order of the file. Adds a note if the file has other scenes.
-pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node<'a>>> {
+pub(super) fn of_scene<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node<'a>>> {
     let nodes = root.list("nodes")?;
     let mut children = vec![Vec::new(); nodes.len()];
     let mut parent = vec![None; nodes.len()];
@@ -37,21 +46,30 @@ pub(super) fn visible<'a>(root: &Json<'a>, notes: &mut Notes) -> Result<Vec<Node
     refuse_loops(&nodes, &parent, &children)?;
 
     let local = nodes.iter().map(local_matrix).collect::<Result<Vec<_>>>()?;
-    let mut world: Vec<Option<DAffine3>> = vec![None; nodes.len()];
-    let mut open: Vec<(usize, DAffine3)> = Vec::new();
+    let shown = nodes.iter().map(is_shown).collect::<Result<Vec<_>>>()?;
+    let mut placed: Vec<Option<(DAffine3, bool)>> = vec![None; nodes.len()];
+    let mut open: Vec<(usize, DAffine3, bool)> = Vec::new();
     for i in scene_roots(root, &parent, &children, &local, notes)? {
-        open.push((i, DAffine3::IDENTITY));
+        open.push((i, DAffine3::IDENTITY, true));
     }
-    while let Some((i, above)) = open.pop() {
-        let matrix = above * local[i];
+    while let Some((i, above, visible)) = open.pop() {
+        let (matrix, visible) = (above * local[i], visible && shown[i]);
         if !matrix.is_finite() {
             return Err(nodes[i].error("its world matrix is not finite"));
         }
-        world[i] = Some(matrix);
-        open.extend(children[i].iter().map(|&child| (child, matrix)));
+        placed[i] = Some((matrix, visible));
+        open.extend(children[i].iter().map(|&child| (child, matrix, visible)));
     }
-    let placed = nodes.into_iter().zip(world).enumerate();
-    Ok(placed.filter_map(|(index, (json, world))| Some(Node { index, json, world: world? })).collect())
+    let node = |(index, (json, placed)): (usize, (_, Option<_>))| {
+        placed.map(|(world, visible)| Node { index, json, world, visible })
+    };
+    Ok(nodes.into_iter().zip(placed).enumerate().filter_map(node).collect())
+}
+
+/// Whether the node itself is not hidden.
+fn is_shown(node: &Json) -> Result<bool> {
+    let Some(visibility) = node.extension("KHR_node_visibility")? else { return Ok(true) };
+    visibility.get("visible")?.map_or(Ok(true), |visible| visible.boolean())
 }
 
 /// Refuses loops. Every node has at most one parent, so a node that no root reaches belongs to a loop or descends from

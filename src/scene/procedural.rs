@@ -35,7 +35,7 @@ pub(super) fn read<'a>(
     let builder = Builder::default();
     let mut reader = Reader { resources, scene, notes, builder, own_materials, default_material: None };
     let mut placed: Vec<Placed> = Vec::new();
-    for (index, node) in nodes.iter().enumerate() {
+    for (index, node) in nodes.iter().enumerate().filter(|(_, node)| node.visible) {
         let Some(json) = node.json.extension(EXTENSION)? else { continue };
         if placed.len() == MAX_OBJECTS {
             return Err(json.error(format!("the scene has more than {MAX_OBJECTS} procedural objects")));

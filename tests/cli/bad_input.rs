@@ -66,6 +66,36 @@ fn errors_of_scenes_say_where_the_fault_is() {
     assert_refused(folder, &range, &["/nodes/0/mesh"]);
 }
 
+/// A file without its image is refused, with the way out; a lenient import renders it. A variant must exist.
+#[test]
+fn images_that_are_missing_and_variants_that_do_not_exist() {
+    let folder = folder();
+    let uvs = r#""bufferViews": [{"buffer": 0, "byteLength": 36}], "accessors": [
+        {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3},
+        {"componentType": 5126, "type": "VEC2", "count": 3}],"#;
+    // Corners at 0 0 0, 1 0 0 and 0 1 0.
+    let buffer = "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let scene = scene(
+        folder.path(),
+        "image.gltf",
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"byteLength": 36, "uri": "{buffer}"}}], {uvs}
+            "extensions": {{"KHR_materials_variants": {{"variants": [{{"name": "red"}}, {{"name": "blue"}}]}}}},
+            "images": [{{"uri": "not there.png"}}], "textures": [{{"source": 0}}],
+            "materials": [{{"pbrMetallicRoughness": {{"baseColorTexture": {{"index": 0}}}}}}],
+            "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0, "TEXCOORD_0": 1}}, "material": 0}}]}}],
+            "nodes": [{{"mesh": 0}}]}}"#
+        ),
+    );
+    assert_refused(folder.path(), &scene, &["/images/0/uri", "not there.png", "--lenient"]);
+    let lenient = run("plan --lenient", &[&scene]);
+    let text = &lenient.assert_done().stdout;
+    assert!(text.contains("image `not there.png` is left out") && text.contains("there is: red, blue"), "{text}");
+    let text = run("plan --lenient --variant blue", &[&scene]);
+    assert!(!text.assert_done().stdout.contains("variant"), "{text:?}");
+    run("plan --lenient --variant pink", &[&scene]).assert_refused(2, &["'pink'", "red, blue"]);
+}
+
 #[test]
 fn outputs_that_cannot_be_written() {
     let folder = folder();

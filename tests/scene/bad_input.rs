@@ -151,7 +151,7 @@ fn structure() {
     };
     assert_eq!(refused(&no_uv), "/meshes/0/primitives/0/material");
     // Extensions.
-    let required = json!(["KHR_draco_mesh_compression"]);
+    let required = json!(["KHR_gaussian_splatting"]);
     assert_eq!(refused(&|f| f.json["extensionsRequired"] = required.clone()), "/extensionsRequired/0");
 }
 

@@ -87,7 +87,7 @@ impl File {
     pub fn glb(&self) -> Vec<u8> {
         let mut json = self.json.clone();
         let mut bin = self.bin.clone();
-        if !bin.is_empty() {
+        if !bin.is_empty() && json["buffers"].is_null() {
             json["buffers"] = json!([{ "byteLength": bin.len() }]);
         }
         let mut text = json.to_string().into_bytes();

@@ -278,3 +278,58 @@ fn images_from_files_and_data_uris() {
     assert_eq!(image("x/../a%20folder/red.png"), [[255, 0, 0, 255]]);
     assert_eq!(image("blue"), [[0, 0, 255, 255]]);
 }
+
+/// Specular and glossiness become a dielectric of infinite index; their texture becomes two.
+#[test]
+fn specular_and_glossiness() {
+    const NAME: &str = "KHR_materials_pbrSpecularGlossiness";
+    let of = |json: Value, images: usize| {
+        let base = json!({ "baseColorFactor": [1, 0, 0, 1], "roughnessFactor": 0.1 });
+        with_material(json!({ "pbrMetallicRoughness": base, "extensions": { NAME: json } }), images)
+    };
+    let plain = of(
+        json!({
+            "diffuseFactor": [0.5, 0.25, 1, 0.75], "specularFactor": [0.5, 0.25, 0.125], "glossinessFactor": 0.75,
+        }),
+        0,
+    );
+    let scene = plain.load();
+    let m = &scene.materials[0];
+    assert_eq!(m.base_colour, Vec4::new(0.25, 0.125, 0.5, 0.75));
+    assert_eq!((m.metallic, m.roughness, m.ior), (0.0, 0.25, 0.0));
+    assert_eq!((m.specular.factor, m.specular.colour), (1.0, Vec3::new(0.5, 0.25, 0.125)));
+    assert!(m.texture_infos().next().is_none());
+    assert!(!scene.notes.iter().any(|note| note.contains("Glossiness")), "{:?}", scene.notes);
+    // The defaults: a smooth white mirror.
+    let m = of(json!({}), 0).load().materials.swap_remove(0);
+    assert_eq!((m.base_colour, m.roughness, m.specular.colour), (Vec4::new(0.0, 0.0, 0.0, 1.0), 0.0, Vec3::ONE));
+
+    let textured = json!({
+        "diffuseTexture": { "index": 0 }, "specularGlossinessTexture": { "index": 1, "texCoord": 1 },
+        "glossinessFactor": 0.5,
+    });
+    let mut file = of(textured, 2);
+    let view = file.view(&png(2, 1, &[[10, 20, 30, 255], [40, 50, 60, 100]]));
+    file.json["images"][1]["bufferView"] = json!(view);
+    let scene = file.load();
+    let m = &scene.materials[0];
+    let image = |info: Option<penumbra::internal::scene::TextureInfo>| {
+        let texture = &scene.textures[info.unwrap().texture as usize];
+        (texture.space, info.unwrap().uv_set, &scene.images[texture.image as usize].texels)
+    };
+    assert_eq!((m.base_colour, m.metallic, m.roughness), (Vec4::ONE, 0.0, 1.0));
+    assert_eq!(image(m.base_colour_texture), (ColourSpace::Srgb, 0, &vec![[0, 0, 0, 255]]));
+    let stored = vec![[10, 20, 30, 255], [40, 50, 60, 100]];
+    assert_eq!(image(m.specular.colour_texture), (ColourSpace::Srgb, 1, &stored));
+    let (space, set, texels) = image(m.metallic_roughness_texture);
+    // 255 - 127.5 and 255 - 50, rounded.
+    assert_eq!((space, set, texels[0][1], texels[1][1]), (ColourSpace::Linear, 1, 127, 205));
+    assert_eq!(scene.images.len(), 3);
+
+    for (key, bad) in
+        [("diffuseFactor", json!([2, 0, 0, 1])), ("glossinessFactor", json!(-1)), ("specularFactor", json!([1, 1]))]
+    {
+        let error = of(json!({ key: bad }), 0).load_with(&Default::default()).unwrap_err().to_string();
+        assert!(error.contains(&format!("/materials/0/extensions/{NAME}/{key}")), "{error}");
+    }
+}

@@ -1,6 +1,7 @@
 //! What all lobes of a material have in common: reading their glTF extension, their textures, their part of the tables.
 
 use crate::Result;
+use crate::scene::images::Form;
 use crate::scene::json::Json;
 use crate::scene::texture::{ColourSpace, TextureInfo};
 
@@ -10,7 +11,21 @@ pub(in crate::scene) trait ReadTexture {
     ///
     /// # Errors
     /// [`crate::Error`] with the place in the file where the info is malformed.
-    fn texture(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>>;
+    fn texture(&mut self, owner: &Json, key: &str, space: ColourSpace) -> Result<Option<TextureInfo>> {
+        self.texture_of_form(owner, key, space, Form::Stored)
+    }
+
+    /// As [`ReadTexture::texture`], of an image that is derived from the stored one.
+    ///
+    /// # Errors
+    /// As [`ReadTexture::texture`].
+    fn texture_of_form(
+        &mut self,
+        owner: &Json,
+        key: &str,
+        space: ColourSpace,
+        form: Form,
+    ) -> Result<Option<TextureInfo>>;
 }
 
 /// What a lobe's texels depend on beside its own parameters.

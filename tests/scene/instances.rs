@@ -1,0 +1,235 @@
+//! Nodes that are hidden, meshes that are repeated, and variants of materials.
+
+use glam::{DAffine3, DQuat, DVec3, Vec4};
+use penumbra::Error;
+use penumbra::internal::scene::{ImportOptions, LightKind, Scene};
+use serde_json::{Value, json};
+
+use crate::builder::{File, I16, world};
+
+fn refused_at(file: &File) -> String {
+    match file.load_with(&ImportOptions::default()) {
+        Err(Error::Input { location, .. }) => location,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn hidden_nodes_keep_only_their_camera() {
+    let mut file = File::triangle();
+    let second = file.mesh(&[[0., 0., 5.], [1., 0., 5.], [0., 1., 5.]], json!({}));
+    let lights = json!({ "lights": [{ "type": "point" }] });
+    file.json["extensions"] = json!({ "KHR_lights_punctual": lights });
+    file.json["extensionsRequired"] = json!(["KHR_node_visibility"]);
+    file.add(
+        "cameras",
+        json!({ "type": "orthographic",
+        "orthographic": { "xmag": 1, "ymag": 1, "znear": 0, "zfar": 1 } }),
+    );
+    let child = json!({
+        "camera": 0, "mesh": 0,
+        "extensions": { "KHR_lights_punctual": { "light": 0 }, "KHR_node_visibility": { "visible": true } },
+    });
+    let child = file.add("nodes", child);
+    let parent = |visible: Value| {
+        json!({
+            "mesh": 0, "children": [child], "extensions": { "KHR_node_visibility": visible },
+        })
+    };
+    let parent_index = file.add("nodes", parent(json!({})));
+    let counts = |scene: &Scene| (scene.triangles.len(), scene.lights.len(), scene.cameras.len());
+    // The mesh is also that of the first node, and of none with a parent that could hide it.
+    assert_eq!(counts(&file.load()), (4, 1, 1));
+    file.json["nodes"][parent_index] = parent(json!({ "visible": true }));
+    assert_eq!(counts(&file.load()), (4, 1, 1));
+    file.json["nodes"][parent_index] = parent(json!({ "visible": false }));
+    let scene = file.load();
+    assert_eq!(counts(&scene), (2, 0, 1));
+    assert!(!scene.notes.iter().any(|note| note.contains("visibility")), "{:?}", scene.notes);
+    file.json["nodes"][parent_index] = parent(json!({ "visible": 0 }));
+    assert_eq!(refused_at(&file), format!("/nodes/{parent_index}/extensions/KHR_node_visibility/visible"));
+    // Also where no scene shows the node.
+    file.json["scenes"] = json!([{ "nodes": [second] }]);
+    assert_eq!(refused_at(&file), format!("/nodes/{parent_index}/extensions/KHR_node_visibility/visible"));
+}
+
+/// A file with `transforms` of one triangle, either as nodes or as instances of one node that has a transform itself.
+fn repeated(transforms: &[(DVec3, DQuat, DVec3)], as_nodes: bool) -> File {
+    let mut file = File::triangle();
+    let base = json!({ "translation": [1, 2, 3], "scale": [2, 2, -2] });
+    if as_nodes {
+        let nodes: Vec<Value> = transforms
+            .iter()
+            .map(|(t, r, s)| {
+                json!({ "mesh": 0, "translation": t.to_array(), "rotation": r.to_array(), "scale": s.to_array() })
+            })
+            .collect();
+        file.json["nodes"] = json!([]);
+        let children: Vec<usize> = nodes.into_iter().map(|node| file.add("nodes", node)).collect();
+        let mut base = base;
+        base["children"] = json!(children);
+        file.add("nodes", base);
+    } else {
+        let single = |v: DVec3| v.as_vec3().to_array();
+        let translations = file.floats(&transforms.iter().map(|(t, ..)| single(*t)).collect::<Vec<_>>());
+        let rotations = file.floats(&transforms.iter().map(|(_, r, _)| r.as_quat().to_array()).collect::<Vec<_>>());
+        let scales = file.floats(&transforms.iter().map(|(.., s)| single(*s)).collect::<Vec<_>>());
+        let attributes = json!({ "TRANSLATION": translations, "ROTATION": rotations, "SCALE": scales });
+        let mut base = base;
+        base["mesh"] = json!(0);
+        base["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+        file.json["nodes"] = json!([base]);
+        file.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    }
+    file
+}
+
+#[test]
+fn instances_are_nodes() {
+    // More than are read at once, with numbers that f32 holds exactly.
+    let transforms: Vec<_> = (0..1500)
+        .map(|i| {
+            let i = f64::from(i);
+            let quarter = DQuat::from_xyzw(0.0, 0.6, 0.0, 0.8);
+            (DVec3::new(i, 0.5 * i, -i), quarter.as_quat().as_dquat(), DVec3::new(1.0, 1.0 + i, 0.5))
+        })
+        .collect();
+    let (nodes, instances) = (repeated(&transforms, true).load(), repeated(&transforms, false).load());
+    assert_eq!(instances.triangles.len(), 1500);
+    // Without the lists, which have thousands of numbers.
+    assert!(nodes.vertices == instances.vertices && nodes.triangles == instances.triangles);
+    assert!(!instances.notes.iter().any(|note| note.contains("instancing")), "{:?}", instances.notes);
+}
+
+/// Attributes may be absent or of integers. Lights and cameras of the node are there once, emissive meshes often.
+#[test]
+fn parts_of_instances() {
+    let mut file = File::triangle();
+    let translations = file.floats(&[[0f32, 0., 0.], [8., 0., 0.], [16., 0., 0.]]);
+    let words: Vec<u8> = [[0i16, 0, 0, 32767], [0, 0, 32767, 0], [0, 0, -32767, 0]]
+        .as_flattened()
+        .iter()
+        .flat_map(|word| word.to_le_bytes())
+        .collect();
+    let rotations = file.accessor(&words, I16, "VEC4", 3);
+    file.json["accessors"][rotations]["normalized"] = json!(true);
+    file.add(
+        "cameras",
+        json!({ "type": "orthographic",
+        "orthographic": { "xmag": 1, "ymag": 1, "znear": 0, "zfar": 1 } }),
+    );
+    file.add("materials", json!({ "emissiveFactor": [1, 1, 1] }));
+    file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    file.json["nodes"][0] = json!({ "mesh": 0, "camera": 0, "extensions": {
+        "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": translations, "ROTATION": rotations } },
+    } });
+    let scene = file.load();
+    assert_eq!((scene.triangles.len(), scene.cameras.len(), scene.lights.len()), (3, 1, 3));
+    assert!(scene.lights.iter().all(|light| matches!(light.kind, LightKind::Mesh { .. })));
+    let turned = DAffine3::from_scale_rotation_translation(DVec3::ONE, DQuat::from_xyzw(0., 0., 1., 0.), DVec3::X * 8.);
+    for (corner, expected) in world(&scene)[1].iter().zip([[0., 0., 0.], [4., 0., 0.], [0., 2., 0.]]) {
+        let expected = turned.transform_point3(DVec3::from_array(expected));
+        assert!(DVec3::from_array(*corner).distance(expected) < 1e-5, "{corner:?} {expected}");
+    }
+}
+
+#[test]
+fn bad_instances_are_refused() {
+    let good = repeated(&[(DVec3::ZERO, DQuat::IDENTITY, DVec3::ONE); 4], false);
+    assert_eq!(good.load().triangles.len(), 4);
+    const PLACE: &str = "/nodes/0/extensions/EXT_mesh_gpu_instancing";
+    let refused = |edit: &dyn Fn(&mut File)| {
+        let mut file = good.clone();
+        edit(&mut file);
+        refused_at(&file)
+    };
+    fn extension(file: &mut File) -> &mut Value {
+        &mut file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]
+    }
+    assert_eq!(refused(&|f| *extension(f) = json!({})), PLACE);
+    assert_eq!(refused(&|f| extension(f)["attributes"] = json!([])), format!("{PLACE}/attributes"));
+    let attribute = |name: &str| format!("{PLACE}/attributes/{name}");
+    assert_eq!(refused(&|f| extension(f)["attributes"]["SCALE"] = json!(99)), attribute("SCALE"));
+    assert_eq!(refused(&|f| extension(f)["attributes"]["ROTATION"] = json!(1)), attribute("ROTATION"));
+    let fewer = |f: &mut File| {
+        let fewer = f.floats(&[[1f32; 3]; 3]);
+        extension(f)["attributes"]["SCALE"] = json!(fewer);
+    };
+    assert_eq!(refused(&fewer), attribute("SCALE"));
+    let infinite = |f: &mut File| {
+        let scales = f.floats(&[[1f32, 1., f32::INFINITY]; 4]);
+        extension(f)["attributes"]["SCALE"] = json!(scales);
+    };
+    assert_eq!(refused(&infinite), PLACE);
+    let no_rotation = |f: &mut File| {
+        let rotations = f.floats(&[[0f32; 4]; 4]);
+        extension(f)["attributes"]["ROTATION"] = json!(rotations);
+    };
+    assert_eq!(refused(&no_rotation), PLACE);
+    // A hundred nodes of half a million copies are refused before they are made.
+    let mut file = File::triangle();
+    file.bin.resize(1 << 20, 0);
+    let many = file.add("accessors", json!({ "componentType": 5126, "type": "VEC3", "count": 500_000 }));
+    let attributes = json!({ "TRANSLATION": many });
+    let node = json!({ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": attributes } } });
+    file.json["nodes"] = json!(vec![node; 100]);
+    let started = std::time::Instant::now();
+    assert!(refused_at(&file).starts_with("/nodes/"));
+    assert!(started.elapsed().as_secs() < 5);
+}
+
+#[test]
+fn variants() {
+    let mut file = File::triangle();
+    for colour in [0.25, 0.5, 0.75] {
+        let base = json!({ "baseColorFactor": [colour, colour, colour, 1] });
+        file.add("materials", json!({ "pbrMetallicRoughness": base }));
+    }
+    let list = json!({ "variants": [{ "name": "red" }, { "name": "blue" }, { "name": "green" }] });
+    file.json["extensions"] = json!({ "KHR_materials_variants": list });
+    file.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
+    let mappings = json!([{ "material": 1, "variants": [1, 2] }, { "material": 2, "variants": [0] }]);
+    file.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let plain = file.clone();
+    file.json["meshes"][0]["primitives"][0]["extensions"] =
+        json!({ "KHR_materials_variants": { "mappings": mappings } });
+    let load = |file: &File, name: Option<&str>| {
+        file.load_with(&ImportOptions { variant: name.map(str::to_owned), ..Default::default() })
+    };
+    let colour = |file: &File, name: Option<&str>| {
+        let scene = load(file, name).unwrap();
+        scene.materials[scene.triangles[0].material as usize].base_colour
+    };
+    let grey = |x: f32| Vec4::new(x, x, x, 1.0);
+    assert_eq!(colour(&file, None), grey(0.25));
+    assert_eq!(colour(&file, Some("red")), grey(0.75));
+    assert_eq!(colour(&file, Some("blue")), grey(0.5));
+    assert_eq!(colour(&file, Some("green")), grey(0.5));
+    // A primitive that knows no variant keeps its material.
+    assert_eq!(colour(&plain, Some("red")), grey(0.25));
+    let note = "there is: red, blue, green";
+    assert!(load(&file, None).unwrap().notes.iter().any(|n| n.contains(note)));
+    assert!(!load(&file, Some("red")).unwrap().notes.iter().any(|n| n.contains("variant")));
+    let error = load(&file, Some("pink")).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("'pink'") && error.to_string().contains(note), "{error}");
+    let error = load(&File::triangle(), Some("pink")).unwrap_err();
+    assert!(error.to_string().contains("there is: none"), "{error}");
+
+    const PLACE: &str = "/meshes/0/primitives/0/extensions/KHR_materials_variants";
+    let refused = |mappings: Value| {
+        let mut file = file.clone();
+        file.json["meshes"][0]["primitives"][0]["extensions"]["KHR_materials_variants"] = mappings;
+        refused_at(&file)
+    };
+    assert_eq!(refused(json!({})), PLACE);
+    assert_eq!(refused(json!({ "mappings": [] })), format!("{PLACE}/mappings"));
+    let mapping = |mapping: Value| refused(json!({ "mappings": [mapping] }));
+    assert_eq!(mapping(json!({ "variants": [0] })), format!("{PLACE}/mappings/0"));
+    assert_eq!(mapping(json!({ "material": 3, "variants": [0] })), format!("{PLACE}/mappings/0/material"));
+    assert_eq!(mapping(json!({ "material": 0, "variants": [] })), format!("{PLACE}/mappings/0/variants"));
+    assert_eq!(mapping(json!({ "material": 0, "variants": [3] })), format!("{PLACE}/mappings/0/variants/0"));
+    let mut nameless = file.clone();
+    nameless.json["extensions"]["KHR_materials_variants"]["variants"][1] = json!({});
+    assert_eq!(refused_at(&nameless), "/extensions/KHR_materials_variants/variants/1");
+}
