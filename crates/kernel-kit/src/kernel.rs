@@ -45,8 +45,7 @@ pub struct BoundKernel {
     pub label: String,
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) groups: Vec<wgpu::BindGroup>,
-    pub(crate) workgroup_size: u32,
-    pub(crate) immediate_bytes: u32,
+    pub(crate) interface: Interface,
 }
 
 impl Kernel {
@@ -58,6 +57,7 @@ impl Kernel {
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
         check_layouts(composed, host.shared, host.opaque)?;
         check_names(composed, host)?;
+        let composed = &*gpu.adaptation.adapt(composed)?;
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);
         let mut entries = BTreeMap::new();
@@ -88,8 +88,7 @@ impl Kernel {
             label: interface.label(),
             pipeline: built.pipeline.clone(),
             groups,
-            workgroup_size: interface.workgroup_size,
-            immediate_bytes: interface.immediate_bytes,
+            interface: interface.clone(),
         })
     }
 
