@@ -34,7 +34,7 @@ import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, til
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
     COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
-    QUEUE_BOUNDARY, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
+    QUEUE_BOUNDARY, CANDIDATE_QUEUES, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
 };
 
 struct ClassifyParameters {
@@ -54,12 +54,11 @@ struct ClassifyParameters {
 var<immediate> classify_pass: ClassifyParameters;
 
 @group(0) @binding(1) var<storage, read_write> classes: array<atomic<u32>>;
-@group(0) @binding(2) var<storage, read_write> query_queue: array<u32>;
+// QUEUE_QUERY, QUEUE_BOUNDARY and QUEUE_AUDIT, of equal lengths: one binding, of which devices allow few.
+@group(0) @binding(2) var<storage, read_write> queues: array<u32>;
 // By queue.
 @group(0) @binding(3) var<storage, read_write> queue_lengths: array<atomic<u32>, QUEUE_COUNT>;
 @group(0) @binding(4) var<storage, read_write> queue_arguments: array<u32, QUEUE_ARGUMENT_WORDS * QUEUE_COUNT>;
-@group(0) @binding(6) var<storage, read_write> boundary_queue: array<u32>;
-@group(0) @binding(7) var<storage, read_write> audit_queue: array<u32>;
 @group(0) @binding(8) var<storage, read_write> counters: array<atomic<u32>>;
 
 // Requests by cell: the normal's code (see `request_complement`), and the index in `requested_cells`, counted from 1.
@@ -68,6 +67,11 @@ var<immediate> classify_pass: ClassifyParameters;
 @if(visibility_map) @group(0) @binding(11) var<storage, read_write> requested_cells: array<RequestedCell>;
 // Requested cells, those classified, those classified before the last ones.
 @if(visibility_map) @group(0) @binding(12) var<storage, read_write> request_counts: array<atomic<u32>, 3>;
+
+// Index in `queues` of an item of a queue.
+fn queue_item(queue: u32, item: u32) -> u32 {
+    return queue * (arrayLength(&queues) / CANDIDATE_QUEUES) + item;
+}
 
 // No class yet: `query` decides.
 const UNDECIDED = 0xffffffffu;
@@ -154,7 +158,7 @@ fn look_up(
 ) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
-    let candidate = query_queue[i];
+    let candidate = queues[queue_item(QUEUE_QUERY, i)];
     let point = load_point(point_of(candidate));
     let normal = oct_decode16(point.normal);
     let light = light_of(candidate);
@@ -202,7 +206,7 @@ fn request_cells(
 ) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_QUERY]) { return; }
-    let candidate = query_queue[i];
+    let candidate = queues[queue_item(QUEUE_QUERY, i)];
     if atomicLoad(&classes[candidate]) != UNDECIDED { return; }
     let point = load_point(point_of(candidate));
     let cell = cell_of(classify_pass.grid, point.position);
@@ -283,7 +287,7 @@ fn query(
     var candidate = 0u;
     var word = UNDECIDED;
     if there {
-        candidate = query_queue[i];
+        candidate = queues[queue_item(QUEUE_QUERY, i)];
         word = atomicLoad(&classes[candidate]);
         if word == UNDECIDED {
             word = class_by_requested_cell(candidate);
@@ -326,7 +330,7 @@ fn dilate(
 ) {
     let i = group_index(group, groups) * CLASSIFY_GROUP + lane;
     if i >= atomicLoad(&queue_lengths[QUEUE_UNDILATED]) { return; }
-    let candidate = boundary_queue[i];
+    let candidate = queues[queue_item(QUEUE_BOUNDARY, i)];
     let pixel = point_of(candidate);
     let point = load_point(pixel);
     let first = candidate - pixel;
@@ -355,7 +359,7 @@ fn widen_to(candidate: u32) {
     // The bits of lit and those of shadowed together: the first of several neighbours finds the class that was.
     let word = atomicOr(&classes[candidate], CLASS_BOUNDARY);
     if !is_decided(class_of(word)) { return; }
-    boundary_queue[atomicAdd(&queue_lengths[QUEUE_BOUNDARY], 1u)] = candidate;
+    queues[queue_item(QUEUE_BOUNDARY, atomicAdd(&queue_lengths[QUEUE_BOUNDARY], 1u))] = candidate;
     atomicSub(&counters[COUNTER_DARK + class_of(word)], 1u);
     atomicAdd(&counters[COUNTER_DARK + CLASS_BOUNDARY], 1u);
     // It stays in the queue of audits, which leave boundaries out.
@@ -474,13 +478,16 @@ fn enqueue(candidate: u32, word: u32, there: bool, lane: u32) {
         if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
     }
     workgroupBarrier();
-    if undecided { query_queue[query_base + entry.rank] = candidate; }
-    @if(visibility_estimate) { if entry.traced { boundary_queue[group_base + entry.rank] = candidate; } }
-    @if(!visibility_estimate) {
-        if entry.class_ == CLASS_BOUNDARY { boundary_queue[group_base + entry.rank] = candidate; }
-        if entry.class_ == CLASS_UNKNOWN { boundary_queue[group_base + boundaries + entry.rank] = candidate; }
+    if undecided { queues[queue_item(QUEUE_QUERY, query_base + entry.rank)] = candidate; }
+    @if(visibility_estimate) {
+        if entry.traced { queues[queue_item(QUEUE_BOUNDARY, group_base + entry.rank)] = candidate; }
     }
-    if entry.audited { audit_queue[audit_base + entry.rank] = candidate; }
+    @if(!visibility_estimate) {
+        let base = queue_item(QUEUE_BOUNDARY, group_base);
+        if entry.class_ == CLASS_BOUNDARY { queues[base + entry.rank] = candidate; }
+        if entry.class_ == CLASS_UNKNOWN { queues[base + boundaries + entry.rank] = candidate; }
+    }
+    if entry.audited { queues[queue_item(QUEUE_AUDIT, audit_base + entry.rank)] = candidate; }
 }
 
 // The queues of candidates that another pass classified.

@@ -5,8 +5,8 @@
 import package::kit::group_index;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::fine_cell::{
-    FINE_CELL_ABSENT, FineCellKey, MOSTLY_LIT, cell_axis, cell_level, find_cell, fine_cell_count, fine_cell_list,
-    fine_cell_tags, fine_cells, is_divided
+    FINE_CELL_ABSENT, FineCellKey, MOSTLY_LIT, cell_axis, cell_level, find_cell, fine_cell_tags, fine_cell_view,
+    fine_cells, is_divided
 };
 
 // Photons that decide a cell (k).
@@ -19,8 +19,8 @@ fn classify_fine_cells(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    if i >= atomicLoad(&fine_cell_count) { return; }
-    let entry = fine_cell_list[i];
+    if i >= atomicLoad(&fine_cell_tags[fine_cell_view.mask + 1u]) { return; }
+    let entry = fine_cells[i].listed;
     let tag = atomicLoad(&fine_cell_tags[entry]);
     if is_divided(tag & CLASS_MASK) { return; }
     atomicStore(&fine_cell_tags[entry], (tag & ~CLASS_MASK) | code_of_cell(entry));

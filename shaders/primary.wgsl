@@ -38,9 +38,8 @@ import package::lib::constants::{COUNTER_NOT_FINITE_PRIMARY, COUNTER_OVERRUN};
 @if(aov_albedo) @group(0) @binding(3) var<storage, read_write> albedo_samples: array<vec4f>;
 @if(aov_normal) @group(0) @binding(4) var<storage, read_write> normal_samples: array<vec4f>;
 @if(aov_position) @group(0) @binding(5) var<storage, read_write> position_samples: array<vec4f>;
-@if(guides) @group(0) @binding(7) var<storage, read_write> guide_albedo_samples: array<vec4f>;
-@if(guides) @group(0) @binding(8) var<storage, read_write> guide_normal_samples: array<vec4f>;
-@if(guides) @group(0) @binding(9) var<storage, read_write> guide_position_samples: array<vec4f>;
+// Albedos, normals and positions, of equal lengths: in one binding, of which devices allow few.
+@if(guides) @group(0) @binding(7) var<storage, read_write> guide_samples: array<vec4f>;
 
 var<immediate> tile: Tile;
 
@@ -88,9 +87,10 @@ fn primary(
             guide_normal = vec4f(found.surface.shading_normal, 1.0);
             guide_position = vec4f(found.triangle_position, 1.0);
         }
-        guide_albedo_samples[i] = guide_albedo;
-        guide_normal_samples[i] = guide_normal;
-        guide_position_samples[i] = guide_position;
+        let room = arrayLength(&guide_samples) / 3u;
+        guide_samples[i] = guide_albedo;
+        guide_samples[room + i] = guide_normal;
+        guide_samples[2u * room + i] = guide_position;
     }
 
     var point = Point(vec3f(0.0), INVALID_POINT);

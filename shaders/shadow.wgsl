@@ -13,7 +13,8 @@ import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candi
 import package::lib::ray::RaySample;
 import package::lib::rng::hash2;
 import package::lib::visible_point::load_point;
-@if(audit) import package::lib::photon::{Photon, photon_word};
+@if(audit) import package::lib::photon::photon_word;
+@if(audit) import package::lib::constants::REPAIR_PHOTONS;
 @if(audit) import package::lib::class_word::{class_of, is_decided, is_near};
 @if(fine_cells) import package::lib::fine_cell::store_rays;
 @if(fine_cells && environment) import package::lib::light::environment::is_environment;
@@ -43,8 +44,8 @@ struct ShadowParameters {
 @group(0) @binding(5) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(9) var<storage, read_write> radiance_direct: array<vec4f>;
 // Photons of the other kind where an audit contradicted a class, and how many.
-@if(audit && visibility_map) @group(0) @binding(6) var<storage, read_write> repair_photons: array<Photon>;
-@if(audit && visibility_map) @group(0) @binding(7) var<storage, read_write> repair_count: atomic<u32>;
+// In one binding, of which devices allow few: first how many, from word REPAIR_PHOTONS on the photons.
+@if(audit && visibility_map) @group(0) @binding(6) var<storage, read_write> repairs: array<atomic<u32>>;
 
 var<immediate> parameters: ShadowParameters;
 
@@ -173,9 +174,11 @@ fn audit_candidate(queued: Queued, lane: u32) -> bool {
         atomicAdd(&mixed_points, 1u);
         if is_near(classes[candidate]) { atomicAdd(&wrong_near, 1u); }
         @if(visibility_map) {
-            let index = atomicAdd(&repair_count, 1u);
+            let index = atomicAdd(&repairs[0], 1u);
             if index < parameters.repair_capacity {
-                repair_photons[index] = Photon(c.position, photon_word(oct_encode7(c.normal), c.light, 1.0, !visible));
+                let word = photon_word(oct_encode7(c.normal), c.light, 1.0, !visible);
+                let words = vec4u(bitcast<vec3u>(c.position), word);
+                for (var i = 0u; i < 4u; i++) { atomicStore(&repairs[REPAIR_PHOTONS + 4u * index + i], words[i]); }
             }
         }
     }

@@ -35,20 +35,20 @@ struct FineCell {
     // Photons of both kinds.
     illumination: atomic<u32>,
     shadow: atomic<u32>,
-    padding: vec2u,
+    // Entry of the cell that came into the table in this place.
+    listed: u32,
+    padding: u32,
 }
 
-@group(1) @binding(26) var<storage, read> fine_cell_view: FineCellView;
+@group(1) @binding(26) var<uniform> fine_cell_view: FineCellView;
 @group(1) @binding(27) var<storage, read_write> fine_cells: array<FineCell>;
 // Of each entry a hash of the key, with a code in CLASS_MASK; 0 if it is empty. The code is what the photons told after
-// an earlier batch of samples: the class lit, shadowed, boundary (divided) or unknown, or MOSTLY_LIT.
+// an earlier batch of samples: the class lit, shadowed, boundary (divided) or unknown, or MOSTLY_LIT. After the entries
+// comes the number of cells.
 @group(1) @binding(30) var<storage, read_write> fine_cell_tags: array<atomic<u32>>;
 // The tags after that batch, four to a record. Cells that samples added since then have no class yet.
 @if(texture_loads) @group(1) @binding(31) var fine_cell_tag_table: texture_storage_2d<rgba32uint, read>;
 @if(!texture_loads) @group(1) @binding(31) var<storage, read> fine_cell_tag_table: array<vec4u>;
-// Entries of the cells, and how many there are.
-@group(1) @binding(28) var<storage, read_write> fine_cell_list: array<u32>;
-@group(1) @binding(29) var<storage, read_write> fine_cell_count: atomic<u32>;
 
 // A divided cell with at least as many illumination photons as shadow photons.
 const MOSTLY_LIT = 7u;
@@ -175,7 +175,7 @@ fn find_or_add_cell(cell: FineCellKey) -> u32 {
             if exchanged.exchanged {
                 fine_cells[entry].kind = cell.kind;
                 fine_cells[entry].index = cell.index;
-                fine_cell_list[atomicAdd(&fine_cell_count, 1u)] = entry;
+                fine_cells[atomicAdd(&fine_cell_tags[fine_cell_view.mask + 1u], 1u)].listed = entry;
                 return entry;
             }
             found = exchanged.old_value;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, Command};
-use kernel_kit::{DeviceChoice, Gpu};
+use kernel_kit::{DeviceChoice, DeviceLimits, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
@@ -223,12 +223,21 @@ pub struct DeviceOptions {
     /// Device: best, software, or the index or a part of the name that `penumbra devices` prints
     #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
     device: DeviceChoice,
+
+    /// For tests: what of the device is used. `least` stands for the least that a desktop's device has
+    #[arg(long, value_name = "L", default_value = "own", value_parser = device_limits(), hide = true)]
+    device_limits: DeviceLimits,
+}
+
+/// `own` or `least`.
+fn device_limits() -> impl TypedValueParser<Value = DeviceLimits> {
+    PossibleValuesParser::new(["own", "least"]).try_map(|name| name.parse())
 }
 
 impl DeviceOptions {
-    /// As [`Gpu::open`].
+    /// As [`Gpu::open_with`].
     pub fn open(&self) -> Result<Gpu> {
-        Ok(Gpu::open(&self.device)?)
+        Ok(Gpu::open_with(&self.device, self.device_limits)?)
     }
 }
 

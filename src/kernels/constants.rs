@@ -46,6 +46,8 @@ const CONSTANTS: &[(&str, u32)] = &[
     ("QUEUE_SAMPLED", Queue::Sampled as u32),
     ("QUEUE_UNDILATED", Queue::Undilated as u32),
     ("QUEUE_COUNT", Queue::COUNT as u32),
+    ("REPAIR_PHOTONS", numbers::REPAIR_PHOTONS),
+    ("CANDIDATE_QUEUES", Queue::CANDIDATES.len() as u32),
     ("QUEUE_ARGUMENT_WORDS", Queue::ARGUMENT_WORDS),
     ("SURFACE_FLAT", scene_texels::SURFACE_FLAT),
     ("TEXTURE_INFO_TEXELS", scene_texels::TEXTURE_INFO_TEXELS),

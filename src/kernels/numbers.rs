@@ -84,6 +84,9 @@ impl Queue {
     /// How many lengths there are.
     pub const COUNT: usize = 5;
 
+    /// The queues of candidates, as they share a buffer.
+    pub const CANDIDATES: [Queue; 3] = [Queue::Query, Queue::Boundary, Queue::Audit];
+
     /// Words of a queue's indirect arguments: three and one unused.
     pub const ARGUMENT_WORDS: u32 = 4;
 
@@ -92,6 +95,9 @@ impl Queue {
         u64::from(self as u32 * Queue::ARGUMENT_WORDS) * size_of::<u32>() as u64
     }
 }
+
+/// Word at which the photons of audits begin, after their number: where a part of a buffer may begin.
+pub const REPAIR_PHOTONS: u32 = (kernel_kit::PART_ALIGNMENT / 4) as u32;
 
 /// Bits of a photon's word. The visibility map has the light in bits 14-24 and the weight's exponent in bits 25-30; the
 /// global map has flux in bits 14-30. See `shaders/lib/photon.wgsl`.

@@ -194,7 +194,7 @@ impl DirectLight {
             audit_queue: &classify.audit_queue,
             queue_lengths: &classify.queue_lengths,
             visibility,
-            repair: guides.visibility_map.map(VisibilityMap::repair_buffers),
+            repairs: guides.visibility_map.map(VisibilityMap::repairs),
         };
         let shade = ShadeBuffers {
             classes: &classify.classes,

@@ -15,7 +15,7 @@ const ENTRIES_PER_PIXEL: u64 = 4;
 /// More lights seldom have boundaries at the same pixels.
 const COUNTED_LIGHTS: u64 = 4;
 
-/// Bounds of the number of entries: 44 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
+/// Bounds of the number of entries: 40 bytes each, and a storage binding of 128 MiB holds the cells on all devices.
 const MIN_ENTRIES: u64 = 1 << 12;
 const MAX_ENTRIES: u64 = 1 << 22;
 
@@ -67,7 +67,7 @@ impl FineCellMap {
     /// would depend on chance if it were full: it is emptied then. Returns the number of cells.
     fn close_if_full(&mut self, gpu: &Gpu) -> Result<u32> {
         let entries = self.view.mask + 1;
-        let mut count = gpu.read::<u32>(&self.table.count, 1)?[0];
+        let mut count = self.table.count(gpu)?;
         if self.view.closed == 0 && count > entries / 4 * 3 {
             self.view.closed = 1;
             gpu.write(&self.table.view, &[self.view]);
@@ -76,7 +76,6 @@ impl FineCellMap {
                 let mut frame = gpu.frame("fine cells");
                 frame.clear(&self.table.cells);
                 frame.clear(&self.table.tags);
-                frame.clear(&self.table.count);
                 frame.submit()?;
             }
         }
@@ -97,7 +96,9 @@ impl FineCellMap {
         let mut state = vec![self.view.closed, self.classified_at];
         for ((entry, cell), tag) in cells.iter().enumerate().zip(&tags).filter(|(_, tag)| **tag != 0) {
             state.extend([entry as u32, *tag]);
-            state.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(cell)));
+            // The list depends on chance.
+            let cell = FineCell { listed: 0, ..*cell };
+            state.extend_from_slice(bytemuck::cast_slice(&[cell]));
         }
         Ok(state)
     }
@@ -120,12 +121,12 @@ impl FineCellMap {
         if list.len() > cells.len() {
             return Ok(false);
         }
+        cells.iter_mut().zip(&list).for_each(|(cell, entry)| cell.listed = *entry);
+        tags.push(list.len() as u32);
         (self.view.closed, self.classified_at) = (*closed, *classified_at);
         gpu.write(&self.table.view, &[self.view]);
         gpu.write(&self.table.cells, &cells);
         gpu.write(&self.table.tags, &tags);
-        gpu.write(&self.table.list, &list);
-        gpu.write(&self.table.count, &[list.len() as u32]);
         let mut frame = gpu.frame("fine cells");
         self.table.publish(&mut frame);
         frame.submit()?;

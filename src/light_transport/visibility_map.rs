@@ -7,6 +7,7 @@ use crate::Result;
 use crate::kernels::GridShape;
 use crate::passes::grid::{Grid, Photon, PhotonGrid};
 use crate::passes::photons::Photons;
+use crate::passes::shadow::Repairs;
 use crate::settings::Settings;
 use crate::specialisation::features::Features;
 use crate::statistics::Counter;
@@ -50,8 +51,7 @@ pub(crate) struct VisibilityMap {
     /// Number of photons that audits can still add.
     room: u32,
     /// Photons of audits since the map was sorted, and their number.
-    repair_photons: Buffer,
-    repair_count: Buffer,
+    repairs: Repairs,
 }
 
 /// The state that samples left in the map, or in adaptive shadow testing.
@@ -126,30 +126,29 @@ impl VisibilityMap {
             photons: traced.photons,
             count: traced.count,
             room: REPAIR_ROOM,
-            repair_photons: gpu.buffer::<Photon>("penumbra/shadow/repair_photons", REPAIR_BATCH as usize)?,
-            repair_count: gpu.buffer::<u32>("penumbra/shadow/repair_count", 1)?,
+            repairs: Repairs::new(gpu, REPAIR_BATCH)?,
         })
     }
 
     /// Adds the photons of audits to the map, if that is `due` or their buffer is nearly full. Returns whether the map
     /// must be sorted again; its tables are then dropped.
     pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
-        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
+        let left = gpu.read::<u32>(&self.repairs.count, 1)?[0];
         if left == 0 || !(due || left > REPAIR_BATCH / 2) {
             return Ok(self.grid.is_none());
         }
         let added = if left > REPAIR_BATCH.min(self.room) { 0 } else { left };
         let mut frame = gpu.frame("repair");
         if added > 0 {
-            let photons: Vec<Photon> = gpu.read(&self.repair_photons, added as usize)?;
+            let photons: Vec<Photon> = gpu.read(&self.repairs.photons, added as usize)?;
             for photon in photons {
                 totals.photons[photon.light() as usize].repaired += 1;
             }
             let size = size_of::<Photon>() as u64;
-            frame.copy(&self.repair_photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
+            frame.copy(&self.repairs.photons, &self.photons, u64::from(self.count) * size, u64::from(added) * size);
             self.grid = None;
         }
-        frame.clear(&self.repair_count);
+        frame.clear(&self.repairs.count);
         frame.submit()?;
         self.count += added;
         self.room -= added;
@@ -166,11 +165,11 @@ impl VisibilityMap {
     /// The state that samples left so far.
     pub fn state(&self, gpu: &Gpu) -> Result<MapState> {
         let added = (REPAIR_ROOM - self.room) as usize;
-        let left = gpu.read::<u32>(&self.repair_count, 1)?[0];
+        let left = gpu.read::<u32>(&self.repairs.count, 1)?[0];
         Ok(MapState {
             added: gpu.read_from(&self.photons, self.count as usize - added, added)?,
             left,
-            kept: gpu.read(&self.repair_photons, left.min(REPAIR_BATCH) as usize)?,
+            kept: gpu.read(&self.repairs.photons, left.min(REPAIR_BATCH) as usize)?,
             rest: self.grid.as_ref().map_or(Ok(Vec::new()), |grid| grid.requested_cells_state(gpu))?,
             ..MapState::default()
         })
@@ -186,15 +185,15 @@ impl VisibilityMap {
             return Ok(false);
         }
         for batch in state.added.chunks(REPAIR_BATCH as usize) {
-            gpu.write(&self.repair_photons, batch);
-            gpu.write(&self.repair_count, &[batch.len() as u32]);
+            gpu.write(&self.repairs.photons, batch);
+            gpu.write(&self.repairs.count, &[batch.len() as u32]);
             self.take_repairs(gpu, true, totals)?;
         }
         if self.grid.is_none() {
             self.sort(gpu)?;
         }
-        gpu.write(&self.repair_photons, &state.kept);
-        gpu.write(&self.repair_count, &[state.left]);
+        gpu.write(&self.repairs.photons, &state.kept);
+        gpu.write(&self.repairs.count, &[state.left]);
         Ok(state.rest.is_empty()
             || self.grid.as_ref().is_some_and(|grid| grid.restore_requested_cells(gpu, &state.rest)))
     }
@@ -209,8 +208,8 @@ impl VisibilityMap {
         REPAIR_BATCH
     }
 
-    /// The photons of audits, and their number.
-    pub fn repair_buffers(&self) -> [&Buffer; 2] {
-        [&self.repair_photons, &self.repair_count]
+    /// The photons of audits.
+    pub fn repairs(&self) -> &Repairs {
+        &self.repairs
     }
 }

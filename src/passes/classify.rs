@@ -1,7 +1,7 @@
 //! Pass `classify`: classifies every candidate (a point and a light), and queues the candidates that need shadow rays
 //! or audits.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, PART_ALIGNMENT, bindings, shared_struct};
 
 use super::grid::{ClassifyRequestedCells, PhotonGrid};
 use super::{Tile, TileBuffers, kernel};
@@ -40,11 +40,9 @@ bindings! {
     /// What the kernels read and write besides the visibility map.
     struct ClassifyBindings {
         pub classes: &Buffer,
-        pub query_queue: &Buffer,
+        pub queues: &Buffer,
         pub queue_lengths: &Buffer,
         pub queue_arguments: &Buffer,
-        pub boundary_queue: &Buffer,
-        pub audit_queue: &Buffer,
         pub counters: &Buffer,
     }
 }
@@ -53,15 +51,17 @@ bindings! {
 pub struct ClassifyBuffers {
     /// Class words.
     pub classes: Buffer,
-    /// Boundary and unknown candidates.
+    /// Boundary and unknown candidates, a part of `queues`.
     pub boundary_queue: Buffer,
-    /// Candidates to audit.
+    /// Candidates to audit, a part of `queues`.
     pub audit_queue: Buffer,
     /// Lengths of this sample's queues, by [`Queue`].
     pub queue_lengths: Buffer,
     /// Indirect arguments, by [`Queue::arguments_offset`].
     pub queue_arguments: Buffer,
     query_queue: Buffer,
+    /// [`Queue::CANDIDATES`].
+    queues: Buffer,
 }
 
 impl ClassifyBuffers {
@@ -70,15 +70,19 @@ impl ClassifyBuffers {
     /// # Errors
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, candidates: u32) -> Result<ClassifyBuffers> {
-        let words = |label: &str| gpu.buffer::<u32>(label, candidates as usize);
+        let room = (u64::from(candidates).max(1) * 4).next_multiple_of(PART_ALIGNMENT);
+        let words = room as usize / 4 * Queue::CANDIDATES.len();
+        let queues = gpu.buffer::<u32>("penumbra/classify/queues", words)?;
+        let queue = |queue: Queue, label: &str| queues.part(label, queue as u64 * room, room);
         let argument_words = Queue::COUNT * Queue::ARGUMENT_WORDS as usize;
         Ok(ClassifyBuffers {
-            classes: words("penumbra/classify/classes")?,
-            boundary_queue: words("penumbra/classify/boundary_queue")?,
-            audit_queue: words("penumbra/classify/audit_queue")?,
+            classes: gpu.buffer::<u32>("penumbra/classify/classes", candidates as usize)?,
+            boundary_queue: queue(Queue::Boundary, "penumbra/classify/boundary_queue"),
+            audit_queue: queue(Queue::Audit, "penumbra/classify/audit_queue"),
             queue_lengths: gpu.buffer::<u32>("penumbra/classify/queue_lengths", Queue::COUNT)?,
             queue_arguments: gpu.buffer::<u32>("penumbra/classify/queue_arguments", argument_words)?,
-            query_queue: words("penumbra/classify/query_queue")?,
+            query_queue: queue(Queue::Query, "penumbra/classify/query_queue"),
+            queues,
         })
     }
 }
@@ -137,11 +141,9 @@ impl Classify {
     ) -> Result<BoundClassify> {
         let own = ClassifyBindings {
             classes: &buffers.classes,
-            query_queue: &buffers.query_queue,
+            queues: &buffers.queues,
             queue_lengths: &buffers.queue_lengths,
             queue_arguments: &buffers.queue_arguments,
-            boundary_queue: &buffers.boundary_queue,
-            audit_queue: &buffers.audit_queue,
             counters: &tile.counters,
         };
         let bind = |entry| match grid {
@@ -261,8 +263,7 @@ impl BoundClassify {
 impl ClassifyBuffers {
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let words = [&self.classes, &self.boundary_queue, &self.audit_queue, &self.query_queue];
-        words.into_iter().map(|b| b.bytes).sum()
+        self.classes.bytes + self.queues.bytes
     }
 
     /// Room for [`Queue::Sampled`], a queue of all points: nothing reads the query queue once the classes are known.

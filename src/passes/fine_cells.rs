@@ -36,8 +36,10 @@ shared_struct! {
         pub illumination: u32,
         /// Points with one that did not.
         pub shadow: u32,
+        /// Entry of the cell that came into the table in this place.
+        pub listed: u32,
         /// To a multiple of 16 bytes.
-        pub padding: [u32; 2],
+        pub padding: u32,
     }
 }
 
@@ -63,10 +65,6 @@ bindings! {
         pub fine_cell_tags: Option<&Buffer>,
         /// [`FineCellTable::tag_table`].
         pub fine_cell_tag_table: Option<&Table>,
-        /// [`FineCellTable::list`].
-        pub fine_cell_list: Option<&Buffer>,
-        /// [`FineCellTable::count`].
-        pub fine_cell_count: Option<&Buffer>,
     }
 }
 
@@ -79,14 +77,12 @@ pub struct FineCellTable {
     pub view: Buffer,
     /// [`FineCell`]s.
     pub cells: Buffer,
-    /// Of each entry a hash of its cell with the [`crate::kernels::Class`], 0 if it is empty; then padding.
+    /// Of each entry a hash of its cell with the [`crate::kernels::Class`], 0 if it is empty; then the number of cells,
+    /// and padding.
     pub tags: Buffer,
     /// The tags when [`FineCellTable::publish`] copied them last.
     pub tag_table: Table,
-    /// Entries of the cells.
-    pub list: Buffer,
-    /// Number of cells in the table.
-    pub count: Buffer,
+    entries: usize,
 }
 
 impl FineCells {
@@ -114,14 +110,13 @@ impl FineCellTable {
     /// As [`Gpu::buffer`].
     pub fn new(gpu: &Gpu, view: FineCellView) -> Result<FineCellTable> {
         let entries = view.mask as usize + 1;
-        let records = whole_rows(entries.div_ceil(4));
+        let records = whole_rows((entries + 1).div_ceil(4));
         Ok(FineCellTable {
             view: gpu.upload("penumbra/fine_cells/view", &[view])?,
             cells: gpu.buffer::<FineCell>("penumbra/fine_cells/cells", entries)?,
             tags: gpu.buffer::<[u32; 4]>("penumbra/fine_cells/tags", records)?,
             tag_table: gpu.empty_table("penumbra/fine_cells/tag_table", records, TableFormat::Uint)?,
-            list: gpu.buffer::<u32>("penumbra/fine_cells/list", entries)?,
-            count: gpu.buffer::<u32>("penumbra/fine_cells/count", 1)?,
+            entries,
         })
     }
 
@@ -132,9 +127,15 @@ impl FineCellTable {
             fine_cells: Some(&self.cells),
             fine_cell_tags: Some(&self.tags),
             fine_cell_tag_table: Some(&self.tag_table),
-            fine_cell_count: Some(&self.count),
-            fine_cell_list: Some(&self.list),
         }
+    }
+
+    /// Number of cells in the table.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub fn count(&self, gpu: &Gpu) -> Result<u32> {
+        Ok(gpu.read_from::<u32>(&self.tags, self.entries, 1)?[0])
     }
 
     /// Lets look-ups find the cells and their classes as they are now.
@@ -145,6 +146,6 @@ impl FineCellTable {
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         // The tags twice: the table has a copy.
-        self.view.bytes + self.cells.bytes + 2 * self.tags.bytes + self.list.bytes + self.count.bytes
+        self.view.bytes + self.cells.bytes + 2 * self.tags.bytes
     }
 }

@@ -21,8 +21,8 @@ pub mod ward;
 pub mod zones;
 
 use kernel_kit::{
-    Binding, Bindings, Buffer, Composed, Declared, Gpu, Host, Kernel, KernelTable, SharedStruct, Table, TableFormat,
-    bindings, shared_struct,
+    Binding, Bindings, Buffer, Composed, Declared, Gpu, Host, Kernel, KernelTable, PART_ALIGNMENT, SharedStruct, Table,
+    TableFormat, bindings, shared_struct,
 };
 
 use crate::Result;
@@ -199,6 +199,40 @@ impl SampledPixels {
     }
 }
 
+/// The guides of denoisers: of the first surface that is neither a mirror nor clear glass.
+pub struct GuideSamples {
+    all: Buffer,
+    /// Base colour, times the throughput of the way to the surface.
+    pub albedo: Buffer,
+    /// Shading normal.
+    pub normal: Buffer,
+    /// Position on the triangle; w is 1 where there is a surface.
+    pub position: Buffer,
+}
+
+impl GuideSamples {
+    /// Guides of `points` points.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, points: usize) -> Result<GuideSamples> {
+        let room = (points.max(1) * size_of::<[f32; 4]>()).next_multiple_of(PART_ALIGNMENT as usize);
+        Ok(GuideSamples::of(gpu.buffer::<u8>("penumbra/primary/guides", 3 * room)?))
+    }
+
+    /// In the three parts of a buffer.
+    pub fn of(all: Buffer) -> GuideSamples {
+        let room = all.bytes / 3;
+        let part = |index: u64, label: &str| all.part(label, index * room, room);
+        GuideSamples {
+            albedo: part(0, "penumbra/primary/guide_albedos"),
+            normal: part(1, "penumbra/primary/guide_normals"),
+            position: part(2, "penumbra/primary/guide_positions"),
+            all,
+        }
+    }
+}
+
 /// The buffers that the passes of a tile share, for [`Tile::point_count`] points.
 pub struct TileBuffers {
     /// [`Point`]s.
@@ -215,13 +249,8 @@ pub struct TileBuffers {
     pub normal_samples: Option<Buffer>,
     /// Position and depth; none without that AOV.
     pub position_samples: Option<Buffer>,
-    /// Base colour of the first surface that is neither a mirror nor clear glass, times the throughput of the way to
-    /// it; none without denoising.
-    pub guide_albedo_samples: Option<Buffer>,
-    /// Shading normal of that surface; none without denoising.
-    pub guide_normal_samples: Option<Buffer>,
-    /// As [`TileBuffers::guide_albedo_samples`], of positions on the triangle; w is 1 where there is a surface.
-    pub guide_position_samples: Option<Buffer>,
+    /// The guides of denoisers; none without denoising.
+    pub guides: Option<GuideSamples>,
     /// The pixels that get samples; none where all do.
     pub sampled_pixels: Option<SampledPixels>,
     /// One zero vector, bound in place of a part of the radiance that the technique does not compute.
@@ -263,9 +292,7 @@ impl TileBuffers {
             albedo_samples: samples(features.has(Feature::AovAlbedo), "penumbra/primary/albedo_samples")?,
             normal_samples: samples(features.has(Feature::AovNormal), "penumbra/primary/normal_samples")?,
             position_samples: samples(features.has(Feature::AovPosition), "penumbra/primary/position_samples")?,
-            guide_albedo_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_albedo_samples")?,
-            guide_normal_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_normal_samples")?,
-            guide_position_samples: samples(features.has(Feature::Guides), "penumbra/primary/guide_position_samples")?,
+            guides: features.has(Feature::Guides).then(|| GuideSamples::new(gpu, points)).transpose()?,
             sampled_pixels,
             zeros: gpu.buffer::<[f32; 4]>("penumbra/film/zeros", 1)?,
             counters: gpu.buffer::<u32>("penumbra/counters", crate::statistics::Counter::COUNT)?,
@@ -297,17 +324,10 @@ impl TileBuffers {
 
     /// Bytes of all of them.
     pub fn bytes(&self) -> u64 {
-        let optional = [
-            &self.radiance_indirect,
-            &self.albedo_samples,
-            &self.normal_samples,
-            &self.position_samples,
-            &self.guide_albedo_samples,
-            &self.guide_normal_samples,
-            &self.guide_position_samples,
-        ];
+        let optional = [&self.radiance_indirect, &self.albedo_samples, &self.normal_samples, &self.position_samples];
         let fixed = [&self.points.buffer, &self.surfaces.buffer, &self.radiance_direct, &self.counters];
+        let guides = self.guides.iter().map(|guides| &guides.all);
         let lists = self.sampled_pixels.iter().flat_map(|sampled| [&sampled.list, &sampled.list_indices]);
-        fixed.into_iter().chain(optional.into_iter().flatten()).chain(lists).map(|b| b.bytes).sum()
+        fixed.into_iter().chain(optional.into_iter().flatten()).chain(guides).chain(lists).map(|b| b.bytes).sum()
     }
 }

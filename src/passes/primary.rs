@@ -19,12 +19,8 @@ bindings! {
         pub normal_samples: Option<&Buffer>,
         /// See [`TileBuffers::position_samples`].
         pub position_samples: Option<&Buffer>,
-        /// See [`TileBuffers::guide_albedo_samples`].
-        pub guide_albedo_samples: Option<&Buffer>,
-        /// See [`TileBuffers::guide_normal_samples`].
-        pub guide_normal_samples: Option<&Buffer>,
-        /// See [`TileBuffers::guide_position_samples`].
-        pub guide_position_samples: Option<&Buffer>,
+        /// See [`TileBuffers::guides`].
+        pub guide_samples: Option<&Buffer>,
     }
 }
 
@@ -53,9 +49,7 @@ impl Primary {
             albedo_samples: tile.albedo_samples.as_ref(),
             normal_samples: tile.normal_samples.as_ref(),
             position_samples: tile.position_samples.as_ref(),
-            guide_albedo_samples: tile.guide_albedo_samples.as_ref(),
-            guide_normal_samples: tile.guide_normal_samples.as_ref(),
-            guide_position_samples: tile.guide_position_samples.as_ref(),
+            guide_samples: tile.guides.as_ref().map(|guides| &guides.all),
         };
         let kernel = self.0.bind(gpu, "primary", &[&own, scene, tile])?;
         Ok(BoundPrimary {

@@ -1,7 +1,8 @@
 //! Pass `shadow`: traces shadow rays for boundary and unknown candidates, and audits lit and shadowed ones.
 
-use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, bindings, shared_struct};
+use kernel_kit::{Bindings, BoundKernel, Buffer, Frame, Gpu, Kernel, PART_ALIGNMENT, bindings, shared_struct};
 
+use super::grid::Photon;
 use super::{Tile, TileBuffers, kernel};
 use crate::Result;
 use crate::specialisation::features::{Feature, Features};
@@ -38,8 +39,7 @@ bindings! {
     struct AuditBindings {
         pub classes: &Buffer,
         pub audit_queue: &Buffer,
-        pub repair_photons: Option<&Buffer>,
-        pub repair_count: Option<&Buffer>,
+        pub repairs: Option<&Buffer>,
     }
 }
 
@@ -61,8 +61,35 @@ pub struct ShadowBuffers<'a> {
     pub queue_lengths: &'a Buffer,
     /// Visibility bits of the candidates.
     pub visibility: &'a Buffer,
-    /// Photons that audits add to the map, and their number; none where nothing is audited.
-    pub repair: Option<[&'a Buffer; 2]>,
+    /// Photons that audits add to the map; none where nothing is audited.
+    pub repairs: Option<&'a Repairs>,
+}
+
+/// Photons of audits for the visibility map.
+pub struct Repairs {
+    all: Buffer,
+    /// Their number, also of those that there was no room for.
+    pub count: Buffer,
+    /// [`Photon`]s.
+    pub photons: Buffer,
+}
+
+impl Repairs {
+    /// Room for `photons` photons.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(gpu: &Gpu, photons: u32) -> Result<Repairs> {
+        let bytes = u64::from(photons) * size_of::<Photon>() as u64;
+        let all = gpu.buffer::<u8>("penumbra/shadow/repairs", (PART_ALIGNMENT + bytes) as usize)?;
+        Ok(Repairs::of(all))
+    }
+
+    /// In a buffer of that size.
+    pub fn of(all: Buffer) -> Repairs {
+        let photons = all.part("penumbra/shadow/repair_photons", PART_ALIGNMENT, all.bytes - PART_ALIGNMENT);
+        Repairs { count: all.part("penumbra/shadow/repair_count", 0, 4), photons, all }
+    }
 }
 
 impl Shadow {
@@ -103,8 +130,7 @@ impl Shadow {
         let audit = self.audits.then_some(AuditBindings {
             classes: buffers.classes,
             audit_queue: buffers.audit_queue,
-            repair_photons: buffers.repair.map(|[photons, _]| photons),
-            repair_count: buffers.repair.map(|[_, count]| count),
+            repairs: buffers.repairs.map(|repairs| &repairs.all),
         });
         let mut sets: Vec<&dyn Bindings> = vec![&own, tile, scene];
         sets.extend(audit.as_ref().map(|audit| audit as &dyn Bindings));

@@ -8,7 +8,7 @@ use crate::Result;
 use crate::light_transport::direct_light::{DirectLight, max_points};
 use crate::light_transport::shared::TILE_SAMPLES;
 use crate::passes::film::{Film, Plane};
-use crate::passes::{Tile, TileBuffers};
+use crate::passes::{GuideSamples, Tile, TileBuffers};
 use crate::settings::{Aov, Settings};
 use crate::specialisation::features::Features;
 
@@ -81,8 +81,7 @@ pub(super) fn first_half(samples: u32) -> u32 {
 impl GuidePlanes {
     /// Empty planes; none if there are no guides.
     fn new(buffers: &TileBuffers, plane: &dyn Fn(&Buffer) -> Result<Plane>) -> Result<Option<GuidePlanes>> {
-        let guides = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples, &buffers.guide_position_samples];
-        let [Some(albedo), Some(normal), Some(position)] = guides else { return Ok(None) };
+        let Some(GuideSamples { albedo, normal, position, .. }) = &buffers.guides else { return Ok(None) };
         Ok(Some(GuidePlanes { albedo: plane(albedo)?, normal: plane(normal)?, position: plane(position)? }))
     }
 }

@@ -92,7 +92,7 @@ impl Specialisation {
             mapped && settings.learns_from_shadow_rays(),
             "the shadow rays of earlier samples are photons where the map does not decide".to_owned(),
             unneeded,
-            "pass fine_cells; 176 to 352 B per pixel and light, of at most four lights; 185 MB at most",
+            "pass fine_cells; 160 to 320 B per pixel and light, of at most four lights; 168 MB at most",
         );
     }
 

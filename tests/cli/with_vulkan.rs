@@ -26,7 +26,7 @@ impl Machine {
             fs::create_dir_all(root.join(folder)).unwrap();
         }
         let machine = Machine { root };
-        for tool in ["bash", "cat", "env", "mkdir", "mktemp", "mv", "rm"] {
+        for tool in ["bash", "cat", "env", "grep", "mkdir", "mktemp", "mv", "rm", "tee"] {
             let real = ["/bin", "/usr/bin", "/usr/local/bin"].map(|folder| Path::new(folder).join(tool));
             let real = real.iter().find(|path| path.exists()).unwrap_or_else(|| panic!("no {tool} on this machine"));
             symlink(real, machine.root.join("bin").join(tool)).unwrap();
@@ -342,18 +342,47 @@ fn swiftshader_is_unpacked_once_and_is_the_only_driver() {
 }
 
 #[test]
-fn builds_for_windows_get_their_compiler() {
-    let machine = Machine::new("mingw");
+fn messages_of_the_validation_layer_fail_the_command() {
+    let machine = Machine::new("validation");
     machine.driver(LAVAPIPE);
-    machine.stub("mingw", "");
-    machine.manager("apt-get", r#"[[ $1 == update ]] || mv "$ROOT/bin/mingw" "$ROOT/bin/x86_64-w64-mingw32-g++""#);
-    let here = "cargo check --target x86_64-unknown-linux-gnu";
-    assert_ran(&machine.run(&here.split(' ').collect::<Vec<_>>(), &[]), here);
-    assert_eq!(machine.log(), "");
-    let there = "cargo check --target x86_64-pc-windows-gnu";
+    fs::create_dir_all(machine.root.join("share/vulkan/explicit_layer.d")).unwrap();
+    let layer = r#": >"$ROOT/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json""#;
+    machine.manager("apt-get", &format!("[[ $1 == update ]] || {layer}"));
     for _ in 0..2 {
-        assert_ran(&machine.run(&there.split(' ').collect::<Vec<_>>(), &[]), there);
-        assert_eq!(machine.log().matches("g++-mingw-w64-x86-64").count(), 1, "{}", machine.log());
+        assert_ran(&machine.run(&["--validation", "cargo", "test"], &[]), "cargo test");
+        assert_eq!(machine.log().matches("vulkan-validationlayers").count(), 1, "{}", machine.log());
+    }
+    assert_eq!(machine.variable("VK_INSTANCE_LAYERS").as_deref(), Some("VK_LAYER_KHRONOS_validation"));
+    for (message, code) in [("all is well", 0), ("VUID-vkCmdDispatch-None-02699(ERROR / SPEC): msgNum: 1", 1)] {
+        machine.stub("cargo", &format!("echo '{message}'"));
+        let output = machine.run(&["--validation", "cargo", "test"], &[]);
+        assert_eq!((stdout(&output), output.status.code()), (format!("{message}\n").as_str(), Some(code)));
+    }
+    assert_eq!(
+        fs::read_dir(machine.root.join("tmp")).unwrap().filter(|e| e.as_ref().unwrap().path().is_file()).count(),
+        0
+    );
+}
+
+#[test]
+fn builds_for_other_systems_get_their_compiler() {
+    let targets = [
+        ("x86_64-pc-windows-gnu", "g++-mingw-w64-x86-64", "x86_64-w64-mingw32-g++"),
+        ("aarch64-unknown-linux-gnu", "g++-aarch64-linux-gnu", "aarch64-linux-gnu-g++"),
+    ];
+    for (target, package, compiler) in targets {
+        let machine = Machine::new(target);
+        machine.driver(LAVAPIPE);
+        machine.stub("compiler", "");
+        machine.manager("apt-get", &format!(r#"[[ $1 == update ]] || mv "$ROOT/bin/compiler" "$ROOT/bin/{compiler}""#));
+        let here = "cargo check --target x86_64-unknown-linux-gnu";
+        assert_ran(&machine.run(&here.split(' ').collect::<Vec<_>>(), &[]), here);
+        assert_eq!(machine.log(), "");
+        let there = format!("cargo check --target {target}");
+        for _ in 0..2 {
+            assert_ran(&machine.run(&there.split(' ').collect::<Vec<_>>(), &[]), &there);
+            assert_eq!(machine.log().matches(package).count(), 1, "{}", machine.log());
+        }
     }
 }
 

@@ -7,6 +7,7 @@ mod direct;
 mod earlier;
 mod environment;
 mod indirect;
+mod limits;
 mod many_lights;
 #[path = "../common/meshes.rs"]
 mod meshes;

@@ -173,7 +173,7 @@ impl<'a> Device<'a> {
     }
 
     fn count(&self) -> u32 {
-        self.gpu.read::<u32>(&self.table.count, 1).unwrap()[0]
+        self.table.count(self.gpu).unwrap()
     }
 
     fn classify(&self) {

@@ -4,7 +4,7 @@ use glam::{DMat2, DVec2, DVec3, DVec4, Mat2, Vec2, Vec3, Vec4};
 use kernel_kit::{Gpu, POISON, TableFormat, kernel_test};
 use penumbra::internal::kernels::INVALID_POINT;
 use penumbra::internal::passes::primary::Primary;
-use penumbra::internal::passes::{Tile, TileBuffers};
+use penumbra::internal::passes::{GuideSamples, Tile, TileBuffers};
 use penumbra::internal::scene::{
     AlphaMode, Camera, ColourSpace, Filter, Material, Projection, Scene, Specular, Texture, TextureImage, TextureInfo,
     Wrap,
@@ -373,6 +373,13 @@ fn stage(gpu: &Gpu, camera: &Camera, size: [u32; 2]) -> Stage {
     })
 }
 
+/// Room for the guides of one point more than `count`.
+fn poisoned_guides(gpu: &Gpu, count: usize) -> GuideSamples {
+    // Parts of a buffer begin at multiples of 256 bytes.
+    let room = (count + 1).next_multiple_of(16);
+    GuideSamples::of(gpu.poisoned::<[u32; 4]>("test/guides", 3 * room).unwrap())
+}
+
 fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     let pass = Primary::new(gpu, &stage.features, &stage.gpu_scene.constants()).unwrap();
     let count = tile.point_count as usize;
@@ -385,9 +392,7 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
     buffers.albedo_samples = Some(poisoned("test/albedo"));
     buffers.normal_samples = Some(poisoned("test/normals"));
     buffers.position_samples = Some(poisoned("test/positions"));
-    buffers.guide_albedo_samples = Some(poisoned("test/guide_albedo"));
-    buffers.guide_normal_samples = Some(poisoned("test/guide_normals"));
-    buffers.guide_position_samples = Some(poisoned("test/guide_positions"));
+    buffers.guides = Some(poisoned_guides(gpu, count));
     let bound = pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap();
     let mut frame = gpu.frame("test");
     bound.record(&mut frame, tile);
@@ -398,6 +403,7 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
         assert_eq!(words.pop(), Some([POISON; 4]), "past the end of {}", buffer.label);
         words
     };
+    let guides = buffers.guides.as_ref().unwrap();
     Outcome {
         points: read(&buffers.points.buffer),
         surfaces: read(&buffers.surfaces.buffer),
@@ -405,9 +411,9 @@ fn run(gpu: &Gpu, stage: &Stage, tile: &Tile) -> Outcome {
         albedo: read(buffers.albedo_samples.as_ref().unwrap()),
         normals: read(buffers.normal_samples.as_ref().unwrap()),
         positions: read(buffers.position_samples.as_ref().unwrap()),
-        guide_albedo: read(buffers.guide_albedo_samples.as_ref().unwrap()),
-        guide_normals: read(buffers.guide_normal_samples.as_ref().unwrap()),
-        guide_positions: read(buffers.guide_position_samples.as_ref().unwrap()),
+        guide_albedo: read(&guides.albedo),
+        guide_normals: read(&guides.normal),
+        guide_positions: read(&guides.position),
     }
 }
 
@@ -532,22 +538,20 @@ fn guides_are_of_what_a_mirror_shows(gpu: &Gpu) {
     let poisoned = |name: &str| Some(gpu.poisoned::<[u32; 4]>(name, count + 1).unwrap());
     buffers.albedo_samples = poisoned("test/albedo");
     buffers.normal_samples = poisoned("test/normals");
-    buffers.guide_albedo_samples = poisoned("test/guide_albedo");
-    buffers.guide_normal_samples = poisoned("test/guide_normals");
-    buffers.guide_position_samples = poisoned("test/guide_positions");
+    buffers.guides = Some(poisoned_guides(gpu, count));
     let mut frame = gpu.frame("test");
     pass.bind(gpu, &buffers, &stage.gpu_scene).unwrap().record(&mut frame, &tile);
     frame.submit().unwrap();
-    let centre = |buffer: &Option<kernel_kit::Buffer>| {
-        let vectors: Vec<[u32; 4]> = gpu.read(buffer.as_ref().unwrap(), count + 1).unwrap();
+    let centre = |buffer: &kernel_kit::Buffer| {
+        let vectors: Vec<[u32; 4]> = gpu.read(buffer, count + 1).unwrap();
         assert_eq!(vectors[count], [POISON; 4]);
         Vec4::from_array(vectors[count / 2].map(f32::from_bits))
     };
-    let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(centre);
+    let [albedo, normal] = [&buffers.albedo_samples, &buffers.normal_samples].map(|aov| centre(aov.as_ref().unwrap()));
     assert!((albedo - Vec4::new(1.0, 0.8, 0.6, 1.0)).abs().max_element() < 1e-3, "the AOV is the mirror's: {albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, 1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");
-    let guides = [&buffers.guide_albedo_samples, &buffers.guide_normal_samples, &buffers.guide_position_samples];
-    let [albedo, normal, position] = guides.map(centre);
+    let guides = buffers.guides.as_ref().unwrap();
+    let [albedo, normal, position] = [&guides.albedo, &guides.normal, &guides.position].map(centre);
     // The mirror reflects its colour straight on.
     assert!((albedo - Vec4::new(0.2, 0.32, 0.48, 1.0)).abs().max_element() < 1e-3, "{albedo}");
     assert!((normal - Vec4::new(0.0, 0.0, -1.0, 1.0)).abs().max_element() < 1e-3, "{normal}");

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use kernel_kit::{Gpu, POISON, kernel_test};
 use penumbra::internal::kernels::Class;
 use penumbra::internal::passes::grid::Photon;
-use penumbra::internal::passes::shadow::{Shadow, ShadowBuffers, ShadowParameters};
+use penumbra::internal::passes::shadow::{Repairs, Shadow, ShadowBuffers, ShadowParameters};
 use penumbra::internal::passes::{Point, Tile, TileBuffers};
 use penumbra::internal::scene::{LightKind, Scene};
 use penumbra::internal::specialisation::features::Feature;
@@ -111,15 +111,15 @@ impl Setup {
         let queue_lengths = gpu.upload("test/lengths", &lengths).unwrap();
         let words = self.candidates.count() * self.candidates.words();
         let visibility = gpu.poisoned::<u32>("test/visibility", words).unwrap();
-        let repair = gpu.poisoned::<Photon>("test/repair", REPAIR_ROOM).unwrap();
-        let repair_count = gpu.buffer::<u32>("test/repair_count", 1).unwrap();
+        let repairs = Repairs::new(gpu, REPAIR_ROOM as u32).unwrap();
+        gpu.write(&repairs.photons, &vec![POISON; 4 * REPAIR_ROOM]);
         let buffers = ShadowBuffers {
             classes: &classes,
             boundary_queue: &boundary_queue,
             audit_queue: &audit_queue,
             queue_lengths: &queue_lengths,
             visibility: &visibility,
-            repair: Some([&repair, &repair_count]),
+            repairs: Some(&repairs),
         };
         let bound = pass.bind(gpu, &tile, &buffers, gpu_scene).unwrap();
         let groups = |queue: &[u32]| (queue.len() as u32).div_ceil(pass.workgroup_size());
@@ -137,8 +137,8 @@ impl Setup {
         Outcome {
             visibility: gpu.read(&visibility, words).unwrap(),
             counters: gpu.read(&tile.counters, Counter::COUNT).unwrap(),
-            repair_photons: gpu.read(&repair, REPAIR_ROOM).unwrap(),
-            repair_count: gpu.read(&repair_count, 1).unwrap()[0],
+            repair_photons: gpu.read(&repairs.photons, REPAIR_ROOM).unwrap(),
+            repair_count: gpu.read(&repairs.count, 1).unwrap()[0],
         }
     }
 }

@@ -51,10 +51,41 @@ impl DeviceInfo {
     }
 }
 
-/// What the kit cannot do without: kernels take their parameters as immediates.
-pub(crate) const REQUIRED: wgpu::Features = wgpu::Features::IMMEDIATES;
+/// What of a device is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum DeviceLimits {
+    /// All that it has.
+    #[default]
+    Own,
+    /// The least that a desktop's Vulkan device has, whatever this one has: no timestamps, no subgroups, no immediates
+    /// except on lavapipe, and [`DeviceLimits::least`]. For tests.
+    Least,
+}
+
+impl std::str::FromStr for DeviceLimits {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "own" => Ok(DeviceLimits::Own),
+            "least" => Ok(DeviceLimits::Least),
+            _ => Err(Error::NoDevice(format!("limits are 'own' or 'least', not '{text}'"))),
+        }
+    }
+}
+
+impl DeviceLimits {
+    /// WebGPU's limits, which browsers ask of every desktop device, but for storage buffers: 10 to a stage, not 8. That
+    /// is what wgpu leaves of SwiftShader's, and what Chrome offers (github.com/gfx-rs/wgpu/issues/9287). All GPUs
+    /// that can have WebGPU report 16 or more (github.com/gpuweb/gpuweb/issues/4235).
+    pub const fn least() -> wgpu::Limits {
+        wgpu::Limits { max_storage_buffers_per_shader_stage: 10, ..wgpu::Limits::defaults() }
+    }
+}
+
 /// What the kit uses where it is there.
-const WELCOME: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::SUBGROUP);
+const WELCOME: wgpu::Features =
+    wgpu::Features::IMMEDIATES.union(wgpu::Features::TIMESTAMP_QUERY).union(wgpu::Features::SUBGROUP);
 
 const REMEDY: &str = "install a Vulkan driver (Mesa's lavapipe is one that needs no GPU)";
 
@@ -88,13 +119,6 @@ pub(crate) fn describe(adapter: &wgpu::Adapter) -> DeviceInfo {
     }
 }
 
-/// Lanes of a subgroup, if kernels can use them and all subgroups have the same number.
-pub(crate) fn subgroup_size(adapter: &wgpu::Adapter, device: &wgpu::Device) -> Option<u32> {
-    let info = adapter.get_info();
-    let one_size = info.subgroup_min_size == info.subgroup_max_size;
-    (one_size && device.features().contains(wgpu::Features::SUBGROUP)).then_some(info.subgroup_min_size)
-}
-
 fn rank(kind: &str) -> usize {
     ["discrete gpu", "integrated gpu", "virtual gpu", "other", "software"].iter().position(|k| *k == kind).unwrap_or(5)
 }
@@ -102,7 +126,7 @@ fn rank(kind: &str) -> usize {
 /// The adapter that fits the choice.
 ///
 /// # Errors
-/// [`Error::NoDevice`] if none fits, or the one that fits lacks what the kit needs.
+/// [`Error::NoDevice`] if none fits.
 pub(crate) fn choose(choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo)> {
     let mut adapters = adapters();
     if adapters.is_empty() {
@@ -127,21 +151,31 @@ pub(crate) fn choose(choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo
         };
         return Err(Error::NoDevice(format!("{wanted}; there is: {}", names.join(", "))));
     };
-    let (adapter, info) = (adapters.swap_remove(index), infos.swap_remove(index));
-    if !adapter.features().contains(REQUIRED) {
-        return Err(Error::NoDevice(format!("{} lacks {REQUIRED:?}; choose another device", info.name)));
-    }
-    Ok((adapter, info))
+    Ok((adapters.swap_remove(index), infos.swap_remove(index)))
+}
+
+/// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: that of Mesa 22.3 crashes in kernels
+/// with loops whose ends it reads from a uniform buffer.
+fn least_of(adapter: &wgpu::Adapter) -> (wgpu::Features, wgpu::Limits) {
+    let crashes = adapter.get_info().driver == "llvmpipe";
+    let kept = if crashes { wgpu::Features::IMMEDIATES } else { wgpu::Features::empty() };
+    let max_immediate_size = if crashes { adapter.limits().max_immediate_size } else { 0 };
+    (adapter.features() & kept, wgpu::Limits { max_immediate_size, ..DeviceLimits::least() })
 }
 
 /// A device of the adapter, with what kernels need.
 pub(crate) fn request(
     adapter: &wgpu::Adapter,
+    limits: DeviceLimits,
 ) -> std::result::Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
+    let (required_features, required_limits) = match limits {
+        DeviceLimits::Own => (adapter.features() & WELCOME, adapter.limits()),
+        DeviceLimits::Least => least_of(adapter),
+    };
     pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
         label: Some("kernel-kit"),
-        required_features: REQUIRED | (adapter.features() & WELCOME),
-        required_limits: adapter.limits(),
+        required_features,
+        required_limits,
         ..Default::default()
     }))
 }

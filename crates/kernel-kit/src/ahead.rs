@@ -16,6 +16,7 @@ use crate::buffer::{MIN_BYTES, TABLE_WIDTH, table_rows};
 use crate::device::Gpu;
 use crate::error::Result;
 use crate::pipeline::{Entry, Undispatched, Variable};
+use crate::uniforms::{First, GROUP, Uniforms};
 
 /// A dispatch over nothing that takes longer had to translate its kernel: from the cache that takes 1 to 4 ms, and else
 /// 20 ms for the smallest kernels (lavapipe of Mesa 22.3).
@@ -54,7 +55,7 @@ impl Gpu {
         let next = AtomicUsize::new(0);
         let workers = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
         let work = || {
-            let Ok((device, queue)) = adapter::request(&self.adapter) else { return };
+            let Ok((device, queue)) = adapter::request(&self.adapter, self.requested) else { return };
             device.on_uncaptured_error(Arc::new(|_| ()));
             let mut stage = Stage { device: &device, queue: &queue, known, textures: Vec::new() };
             while let Some(Undispatched { source, entry }) = kernels.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -94,11 +95,16 @@ impl Stage<'_> {
         for (index, group) in (0..).zip(&groups) {
             pass.set_bind_group(index, group, &[]);
         }
-        if interface.immediate_bytes > 0 {
+        let mut uniforms = Uniforms::default();
+        if interface.takes_uniforms() {
+            pass.set_bind_group(GROUP, &uniforms.bind(self.device, First::Group(0), &[]), &[]);
+        }
+        if interface.immediate_bytes > 0 && !interface.uniform_parameters {
             pass.set_immediates(0, &vec![0; interface.immediate_bytes as usize]);
         }
         pass.dispatch_workgroups(0, 0, 0);
         drop(pass);
+        uniforms.write(self.queue);
         self.queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -109,10 +115,12 @@ impl Stage<'_> {
             wgpu::BindingType::StorageTexture { format, view_dimension, .. } => {
                 (format, table, wgpu::TextureUsages::STORAGE_BINDING, view_dimension)
             }
-            wgpu::BindingType::Texture { view_dimension, .. } => {
+            wgpu::BindingType::Texture { view_dimension, sample_type, .. } => {
                 let (format, size) = match self.known.get(&variable.name) {
                     Some(Binding::Texture(view)) => (view.texture().format(), alike(view.texture())),
-                    _ => (wgpu::TextureFormat::Rgba8Unorm, table),
+                    // A table that is read as a sampled texture.
+                    _ if sample_type == wgpu::TextureSampleType::Uint => (wgpu::TextureFormat::Rgba32Uint, table),
+                    _ => (wgpu::TextureFormat::Rgba32Float, table),
                 };
                 (format, size, wgpu::TextureUsages::TEXTURE_BINDING, view_dimension)
             }
@@ -160,7 +168,7 @@ enum Resource {
 impl Resource {
     fn binding(&self) -> Binding<'_> {
         match self {
-            Resource::Buffer(buffer) => Binding::Buffer(buffer),
+            Resource::Buffer(buffer) => Binding::Raw(buffer),
             Resource::Texture(view) => Binding::Texture(view),
         }
     }

@@ -7,21 +7,23 @@ use crate::buffer::{Buffer, Table};
 /// What is bound to a WGSL variable.
 #[derive(Clone, Copy)]
 pub enum Binding<'a> {
-    /// A buffer.
-    Buffer(&'a wgpu::Buffer),
+    /// A buffer, or a part of one.
+    Buffer(&'a Buffer),
+    /// A buffer that is not the kit's.
+    Raw(&'a wgpu::Buffer),
     /// A texture.
     Texture(&'a wgpu::TextureView),
 }
 
 impl<'a> From<&'a Buffer> for Binding<'a> {
     fn from(buffer: &'a Buffer) -> Self {
-        Binding::Buffer(&buffer.raw)
+        Binding::Buffer(buffer)
     }
 }
 
 impl<'a> From<&'a wgpu::Buffer> for Binding<'a> {
     fn from(buffer: &'a wgpu::Buffer) -> Self {
-        Binding::Buffer(buffer)
+        Binding::Raw(buffer)
     }
 }
 

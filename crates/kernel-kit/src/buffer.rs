@@ -1,9 +1,11 @@
 //! Buffers and tables: what lies in the device's memory.
 
-/// A storage buffer with its label. Clones are the same buffer.
+/// A storage buffer with its label, or a part of one. Clones are the same buffer.
 #[derive(Clone)]
 pub struct Buffer {
     pub(crate) raw: wgpu::Buffer,
+    /// Where it begins in `raw`.
+    pub(crate) first_byte: u64,
     /// Names the buffer in errors and in the driver's tools, such as `<pass>/<buffer>`.
     pub label: String,
     /// Size in bytes, a multiple of 4 and at least 16.
@@ -11,11 +13,25 @@ pub struct Buffer {
 }
 
 impl Buffer {
-    /// The buffer itself, for what the kit does not do.
+    /// The buffer itself, for what the kit does not do; of a part, the whole that it is of.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.raw
     }
+
+    /// `bytes` of the buffer from `first_byte` on, for kernels that need no more: one that binds the whole takes a
+    /// single binding, and devices allow few. A dispatch cannot write one part and only read another.
+    ///
+    /// # Panics
+    /// If the part does not lie in the buffer, or begins where bindings cannot: at no multiple of [`PART_ALIGNMENT`].
+    #[must_use]
+    pub fn part(&self, label: &str, first_byte: u64, bytes: u64) -> Buffer {
+        assert!(first_byte + bytes <= self.bytes && first_byte % PART_ALIGNMENT == 0, "{label} is no part of a buffer");
+        Buffer { raw: self.raw.clone(), first_byte: self.first_byte + first_byte, label: label.to_owned(), bytes }
+    }
 }
+
+/// Where parts of buffers may begin, in bytes: the coarsest alignment that WebGPU lets a device ask for.
+pub const PART_ALIGNMENT: u64 = 256;
 
 /// Read-only records of four 32-bit words that kernels look up at random: a texture of width
 /// [`TABLE_WIDTH`] where [`Gpu::texture_loads`](crate::Gpu::texture_loads), a storage buffer elsewhere. Clones are the

@@ -113,13 +113,7 @@ impl Composer {
         // Sorted, the same kernel is the same program, and the driver's cache on disk has it.
         unit.global_declarations.sort_by_cached_key(|declaration| declaration.to_string());
         let wgsl = unit.to_string();
-        let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
-        let flags = naga::valid::ValidationFlags::all();
-        let capabilities = naga::valid::Capabilities::IMMEDIATES | naga::valid::Capabilities::SUBGROUP;
-        let info = naga::valid::Validator::new(flags, capabilities)
-            .validate(&module)
-            .map_err(|e| broken(&e.emit_to_string(&wgsl)))?;
-        Ok(Composed { kernel: name.to_owned(), wgsl, module, info })
+        Composed::new(name, wgsl)
     }
 }
 
@@ -178,7 +172,56 @@ pub struct Composed {
     pub info: naga::valid::ModuleInfo,
 }
 
+/// How many resources an entry point takes of each kind that devices limit.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Taken {
+    /// Name of the entry point.
+    pub entry: String,
+    /// Storage buffers.
+    pub storage_buffers: u32,
+    /// Storage textures.
+    pub storage_textures: u32,
+    /// Sampled textures.
+    pub sampled_textures: u32,
+    /// Uniform buffers.
+    pub uniform_buffers: u32,
+}
+
 impl Composed {
+    /// Parses and validates plain WGSL.
+    pub(crate) fn new(name: &str, wgsl: String) -> Result<Composed> {
+        let broken = |words: String| Error::kernel(name, one_line(&words));
+        let module = naga::front::wgsl::parse_str(&wgsl).map_err(|e| broken(e.emit_to_string(&wgsl)))?;
+        let flags = naga::valid::ValidationFlags::all();
+        let capabilities = naga::valid::Capabilities::IMMEDIATES | naga::valid::Capabilities::SUBGROUP;
+        let info = naga::valid::Validator::new(flags, capabilities)
+            .validate(&module)
+            .map_err(|e| broken(e.emit_to_string(&wgsl)))?;
+        Ok(Composed { kernel: name.to_owned(), wgsl, module, info })
+    }
+
+    /// What each entry point takes.
+    pub fn taken(&self) -> Vec<Taken> {
+        let taken_by = |(index, entry): (usize, &naga::EntryPoint)| {
+            let uses = self.info.get_entry_point(index);
+            let mut taken = Taken { entry: entry.name.clone(), ..Taken::default() };
+            let variables = self.module.global_variables.iter();
+            for (_, variable) in variables.filter(|(handle, _)| !uses[*handle].is_empty()) {
+                match (variable.space, &self.module.types[variable.ty].inner) {
+                    (naga::AddressSpace::Storage { .. }, _) => taken.storage_buffers += 1,
+                    (naga::AddressSpace::Uniform, _) => taken.uniform_buffers += 1,
+                    (_, naga::TypeInner::Image { class: naga::ImageClass::Storage { .. }, .. }) => {
+                        taken.storage_textures += 1;
+                    }
+                    (_, naga::TypeInner::Image { .. }) => taken.sampled_textures += 1,
+                    _ => {}
+                }
+            }
+            taken
+        };
+        self.module.entry_points.iter().enumerate().map(taken_by).collect()
+    }
+
     /// Those of `constants` that are `override`s of this kernel.
     pub fn overrides<'c>(&self, constants: &[(&'c str, f64)]) -> Vec<(&'c str, f64)> {
         constants.iter().copied().filter(|(name, _)| self.has_override(name)).collect()

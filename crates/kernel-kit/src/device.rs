@@ -1,10 +1,14 @@
 //! An open device.
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
-use crate::adapter::{self, DeviceChoice, DeviceInfo};
+use crate::adapted;
+use crate::adapter::{self, DeviceChoice, DeviceInfo, DeviceLimits};
 use crate::error::{Error, Result, one_line};
+use crate::pace::Pace;
 use crate::pipeline::{Kept, Undispatched};
+use crate::slices::Slicer;
+use crate::subgroups::subgroup_size;
 use crate::timer::Timer;
 
 /// An open device with its queue.
@@ -16,17 +20,27 @@ pub struct Gpu {
     /// What it says of itself.
     pub info: DeviceInfo,
     /// Kernels read tables through textures here, not storage buffers: on a software device a divergent
-    /// storage load costs five to eight texture loads.
+    /// storage load costs five to eight texture loads, and some devices allow few storage buffers.
     pub texture_loads: bool,
-    /// Lanes of a subgroup, where all subgroups have the same number and the device was opened with `SUBGROUP`.
+    /// Lanes of a subgroup, where the device was opened with `SUBGROUP`, all subgroups have the same number, and
+    /// consecutive invocations of a workgroup are the lanes of one.
     pub subgroup_size: Option<u32>,
     pub(crate) limits: wgpu::Limits,
     pub(crate) adapter: wgpu::Adapter,
+    /// What of the device was asked for.
+    pub(crate) requested: DeviceLimits,
+    /// What kernels are spared.
+    pub(crate) adaptation: adapted::Device,
+    pace: Mutex<Pace>,
+    slicer: OnceLock<Slicer>,
     timer: Mutex<Timer>,
     undispatched: Mutex<Vec<Undispatched>>,
     kept: Mutex<Option<Kept>>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
+
+/// Tables are buffers only where the device allows at least as many of a stage: a kernel's own, and a dozen tables.
+const TABLE_BUFFERS: u32 = 24;
 
 #[derive(Clone, Debug)]
 enum Fault {
@@ -50,31 +64,34 @@ impl Gpu {
     /// # Errors
     /// [`Error::NoDevice`] if none fits the choice or the one that fits lacks what the kit needs.
     pub fn open(choice: &DeviceChoice) -> Result<Gpu> {
-        let (adapter, info) = adapter::choose(choice)?;
-        let (device, queue) = adapter::request(&adapter)
-            .map_err(|e| Error::NoDevice(format!("{} does not open: {}", info.name, one_line(&e.to_string()))))?;
-        Ok(Gpu::new(adapter, device, queue, info))
+        Gpu::open_with(choice, DeviceLimits::Own)
     }
 
-    /// Takes a device that the caller has opened, with the feature `IMMEDIATES` and a `max_immediate_size` that holds
-    /// the parameters of the kernels. Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use
-    /// subgroups if with `SUBGROUP`. The device's callbacks for uncaptured errors and for its loss are replaced by the
-    /// kit's: [`Gpu::check`] says what they heard.
+    /// As [`Gpu::open`], with other limits.
     ///
     /// # Errors
-    /// [`Error::NoDevice`] if the device was opened without `IMMEDIATES`.
-    pub fn from_wgpu(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Result<Gpu> {
-        let mut info = adapter::describe(&adapter);
-        if !device.features().contains(adapter::REQUIRED) {
-            let needed = adapter::REQUIRED;
-            return Err(Error::NoDevice(format!("{} was opened without {needed:?}; request them", info.name)));
-        }
-        info.timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        info.max_binding_bytes = device.limits().max_storage_buffer_binding_size;
-        Ok(Gpu::new(adapter, device, queue, info))
+    /// As [`Gpu::open`].
+    pub fn open_with(choice: &DeviceChoice, limits: DeviceLimits) -> Result<Gpu> {
+        let (adapter, info) = adapter::choose(choice)?;
+        let (device, queue) = adapter::request(&adapter, limits)
+            .map_err(|e| Error::NoDevice(format!("{} does not open: {}", info.name, one_line(&e.to_string()))))?;
+        Ok(Gpu::new(adapter, device, queue, limits))
     }
 
-    fn new(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue, info: DeviceInfo) -> Gpu {
+    /// Takes a device that the caller has opened. If it was opened with the feature `IMMEDIATES` and a
+    /// `max_immediate_size` that holds the parameters of the kernels, these are immediates, else a uniform buffer.
+    /// Passes are timed if it was opened with `TIMESTAMP_QUERY`, and kernels may use subgroups if with `SUBGROUP`. The
+    /// device's callbacks for uncaptured errors and for its loss are replaced by the kit's: [`Gpu::check`] says what
+    /// they heard.
+    pub fn from_wgpu(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
+        Gpu::new(adapter, device, queue, DeviceLimits::Own)
+    }
+
+    fn new(adapter: wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue, requested: DeviceLimits) -> Gpu {
+        let mut info = adapter::describe(&adapter);
+        let features = device.features();
+        info.timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
+        info.max_binding_bytes = device.limits().max_storage_buffer_binding_size;
         let fault = Arc::new(Mutex::new(None));
         let reported = fault.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -91,11 +108,32 @@ impl Gpu {
             }
         });
         let timer = Mutex::new(Timer::new(&device, &queue, info.timestamps));
-        let texture_loads = info.is_software();
-        let subgroup_size = adapter::subgroup_size(&adapter, &device);
+        let subgroup_size = subgroup_size(&adapter.get_info(), &device, &queue);
         let limits = device.limits();
-        let (undispatched, kept) = Default::default();
-        Gpu { device, queue, info, texture_loads, subgroup_size, limits, adapter, timer, undispatched, kept, fault }
+        let texture_loads = info.is_software() || limits.max_storage_buffers_per_shader_stage < TABLE_BUFFERS;
+        let adaptation = adapted::Device {
+            without_immediates: !features.contains(wgpu::Features::IMMEDIATES),
+            // Nothing watches a software device.
+            sliced: !info.is_software() || requested == DeviceLimits::Least,
+            max_storage_textures: limits.max_storage_textures_per_shader_stage,
+        };
+        Gpu {
+            device,
+            queue,
+            info,
+            texture_loads,
+            subgroup_size,
+            limits,
+            adapter,
+            requested,
+            adaptation,
+            pace: Mutex::default(),
+            slicer: OnceLock::new(),
+            timer,
+            undispatched: Mutex::default(),
+            kept: Mutex::default(),
+            fault,
+        }
     }
 
     /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for
@@ -112,6 +150,28 @@ impl Gpu {
     /// The kept kernels; none if they are not to be kept.
     pub(crate) fn kept(&self) -> MutexGuard<'_, Option<Kept>> {
         lock(&self.kept)
+    }
+
+    /// The pace of passes.
+    pub(crate) fn pace(&self) -> MutexGuard<'_, Pace> {
+        lock(&self.pace)
+    }
+
+    /// The kernel that slices indirect dispatches.
+    pub(crate) fn slicer(&self) -> &Slicer {
+        self.slicer.get_or_init(|| Slicer::new(&self.device))
+    }
+
+    /// From now on passes seem to take `factor` times as long as they do, to what slices them: for tests.
+    pub fn pretend_slower(&self, factor: f64) {
+        self.pace().pretend_slower(factor);
+    }
+
+    /// Slices of dispatches so far: where something may reset a device that is long busy, and with
+    /// [`DeviceLimits::Least`], passes that take long are divided into several dispatches, by the times they took
+    /// before.
+    pub fn slices(&self) -> u64 {
+        self.pace().sliced()
     }
 
     /// The entry points that have not been dispatched.
@@ -147,6 +207,7 @@ impl Gpu {
         let poll = || self.device.poll(wgpu::PollType::wait_indefinitely());
         let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(poll));
         self.check(at)?;
+        self.pace().end();
         let lost = |problem: String| Error::DeviceLost { at: at.to_owned(), problem };
         match outcome {
             Ok(polled) => polled.map(drop).map_err(|e| lost(e.to_string())),

@@ -9,6 +9,8 @@ use crate::compose::MAX_GROUPS;
 use crate::device::Gpu;
 use crate::error::Result;
 use crate::kernel::BoundKernel;
+use crate::slices::arguments_of;
+use crate::uniforms::{First, GROUP, Uniforms};
 
 /// Dispatches recorded to be submitted together.
 pub struct Frame<'g> {
@@ -16,6 +18,7 @@ pub struct Frame<'g> {
     /// The encoder, for copies between dispatches.
     pub encoder: wgpu::CommandEncoder,
     label: String,
+    uniforms: Uniforms,
 }
 
 /// The dispatch size for `groups` workgroups: a second dimension where one does not hold them. Kernels find the
@@ -27,8 +30,18 @@ pub fn dispatch_size(groups: u32) -> [u32; 3] {
 impl Gpu {
     /// Starts a frame. `label` names it in errors.
     pub fn frame(&self, label: &str) -> Frame<'_> {
-        let encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
-        Frame { gpu: self, encoder, label: label.to_owned() }
+        let uniforms = Uniforms::default();
+        Frame { gpu: self, encoder: self.encoder(label), label: label.to_owned(), uniforms }
+    }
+
+    fn encoder(&self, label: &str) -> wgpu::CommandEncoder {
+        self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
+    }
+
+    fn send(&self, recorded: wgpu::CommandEncoder, uniforms: &mut Uniforms) {
+        uniforms.write(&self.queue);
+        self.pace().begin();
+        self.queue.submit([recorded.finish()]);
     }
 
     /// Runs a kernel once, in a frame of its own, without waiting for it; as [`Frame::run`].
@@ -84,8 +97,23 @@ impl Frame<'_> {
     /// # Panics
     /// If the kernel takes more bytes of immediates than there are.
     pub fn run(&mut self, kernel: &BoundKernel, items: u32, immediates: &impl Pod) {
-        let size = dispatch_size(items.div_ceil(kernel.workgroup_size));
-        self.pass(kernel, immediates, |pass| pass.dispatch_workgroups(size[0], size[1], size[2]));
+        let groups = items.div_ceil(kernel.interface.workgroup_size);
+        let sliced = kernel.interface.sliced;
+        let most = if sliced { self.gpu.pace().groups_of_slice(&kernel.label, groups) } else { groups };
+        if groups <= most {
+            let size = dispatch_size(groups);
+            self.pass(kernel, immediates, First::Group(0), |pass| {
+                pass.dispatch_workgroups(size[0], size[1], size[2]);
+            });
+            return self.submit_if_due();
+        }
+        // Rows of workgroups would overlap the next slice.
+        let most = most.min(MAX_GROUPS);
+        for first in (0..groups).step_by(most as usize) {
+            let count = most.min(groups - first);
+            self.pass(kernel, immediates, First::Group(first), |pass| pass.dispatch_workgroups(count, 1, 1));
+            self.submit_so_far();
+        }
     }
 
     /// Runs the kernel with the workgroups that `arguments` holds at byte `offset` when the device comes to it.
@@ -93,13 +121,36 @@ impl Frame<'_> {
     /// # Panics
     /// As [`Frame::run`].
     pub fn run_indirect(&mut self, kernel: &BoundKernel, arguments: &Buffer, offset: u64, immediates: &impl Pod) {
-        self.pass(kernel, immediates, |pass| pass.dispatch_workgroups_indirect(&arguments.raw, offset));
+        let offset = arguments.first_byte + offset;
+        let slices = if kernel.interface.sliced { self.gpu.pace().slices(&kernel.label) } else { 1 };
+        if slices == 1 {
+            self.pass(kernel, immediates, First::Group(0), |pass| {
+                pass.dispatch_workgroups_indirect(&arguments.raw, offset);
+            });
+            return self.submit_if_due();
+        }
+        let slicer = self.gpu.slicer();
+        let sliced = slicer.record(&self.gpu.device, &mut self.encoder, &arguments.raw, offset, slices);
+        for slice in 0..slices {
+            self.pass(kernel, immediates, First::Entry(&sliced, slice), |pass| {
+                pass.dispatch_workgroups_indirect(&sliced, arguments_of(slice));
+            });
+            self.submit_so_far();
+        }
     }
 
-    fn pass(&mut self, kernel: &BoundKernel, immediates: &impl Pod, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
-        let (given, needed) = (bytemuck::bytes_of(immediates), kernel.immediate_bytes as usize);
+    fn pass(
+        &mut self,
+        kernel: &BoundKernel,
+        immediates: &impl Pod,
+        first: First<'_>,
+        dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>),
+    ) {
+        let interface = &kernel.interface;
+        let (given, needed) = (bytemuck::bytes_of(immediates), interface.immediate_bytes as usize);
         let label = &kernel.label;
         assert!(given.len() >= needed, "kernel {label} takes {needed} bytes of immediates, {} are given", given.len());
+        let given = &given[..needed];
         let mut timer = self.gpu.timer();
         let writes = timer.next(&kernel.label);
         let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -114,20 +165,37 @@ impl Frame<'_> {
         for (index, group) in kernel.groups.iter().enumerate() {
             pass.set_bind_group(index as u32, group, &[]);
         }
-        if kernel.immediate_bytes > 0 {
-            pass.set_immediates(0, &given[..needed]);
+        if interface.takes_uniforms() {
+            pass.set_bind_group(GROUP, &self.uniforms.bind(&self.gpu.device, first, given), &[]);
+        }
+        if needed > 0 && !interface.uniform_parameters {
+            pass.set_immediates(0, given);
         }
         dispatch(&mut pass);
     }
 
+    /// Submits what was recorded so far, if it takes as long as a watchdog allows.
+    fn submit_if_due(&mut self) {
+        if self.gpu.pace().is_due() {
+            self.submit_so_far();
+        }
+    }
+
+    /// Submits what was recorded so far.
+    fn submit_so_far(&mut self) {
+        let next = self.gpu.encoder(&self.label);
+        let recorded = std::mem::replace(&mut self.encoder, next);
+        self.gpu.send(recorded, &mut self.uniforms);
+    }
+
     /// Zeroes a buffer.
     pub fn clear(&mut self, buffer: &Buffer) {
-        self.encoder.clear_buffer(&buffer.raw, 0, None);
+        self.encoder.clear_buffer(&buffer.raw, buffer.first_byte, Some(buffer.bytes));
     }
 
     /// Copies the first `bytes` bytes of a buffer to another, from byte `at` on.
     pub fn copy(&mut self, from: &Buffer, to: &Buffer, at: u64, bytes: u64) {
-        self.encoder.copy_buffer_to_buffer(&from.raw, 0, &to.raw, at, bytes);
+        self.encoder.copy_buffer_to_buffer(&from.raw, from.first_byte, &to.raw, to.first_byte + at, bytes);
     }
 
     /// Copies the whole rows that a buffer has, or as many as the texture has, into a table's texture.
@@ -143,7 +211,7 @@ impl Frame<'_> {
             wgpu::TexelCopyBufferInfo {
                 buffer: &buffer.raw,
                 layout: wgpu::TexelCopyBufferLayout {
-                    offset: u64::from(first_row) * u64::from(TABLE_WIDTH * 16),
+                    offset: buffer.first_byte + u64::from(first_row) * u64::from(TABLE_WIDTH * 16),
                     bytes_per_row: Some(TABLE_WIDTH * 16),
                     rows_per_image: None,
                 },
@@ -184,8 +252,8 @@ impl Frame<'_> {
     ///
     /// # Errors
     /// As [`Gpu::check`].
-    pub fn submit(self) -> Result<()> {
-        self.gpu.queue.submit([self.encoder.finish()]);
+    pub fn submit(mut self) -> Result<()> {
+        self.gpu.send(self.encoder, &mut self.uniforms);
         let full = self.gpu.timer().nearly_full();
         if full {
             self.gpu.pass_times()?;

@@ -43,8 +43,7 @@ pub struct BoundKernel {
     pub label: String,
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) groups: Vec<wgpu::BindGroup>,
-    pub(crate) workgroup_size: u32,
-    pub(crate) immediate_bytes: u32,
+    pub(crate) interface: Interface,
 }
 
 impl Kernel {
@@ -56,6 +55,7 @@ impl Kernel {
     pub fn new(gpu: &Gpu, composed: &Composed, host: &Host<'_>) -> Result<Kernel> {
         check_layouts(composed, host.shared, host.opaque)?;
         check_names(composed, host)?;
+        let composed = &*gpu.adaptation.adapt(composed)?;
         let source = Source::new(composed, host.constants);
         let shader = source.shader(&gpu.device);
         let mut entries = Entries::new();
@@ -107,8 +107,7 @@ impl Kernel {
             label: interface.label(),
             pipeline: built.pipeline.clone(),
             groups,
-            workgroup_size: interface.workgroup_size,
-            immediate_bytes: interface.immediate_bytes,
+            interface: interface.clone(),
         })
     }
 

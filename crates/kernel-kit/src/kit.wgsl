@@ -4,6 +4,14 @@
 // ones may be past the last item. Lavapipe splits the workgroups of a dispatch into two contiguous halves, one a
 // thread: with the feature `interleave` workgroups alternate between the halves, which balances uneven work.
 fn group_index(group: vec3u, groups: vec3u) -> u32 {
+    return FIRST_GROUP + index_in_slice(group, groups);
+}
+
+// The first workgroup of this part of a dispatch. On devices with a watchdog the host sets it: a uniform variable takes
+// the constant's place (src/adapted.rs).
+const FIRST_GROUP = 0u;
+
+fn index_in_slice(group: vec3u, groups: vec3u) -> u32 {
     let linear = group.x + group.y * groups.x;
     @if(interleave) {
         let count = groups.x * groups.y;

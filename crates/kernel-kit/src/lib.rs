@@ -4,6 +4,7 @@
 // Macros name the crate from inside it as users do.
 extern crate self as kernel_kit;
 
+mod adapted;
 mod adapter;
 mod ahead;
 mod binding;
@@ -16,15 +17,19 @@ mod feature;
 mod frame;
 mod kernel;
 mod layout;
+mod pace;
 mod pipeline;
+mod slices;
+mod subgroups;
 pub mod test;
 mod timer;
 mod transfer;
+mod uniforms;
 
-pub use adapter::{DeviceChoice, DeviceInfo};
+pub use adapter::{DeviceChoice, DeviceInfo, DeviceLimits};
 pub use binding::{Binding, Bindings, Declared, Resources};
-pub use buffer::{Buffer, KernelTable, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
-pub use compose::{Composed, Composer, MAX_GROUPS, constants_module};
+pub use buffer::{Buffer, KernelTable, PART_ALIGNMENT, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
+pub use compose::{Composed, Composer, MAX_GROUPS, Taken, constants_module};
 pub use device::Gpu;
 pub use error::{Error, Result};
 pub use feature::{Feature, Features, NoFeature};

@@ -1,6 +1,7 @@
 //! Pipelines on a device, and what they take from the host.
 
 use std::collections::{BTreeMap, HashMap};
+use std::num::NonZeroU64;
 use std::sync::Arc;
 
 use wgpu::naga;
@@ -8,6 +9,7 @@ use wgpu::naga;
 use crate::binding::Binding;
 use crate::compose::Composed;
 use crate::error::{Error, Result};
+use crate::uniforms;
 
 /// What pipelines are made of: a composed kernel and its constants.
 pub(crate) struct Source {
@@ -45,7 +47,12 @@ pub(crate) struct Interface {
     entry: String,
     /// The variables by group.
     pub(crate) groups: Vec<Vec<Variable>>,
+    /// Bytes of its parameters.
     pub(crate) immediate_bytes: u32,
+    /// It takes its parameters from the kit's uniforms, not as immediates.
+    pub(crate) uniform_parameters: bool,
+    /// It takes the first workgroup of a slice.
+    pub(crate) sliced: bool,
     pub(crate) workgroup_size: u32,
 }
 
@@ -90,7 +97,12 @@ impl Entry {
         let group = |(layout, variables): (&wgpu::BindGroupLayout, &Vec<Variable>)| {
             let entry = |variable: &Variable| {
                 let resource = match resource(&variable.name).ok_or_else(|| missing(&variable.name))? {
-                    Binding::Buffer(buffer) => buffer.as_entire_binding(),
+                    Binding::Buffer(buffer) => wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                        buffer: &buffer.raw,
+                        offset: buffer.first_byte,
+                        size: NonZeroU64::new(buffer.bytes),
+                    }),
+                    Binding::Raw(buffer) => buffer.as_entire_binding(),
                     Binding::Texture(view) => wgpu::BindingResource::TextureView(view),
                 };
                 Ok(wgpu::BindGroupEntry { binding: variable.layout.binding, resource })
@@ -108,7 +120,7 @@ impl Interface {
         let module = &composed.module;
         let uses = composed.info.get_entry_point(index);
         let mut groups: Vec<Vec<Variable>> = Vec::new();
-        let mut immediate_bytes = 0;
+        let (mut immediate_bytes, mut uniform_parameters, mut sliced) = (0, false, false);
         for (handle, variable) in module.global_variables.iter() {
             if uses[handle].is_empty() {
                 continue;
@@ -119,6 +131,14 @@ impl Interface {
                 immediate_bytes = bytes;
             }
             let Some(binding) = &variable.binding else { continue };
+            if binding.group == uniforms::GROUP {
+                if binding.binding == uniforms::PARAMETER_BINDING {
+                    (immediate_bytes, uniform_parameters) = (bytes, true);
+                } else {
+                    sliced = true;
+                }
+                continue;
+            }
             let ty = binding_type(module, variable).ok_or_else(|| {
                 Error::kernel(&composed.kernel, format!("binding '{name}' is of a kind that the kit does not bind"))
             })?;
@@ -135,12 +155,17 @@ impl Interface {
         let entry = &module.entry_points[index];
         let workgroup_size = entry.workgroup_size.iter().product();
         let (kernel, entry) = (composed.kernel.clone(), entry.name.clone());
-        Ok(Interface { kernel, entry, groups, immediate_bytes, workgroup_size })
+        Ok(Interface { kernel, entry, groups, immediate_bytes, uniform_parameters, sliced, workgroup_size })
     }
 
     /// `<kernel>/<entry>`.
     pub(crate) fn label(&self) -> String {
         format!("{}/{}", self.kernel, self.entry)
+    }
+
+    /// Whether it takes the kit's group of uniforms.
+    pub(crate) fn takes_uniforms(&self) -> bool {
+        self.uniform_parameters || self.sliced
     }
 
     pub(crate) fn build(&self, device: &wgpu::Device, source: &Source, shader: &wgpu::ShaderModule) -> Built {
@@ -150,10 +175,16 @@ impl Interface {
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(&label), entries: &entries })
         };
         let layouts: Vec<_> = self.groups.iter().map(layout).collect();
+        let uniforms = self.takes_uniforms().then(|| uniforms::layout(device));
+        let mut groups: Vec<_> = layouts.iter().map(Some).collect();
+        if let Some(uniforms) = &uniforms {
+            groups.resize(uniforms::GROUP as usize, None);
+            groups.push(Some(uniforms));
+        }
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(&label),
-            bind_group_layouts: &layouts.iter().map(Some).collect::<Vec<_>>(),
-            immediate_size: self.immediate_bytes,
+            bind_group_layouts: &groups,
+            immediate_size: if self.uniform_parameters { 0 } else { self.immediate_bytes },
         });
         let constants: Vec<_> = source.constants.iter().map(|(name, value)| (name.as_str(), *value)).collect();
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {

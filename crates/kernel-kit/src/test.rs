@@ -3,14 +3,15 @@
 use std::io::Write as _;
 use std::sync::OnceLock;
 
-use crate::adapter::DeviceChoice;
+use crate::adapter::{DeviceChoice, DeviceLimits};
 use crate::device::Gpu;
 
 /// The environment variable that names the tests' device, where a crate has none of its own.
 pub const VARIABLE: &str = "KERNEL_KIT_DEVICE";
 
 /// The device of this test program: the one that the environment variable chooses (as text is parsed to a
-/// [`DeviceChoice`]), a software one if it is not set. Opened once, at the first call, whose variable counts; what it
+/// [`DeviceChoice`]), a software one if it is not set; with the [`DeviceLimits`] that the variable of that name with
+/// `_LIMITS` has, its own if it is not set. Opened once, at the first call, whose variable counts; what it
 /// is is written to standard error then.
 ///
 /// # Panics
@@ -20,7 +21,9 @@ pub fn device(variable: &str) -> &'static Gpu {
     GPU.get_or_init(|| {
         let choice = std::env::var(variable).unwrap_or_else(|_| "software".to_owned());
         let choice = choice.parse().unwrap_or(DeviceChoice::Software);
-        let gpu = Gpu::open(&choice).unwrap_or_else(|e| panic!("{e}; the tests' device is chosen by {variable}"));
+        let limits = std::env::var(format!("{variable}_LIMITS")).map_or(Ok(DeviceLimits::Own), |limits| limits.parse());
+        let gpu = limits.and_then(|limits| Gpu::open_with(&choice, limits));
+        let gpu = gpu.unwrap_or_else(|e| panic!("{e}; the tests' device is chosen by {variable}"));
         let info = &gpu.info;
         // Not by a macro, whose words the test harness would keep to itself.
         let _ = writeln!(std::io::stderr(), "device: {} ({}, {})", info.name, info.kind, info.driver);

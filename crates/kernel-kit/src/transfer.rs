@@ -20,7 +20,7 @@ impl Gpu {
             mapped_at_creation: false,
         });
         self.check(label)?;
-        Ok(Buffer { raw, label: label.to_owned(), bytes })
+        Ok(Buffer { raw, first_byte: 0, label: label.to_owned(), bytes })
     }
 
     /// A buffer that holds `data`.
@@ -45,7 +45,7 @@ impl Gpu {
             }
         }
         raw.unmap();
-        Ok(Buffer { raw, label: label.to_owned(), bytes })
+        Ok(Buffer { raw, first_byte: 0, label: label.to_owned(), bytes })
     }
 
     /// A buffer for `count` values of `T`, every word of it [`POISON`].
@@ -58,7 +58,7 @@ impl Gpu {
 
     /// Overwrites the start of `buffer`.
     pub fn write<T: Pod>(&self, buffer: &Buffer, data: &[T]) {
-        self.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(data));
+        self.queue.write_buffer(&buffer.raw, buffer.first_byte, bytemuck::cast_slice(data));
     }
 
     /// Reads the first `count` values of `buffer`, waiting for all submitted work.
@@ -86,7 +86,7 @@ impl Gpu {
             mapped_at_creation: false,
         });
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        let at = (first * size_of::<T>()) as u64;
+        let at = buffer.first_byte + (first * size_of::<T>()) as u64;
         encoder.copy_buffer_to_buffer(&buffer.raw, at, &staging, 0, bytes.next_multiple_of(4));
         self.queue.submit([encoder.finish()]);
         let mut data = vec![T::zeroed(); count];
@@ -173,7 +173,10 @@ impl Gpu {
                 TableFormat::Float => wgpu::TextureFormat::Rgba32Float,
                 TableFormat::Uint => wgpu::TextureFormat::Rgba32Uint,
             },
-            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
+            // Kernels read them as storage textures, or as sampled ones where the device has few of those.
+            usage: wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         }))
     }

@@ -1,6 +1,8 @@
 //! Opening devices, taking one that is open, and what is said of those that there are not.
 
-use kernel_kit::{Composer, DeviceChoice, Error, Features, Gpu, Host, Kernel, Resources, kernel_test, test, wgpu};
+use kernel_kit::{
+    Composer, DeviceChoice, DeviceLimits, Error, Features, Gpu, Host, Kernel, Resources, kernel_test, test, wgpu,
+};
 
 /// The tests' device, to be opened again.
 pub fn same_device() -> DeviceChoice {
@@ -15,7 +17,8 @@ fn adapter(name: &str) -> wgpu::Adapter {
 }
 
 fn open(adapter: &wgpu::Adapter, features: wgpu::Features) -> (wgpu::Device, wgpu::Queue) {
-    let required_limits = wgpu::Limits { max_immediate_size: 16, ..Default::default() };
+    let max_immediate_size = if features.contains(wgpu::Features::IMMEDIATES) { 16 } else { 0 };
+    let required_limits = wgpu::Limits { max_immediate_size, ..Default::default() };
     let descriptor = wgpu::DeviceDescriptor { required_features: features, required_limits, ..Default::default() };
     pollster::block_on(adapter.request_device(&descriptor)).unwrap()
 }
@@ -30,9 +33,13 @@ var<immediate> summand: u32;
 fn the_callers_device_is_taken(gpu: &Gpu) {
     let adapter = adapter(&gpu.info.name);
     let timed = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
-    for more in [wgpu::Features::empty(), timed] {
-        let (device, queue) = open(&adapter, wgpu::Features::IMMEDIATES | more);
-        let gpu = Gpu::from_wgpu(adapter.clone(), device, queue).unwrap();
+    // Without immediates, too.
+    let immediates = wgpu::Features::IMMEDIATES;
+    for (features, more) in
+        [(immediates, wgpu::Features::empty()), (immediates, timed), (wgpu::Features::empty(), timed)]
+    {
+        let (device, queue) = open(&adapter, features | more);
+        let gpu = Gpu::from_wgpu(adapter.clone(), device, queue);
         assert_eq!(gpu.info.timestamps, !more.is_empty());
         assert_eq!(gpu.max_buffer_bytes(), wgpu::Limits::default().max_storage_buffer_binding_size);
         let composed = Composer::new().compose_source("add", ADD, &Features::none()).unwrap();
@@ -51,14 +58,18 @@ fn the_callers_device_is_taken(gpu: &Gpu) {
     }
 }
 
-/// A device without immediates is refused, with what it lacks.
+/// With the least limits a device has no more than these, and says so.
 #[kernel_test]
-fn a_device_without_immediates_is_refused(gpu: &Gpu) {
-    let adapter = adapter(&gpu.info.name);
-    let descriptor = wgpu::DeviceDescriptor::default();
-    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-    let problem = Gpu::from_wgpu(adapter, device, queue).err().unwrap().to_string();
-    assert!(problem.contains(&gpu.info.name) && problem.contains("IMMEDIATES"), "{problem}");
+fn few_limits_are_requested(gpu: &Gpu) {
+    let least = Gpu::open_with(&same_device(), DeviceLimits::Least).unwrap();
+    assert!((least.device.features() - wgpu::Features::IMMEDIATES).is_empty(), "{:?}", least.device.features());
+    assert!(!least.info.timestamps && least.subgroup_size.is_none());
+    assert_eq!(least.device.limits().max_storage_buffers_per_shader_stage, 10);
+    assert_eq!(least.max_buffer_bytes(), 128 << 20);
+    assert_eq!(least.info.name, gpu.info.name);
+    let problem = least.buffer::<u8>("test/huge", (128 << 20) + 1).err().unwrap().to_string();
+    assert!(problem.contains("test/huge") && problem.contains("134217728"), "{problem}");
+    assert_eq!(["own", "least"].map(|text| text.parse()), [Ok(DeviceLimits::Own), Ok(DeviceLimits::Least)]);
 }
 
 /// Devices are found by index and by part of a name; what is said of others names those that there are.

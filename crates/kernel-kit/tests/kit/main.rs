@@ -7,3 +7,4 @@ mod devices;
 mod dispatches;
 mod house;
 mod layouts;
+mod slices;

@@ -1,0 +1,100 @@
+//! Kernels as the device takes them: written once, for a device that has all that kernels use, they are adapted where
+//! it has not.
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+
+use crate::compose::Composed;
+use crate::error::Result;
+use crate::uniforms::{FIRST_GROUP_BINDING, GROUP, PARAMETER_BINDING};
+
+/// What a device is to be spared.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Device {
+    /// It has no immediates: kernels take their parameters from a uniform buffer.
+    pub(crate) without_immediates: bool,
+    /// Long dispatches are sliced: `group_index` adds the first workgroup of the slice, from a uniform buffer.
+    pub(crate) sliced: bool,
+    /// Storage textures of an entry point: kernels with more read all of them as sampled textures, which devices allow
+    /// more of.
+    pub(crate) max_storage_textures: u32,
+}
+
+impl Device {
+    /// The kernel as this device takes it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Kernel`] if what the adapted kernel takes is not valid in a uniform buffer.
+    pub(crate) fn adapt<'c>(&self, composed: &'c Composed) -> Result<Cow<'c, Composed>> {
+        let mut wgsl = Cow::Borrowed(composed.wgsl.as_str());
+        if self.without_immediates {
+            let uniform = format!("@group({GROUP}) @binding({PARAMETER_BINDING}) var<uniform>");
+            wgsl = replaced(wgsl, "var<immediate>", &uniform);
+        }
+        if self.sliced {
+            let uniform = format!("@group({GROUP}) @binding({FIRST_GROUP_BINDING}) var<uniform> FIRST_GROUP: u32");
+            wgsl = replaced(wgsl, "const FIRST_GROUP = 0u", &uniform);
+        }
+        if composed.taken().iter().any(|taken| taken.storage_textures > self.max_storage_textures) {
+            wgsl = Cow::Owned(with_sampled_textures(&wgsl));
+        }
+        match wgsl {
+            Cow::Borrowed(_) => Ok(Cow::Borrowed(composed)),
+            Cow::Owned(wgsl) => Composed::new(&composed.kernel, wgsl).map(Cow::Owned),
+        }
+    }
+}
+
+fn replaced<'t>(text: Cow<'t, str>, from: &str, to: &str) -> Cow<'t, str> {
+    if text.contains(from) { Cow::Owned(text.replace(from, to)) } else { text }
+}
+
+/// Storage textures that are read, and the sampled textures of the same texels.
+const READ_TEXTURES: [(&str, &str); 2] = [
+    ("texture_storage_2d<rgba32float, read>", "texture_2d<f32>"),
+    ("texture_storage_2d<rgba32uint, read>", "texture_2d<u32>"),
+];
+
+/// The kernel with sampled textures in place of storage textures, whose loads name no level.
+fn with_sampled_textures(wgsl: &str) -> String {
+    let mut names = BTreeSet::new();
+    for (storage, _) in READ_TEXTURES {
+        for (at, _) in wgsl.match_indices(storage) {
+            let name = wgsl[..at].trim_end().trim_end_matches(':').trim_end();
+            names.insert(name.rsplit(|c: char| c.is_whitespace()).next().unwrap_or_default());
+        }
+    }
+    let loads = wgsl.match_indices("textureLoad(").filter_map(|(at, call)| {
+        let arguments = at + call.len();
+        let name = wgsl[arguments..].split(',').next()?.trim();
+        names.contains(name).then(|| end_of_arguments(wgsl, arguments))
+    });
+    let mut ends: Vec<usize> = loads.collect();
+    // Loads within the arguments of others end earlier.
+    ends.sort_unstable();
+    let mut text = String::new();
+    let mut begin = 0;
+    for end in ends {
+        text += &wgsl[begin..end];
+        text += ", 0";
+        begin = end;
+    }
+    text += &wgsl[begin..];
+    READ_TEXTURES.iter().fold(text, |text, (storage, sampled)| text.replace(storage, sampled))
+}
+
+/// Where the parenthesis is that closes those that begin before `begin`.
+fn end_of_arguments(wgsl: &str, begin: usize) -> usize {
+    let mut open = 1;
+    for (at, c) in wgsl[begin..].char_indices() {
+        match c {
+            '(' => open += 1,
+            ')' => open -= 1,
+            _ => {}
+        }
+        if open == 0 {
+            return begin + at;
+        }
+    }
+    wgsl.len()
+}
