@@ -9,7 +9,7 @@ use penumbra::{Image, Renderer, Scene, Settings};
 use crate::setup::{gpu, scene_file};
 
 fn render(gpu: &Gpu, name: &str, settings: &Settings) -> Image {
-    let scene = Scene::load(&scene_file(name), &ImportOptions::default()).unwrap();
+    let scene = Scene::load(scene_file(name), &ImportOptions::default()).unwrap();
     let camera = scene.cameras[0].clone();
     let mut renderer = Renderer::new(gpu, scene, &camera, settings).unwrap();
     while renderer.samples() < settings.image.spp {

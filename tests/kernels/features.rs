@@ -176,12 +176,13 @@ fn runs(kernel: &str, features: &Features) -> bool {
     }
 }
 
-/// What an entry point takes beyond the least limits of devices, if any does. Tables may all be sampled textures.
+/// What an entry point takes beyond the least limits of devices, if any does.
 fn beyond_limits(composed: &Composed) -> Option<String> {
     let least = DeviceLimits::least();
     let beyond = |taken: &Taken| {
         taken.storage_buffers > least.max_storage_buffers_per_shader_stage
-            || taken.storage_textures + taken.sampled_textures > least.max_sampled_textures_per_shader_stage
+            // The first four storage textures stay; `bvh_nodes` is one of them, which all with as many textures read.
+            || taken.storage_textures + taken.sampled_textures > least.max_sampled_textures_per_shader_stage + 1
             // And two of the kit's.
             || taken.uniform_buffers + 2 > least.max_uniform_buffers_per_shader_stage
     };
@@ -189,8 +190,8 @@ fn beyond_limits(composed: &Composed) -> Option<String> {
 }
 
 /// Every kernel composes to valid WGSL (by naga, without a device) for random sets of features that scenes and settings
-/// require, and takes no more than devices have. Each feature is on in some sets and off in others, so errors of any two
-/// features together are found.
+/// require, and takes no more than devices have. Each feature is on in some sets and off in others, so errors of any
+/// two features together are found.
 #[test]
 fn reachable_features_compose() {
     let sets: BTreeSet<Features> = selections().map(Selection::features).collect();

@@ -2,7 +2,7 @@
 //! it has not.
 
 use std::borrow::Cow;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use crate::compose::Composed;
 use crate::error::Result;
@@ -15,7 +15,7 @@ pub(crate) struct Device {
     pub(crate) without_immediates: bool,
     /// Long dispatches are sliced: `group_index` adds the first workgroup of the slice, from a uniform buffer.
     pub(crate) sliced: bool,
-    /// Storage textures of an entry point: kernels with more read all of them as sampled textures, which devices allow
+    /// Storage textures of an entry point: kernels with more read the others as sampled textures, which devices allow
     /// more of.
     pub(crate) max_storage_textures: u32,
 }
@@ -36,7 +36,7 @@ impl Device {
             wgsl = replaced(wgsl, "const FIRST_GROUP = 0u", &uniform);
         }
         if composed.taken().iter().any(|taken| taken.storage_textures > self.max_storage_textures) {
-            wgsl = Cow::Owned(with_sampled_textures(&wgsl));
+            wgsl = Cow::Owned(with_sampled_textures(&wgsl, self.max_storage_textures as usize));
         }
         match wgsl {
             Cow::Borrowed(_) => Ok(Cow::Borrowed(composed)),
@@ -55,19 +55,20 @@ const READ_TEXTURES: [(&str, &str); 2] = [
     ("texture_storage_2d<rgba32uint, read>", "texture_2d<u32>"),
 ];
 
-/// The kernel with sampled textures in place of storage textures, whose loads name no level.
-fn with_sampled_textures(wgsl: &str) -> String {
-    let mut names = BTreeSet::new();
-    for (storage, _) in READ_TEXTURES {
-        for (at, _) in wgsl.match_indices(storage) {
+/// The kernel with sampled textures, whose loads name a level, in place of all storage textures but the first `kept`.
+fn with_sampled_textures(wgsl: &str, kept: usize) -> String {
+    let declared = READ_TEXTURES.iter().flat_map(|(storage, sampled)| {
+        wgsl.match_indices(storage).map(move |(at, _)| {
             let name = wgsl[..at].trim_end().trim_end_matches(':').trim_end();
-            names.insert(name.rsplit(|c: char| c.is_whitespace()).next().unwrap_or_default());
-        }
-    }
+            (at, (name.rsplit(char::is_whitespace).next().unwrap_or_default(), (*storage, *sampled)))
+        })
+    });
+    let declared: BTreeMap<_, _> = declared.collect();
+    let names: BTreeMap<&str, (&str, &str)> = declared.into_values().skip(kept).collect();
     let loads = wgsl.match_indices("textureLoad(").filter_map(|(at, call)| {
         let arguments = at + call.len();
         let name = wgsl[arguments..].split(',').next()?.trim();
-        names.contains(name).then(|| end_of_arguments(wgsl, arguments))
+        names.contains_key(name).then(|| end_of_arguments(wgsl, arguments))
     });
     let mut ends: Vec<usize> = loads.collect();
     // Loads within the arguments of others end earlier.
@@ -80,7 +81,9 @@ fn with_sampled_textures(wgsl: &str) -> String {
         begin = end;
     }
     text += &wgsl[begin..];
-    READ_TEXTURES.iter().fold(text, |text, (storage, sampled)| text.replace(storage, sampled))
+    names.iter().fold(text, |text, (name, (storage, sampled))| {
+        text.replace(&format!(" {name}: {storage}"), &format!(" {name}: {sampled}"))
+    })
 }
 
 /// Where the parenthesis is that closes those that begin before `begin`.

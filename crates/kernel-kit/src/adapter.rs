@@ -156,7 +156,7 @@ pub(crate) fn choose(choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo
 
 /// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: that of Mesa 22.3 crashes in kernels
 /// with loops whose ends it reads from a uniform buffer.
-fn least_of(adapter: &wgpu::Adapter) -> (wgpu::Features, wgpu::Limits) {
+fn min_request(adapter: &wgpu::Adapter) -> (wgpu::Features, wgpu::Limits) {
     let crashes = adapter.get_info().driver == "llvmpipe";
     let kept = if crashes { wgpu::Features::IMMEDIATES } else { wgpu::Features::empty() };
     let max_immediate_size = if crashes { adapter.limits().max_immediate_size } else { 0 };
@@ -170,7 +170,7 @@ pub(crate) fn request(
 ) -> std::result::Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
     let (required_features, required_limits) = match limits {
         DeviceLimits::Own => (adapter.features() & WELCOME, adapter.limits()),
-        DeviceLimits::Least => least_of(adapter),
+        DeviceLimits::Least => min_request(adapter),
     };
     pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
         label: Some("kernel-kit"),

@@ -25,7 +25,10 @@ impl Buffer {
     /// If the part does not lie in the buffer, or begins where bindings cannot: at no multiple of [`PART_ALIGNMENT`].
     #[must_use]
     pub fn part(&self, label: &str, first_byte: u64, bytes: u64) -> Buffer {
-        assert!(first_byte + bytes <= self.bytes && first_byte % PART_ALIGNMENT == 0, "{label} is no part of a buffer");
+        assert!(
+            first_byte + bytes <= self.bytes && first_byte.is_multiple_of(PART_ALIGNMENT),
+            "{label} is no part of a buffer"
+        );
         Buffer { raw: self.raw.clone(), first_byte: self.first_byte + first_byte, label: label.to_owned(), bytes }
     }
 }

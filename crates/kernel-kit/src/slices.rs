@@ -4,9 +4,9 @@ use crate::compose::MAX_GROUPS;
 use crate::pace::MAX_SLICES;
 use crate::uniforms::ENTRY_BYTES;
 
-/// Makes `count` slices of the dispatch whose arguments begin at word `first_word`. A slice is a entry of 256 bytes: its
-/// first workgroup, which the kit's uniforms bind, then its arguments. Rows of workgroups would overlap the next slice:
-/// only the last one has several.
+/// Makes `count` slices of the dispatch whose arguments begin at word `first_word`. A slice is an entry of 256 bytes:
+/// its first workgroup, which the kit's uniforms bind, then its arguments. Rows of workgroups would overlap the next
+/// slice: only the last one has several.
 const KERNEL: &str = "
 struct Request { first_word: u32, count: u32, max_groups: u32 }
 @group(0) @binding(0) var<storage, read> arguments: array<u32>;

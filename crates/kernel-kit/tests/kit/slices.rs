@@ -86,12 +86,12 @@ fn slices_are_the_whole(_: &Gpu) {
 
 /// Sums of six tables, one read at a place that another tells.
 const SUMS: &str = "
-@group(0) @binding(0) var a: texture_storage_2d<rgba32uint, read>;
-@group(0) @binding(1) var b: texture_storage_2d<rgba32uint, read>;
+@group(0) @binding(5) var a: texture_storage_2d<rgba32uint, read>;
+@group(0) @binding(4) var b: texture_storage_2d<rgba32uint, read>;
 @group(0) @binding(2) var c: texture_storage_2d<rgba32uint, read>;
 @group(0) @binding(3) var d: texture_storage_2d<rgba32float, read>;
-@group(0) @binding(4) var e: texture_storage_2d<rgba32float, read>;
-@group(0) @binding(5) var f: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(0) var e: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(1) var f: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(6) var<storage, read_write> sums: array<vec4f>;
 @compute @workgroup_size(64)
 fn sum(@builtin(global_invocation_id) id: vec3u) {
