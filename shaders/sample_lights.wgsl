@@ -36,9 +36,10 @@ override lights_per_point: u32;
 @if(zones) override zones_audited: bool;
 
 struct SampleLightsParameters {
-    tile: Tile,
     // The grid of zones.
     zones: GridShape,
+    tile: Tile,
+    padding: vec2u,
 }
 
 @group(0) @binding(1) var<storage, read_write> sampled_lights: array<vec2u>;

@@ -11,8 +11,9 @@ use crate::specialisation::features::Features;
 shared_struct! {
     /// Immediates of the pass; see `shaders/sample_lights.wgsl`.
     pub struct SampleLightsParameters {
-        tile: Tile,
         zones: GridShape,
+        tile: Tile,
+        padding: [u32; 2],
     }
 }
 
@@ -93,6 +94,10 @@ pub struct BoundSampleLights {
 impl BoundSampleLights {
     /// Samples the lights of all points of a tile.
     pub fn record(&self, frame: &mut Frame<'_>, tile: &Tile) {
-        frame.run(&self.kernel, tile.point_count, &SampleLightsParameters { tile: *tile, zones: self.zones });
+        frame.run(
+            &self.kernel,
+            tile.point_count,
+            &SampleLightsParameters { zones: self.zones, tile: *tile, padding: [0; 2] },
+        );
     }
 }

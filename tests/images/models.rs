@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use penumbra::internal::report::metrics;
 use penumbra::{Image, Settings, Technique};
 
 use crate::setup;
@@ -24,6 +23,22 @@ fn render(file: &Path, technique: Technique, seed: u32) -> Image {
 /// wrong class far from boundaries has a weight of 64 and changes the ratio by 10 %. Hence the mean over several seeds.
 const SEEDS: std::ops::Range<u32> = 2..6;
 
+/// Pixels that are left out, those with the largest error. Few samples of few pixels meet the reflection of a lamp in
+/// metal: on the chair of MixedLightingExample up to four pixels have a thousand times the error of all others together,
+/// with either technique.
+const LEFT_OUT: usize = 8;
+
+/// The relMSE over all pixels but [`LEFT_OUT`].
+fn trimmed_relmse(image: &Image, reference: &Image) -> f64 {
+    let (image, reference) = (image.rgb().unwrap(), reference.rgb().unwrap());
+    let relative = |x: f32, r: f32| f64::from(x - r).powi(2) / (f64::from(r).powi(2) + 0.01);
+    let of_pixel = |i: usize| (0..3).map(|c| relative(image[c][i], reference[c][i])).sum::<f64>() / 3.0;
+    let mut errors: Vec<f64> = (0..image[0].len()).map(of_pixel).collect();
+    errors.sort_by(f64::total_cmp);
+    let kept = &errors[..errors.len() - LEFT_OUT];
+    kept.iter().sum::<f64>() / kept.len() as f64
+}
+
 /// Photons add no noticeable error: the relMSE of `shadow-photons` against another seed's `two-pass` is at most 1.02
 /// times that of two seeds of `two-pass`. This holds for the mean over all files, and for each file within three
 /// standard errors over its seeds.
@@ -34,7 +49,7 @@ fn photons_add_no_error() {
     for file in &files {
         let reference = render(file, Technique::TWO_PASS, 1);
         let ratio = |seed| {
-            let error = |technique| metrics::relmse(&render(file, technique, seed), &reference).unwrap();
+            let error = |technique| trimmed_relmse(&render(file, technique, seed), &reference);
             // A file with a single surface has no noise; the constant covers rounding.
             (error(Technique::SHADOW_PHOTONS) + 1e-9) / (error(Technique::TWO_PASS) + 1e-9)
         };
