@@ -24,8 +24,8 @@ fn render(file: &Path, technique: Technique, seed: u32) -> Image {
 const SEEDS: std::ops::Range<u32> = 2..6;
 
 /// Pixels that are left out, those with the largest error. Few samples of few pixels meet the reflection of a lamp in
-/// metal: on the chair of MixedLightingExample up to four pixels have a thousand times the error of all others together,
-/// with either technique.
+/// metal: on the chair of MixedLightingExample up to four pixels have a thousand times the error of all others
+/// together, with either technique.
 const LEFT_OUT: usize = 8;
 
 /// The relMSE over all pixels but [`LEFT_OUT`].
