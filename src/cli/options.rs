@@ -369,10 +369,8 @@ pub struct SettingsOptions {
 impl SettingsOptions {
     /// Width over height of the image, if the camera does not decide it.
     pub fn aspect(&self) -> f32 {
-        match (self.width, self.height) {
-            (Some(width), Some(height)) if height > 0 => width as f32 / height as f32,
-            _ => 1.0,
-        }
+        let image = self.settings_of_aspect(1.0).image;
+        image.width as f32 / image.height as f32
     }
 
     /// Checks the settings before a file is opened.

@@ -40,11 +40,16 @@ impl Renderer<'_> {
             return Err(Error::setting("image.denoise", "is none: the film keeps nothing for denoisers"));
         }
         let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)? else { return Ok(()) };
-        let coverage = Film::of(self).means(&|f| Some(&f.direct))?.unwrap_or_default();
-        let background = background_colour(&self.settings);
+        let mut colours = denoised.colour;
+        if let Some(background) = background_colour(&self.settings) {
+            let means = Film::of(self).means(&|f| Some(&f.direct))?.unwrap_or_default();
+            for (colour, mean) in colours.iter_mut().zip(&means) {
+                let behind = background * (1.0 - mean.w);
+                *colour = [0, 1, 2].map(|c| colour[c] + behind[c] as f32);
+            }
+        }
         for (c, name) in ["denoised.R", "denoised.G", "denoised.B"].into_iter().enumerate() {
-            let shown = |(colour, mean): (&Colour, &DVec4)| colour[c] + (background[c] * (1.0 - mean.w)) as f32;
-            image.add_channel(name, denoised.colour.iter().zip(&coverage).map(shown).collect());
+            image.add_channel(name, colours.iter().map(|colour| colour[c]).collect());
         }
         if let Some(error) = denoised.error {
             image.add_channel("error", error);

@@ -49,11 +49,12 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     let indirect = indirect.unwrap_or_else(|| vec![DVec4::ZERO; direct.len()]);
     let mut channels = Vec::new();
     let background = background_colour(settings);
-    let shown: Vec<DVec4> = total.iter().map(|v| (v.truncate() + background * (1.0 - v.w)).extend(v.w)).collect();
+    let over = |v: &DVec4| background.map_or(*v, |colour| (v.truncate() + colour * (1.0 - v.w)).extend(1.0));
+    let shown: Vec<DVec4> = total.iter().map(over).collect();
     push(&mut channels, ["R", "G", "B"], &shown);
-    let opaque = matches!(settings.image.background, Background::Colour(_));
-    let alpha = |v: &DVec4| if opaque { 1.0 } else { v.w as f32 };
-    channels.push(Channel { name: "A".into(), samples: total.iter().map(alpha).collect() });
+    channels.push(Channel { name: "A".into(), samples: shown.iter().map(|v| v.w as f32).collect() });
+    let positioned = settings.image.aovs.iter().any(|aov| matches!(aov, Aov::Position | Aov::Depth));
+    let shares = if positioned { film.surface_shares(&total)? } else { Vec::new() };
     for aov in &settings.image.aovs {
         match aov {
             Aov::Direct => push(&mut channels, ["direct.R", "direct.G", "direct.B"], &direct),
@@ -63,12 +64,8 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
                 push(&mut channels, ["albedo.R", "albedo.G", "albedo.B"], &albedo);
             }
             Aov::Normal => push(&mut channels, ["N.X", "N.Y", "N.Z"], &film.normals()?),
-            Aov::Position => {
-                push(&mut channels, ["P.X", "P.Y", "P.Z"], &film.positions(&film.surface_shares(&total)?)?)
-            }
-            Aov::Depth => {
-                channels.push(Channel { name: "Z".into(), samples: film.depths(&film.surface_shares(&total)?)? })
-            }
+            Aov::Position => push(&mut channels, ["P.X", "P.Y", "P.Z"], &film.positions(&shares)?),
+            Aov::Depth => channels.push(Channel { name: "Z".into(), samples: film.depths(&shares)? }),
             Aov::Variance => {
                 push(&mut channels, ["variance.R", "variance.G", "variance.B"], &film.variances(&total)?);
             }
@@ -91,11 +88,11 @@ pub(super) fn image(renderer: &Renderer<'_>, kept: Option<&Checkpoint>) -> Resul
     Ok(image)
 }
 
-/// What is added to the light of a pixel where no surface covers it.
-pub(super) fn background_colour(settings: &Settings) -> DVec3 {
+/// The colour behind the scene, if one takes the place of what the camera sees there.
+pub(super) fn background_colour(settings: &Settings) -> Option<DVec3> {
     match settings.image.background {
-        Background::Colour(colour) => colour.map(f64::from).into(),
-        Background::Environment | Background::Transparent => DVec3::ZERO,
+        Background::Colour(colour) => Some(colour.map(f64::from).into()),
+        Background::Environment | Background::Transparent => None,
     }
 }
 

@@ -5,6 +5,7 @@ use penumbra::Error;
 use penumbra::internal::scene::{ImportOptions, LightKind, Projection, Scene};
 use serde_json::{Value, json};
 
+use crate::bad_input::refused_at;
 use crate::builder::{F32, File, I16, U8, U32, bytes_of, world};
 
 /// Adds an animation of one channel with those keys, and returns its index.
@@ -196,10 +197,7 @@ fn malformed_animations_are_refused() {
         animate(&mut file, &[0., 1.], &keys, "LINEAR", json!({ "node": 0, "path": "translation" }));
         file.load();
         edit(&mut file);
-        match file.load_with(&ImportOptions::default()) {
-            Err(Error::Input { location, .. }) => location,
-            other => panic!("{other:?}"),
-        }
+        refused_at(&file)
     };
     const SAMPLER: &str = "/animations/0/samplers/0";
     const CHANNEL: &str = "/animations/0/channels/0";

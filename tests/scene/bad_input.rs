@@ -26,7 +26,8 @@ fn load(path: &Path) -> Result<Scene> {
     Scene::load(path, &ImportOptions::default())
 }
 
-fn refused_at(file: &File) -> String {
+/// The location of the error that the file is refused with.
+pub fn refused_at(file: &File) -> String {
     location(file.load_with(&ImportOptions::default()), None)
 }
 

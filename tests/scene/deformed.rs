@@ -1,10 +1,10 @@
 //! Skins and morph targets: closed forms, and the errors of malformed ones.
 
 use glam::{DVec3, Vec3, Vec4};
-use penumbra::Error;
 use penumbra::internal::scene::{ImportOptions, Scene};
 use serde_json::{Value, json};
 
+use crate::bad_input::refused_at;
 use crate::builder::{F32, File, U8, U16, bytes_of, world};
 
 /// Positions are f32, of size 1 in normalised space and below 16 in the world.
@@ -106,19 +106,12 @@ fn weights_are_divided_by_their_sum() {
     assert_corners(&file.load(), [[8., 0., 0.], [0., 4., 0.], [10., 2., 0.]]);
 }
 
-fn refused(file: &File) -> String {
-    match file.load_with(&ImportOptions::default()) {
-        Err(Error::Input { location, .. }) => location,
-        other => panic!("{other:?}"),
-    }
-}
-
 #[test]
 fn malformed_skins_are_refused() {
     let refused = |edit: &dyn Fn(&mut File)| {
         let mut file = skinned();
         edit(&mut file);
-        refused(&file)
+        refused_at(&file)
     };
     const ATTRIBUTES: &str = "/meshes/0/primitives/0/attributes";
     let attribute = |f: &mut File, name: &str, value: Value| {
@@ -240,7 +233,7 @@ fn malformed_targets_are_refused() {
     let refused = |edit: &dyn Fn(&mut File)| {
         let mut file = morphed();
         edit(&mut file);
-        refused(&file)
+        refused_at(&file)
     };
     const TARGET: &str = "/meshes/0/primitives/0/targets/0";
     let set = |f: &mut File, name: &str, value: Value| {
@@ -290,9 +283,9 @@ fn shared_targets_are_counted() {
     let positions: Vec<[f32; 3]> = (0..30_000u32).map(|i| [i as f32, (i * i % 7) as f32, 0.0]).collect();
     file.mesh(&positions, json!({}));
     file.json["meshes"][0]["primitives"][0]["targets"] = json!(vec![json!({ "POSITION": 0 }); 10_000]);
-    assert_eq!(refused(&file), "/meshes/0/primitives/0");
+    assert_eq!(refused_at(&file), "/meshes/0/primitives/0");
     // One target at many nodes, each of which adds it.
     file.json["meshes"][0]["primitives"][0]["targets"] = json!(vec![json!({ "POSITION": 0 }); 20]);
     file.json["nodes"] = json!(vec![json!({ "mesh": 0, "weights": vec![1.0; 20] }); 1000]);
-    assert_eq!(refused(&file), "/nodes/447");
+    assert_eq!(refused_at(&file), "/nodes/447");
 }

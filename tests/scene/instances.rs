@@ -1,18 +1,11 @@
 //! Nodes that are hidden, meshes that are repeated, and variants of materials.
 
 use glam::{DAffine3, DQuat, DVec3, Vec4};
-use penumbra::Error;
 use penumbra::internal::scene::{ImportOptions, LightKind, Scene};
 use serde_json::{Value, json};
 
+use crate::bad_input::refused_at;
 use crate::builder::{File, I16, world};
-
-fn refused_at(file: &File) -> String {
-    match file.load_with(&ImportOptions::default()) {
-        Err(Error::Input { location, .. }) => location,
-        other => panic!("{other:?}"),
-    }
-}
 
 #[test]
 fn hidden_nodes_keep_only_their_camera() {

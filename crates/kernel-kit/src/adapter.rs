@@ -154,8 +154,8 @@ pub(crate) fn choose(choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo
     Ok((adapters.swap_remove(index), infos.swap_remove(index)))
 }
 
-/// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: that of Mesa 22.3 crashes in kernels
-/// with loops whose ends it reads from a uniform buffer.
+/// Features and limits of [`DeviceLimits::Least`]. Lavapipe keeps its immediates: without them that of Mesa 22.3
+/// crashes in some kernels, where the backtrace points to loops whose ends come from a uniform buffer.
 fn min_request(adapter: &wgpu::Adapter) -> (wgpu::Features, wgpu::Limits) {
     let crashes = adapter.get_info().driver == "llvmpipe";
     let kept = if crashes { wgpu::Features::IMMEDIATES } else { wgpu::Features::empty() };

@@ -31,6 +31,22 @@ impl Source {
     }
 }
 
+/// The pipeline of one of the kit's own kernels, which has one entry point and needs no composition.
+pub(crate) fn own_pipeline(device: &wgpu::Device, label: &str, wgsl: &'static str) -> wgpu::ComputePipeline {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+    });
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(label),
+        layout: None,
+        module: &module,
+        entry_point: None,
+        compilation_options: Default::default(),
+        cache: None,
+    })
+}
+
 /// A variable that is bound.
 #[derive(Clone)]
 pub(crate) struct Variable {

@@ -2,6 +2,7 @@
 
 use crate::compose::MAX_GROUPS;
 use crate::pace::MAX_SLICES;
+use crate::pipeline::own_pipeline;
 use crate::uniforms::ENTRY_BYTES;
 
 /// Makes `count` slices of the dispatch whose arguments begin at word `first_word`. A slice is an entry of 256 bytes:
@@ -36,19 +37,7 @@ pub(crate) struct Slicer {
 
 impl Slicer {
     pub(crate) fn new(device: &wgpu::Device) -> Slicer {
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("kernel-kit/slice"),
-            source: wgpu::ShaderSource::Wgsl(KERNEL.into()),
-        });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("kernel-kit/slice"),
-            layout: None,
-            module: &module,
-            entry_point: None,
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        Slicer { pipeline }
+        Slicer { pipeline: own_pipeline(device, "kernel-kit/slice", KERNEL) }
     }
 
     /// Records the slicing of a dispatch whose arguments begin at byte `first_byte` of `arguments`. Slice i has its

@@ -1,5 +1,7 @@
 //! What is known of subgroups on a device.
 
+use crate::pipeline::own_pipeline;
+
 /// Writes for each invocation its lane and the lanes of its subgroup.
 const KERNEL: &str = "
 @group(0) @binding(0) var<storage, read_write> found: array<vec2u, 128>;
@@ -27,18 +29,7 @@ pub(crate) fn subgroup_size(info: &wgpu::AdapterInfo, device: &wgpu::Device, que
 
 /// What [`KERNEL`] found; none where that cannot be had.
 fn probe(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Vec<[u32; 2]>> {
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some("kernel-kit/subgroups"),
-        source: wgpu::ShaderSource::Wgsl(KERNEL.into()),
-    });
-    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("kernel-kit/subgroups"),
-        layout: None,
-        module: &module,
-        entry_point: None,
-        compilation_options: Default::default(),
-        cache: None,
-    });
+    let pipeline = own_pipeline(device, "kernel-kit/subgroups", KERNEL);
     use wgpu::BufferUsages as U;
     let [found, staging] = [U::STORAGE | U::COPY_SRC, U::MAP_READ | U::COPY_DST].map(|usage| {
         let label = Some("kernel-kit/subgroups");
