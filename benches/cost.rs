@@ -39,7 +39,7 @@ const GROWTHS: [Growth; 5] = [
                 room(1, 0),
                 square_image(64).with(|s| {
                     s.visibility_map.photons_per_light = Some(photons);
-                    s.indirect.photons = photons;
+                    s.indirect.photons = Some(photons);
                 }),
             )
         },

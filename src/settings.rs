@@ -22,6 +22,10 @@ const RAYS_PER_PHOTON: u64 = 64;
 /// Fewer photons take no less time.
 const MIN_PHOTONS: u32 = 4096;
 
+/// Default numbers of photons of the global map and of gather rays per record, from the second sample on.
+const FLUX_PHOTONS: u32 = 65_536;
+const GATHER_RAYS: u32 = 256;
+
 pub use builder::SettingsBuilder;
 pub use groups::{
     Background, CellSettings, Crop, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings,
@@ -268,11 +272,18 @@ impl Settings {
     }
 
     /// Whether the image depends on the number of visibility photons by more than its noise.
-    fn shows_photons(&self) -> bool {
+    pub(crate) fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
         let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells;
         !self.technique.traces_by_photons() || shown || photons_alone
+    }
+
+    /// Shadow rays to a light without photons, at most.
+    pub(crate) fn shadow_rays_to_a_light(&self) -> u64 {
+        let ImageSettings { width, height, spp, .. } = self.image;
+        let factors = [width, height, spp, self.shadow_rays.samples].map(u64::from);
+        factors.into_iter().fold(1, u64::saturating_mul)
     }
 
     /// Visibility photons emitted from each light, if [`VisibilityMapSettings::photons_per_light`] does not say:
@@ -280,14 +291,26 @@ impl Settings {
     /// and at most 16,384 where the shadow rays of earlier samples decide what the map does not, else 131,072.
     pub fn photons_per_light(&self) -> u32 {
         let most = if self.learns_from_shadow_rays() { LEARNING_PHOTONS } else { MAP_PHOTONS };
-        let ImageSettings { width, height, spp, .. } = self.image;
-        let rays = [width, height, spp, self.shadow_rays.samples].map(u64::from).into_iter();
-        let rays = rays.fold(1, u64::saturating_mul);
         let default = match self.shows_photons() {
             true => MAP_PHOTONS,
-            false => (rays / RAYS_PER_PHOTON).clamp(u64::from(MIN_PHOTONS), u64::from(most)) as u32,
+            false => {
+                (self.shadow_rays_to_a_light() / RAYS_PER_PHOTON).clamp(u64::from(MIN_PHOTONS), u64::from(most)) as u32
+            }
         };
         self.visibility_map.photons_per_light.unwrap_or(default)
+    }
+
+    /// Photons emitted for the global map after the first sample, 65,536 if [`IndirectSettings::photons`] does not say.
+    /// The first sample has a sixteenth of them if neither it nor [`IrradianceCacheSettings::gather_rays`] does; from 32
+    /// samples per pixel on there are more.
+    pub fn flux_photons(&self) -> u32 {
+        self.indirect.photons.unwrap_or(FLUX_PHOTONS)
+    }
+
+    /// Approximate number of gather rays per irradiance record after the first sample, 256 if
+    /// [`IrradianceCacheSettings::gather_rays`] does not say; fewer before and more from 32 samples on, as photons.
+    pub fn gather_rays(&self) -> u32 {
+        self.indirect.irradiance_cache.gather_rays.unwrap_or(GATHER_RAYS)
     }
 
     /// Checks every range, and that the settings do not contradict each other.
@@ -301,7 +324,7 @@ impl Settings {
     }
 
     fn check_integers(&self) -> Result<()> {
-        let Settings { image, visibility_map, shadow_rays, light_sampling, indirect, cells, light_buffer, .. } = self;
+        let Settings { image, visibility_map, shadow_rays, light_sampling, cells, light_buffer, .. } = self;
         let range = |name, value: u32, min: u32, max: u32| match (min..=max).contains(&value) {
             true => Ok(()),
             false => Err(Error::setting(name, format!("is {value}; it must be from {min} to {max}"))),
@@ -324,9 +347,8 @@ impl Settings {
         range("visibility_map.dilate", visibility_map.dilate.unwrap_or(0), 0, 1)?;
         range("shadow_rays.samples", shadow_rays.samples, 1, Self::MAX_SHADOW_SAMPLES)?;
         range("light_sampling.sampled_lights", light_sampling.sampled_lights, 1, Self::MAX_SAMPLED_LIGHTS)?;
-        range("indirect.photons", indirect.photons, 1, Self::MAX_PHOTONS)?;
-        let gather_rays = indirect.irradiance_cache.gather_rays;
-        range("indirect.irradiance_cache.gather_rays", gather_rays, 1, Self::MAX_GATHER_RAYS)?;
+        range("indirect.photons", self.flux_photons(), 1, Self::MAX_PHOTONS)?;
+        range("indirect.irradiance_cache.gather_rays", self.gather_rays(), 1, Self::MAX_GATHER_RAYS)?;
         range("cells.resolution", cells.resolution, 1, Self::MAX_CELLS)?;
         range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)?;
         range("light_buffer.resolution", light_buffer.resolution, 1, Self::MAX_LIGHT_BUFFER_CELLS)

@@ -422,9 +422,10 @@ struct IndirectOptions {
     #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.max_bounces)]
     max_bounces: u32,
 
-    /// Photons emitted for the global map, from all lights together
-    #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.photons)]
-    flux_photons: u32,
+    /// Photons emitted for the global map, from all lights together, for the first 31 samples per pixel; more follow.
+    /// By default 4,096 for the first sample, and 65,536 for the next 30
+    #[arg(long, value_name = "N")]
+    flux_photons: Option<u32>,
 
     /// Limit the indirect light of each path to this radiance, which removes fireflies; the image is then biased
     #[arg(long, value_name = "RADIANCE")]
@@ -434,9 +435,10 @@ struct IndirectOptions {
     #[arg(long, value_name = "A", default_value_t = Settings::default().indirect.irradiance_cache.accuracy)]
     accuracy: f32,
 
-    /// Gather rays per irradiance record
-    #[arg(long, value_name = "N", default_value_t = Settings::default().indirect.irradiance_cache.gather_rays)]
-    gather_rays: u32,
+    /// Gather rays per irradiance record, for the first 31 samples per pixel; more follow. By default 16 for the first
+    /// sample, and 256 for the next 30
+    #[arg(long, value_name = "N")]
+    gather_rays: Option<u32>,
 
     /// Trace one gather ray from every point instead of interpolating between irradiance records
     #[arg(long)]

@@ -62,9 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
     arguments.settings.check()?;
     let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
     let settings = arguments.settings.settings(&camera)?;
-    let mut specialisation = Specialisation::new(&scene, &settings);
-    specialisation.of_camera(&camera);
-    let Specialisation { kept, left_out, .. } = specialisation;
+    let Specialisation { kept, left_out, .. } = Specialisation::new(&scene, Some(&camera), &settings);
     let plan =
         Plan { scene: Counts::new(&scene), settings, kept, left_out, deferred: Deferred::ALL, notes: scene.notes };
     if arguments.json {

@@ -35,17 +35,10 @@ kernel_kit::shared_struct! {
 }
 
 impl CameraUniform {
-    /// The camera for an image of the given size. If the camera's aspect ratio differs from the image's, the vertical
-    /// field of view is kept, as in glTF viewers.
+    /// The camera for an image of the given size.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
-        let aspect = width as f32 / height as f32;
-        let (half_width, half_height, orthographic) = match camera.projection {
-            Projection::Perspective { yfov, .. } => {
-                let half = (0.5 * yfov).tan();
-                (half * aspect, half, 0)
-            }
-            Projection::Orthographic { ymag, .. } => (ymag * aspect, ymag, 1),
-        };
+        let [half_width, half_height] = camera.half_extent(width as f32 / height as f32);
+        let orthographic = matches!(camera.projection, Projection::Orthographic { .. }).into();
         let [right, up, backward]: [Vec3; 3] = camera.axes;
         CameraUniform {
             position: camera.position.into(),

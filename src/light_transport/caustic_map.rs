@@ -62,7 +62,7 @@ impl CausticMap {
         totals: &mut Totals,
     ) -> Result<CausticMap> {
         let Shared { gpu, gpu_scene, tile, .. } = *shared;
-        let rays = settings.indirect.photons.saturating_mul(RAYS_PER_FLUX_RAY);
+        let rays = settings.flux_photons().saturating_mul(RAYS_PER_FLUX_RAY);
         // Other photons for each map, far from the seeds that users count up.
         let seed = settings.image.seed.wrapping_add((number + 1).wrapping_mul(0x85eb_ca6b));
         let flux = FluxSettings { rays, max_bounces: settings.indirect.max_bounces, seed };

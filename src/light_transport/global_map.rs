@@ -62,7 +62,7 @@ impl GlobalMap {
         // A look-up happens after one bounce.
         let max_bounces =
             if shown { settings.indirect.max_bounces } else { settings.indirect.max_bounces.saturating_sub(1) };
-        let (flux_photons, seed) = (settings.indirect.photons, settings.image.seed);
+        let (flux_photons, seed) = (settings.flux_photons(), settings.image.seed);
         let caustics = totals.indirect.caustics;
         let mut trace = |rays: u32, seed: u32| -> Result<FluxPhotons> {
             let traced =

@@ -106,11 +106,8 @@ impl Records {
         totals: &mut Totals,
     ) -> Result<bool> {
         let Filling { gpu, tile, primary, .. } = *with;
-        let (image, max_bounces, gather_rays) = (
-            &with.settings.image,
-            with.settings.indirect.max_bounces,
-            with.settings.indirect.irradiance_cache.gather_rays,
-        );
+        let (image, max_bounces, gather_rays) =
+            (&with.settings.image, with.settings.indirect.max_bounces, with.settings.gather_rays());
         let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
         // The pixels of that image that reach into the part.
         let part = image.part();

@@ -88,8 +88,11 @@ impl Renderer<'_> {
         let to_spp = self.settings.image.spp.saturating_sub(samples);
         let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
-        // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
-        let learning = self.specialisation.features.has(Feature::FineCells);
+        // Fine cells learn from each batch: the number of samples doubles, so that they learn early. The first
+        // sample is a preview, by few gather rays.
+        let features = &self.specialisation.features;
+        let preview = self.stage < 0 && features.has(Feature::GlobalMap);
+        let learning = features.has(Feature::FineCells) || preview;
         let most = if learning { most.min(samples.max(1)) } else { most };
         // Halves of the samples are compared, which end at powers of two.
         let to_power = (samples + 1).next_power_of_two() - samples;

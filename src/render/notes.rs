@@ -16,7 +16,7 @@ pub(super) fn notes(scene: &Scene, settings: &Settings, indirect: &Indirect, gpu
         let shown = if environment.is_some() { "is the environment alone" } else { "is empty" };
         notes.push(format!("the scene has no triangles: the image {shown}"));
     }
-    let wanted = u64::from(settings.indirect.photons);
+    let wanted = u64::from(settings.flux_photons());
     // Rounding per light removes a few rays. Only a lack of device memory leaves less than half.
     if indirect.emitted > 0 && indirect.emitted <= wanted / 2 {
         let emitted = indirect.emitted;

@@ -257,6 +257,8 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
         device: gpu.info.clone(),
         settings: renderer.settings.clone().with(|s| {
             s.visibility_map.photons_per_light = Some(renderer.settings.photons_per_light());
+            s.indirect.photons = Some(renderer.settings.flux_photons());
+            s.indirect.irradiance_cache.gather_rays = Some(renderer.settings.gather_rays());
         }),
         samples: renderer.samples,
         mean_samples: renderer.mean_samples(),

@@ -7,6 +7,7 @@ use kernel_kit::Gpu;
 use super::blocks::Blocks;
 use super::keeping::Keeping;
 use super::notes::notes;
+use super::refinement::{settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
@@ -39,8 +40,8 @@ pub struct Renderer<'g> {
     pub(super) lighting: Lighting,
     /// Kept to make new photons and records.
     pub(super) indirect_kernels: IndirectKernels,
-    /// How often photons and gather rays have been multiplied; see `refinement.rs`.
-    pub(super) stage: u32,
+    /// How many photons and gather rays there are; see `refinement.rs`.
+    pub(super) stage: i32,
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,
     pub(super) tile_size: TileSize,
@@ -69,8 +70,7 @@ impl<'g> Renderer<'g> {
         let mut totals = Totals::default();
         scene.scale_lights(settings.light_scale);
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
-        let mut specialisation = Specialisation::new(&scene, settings);
-        specialisation.of_camera(camera);
+        let mut specialisation = Specialisation::new(&scene, Some(camera), settings);
         specialisation.of_device(gpu, &scene, &bvh);
         let size = [settings.image.width, settings.image.height];
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &specialisation.features)?;
@@ -89,13 +89,15 @@ impl<'g> Renderer<'g> {
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
         let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
         let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
+        let stage = stage(settings, 0);
+        let first_settings = settings_of_stage(settings, stage);
         let mut first_pass = FirstPass {
             shared: Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers },
             direct_kernels: direct,
             indirect_kernels: &indirect_kernels,
             primary: &primary,
             camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
-            settings,
+            settings: &first_settings,
             points: tile_size.points,
             totals: &mut totals,
             lighting: Lighting::default(),
@@ -109,7 +111,7 @@ impl<'g> Renderer<'g> {
         totals.time_render = start.elapsed().as_secs_f64();
 
         Ok(Renderer {
-            notes: notes(&scene, settings, &totals.indirect, &gpu_scene),
+            notes: notes(&scene, &first_settings, &totals.indirect, &gpu_scene),
             gpu,
             scene,
             camera: camera.clone(),
@@ -119,7 +121,7 @@ impl<'g> Renderer<'g> {
             primary,
             lighting,
             indirect_kernels,
-            stage: 0,
+            stage,
             buffers,
             tiles,
             tile_size,

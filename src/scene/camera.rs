@@ -57,6 +57,16 @@ pub enum Projection {
 }
 
 impl Camera {
+    /// Half the width and half the height of the view, at unit distance if perspective, for an image of this width over
+    /// height. If the camera's own aspect ratio differs, the vertical field of view is kept, as in glTF viewers.
+    pub fn half_extent(&self, aspect: f32) -> [f32; 2] {
+        let half = match self.projection {
+            Projection::Perspective { yfov, .. } => (0.5 * yfov).tan(),
+            Projection::Orthographic { ymag, .. } => ymag,
+        };
+        [half * aspect, half]
+    }
+
     /// The same camera in another normalised space: that of the same world at another time, whose scene has another
     /// size or centre.
     #[must_use]

@@ -8,6 +8,7 @@ mod accessor;
 mod animation;
 mod camera;
 mod container;
+mod coverage;
 mod description;
 mod draco;
 mod environment;

@@ -186,8 +186,9 @@ pub struct IndirectSettings {
     /// third.
     pub max_bounces: u32,
     /// Photons emitted for the global map, from all lights together and by their power: 1 to [`Settings::MAX_PHOTONS`].
+    /// `None`: as many as [`Settings::flux_photons`] says.
     #[serde(rename = "flux_photons")]
-    pub photons: u32,
+    pub photons: Option<u32>,
     /// Upper limit of the indirect light that a path adds to its sample, for each of red, green and blue: more than 0,
     /// in units of radiance. It removes fireflies, and with them light: the image is biased. `None`: no limit.
     pub clamp: Option<f32>,
@@ -201,7 +202,7 @@ impl Default for IndirectSettings {
         IndirectSettings {
             // Russian roulette ends paths long before; this bounds a path in a scene that absorbs nothing.
             max_bounces: 64,
-            photons: 65_536,
+            photons: None,
             clamp: None,
             irradiance_cache: IrradianceCacheSettings::default(),
         }
@@ -218,13 +219,14 @@ pub struct IrradianceCacheSettings {
     /// Radius of a record over the harmonic mean distance of the surfaces around it (a of Ward and Heckbert 1992):
     /// smaller is more accurate. More than 0, at most [`Settings::MAX_ACCURACY`].
     pub accuracy: f32,
-    /// Approximate number of gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`].
-    pub gather_rays: u32,
+    /// Approximate number of gather rays per record, 1 to [`Settings::MAX_GATHER_RAYS`]. `None`: as many as
+    /// [`Settings::gather_rays`] says.
+    pub gather_rays: Option<u32>,
 }
 
 impl Default for IrradianceCacheSettings {
     fn default() -> Self {
-        IrradianceCacheSettings { enabled: true, accuracy: 0.25, gather_rays: 256 }
+        IrradianceCacheSettings { enabled: true, accuracy: 0.25, gather_rays: None }
     }
 }
 

@@ -39,10 +39,7 @@ impl Specialisation {
         self.of_caustics(settings, m, lit, bounces);
         let unneeded =
             if bounces { "`indirect.irradiance_cache.enabled` is false" } else { "no bounces are requested" };
-        let why = format!(
-            "records of {} rays hold the diffuse part of the indirect light",
-            settings.indirect.irradiance_cache.gather_rays
-        );
+        let why = format!("records of {} rays hold the diffuse part of the indirect light", settings.gather_rays());
         let cost = "passes gather, cache; about 100 B per record";
         self.decide(
             Feature::IrradianceCache,
@@ -88,8 +85,8 @@ impl Specialisation {
         let why = "shadow photons subtract the energy of occluded light".to_owned();
         let cost = "a ray onwards from every first hit";
         self.decide(Feature::NegativePhotons, shown && negative, why, "the technique does not subtract light", cost);
-        let why = format!("{} rays store photons that estimate irradiance", settings.indirect.photons);
-        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.indirect.photons) * 48));
+        let why = format!("{} rays store photons that estimate irradiance", settings.flux_photons());
+        let cost = format!("passes flux, irradiance; about {}", bytes_text(u64::from(settings.flux_photons()) * 48));
         self.decide(Feature::GlobalMap, shown || bounces, why, "no bounces are requested", &cost);
     }
 

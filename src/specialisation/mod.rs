@@ -31,8 +31,9 @@ use surfaces::Facts;
 const MAX_PACKET_ALPHA_TESTS: usize = 4096;
 
 impl Specialisation {
-    /// Decides what `scene` rendered with `settings` needs.
-    pub fn new(scene: &Scene, settings: &Settings) -> Specialisation {
+    /// Decides what `scene` seen by `camera` and rendered with `settings` needs; without a camera as if surfaces filled
+    /// the image of a pinhole.
+    pub fn new(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> Specialisation {
         let mut specialisation = Specialisation {
             features: Features::default(),
             traces_paths: false,
@@ -43,9 +44,10 @@ impl Specialisation {
         specialisation.of_surfaces(scene, &facts);
         specialisation.of_lights(scene, &facts);
         specialisation.of_light_sampling(scene, settings);
-        specialisation.of_visibility(scene, settings);
+        specialisation.of_visibility(scene, camera, settings);
         specialisation.of_indirect_light(scene, settings, &facts);
         specialisation.of_channels(scene, settings);
+        specialisation.of_lens(camera);
         specialisation
     }
 
@@ -80,11 +82,16 @@ impl Specialisation {
         self.decide(Feature::Guides, denoise != Denoise::None, reason, "the image is not denoised", &cost);
     }
 
-    /// Decides what depends on the camera.
-    pub fn of_camera(&mut self, camera: &Camera) {
+    fn of_lens(&mut self, camera: Option<&Camera>) {
         let why = "the camera has an iris".to_owned();
         let cost = "a point of the iris for every camera ray; 16 B per point";
-        self.decide(Feature::ThinLens, camera.lens.is_some(), why, "the camera is a pinhole", cost);
+        self.decide(
+            Feature::ThinLens,
+            camera.is_some_and(|camera| camera.lens.is_some()),
+            why,
+            "the camera is a pinhole",
+            cost,
+        );
     }
 
     /// Decides what depends on the device and the hierarchy. A plan opens no device and builds no hierarchy.

@@ -100,8 +100,8 @@ pub fn settings(technique: Technique, side: u32, spp: u32, max_bounces: u32) -> 
         s.image.spp = spp;
         s.indirect.max_bounces = max_bounces;
         s.visibility_map.photons_per_light = Some(1 << 14);
-        s.indirect.photons = 1 << 14;
-        s.indirect.irradiance_cache.gather_rays = 64;
+        s.indirect.photons = Some(1 << 14);
+        s.indirect.irradiance_cache.gather_rays = Some(64);
     })
 }
 

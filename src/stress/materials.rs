@@ -88,7 +88,7 @@ fn closed(gpu: &Gpu, technique: Technique) -> Result<Measure<'_>> {
         let paint = Paint { radiance: absorbed, ..Paint::matte(1.0 - absorbed) };
         let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), paint);
         // Each photon is stored 1 / (1 - albedo) times, which limits their number by the device's memory.
-        let settings = settings(technique, 16, 32, bounces).with(|s| s.indirect.photons = 1 << 12);
+        let settings = settings(technique, 16, 32, bounces).with(|s| s.indirect.photons = Some(1 << 12));
         Ok(relative(mean(&image(gpu, &stage, &settings)?), 1.0))
     }))
 }

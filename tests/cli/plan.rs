@@ -55,6 +55,13 @@ fn the_plan_follows_the_settings() {
         assert_eq!(plan["settings"]["technique"], technique);
     }
     assert!(names(&plan("--audit 0")["left_out"]).contains("audit"));
+    // Photons would take longer than the shadow rays of a small image, or of a scene that fills a part of it: with 8
+    // samples 2.1 million rays, of which a quarter sees no surface.
+    let few = "--width 256 --height 256 --spp 4";
+    assert!(names(&plan(few)["left_out"]).contains("visibility_map"));
+    assert!(names(&plan(&format!("{few} --photons 4096"))["kept"]).contains("visibility_map"));
+    assert!(names(&plan("--width 256 --height 256 --spp 8")["left_out"]).contains("visibility_map"));
+    assert!(names(&plan("--width 256 --height 256 --spp 16")["kept"]).contains("visibility_map"));
     for (technique, kept, left_out) in [
         ("voxel-tags", &["cells", "voxel_tags"][..], &["visibility_map", "ward"][..]),
         ("visibility-cells", &["cells"], &["visibility_map", "voxel_tags", "ward"]),

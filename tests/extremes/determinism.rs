@@ -95,8 +95,8 @@ fn runs_give_the_same_bits() {
 #[test]
 fn runs_with_every_feature_give_the_same_bits() {
     let scene = everything();
-    let settings = settings(Technique::SHADOW_PHOTONS, 16, 20, 4).with(|s| s.indirect.photons = 1 << 12);
-    let specialisation = Specialisation::new(&scene.0, &settings);
+    let settings = settings(Technique::SHADOW_PHOTONS, 16, 20, 4).with(|s| s.indirect.photons = Some(1 << 12));
+    let specialisation = Specialisation::new(&scene.0, None, &settings);
     let all = [
         Feature::Environment,
         Feature::Procedurals,

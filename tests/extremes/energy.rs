@@ -29,12 +29,11 @@ fn furnace_corners_are_white() {
     let eye = Eye { position: DVec3::splat(-0.3), towards, view: View::Perspective(0.8) };
     let stage = Stage::new(eye).with(inside_out(cube(DVec3::ZERO, 0.5)), Paint { radiance: 0.5, ..Paint::matte(0.5) });
     for cache in [true, false] {
-        let (flux_photons, gather_rays) =
-            (Settings::default().indirect.photons, Settings::default().indirect.irradiance_cache.gather_rays);
+        let (flux_photons, gather_rays) = (Settings::default().flux_photons(), Settings::default().gather_rays());
         let settings = settings(Technique::SHADOW_PHOTONS, SIDE, 32, 32).with(|s| {
             s.indirect.irradiance_cache.enabled = cache;
-            s.indirect.photons = flux_photons;
-            s.indirect.irradiance_cache.gather_rays = gather_rays;
+            s.indirect.photons = Some(flux_photons);
+            s.indirect.irradiance_cache.gather_rays = Some(gather_rays);
         });
         let (image, _) = render(&stage, &settings);
         let pixels: Vec<f64> = green(&image).collect();
@@ -162,8 +161,8 @@ fn light_passes_through_a_slit() {
         .with(square(DVec3::new(-0.4, 0.45, 0.0), x * 0.2, z * 0.2), Paint::lamp(10.0));
     let of = |technique, spp| {
         let settings = settings(technique, 24, spp, 16).with(|s| {
-            s.indirect.photons = 1 << 16;
-            s.indirect.irradiance_cache.gather_rays = 256;
+            s.indirect.photons = Some(1 << 16);
+            s.indirect.irradiance_cache.gather_rays = Some(256);
         });
         mean_and_error(&render(&stage, &with_variance(settings)).0)
     };

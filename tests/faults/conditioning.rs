@@ -29,7 +29,7 @@ fn settings(technique: Technique) -> Settings {
     Settings::default().with(|s| {
         s.technique = technique;
         s.visibility_map.photons_per_light = Some(photons);
-        s.indirect.photons = flux_photons;
+        s.indirect.photons = Some(flux_photons);
         s.image.width = 24;
         s.image.height = 24;
         s.image.spp = 4;
@@ -237,8 +237,8 @@ fn failing_procedural_objects_are_counted() {
         let settings = settings(technique).with(|s| {
             s.indirect.max_bounces = 1;
             s.visibility_map.photons_per_light = Some(photons);
-            s.indirect.photons = flux_photons;
-            s.indirect.irradiance_cache.gather_rays = gather_rays;
+            s.indirect.photons = Some(flux_photons);
+            s.indirect.irradiance_cache.gather_rays = Some(gather_rays);
             s.image.spp = 1;
         });
         let (found, statistics, said) = render(with("loop {} return 1.0;"), &settings);

@@ -35,7 +35,7 @@ fn settings(technique: Technique) -> Settings {
         s.image.height = 16;
         s.image.spp = 20;
         s.visibility_map.photons_per_light = Some(4096);
-        s.indirect.photons = 4096;
+        s.indirect.photons = Some(4096);
         s.visibility_map.audit = 0.25;
         s.image.aovs = Aov::ALL.to_vec();
     })

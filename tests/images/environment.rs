@@ -80,7 +80,7 @@ fn white_furnaces_are_white() {
     let even = panorama(8, 4, |_| DVec3::ONE);
     let view = camera(DVec3::new(0.1, 0.4, 0.8), DVec3::new(-0.1, -0.4, -0.8), 0.8);
     for (technique, spp) in [(Technique::PATH, 64), (Technique::TWO_PASS, 32)] {
-        let settings = settings(technique, spp).with(|s| s.indirect.photons = 1 << 18);
+        let settings = settings(technique, spp).with(|s| s.indirect.photons = Some(1 << 18));
         let (image, _) = render_scene(under(&blocks(1.0), &even), &view, &settings);
         let (mean, error) = mean_and_error(&image, "G");
         println!("{technique}: {mean} +- {error}");

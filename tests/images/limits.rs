@@ -25,7 +25,7 @@ fn settings(seed: u32) -> Settings {
         s.image.spp = 8;
         s.image.seed = seed;
         s.visibility_map.photons_per_light = Some(16384);
-        s.indirect.photons = 16384;
+        s.indirect.photons = Some(16384);
     })
 }
 

@@ -28,9 +28,11 @@ pub fn render(file: &Path, settings: &Settings) -> (Image, Statistics) {
     render_scene(scene, &camera, settings)
 }
 
-/// As [`render`], for a scene in memory.
+/// As [`render`], for a scene in memory. Images so small would have no photons unless their number is requested.
 pub fn render_scene(scene: Scene, camera: &Camera, settings: &Settings) -> (Image, Statistics) {
-    let mut renderer = Renderer::new(gpu(), scene, camera, settings).unwrap();
+    let photons = settings.photons_per_light();
+    let settings = settings.clone().with(|s| s.visibility_map.photons_per_light = Some(photons));
+    let mut renderer = Renderer::new(gpu(), scene, camera, &settings).unwrap();
     while renderer.samples() < settings.image.spp {
         renderer.render_batch().unwrap();
     }

@@ -17,7 +17,7 @@ fn mean(scene: Scene, view: &penumbra::Camera, technique: Technique, flux_photon
         s.image.height = 48;
         s.image.spp = 16;
         s.indirect.max_bounces = 0;
-        s.indirect.photons = flux_photons;
+        s.indirect.photons = Some(flux_photons);
         s.image.aovs = vec![penumbra::Aov::Variance];
     });
     mean_and_error(&render_scene(scene, view, &settings).0, "G").0

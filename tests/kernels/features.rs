@@ -146,7 +146,7 @@ impl Selection {
             s.image.aovs =
                 aovs.filter(|(i, _)| self.has(*i) && (*i < 26 || self.has(45))).map(|(_, aov)| aov).collect();
         });
-        let specialisation = Specialisation::new(&self.scene(), &settings);
+        let specialisation = Specialisation::new(&self.scene(), None, &settings);
         let features =
             specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
         // Packets read textures.

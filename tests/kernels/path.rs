@@ -77,7 +77,7 @@ fn render_clamped(
     let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     scene.reorder_triangles(&bvh.order);
-    let specialisation = penumbra::internal::specialisation::Specialisation::new(&scene, &settings);
+    let specialisation = penumbra::internal::specialisation::Specialisation::new(&scene, None, &settings);
     let device = device_features(gpu);
     let features =
         device.iter().fold(changed(specialisation.features), |features, feature| features.with(feature, true));
@@ -323,7 +323,7 @@ fn rays_are_traced_where_they_may_hit_a_light(gpu: &Gpu) {
     let positions: Vec<_> = (0..all.triangles.len()).map(|i| all.triangle_positions(i)).collect();
     let bvh = Bvh::build(&positions).unwrap();
     all.reorder_triangles(&bvh.order);
-    let needed = penumbra::internal::specialisation::Specialisation::new(&all, &settings).features;
+    let needed = penumbra::internal::specialisation::Specialisation::new(&all, None, &settings).features;
     assert!(needed.has(Feature::BsdfRays) && needed.has(Feature::Highlights));
     let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
     let gpu_scene = GpuScene::new(gpu, &all, bvh, &view, [SIZE, SIZE], &features).unwrap();

@@ -120,7 +120,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u) {
 }";
 
 fn trace(gpu: &Gpu, scene: &Scene, bvh: Bvh, per_light: u32, kept: u32) -> Traced {
-    let specialisation = Specialisation::new(scene, &Settings::default());
+    let specialisation = Specialisation::new(scene, None, &Settings::default());
     let features = penumbra::internal::specialisation::device_features(gpu, specialisation.features);
     let gpu_scene = gpu_scene(gpu, scene, bvh, &features);
     let pass = Photons::new(gpu, &features, &gpu_scene.constants(), kept).unwrap();

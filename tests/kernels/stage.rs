@@ -38,7 +38,7 @@ impl Stage {
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
         scene.reorder_triangles(&bvh.order);
-        let needed = changed(Specialisation::new(&scene, &settings).features);
+        let needed = changed(Specialisation::new(&scene, None, &settings).features);
         let features = device_features(gpu).iter().fold(needed, |features, feature| features.with(feature, true));
         let gpu_scene = GpuScene::new(gpu, &scene, bvh, camera, size, &features).unwrap();
         Stage { scene, features, gpu_scene }

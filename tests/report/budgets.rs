@@ -37,7 +37,7 @@ fn late_techniques_are_named_with_a_sufficient_budget() {
         s.image.width = 8;
         s.image.height = 8;
         s.visibility_map.photons_per_light = Some(4096);
-        s.indirect.photons = 4096;
+        s.indirect.photons = Some(4096);
     });
     let subject = scene.subject(&settings);
     let seeds = 0..MIN_REPEATS as u32;

@@ -97,6 +97,43 @@ fn views_are_filled() {
     }
 }
 
+/// A triangle that fills half of the view covers half of it, as far as the view shows it. A turned camera sees none of
+/// it; and one in the plane of a triangle cannot tell.
+#[test]
+fn surfaces_cover_their_share_of_the_image() {
+    let orthographic = |x: f32| {
+        let file = with_camera(
+            json!({ "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 1, "znear": 0, "zfar": 100 } }),
+            json!({ "translation": [x, 1, 8] }),
+        );
+        let scene = file.load();
+        let camera = scene.cameras[0].clone();
+        (scene, camera)
+    };
+    // Corners and the cells of the sloping side: half of 64 of 4096 cells, up or down.
+    let tolerance = 1.5 / 64.0;
+    // The triangle is y < 2 - x / 2. From x = 2 on it has a quarter of its area, in an image of 4 x 2.
+    for (x, expected) in [(2.0, 0.5), (4.0, 0.125), (0.0, 0.375), (7.0, 0.0)] {
+        let (scene, camera) = orthographic(x);
+        let covered = scene.covered_share(&camera, 2.0);
+        assert!((covered - expected).abs() < tolerance, "{x}: {covered}");
+    }
+    let (scene, camera) = orthographic(2.0);
+    let perspective = |yfov: f32, near: f32| Camera {
+        projection: Projection::Perspective { yfov, aspect: None },
+        near,
+        ..camera.clone()
+    };
+    // At distance 8 the image is 8 wide and 4 high: the triangle fills an eighth of it.
+    let covered = scene.covered_share(&perspective(2.0 * 0.25f32.atan(), 0.1), 2.0);
+    assert!((covered - 0.125).abs() < tolerance, "{covered}");
+    let [right, up, backward] = camera.axes;
+    let turned = Camera { axes: [-right, up, -backward], ..perspective(0.5, 0.1) };
+    assert_eq!(scene.covered_share(&turned, 2.0), 0.0);
+    let inside = Camera { position: scene.vertices[0].position, axes: [-backward, up, right], ..perspective(0.5, 0.1) };
+    assert_eq!(scene.covered_share(&inside, 2.0), 1.0);
+}
+
 /// The thin lens of a 50 mm objective at f/2, on film 24 mm high.
 #[test]
 fn lenses_have_the_size_of_their_f_number() {

@@ -108,7 +108,7 @@ fn iridescence() {
     assert_eq!((none.factor, none.ior, none.thickness_minimum, none.thickness_maximum), (0.0, 1.3, 100.0, 400.0));
 
     // Kernels have it where a film is seen.
-    let has = |scene: &Scene| Specialisation::new(scene, &Settings::default()).features.has(Feature::Iridescence);
+    let has = |scene: &Scene| Specialisation::new(scene, None, &Settings::default()).features.has(Feature::Iridescence);
     assert!(has(&textured) && has(&scene(json!({ "iridescenceFactor": 1 }))));
     assert!(!has(&scene(json!({}))) && !has(&File::triangle().load()));
     assert!(!has(&scene(json!({ "iridescenceFactor": 1, "iridescenceThicknessMaximum": 0 }))));
@@ -122,7 +122,7 @@ fn iridescence() {
             "KHR_materials_iridescence": { "iridescenceFactor": 1 },
         },
     });
-    let features = Specialisation::new(&with_material(lambertian, 0).load(), &Settings::default()).features;
+    let features = Specialisation::new(&with_material(lambertian, 0).load(), None, &Settings::default()).features;
     assert!(features.has(Feature::Glossy) && features.has(Feature::Iridescence));
 }
 
@@ -150,7 +150,7 @@ fn clear_coats() {
     assert!(infos.iter().all(|info| scene.textures[info.texture as usize].space == ColourSpace::Linear));
 
     let has_own = |coat: Value, base: Value| {
-        Specialisation::new(&coated(coat, base), &Settings::default()).features.has(Feature::CoatNormals)
+        Specialisation::new(&coated(coat, base), None, &Settings::default()).features.has(Feature::CoatNormals)
     };
     let coat = |normal: Value| json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": normal });
     assert!(has_own(coat(mapped(1.0)), info(0, 0)));
