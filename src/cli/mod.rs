@@ -2,6 +2,7 @@
 //!
 //! Results (a plan, devices, measures) go to stdout; errors, notes and progress to stderr.
 
+mod check;
 mod compare;
 mod devices;
 mod flags;
@@ -45,6 +46,8 @@ enum Command {
     Devices(devices::Arguments),
     /// Measure the error of an image against a reference
     Compare(compare::Arguments),
+    /// Render cases and compare them with their baselines: pictures as tests
+    Check(Box<check::Arguments>),
     /// Compare techniques: error over run time, against a reference
     Report(Box<report::Arguments>),
     /// Render the two scenes of the paper by its four techniques, and print its table 1 beside the measured one
@@ -60,7 +63,7 @@ Exit codes:
   2    wrong usage
   3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost
-  5    compare: the error is above the limit
+  5    compare: the error is above the limit; check: a case is not as it should be
   130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
        by a second signal
   143  stopped by SIGTERM at once";
@@ -68,7 +71,7 @@ Exit codes:
 /// How a command ended without an error.
 enum Ending {
     Done,
-    /// `compare`: the error is above the limit.
+    /// `compare`: the error is above the limit; `check`: a case is not as it should be.
     AboveLimit,
     /// Stopped by a signal, with the image so far written.
     Stopped,
@@ -86,6 +89,7 @@ pub fn run() -> ExitCode {
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Table1(arguments) => table1::run(&arguments),
         Command::Stress(arguments) => stress::run(&arguments),

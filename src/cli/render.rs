@@ -368,7 +368,7 @@ impl Session<'_> {
         statistics.time.start = self.start;
         statistics.time.import = self.import;
         statistics.time.total = self.started.elapsed().as_secs_f64();
-        written.and(arguments.write_statistics(&statistics, &self.files)).and(checkpointed)?;
+        both(both(written, arguments.write_statistics(&statistics, &self.files)), checkpointed)?;
         Ok(image)
     }
 
@@ -393,6 +393,16 @@ fn written(path: &Path, write: impl Fn() -> Result<()>) -> Result<()> {
         Some(folder) if !folder.exists() && fs::create_dir_all(folder).is_ok() => write(),
         _ => Err(problem),
     })
+}
+
+/// The outcome of writing two files, whose error names both if neither is written.
+fn both(first: Result<()>, second: Result<()>) -> Result<()> {
+    match (first, second) {
+        (Err(Error::Output { file, problem }), Err(Error::Output { file: other, .. })) => {
+            Err(Error::Output { file, problem: format!("{problem}; {} is not written either", other.display()) })
+        }
+        (first, second) => first.and(second),
+    }
 }
 
 /// The inputs of a render, and the seconds that it took to load them.
@@ -508,7 +518,7 @@ impl Arguments {
             if outcome.is_ok() && !self.quiet {
                 say(format_args!("wrote {}", path.display()));
             }
-            result = result.and(outcome);
+            result = both(result, outcome);
         }
         result.map_err(|error| match error {
             Error::Output { file, problem } => {

@@ -79,7 +79,9 @@ impl Renderer<'_> {
             ));
         }
         // Counts are by light, and a render cannot have more samples than requested.
-        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.range().count() {
+        if header.totals.photons.len() != self.totals.photons.len()
+            || header.samples > self.settings.image.range().count()
+        {
             return Err(damaged());
         }
         let image = &self.settings.image;

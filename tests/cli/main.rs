@@ -1,6 +1,7 @@
 //! The program, and the scripts around it, as a user runs them.
 
 mod bad_input;
+mod check;
 mod compare;
 mod denoise;
 mod environment;

@@ -66,7 +66,8 @@ fn what_pieces_cannot_be_is_refused() {
     ] {
         render(arguments, &output).assert_refused(2, words);
     }
-    render("--samples 0..6", &folder.path().join("a.png")).assert_refused(2, &["--samples needs an output that is .exr"]);
+    render("--samples 0..6", &folder.path().join("a.png"))
+        .assert_refused(2, &["--samples needs an output that is .exr"]);
     let ward = format!("render --device {} --technique ward-adaptive --samples 0..6 -o {}", device(), output.display());
     run(&ward, &[&BOX]).assert_refused(2, &["--technique cannot be with --samples", "learns"]);
     assert!(!output.exists());

@@ -125,7 +125,10 @@ mod tests {
         assert_eq!(missing([8, 6], 8, &pieces), [expected]);
         assert_eq!(expected.to_string(), "samples 4..8 of the pixels 0,2,5,4");
         assert_eq!(missing([8, 6], 4, &pieces[..1]), []);
-        let all = MissingSamples { samples: SampleRange { first: 0, end: 3 }, crop: Crop { x: 0, y: 0, width: 8, height: 6 } };
+        let all = MissingSamples {
+            samples: SampleRange { first: 0, end: 3 },
+            crop: Crop { x: 0, y: 0, width: 8, height: 6 },
+        };
         assert_eq!(missing([8, 6], 3, &[]), [all]);
     }
 

@@ -52,7 +52,8 @@ impl Pieces {
             let others = files[..i].iter().find(|(_, other)| overlap(&extent, &extent_of(other)));
             if let Some((other, _)) = others {
                 let (range, crop) = extent;
-                let problem = format!("has samples {range} of the pixels {crop}, some of which {} has", other.display());
+                let problem =
+                    format!("has samples {range} of the pixels {crop}, some of which {} has", other.display());
                 return Err(Error::input(path, "file", problem));
             }
         }

@@ -51,10 +51,7 @@ impl Total {
     pub fn sum(self, samples: u32) -> Sum {
         let exact = [0, 1, 2].map(|axis| f64::from(self.value[axis]) + f64::from(self.rest[axis]));
         let [x, y, z] = exact;
-        Sum {
-            total: [x, y, z, f64::from(self.value[3])].into(),
-            kept: f64::from(samples) - f64::from(self.rest[3]),
-        }
+        Sum { total: [x, y, z, f64::from(self.value[3])].into(), kept: f64::from(samples) - f64::from(self.rest[3]) }
     }
 }
 
@@ -180,9 +177,11 @@ impl PieceSums {
             for node in &mut self.batch {
                 let SampleRange { first, .. } = node.range;
                 let (layer, count) = (first - tile.first_sample, node.range.count());
-                node.quantities[index][first_pixel..][..pixels].par_iter_mut().enumerate().for_each(|(pixel, total)| {
-                    *total = total_of_node(&|i| samples[(layer + i) as usize * pixels + pixel], 0, count);
-                });
+                node.quantities[index][first_pixel..][..pixels].par_iter_mut().enumerate().for_each(
+                    |(pixel, total)| {
+                        *total = total_of_node(&|i| samples[(layer + i) as usize * pixels + pixel], 0, count);
+                    },
+                );
             }
             match quantity {
                 Quantity::Direct => lights[0] = samples,
