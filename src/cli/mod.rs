@@ -2,10 +2,12 @@
 //!
 //! Results (a plan, devices, measures) go to stdout; errors, notes and progress to stderr.
 
+mod check;
 mod compare;
 mod devices;
 mod flags;
 mod interrupt;
+mod merge;
 mod options;
 mod plan;
 mod progress;
@@ -36,12 +38,16 @@ struct CommandLine {
 enum Command {
     /// Render a scene to images
     Render(Box<render::Arguments>),
+    /// Put pieces of an image together, which `render --samples` made
+    Merge(merge::Arguments),
     /// Print what a scene needs, what is left out and why, without rendering it
     Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
     Devices(devices::Arguments),
     /// Measure the error of an image against a reference
     Compare(compare::Arguments),
+    /// Render cases and compare them with their baselines: pictures as tests
+    Check(Box<check::Arguments>),
     /// Compare techniques: error over run time, against a reference
     Report(Box<report::Arguments>),
     /// Render the two scenes of the paper by its four techniques, and print its table 1 beside the measured one
@@ -57,7 +63,7 @@ Exit codes:
   2    wrong usage
   3    a file cannot be read, understood or written
   4    no Vulkan device, or the device was lost
-  5    compare: the error is above the limit
+  5    compare: the error is above the limit; check: a case is not as it should be
   130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
        by a second signal
   143  stopped by SIGTERM at once";
@@ -65,7 +71,7 @@ Exit codes:
 /// How a command ended without an error.
 enum Ending {
     Done,
-    /// `compare`: the error is above the limit.
+    /// `compare`: the error is above the limit; `check`: a case is not as it should be.
     AboveLimit,
     /// Stopped by a signal, with the image so far written.
     Stopped,
@@ -79,9 +85,11 @@ pub fn run() -> ExitCode {
     };
     let ending = match command {
         Command::Render(arguments) => render::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Table1(arguments) => table1::run(&arguments),
         Command::Stress(arguments) => stress::run(&arguments),

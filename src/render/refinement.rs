@@ -25,11 +25,12 @@ const LAST_STAGE: i32 = 3;
 const PREVIEW_STAGE: i32 = -2;
 
 /// The stage of the samples that follow the first `samples`. Numbers that the user requested hold from the first one on,
-/// and so do the photons of a map that is shown, where fewer would blur the image.
+/// and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview.
 pub(super) fn stage(settings: &Settings, samples: u32) -> i32 {
     let indirect = &settings.indirect;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();
-    if samples == 0 && !requested && !settings.technique.shows_map() {
+    let shown_early = !requested && !settings.technique.shows_map() && settings.image.piece.is_none();
+    if samples == 0 && shown_early {
         return PREVIEW_STAGE;
     }
     (samples / REFINED).checked_ilog2().map_or(0, |log| log as i32 / 2 + 1).min(LAST_STAGE)
@@ -57,7 +58,7 @@ impl Renderer<'_> {
     /// As [`Renderer::new`].
     pub fn refine(&mut self) -> Result<()> {
         let start = Instant::now();
-        self.refine_for(self.samples)?;
+        self.refine_for(self.settings.image.range().first + self.samples)?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         Ok(())
     }
@@ -86,7 +87,7 @@ impl Renderer<'_> {
 
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
     pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
-        let number = CausticMap::number_at(first_sample);
+        let number = CausticMap::number_at(first_sample, &self.settings);
         let IndirectKernels { global_map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
             return Ok(());
         };

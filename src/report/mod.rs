@@ -6,6 +6,7 @@
 
 mod advice;
 mod assemble;
+pub mod check;
 pub mod classes;
 pub mod curve;
 pub mod document;

@@ -1,9 +1,11 @@
 //! The program, and the scripts around it, as a user runs them.
 
 mod bad_input;
+mod check;
 mod compare;
 mod denoise;
 mod environment;
+mod pieces;
 mod plan;
 mod program;
 mod render;

@@ -1,0 +1,262 @@
+//! `penumbra check`.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+use std::{env, fs, process, thread};
+
+use kernel_kit::{DeviceChoice, Gpu};
+use penumbra::internal::render::film::{self, View};
+use penumbra::internal::report::check::{Case, Cases, Finding, Outcome, junit, kind_of, page};
+use penumbra::{Error, Image, Result};
+
+use super::{Ending, print, say};
+
+/// Memory of a render: a small image on lavapipe takes 0.2 to 0.4 GB.
+const JOB_BYTES: u64 = 1 << 30;
+
+/// Stands for all cases.
+const ALL: &str = "all";
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The cases: scenes, settings, baselines and limits; see docs/check.md
+    #[arg(value_name = "CASES.toml")]
+    cases: PathBuf,
+
+    /// Run only this case; may be given several times
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+
+    /// Make the new image of this case its baseline, or of all cases; may be given several times
+    #[arg(long, value_name = "NAME|all")]
+    bless: Vec<String>,
+
+    /// Compare images of this folder, made by any renderer, instead of rendering: NAME.exr, NAME.png or NAME.hdr
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["twice", "jobs", "device"])]
+    images: Option<PathBuf>,
+
+    /// Render each case twice; it fails if the runs differ in a bit
+    #[arg(long)]
+    twice: bool,
+
+    /// Renders at the same time [default: on a software device one for each processor, if memory has 1 GB for each; else 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    jobs: Option<u32>,
+
+    /// The page with baselines, new images and differences
+    #[arg(long, value_name = "FILE.html", default_value = "check.html")]
+    html: PathBuf,
+
+    /// Write what came of the cases as JUnit XML
+    #[arg(long, value_name = "FILE.xml")]
+    junit: Option<PathBuf>,
+
+    /// Device: best, software, or the index or a part of the name that `penumbra devices` prints
+    #[arg(long, value_name = "D", default_value = "best")]
+    device: String,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    let all = Cases::read(&arguments.cases)?;
+    let cases = arguments.selected(&all)?;
+    arguments.junit.iter().chain([&arguments.html]).try_for_each(film::check_target)?;
+    let gpu = match &arguments.images {
+        Some(_) => None,
+        None => {
+            let Ok(choice) = arguments.device.parse::<DeviceChoice>();
+            Some(Gpu::open(&choice)?)
+        }
+    };
+    let device = gpu.as_ref().map(|gpu| gpu.info.clone());
+    // Renders open their own.
+    drop(gpu);
+    if let (Some(expected), Some(device)) = (&all.device, &device)
+        && kind_of(expected) != kind_of(&device.name)
+    {
+        let problem = format!("the baselines are of {expected}, and this is {}; choose another device", device.name);
+        return Err(Error::input(&arguments.cases, "device", problem));
+    }
+    let is_software = device.as_ref().is_some_and(|device| device.is_software());
+    let mut outcomes = match &arguments.images {
+        Some(folder) => cases.iter().map(|case| compare(case, folder)).collect(),
+        None => arguments.render_all(&cases, is_software)?,
+    };
+    for outcome in &mut outcomes {
+        arguments.bless(outcome, all.device.as_deref())?;
+    }
+    let unused: Vec<String> = all.unused().iter().map(|path| path.display().to_string()).collect();
+    for path in &unused {
+        say(format_args!("note: no case uses the baseline {path}"));
+    }
+    let name = device.as_ref().map(|device| device.name.as_str());
+    let html = page(&arguments.cases, name, &outcomes, &unused)?;
+    write(&arguments.html, &html)?;
+    if let Some(path) = &arguments.junit {
+        let suite = arguments.cases.file_stem().unwrap_or_default().to_string_lossy();
+        write(path, &junit(&suite, &outcomes)?)?;
+    }
+    for outcome in &outcomes {
+        print(&line(outcome))?;
+    }
+    let bad = outcomes.iter().filter(|outcome| !outcome.is_good()).count();
+    say(format_args!("{bad} of {} cases are not as they should be: {}", outcomes.len(), arguments.html.display()));
+    Ok(if bad > 0 { Ending::AboveLimit } else { Ending::Done })
+}
+
+impl Arguments {
+    /// The cases to run.
+    fn selected(&self, all: &Cases) -> Result<Vec<Case>> {
+        let known = |name: &String| all.cases.iter().any(|case| case.name == *name);
+        if let Some(name) = self.only.iter().chain(self.bless.iter().filter(|name| *name != ALL)).find(|n| !known(n)) {
+            return Err(Error::Usage(format!("no case of {} is called '{name}'", self.cases.display())));
+        }
+        let is_selected = |case: &&Case| self.only.is_empty() || self.only.contains(&case.name);
+        let cases: Vec<Case> = all.cases.iter().filter(is_selected).cloned().collect();
+        if let Some(case) = cases.iter().find(|case| case.scene.is_none() && self.images.is_none()) {
+            let problem = "has no scene, so that only --images can check it";
+            return Err(Error::input(&self.cases, format!("case {}", case.name), problem));
+        }
+        Ok(cases)
+    }
+
+    /// Renders and compares all cases, some at the same time. Each render is a process of its own, so that one that
+    /// fails is no more than a broken case.
+    fn render_all(&self, cases: &[Case], is_software: bool) -> Result<Vec<Outcome>> {
+        let jobs = self.jobs.map_or_else(|| if is_software { default_jobs() } else { 1 }, |jobs| jobs as usize);
+        let program = env::current_exe().map_err(|problem| Error::Usage(format!("no program to run: {problem}")))?;
+        let folder = env::temp_dir().join(format!("penumbra-check-{}", process::id()));
+        fs::create_dir_all(&folder).map_err(|problem| Error::output(&folder, problem))?;
+        let next = AtomicUsize::new(0);
+        let outcomes = Mutex::new(vec![None; cases.len()]);
+        thread::scope(|scope| {
+            for _ in 0..jobs.min(cases.len()) {
+                scope.spawn(|| {
+                    while let Some((index, case)) = cases.iter().enumerate().nth(next.fetch_add(1, Ordering::Relaxed)) {
+                        let outcome = self.render(case, &program, &folder);
+                        if let Ok(mut outcomes) = outcomes.lock() {
+                            outcomes[index] = Some(outcome);
+                        }
+                    }
+                });
+            }
+        });
+        // What is left of a folder for temporary files does no harm.
+        let _ = fs::remove_dir_all(&folder);
+        Ok(outcomes.into_inner().unwrap_or_default().into_iter().flatten().collect())
+    }
+
+    /// Renders a case once or twice, and compares it.
+    fn render(&self, case: &Case, program: &Path, folder: &Path) -> Outcome {
+        let scene = case.scene.clone().unwrap_or_default();
+        // Paths in flags are relative to the file of cases.
+        let folder_of_cases =
+            self.cases.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let whole = std::path::absolute(&scene).unwrap_or_else(|_| scene.clone());
+        let start = Instant::now();
+        let render = |run: u32| -> std::result::Result<Image, String> {
+            let file = folder.join(format!("{}-{run}.exr", case.name));
+            let mut command = Command::new(program);
+            command.current_dir(folder_of_cases).arg("render").arg(&whole).args(&case.flags).args([
+                "--device",
+                &self.device,
+                "--quiet",
+                "-o",
+            ]);
+            let output = command.arg(&file).stdin(Stdio::null()).output().map_err(|problem| problem.to_string())?;
+            if !output.status.success() {
+                let said = String::from_utf8_lossy(&output.stderr);
+                let last = said.lines().last().unwrap_or("it said nothing");
+                return Err(last.trim_start_matches("penumbra: error: ").to_owned());
+            }
+            let image = Image::read(&file).map_err(|problem| problem.to_string())?;
+            // A case that removes noise is about the result.
+            Ok(image.denoised().unwrap_or(image))
+        };
+        let command = format!("penumbra render {} {}", scene.display(), case.flags.join(" "));
+        let first = render(1);
+        let seconds = start.elapsed().as_secs_f64();
+        let both = first.and_then(|image| Ok((image, self.twice.then(|| render(2)).transpose()?)));
+        match both {
+            Ok((image, again)) => {
+                Outcome::of(case, command, seconds, image, again.as_ref(), baseline(case, &self.cases))
+            }
+            Err(problem) => Outcome::broken(case, command, seconds, problem),
+        }
+    }
+
+    /// Makes the image of a case its baseline, if that is requested and can be.
+    fn bless(&self, outcome: &mut Outcome, device: Option<&str>) -> Result<()> {
+        let name = &outcome.case.name;
+        if !self.bless.iter().any(|asked| asked == ALL || asked == name) {
+            return Ok(());
+        }
+        if let Some(problem) = outcome.cannot_be_blessed(device) {
+            outcome.finding = Finding::Broken(format!("no new baseline: {problem}"));
+            return Ok(());
+        }
+        if let Some(image) = outcome.new_baseline() {
+            let path = &outcome.case.baseline;
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(|problem| Error::output(folder, problem))?;
+            }
+            image.write(path, View::Standard, 0.0)?;
+            say(format_args!("wrote {}", path.display()));
+            outcome.finding = Finding::Blessed;
+        }
+        Ok(())
+    }
+}
+
+/// Compares an image of another renderer.
+fn compare(case: &Case, folder: &Path) -> Outcome {
+    let files = ["exr", "png", "hdr"].map(|extension| folder.join(format!("{}.{extension}", case.name)));
+    let Some(file) = files.iter().find(|file| file.exists()) else {
+        let problem = format!("there is no {}, nor .png or .hdr", files[0].display());
+        return Outcome::broken(case, String::new(), 0.0, problem);
+    };
+    match Image::read(file) {
+        Ok(image) => Outcome::of(case, String::new(), 0.0, image, None, baseline(case, Path::new("CASES.toml"))),
+        Err(problem) => Outcome::broken(case, String::new(), 0.0, problem.to_string()),
+    }
+}
+
+/// The baseline of a case, or why there is none.
+fn baseline(case: &Case, cases: &Path) -> std::result::Result<Image, String> {
+    if !case.baseline.exists() {
+        let (file, name) = (case.baseline.display(), &case.name);
+        let command = format!("penumbra check {} --bless {name}", cases.display());
+        return Err(format!("there is no baseline {file}; {command} makes it"));
+    }
+    Image::read(&case.baseline).map_err(|problem| problem.to_string())
+}
+
+/// One for each processor, if memory is enough.
+fn default_jobs() -> usize {
+    let processors = thread::available_parallelism().map_or(1, usize::from);
+    let info = fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let available = info.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let kilobytes = available.and_then(|text| text.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    let fitting = kilobytes.map_or(usize::MAX, |kilobytes| (kilobytes * 1024 / JOB_BYTES) as usize);
+    processors.min(fitting).max(1)
+}
+
+fn line(outcome: &Outcome) -> String {
+    let Outcome { case, comparison, seconds, .. } = outcome;
+    let mut line = format!("{:<8} {:<24}", outcome.word(), case.name);
+    if let Some(comparison) = comparison {
+        let (relmse, flip, changed) = (comparison.relmse, comparison.flip, 100.0 * comparison.changed);
+        line += &format!(" relMSE {relmse:.2e}  FLIP {flip:.4}  changed {changed:.2} %  {seconds:.1} s");
+    }
+    let reasons = outcome.reasons();
+    if !reasons.is_empty() {
+        line += &format!("\n         {reasons}");
+    }
+    line + "\n"
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    film::write_atomically(path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
+}

@@ -1,0 +1,279 @@
+//! The file of cases: scenes, settings, baselines and limits, as TOML.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::{Table, Value};
+
+use crate::{Error, Result};
+
+/// Flags that `penumbra check` sets itself, or that make no image which could be compared.
+const REFUSED: [&str; 14] = [
+    "output",
+    "stats",
+    "device",
+    "quiet",
+    "checkpoint",
+    "resume",
+    "reference",
+    "time",
+    "frames",
+    "fps",
+    "seed-per-frame",
+    "samples",
+    "view",
+    "exposure",
+];
+
+/// The cases of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cases {
+    /// The kind of device that the baselines are of, if the file names it.
+    pub device: Option<String>,
+    /// The folder of the baselines.
+    pub baselines: PathBuf,
+    /// In the order of the file.
+    pub cases: Vec<Case>,
+}
+
+/// A picture that is compared with a baseline.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Unique in the file.
+    pub name: String,
+    /// The scene; none where another renderer makes the image.
+    pub scene: Option<PathBuf>,
+    /// The image that it should be.
+    pub baseline: PathBuf,
+    /// Flags of `penumbra render`.
+    pub flags: Vec<String>,
+    /// How far the image may be from the baseline.
+    pub limits: Limits,
+}
+
+/// How far an image may be from its baseline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Of relMSE.
+    pub relmse: f64,
+    /// Of the mean of FLIP.
+    pub flip: f64,
+    /// Of the share of pixels that changed.
+    pub changed: f64,
+    /// A pixel has changed if a channel of its 8-bit sRGB colour differs by more than this.
+    pub step: u8,
+}
+
+impl Default for Limits {
+    /// For another driver or processor on a device of the same kind. On one machine the bits are the same. Measured with
+    /// `scenes/` at 16 samples: where rounding takes a few paths elsewhere, relMSE is below 1e-4; another seed is above
+    /// 1e-2.
+    fn default() -> Limits {
+        Limits { relmse: 1e-3, flip: 0.01, changed: 0.01, step: 8 }
+    }
+}
+
+/// Limits where a file has them.
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GivenLimits {
+    relmse: Option<f64>,
+    flip: Option<f64>,
+    changed: Option<f64>,
+    step: Option<u8>,
+}
+
+impl GivenLimits {
+    fn over(self, limits: Limits) -> Limits {
+        Limits {
+            relmse: self.relmse.unwrap_or(limits.relmse),
+            flip: self.flip.unwrap_or(limits.flip),
+            changed: self.changed.unwrap_or(limits.changed),
+            step: self.step.unwrap_or(limits.step),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GivenFile {
+    device: Option<String>,
+    baselines: Option<PathBuf>,
+    #[serde(default)]
+    render: Table,
+    #[serde(default)]
+    limits: GivenLimits,
+    #[serde(default)]
+    case: Vec<GivenCase>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GivenCase {
+    name: String,
+    scene: Option<PathBuf>,
+    baseline: Option<PathBuf>,
+    #[serde(default)]
+    render: Table,
+    #[serde(default)]
+    limits: GivenLimits,
+}
+
+impl Cases {
+    /// Reads a file. Its paths are relative to its folder.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the line or the case at fault.
+    pub fn read(path: impl AsRef<Path>) -> Result<Cases> {
+        let path = path.as_ref();
+        let bytes = crate::input::read_file(path).map_err(|problem| Error::input(path, "file", problem))?;
+        let text = String::from_utf8(bytes).map_err(|_| Error::input(path, "file", "is not UTF-8"))?;
+        Cases::parse(&text, path)
+    }
+
+    /// [`Cases::read`] of a text; `path` names it in errors.
+    ///
+    /// # Errors
+    /// As [`Cases::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Cases> {
+        let file: GivenFile = toml::from_str(text).map_err(|problem| {
+            let line = problem.span().map_or(1, |span| text[..span.start].lines().count().max(1));
+            Error::input(path, format!("line {line}"), problem.message())
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let baselines = folder.join(file.baselines.unwrap_or_else(|| "baselines".into()));
+        let limits = file.limits.over(Limits::default());
+        let mut names = BTreeSet::new();
+        let mut cases = Vec::new();
+        for GivenCase { name, scene, baseline, render, limits: own } in file.case {
+            let refuse = |problem: String| Error::input(path, format!("case {name}"), problem);
+            let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+            if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
+                return Err(refuse("a name has letters, digits, '-', '_' and '.', and does not begin with '.'".into()));
+            }
+            if !names.insert(name.clone()) {
+                return Err(refuse("two cases have this name".into()));
+            }
+            let mut all = file.render.clone();
+            all.extend(render);
+            let limits = own.over(limits);
+            let is_share = |x: f64| (0.0..=1.0).contains(&x);
+            if !(limits.relmse >= 0.0 && is_share(limits.flip) && is_share(limits.changed)) {
+                return Err(refuse("limits are 0 or more; flip and changed are at most 1".into()));
+            }
+            cases.push(Case {
+                scene: scene.map(|scene| folder.join(scene)),
+                baseline: baselines.join(baseline.unwrap_or_else(|| format!("{name}.exr").into())),
+                flags: flags(&all).map_err(refuse)?,
+                limits,
+                name,
+            });
+        }
+        if cases.is_empty() {
+            return Err(Error::input(path, "file", "has no cases: each begins with [[case]]"));
+        }
+        Ok(Cases { device: file.device, baselines, cases })
+    }
+
+    /// The files in the folder of the baselines that no case uses, sorted.
+    pub fn unused(&self) -> Vec<PathBuf> {
+        let used: BTreeSet<&PathBuf> = self.cases.iter().map(|case| &case.baseline).collect();
+        let entries = std::fs::read_dir(&self.baselines).into_iter().flatten();
+        let files = entries.filter_map(std::result::Result::ok).map(|entry| entry.path()).filter(|path| path.is_file());
+        let mut unused: Vec<PathBuf> = files.filter(|path| !used.contains(path)).collect();
+        unused.sort();
+        unused
+    }
+}
+
+/// The flags that a table of settings stands for: `spp = 8` is `--spp=8`, `no-cache = true` is `--no-cache`.
+fn flags(table: &Table) -> std::result::Result<Vec<String>, String> {
+    let mut flags = Vec::new();
+    for (name, value) in table {
+        if REFUSED.contains(&name.as_str()) {
+            return Err(format!(
+                "render.{name} cannot be set: `penumbra check` sets it, or it makes no image to compare"
+            ));
+        }
+        match value {
+            Value::Boolean(true) => flags.push(format!("--{name}")),
+            Value::Boolean(false) => {}
+            Value::Array(values) => {
+                let values: Option<Vec<String>> = values.iter().map(text).collect();
+                flags.push(format!(
+                    "--{name}={}",
+                    values.ok_or(format!("render.{name} is no list of texts"))?.join(",")
+                ));
+            }
+            value => flags.push(format!("--{name}={}", text(value).ok_or(format!("render.{name} is no flag"))?)),
+        }
+    }
+    Ok(flags)
+}
+
+fn text(value: &Value) -> Option<String> {
+    match value {
+        Value::String(text) => Some(text.clone()),
+        Value::Integer(number) => Some(number.to_string()),
+        Value::Float(number) => Some(number.to_string()),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = r##"
+        device = "llvmpipe"
+        [render]
+        width = 48
+        no-cache = true
+        [limits]
+        flip = 0.5
+        [[case]]
+        name = "box"
+        scene = "../box.glb"
+        [case.render]
+        no-cache = false
+        clamp = 0.5
+        crop = [0, 0, 8, 6]
+        [[case]]
+        name = "sky"
+        baseline = "a/sky.png"
+        limits = { relmse = 0.0, step = 1 }
+    "##;
+
+    #[test]
+    fn cases_have_the_settings_of_the_file_and_their_own() {
+        let cases = Cases::parse(FILE, Path::new("scenes/check/CASES.toml")).unwrap();
+        assert_eq!(cases.device.as_deref(), Some("llvmpipe"));
+        let [first, second] = cases.cases.as_slice() else { panic!("{cases:?}") };
+        assert_eq!(first.scene.as_deref(), Some(Path::new("scenes/check/../box.glb")));
+        assert_eq!(first.baseline, Path::new("scenes/check/baselines/box.exr"));
+        assert_eq!(first.flags, ["--clamp=0.5", "--crop=0,0,8,6", "--width=48"]);
+        assert_eq!(first.limits, Limits { flip: 0.5, ..Limits::default() });
+        assert_eq!(second.baseline, Path::new("scenes/check/baselines/a/sky.png"));
+        assert_eq!(second.flags, ["--no-cache", "--width=48"]);
+        assert_eq!(second.limits, Limits { relmse: 0.0, flip: 0.5, step: 1, ..Limits::default() });
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (text, expected) in [
+            ("", "CASES.toml: file: has no cases"),
+            ("width = 3\n", "CASES.toml: line 1: unknown field `width`"),
+            ("\n[[case]]\nscene = 1\n", "CASES.toml: line 3: invalid type: integer"),
+            ("[[case]]\nname = \"a/b\"", "case a/b: a name has letters"),
+            ("[[case]]\nname = \"a\"\n[[case]]\nname = \"a\"", "case a: two cases have this name"),
+            ("[[case]]\nname = \"a\"\nrender = { output = \"b\" }", "case a: render.output cannot be set"),
+            ("[[case]]\nname = \"a\"\nrender = { crop = [[1]] }", "case a: render.crop is no list"),
+            ("[[case]]\nname = \"a\"\nlimits = { flip = 2.0 }", "case a: limits are 0 or more"),
+            ("[[case]]\nname = \"a\"\nlimits = { relmse = nan }", "case a: limits are 0 or more"),
+        ] {
+            let error = Cases::parse(text, Path::new("CASES.toml")).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text:?}: {error}");
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What came of a case.
+
+use super::cases::Case;
+use super::comparison::{Comparison, device_kind, different_pixels, kind_of};
+use crate::render::film::Image;
+
+/// What a case tells.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Finding {
+    /// The image is within its limits.
+    Passed,
+    /// The image is the new baseline.
+    Blessed,
+    /// Limits are exceeded, or two runs differ: reasons.
+    Failed(Vec<String>),
+    /// There is nothing to compare: the reason.
+    Broken(String),
+}
+
+/// What came of a case.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The case.
+    pub case: Case,
+    /// What it tells.
+    pub finding: Finding,
+    /// The command that makes the image; empty for images of other renderers.
+    pub command: String,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// The new image.
+    pub image: Option<Image>,
+    /// The image that it should be.
+    pub baseline: Option<Image>,
+    /// How far both are from each other.
+    pub comparison: Option<Comparison>,
+    /// Pixels of which two runs differ in a bit; none if there was one run.
+    pub unlike: Option<usize>,
+}
+
+impl Outcome {
+    /// That of a case without an image.
+    pub fn broken(case: &Case, command: String, seconds: f64, problem: String) -> Outcome {
+        Outcome {
+            case: case.clone(),
+            finding: Finding::Broken(problem),
+            command,
+            seconds,
+            image: None,
+            baseline: None,
+            comparison: None,
+            unlike: None,
+        }
+    }
+
+    /// Compares the images of one or two runs with the baseline, or the reason why there is none.
+    pub fn of(
+        case: &Case,
+        command: String,
+        seconds: f64,
+        image: Image,
+        again: Option<&Image>,
+        baseline: Result<Image, String>,
+    ) -> Outcome {
+        let unlike = again.map(|again| different_pixels(&image, again).unwrap_or(image.pixels()));
+        let mut outcome = Outcome::broken(case, command, seconds, String::new());
+        outcome.unlike = unlike;
+        let compared = baseline.and_then(|baseline| {
+            let kinds = [device_kind(&image), device_kind(&baseline)];
+            let comparison = match kinds {
+                [Some(own), Some(other)] if own != other => {
+                    Err(format!("the baseline is of the device {other}, and this is {own}"))
+                }
+                _ => Comparison::new(&image, &baseline, &case.limits).map_err(|problem| problem.to_string()),
+            };
+            outcome.baseline = Some(baseline);
+            comparison
+        });
+        outcome.finding = match &compared {
+            Err(problem) => Finding::Broken(problem.clone()),
+            Ok(comparison) => {
+                let mut reasons = comparison.exceeded(&case.limits);
+                if let Some(pixels) = unlike.filter(|pixels| *pixels > 0) {
+                    reasons.push(format!("two runs differ in {pixels} pixels"));
+                }
+                if reasons.is_empty() { Finding::Passed } else { Finding::Failed(reasons) }
+            }
+        };
+        outcome.comparison = compared.ok();
+        outcome.image = Some(image);
+        outcome
+    }
+
+    /// Whether the case is as it should be.
+    pub fn is_good(&self) -> bool {
+        matches!(self.finding, Finding::Passed | Finding::Blessed)
+    }
+
+    /// Why the image cannot be the new baseline; none if it can. `device` is the kind that the file of cases names.
+    pub fn cannot_be_blessed(&self, device: Option<&str>) -> Option<String> {
+        let Some(image) = &self.image else {
+            let Finding::Broken(problem) = &self.finding else { return None };
+            return Some(problem.clone());
+        };
+        if let Some(pixels) = self.unlike.filter(|pixels| *pixels > 0) {
+            return Some(format!("two runs differ in {pixels} pixels"));
+        }
+        let own = device_kind(image)?;
+        let of_baseline = self.baseline.as_ref().and_then(device_kind);
+        let other = device.map(kind_of).or(of_baseline).filter(|other| *other != own)?;
+        Some(format!("the baselines are of the device {other}, and this is {own}"))
+    }
+
+    /// The image as a baseline: colours, and the device.
+    pub fn new_baseline(&self) -> Option<Image> {
+        let mut image = self.image.clone()?;
+        image.channels.retain(|channel| ["R", "G", "B"].contains(&channel.name.as_str()));
+        image.metadata.retain(|name, _| name.starts_with("penumbra:device") || name == "penumbra:driver");
+        (image.crop, image.transparent) = (None, false);
+        Some(image)
+    }
+
+    /// The finding in a word.
+    pub fn word(&self) -> &'static str {
+        match self.finding {
+            Finding::Passed => "passed",
+            Finding::Blessed => "blessed",
+            Finding::Failed(_) => "failed",
+            Finding::Broken(_) => "broken",
+        }
+    }
+
+    /// Why the case is not good; empty if it is.
+    pub fn reasons(&self) -> String {
+        match &self.finding {
+            Finding::Passed | Finding::Blessed => String::new(),
+            Finding::Failed(reasons) => reasons.join("; "),
+            Finding::Broken(problem) => problem.clone(),
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! `penumbra check`: pictures as tests, and those of `scenes/`.
+
+use std::fs;
+use std::path::Path;
+
+use penumbra::Image;
+
+use crate::program::{Answer, BOX, device, folder, penumbra};
+
+/// Runs the cases of a file; the page goes beside them.
+fn check(cases: &Path, arguments: &str) -> Answer {
+    let mut command = penumbra(&format!("check {arguments} --html"), &[]);
+    Answer::of(command.arg(cases.with_extension("html")).arg(cases))
+}
+
+fn on_device(arguments: &str) -> String {
+    format!("--device {} {arguments}", device())
+}
+
+/// The scenes of the repository look as they did. Another kind of device than lavapipe has no baselines.
+#[test]
+fn the_scenes_look_as_they_did() {
+    if device() != "software" {
+        println!("left out: the baselines are of lavapipe");
+        return;
+    }
+    let folder = folder();
+    let cases = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/check/CASES.toml");
+    let page = folder.path().join("check.html");
+    let mut command = penumbra(&format!("check --device software {cases} --html"), &[&page]);
+    let answer = Answer::of(&mut command);
+    assert_eq!(answer.code, Some(0), "{}\n{}", answer.stdout, answer.stderr);
+    assert!(!answer.stderr.contains("no case uses"), "{answer:?}");
+    let page = fs::read_to_string(&page).unwrap();
+    // It needs no other file.
+    assert!(page.contains("data:image/png;base64,"));
+    for outside in ["http://", "https://", "src=\"/", "<link", "<script"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+}
+
+#[test]
+fn baselines_are_made_and_compared() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    let write = |light: f32| {
+        let text = format!(
+            "[render]\nwidth = 24\nheight = 16\nspp = 2\nmax-bounces = 0\ntechnique = \"path\"\n\
+             [[case]]\nname = \"usual\"\nscene = \"{BOX}\"\n\
+             [[case]]\nname = \"bright\"\nscene = \"{BOX}\"\nrender = {{ light-scale = {light:?} }}\n"
+        );
+        fs::write(&file, text).unwrap();
+    };
+    write(1.0);
+    // Without baselines.
+    let answer = check(&file, &on_device(""));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("broken   usual") && answer.stdout.contains("--bless usual makes it"), "{answer:?}");
+    // Only the baseline that is asked for is made.
+    assert_eq!(check(&file, &on_device("--bless usual")).code, Some(5));
+    let baseline = |name: &str| folder.path().join("baselines").join(name);
+    assert!(baseline("usual.exr").exists() && !baseline("bright.exr").exists());
+    check(&file, &on_device("--bless all")).assert_done();
+    let answer = check(&file, &on_device("--twice --jobs 2"));
+    answer.assert_done();
+    assert!(answer.stdout.contains("passed   bright"), "{answer:?}");
+    let page = fs::read_to_string(file.with_extension("html")).unwrap();
+    assert!(page.contains("2 of 2 cases passed"));
+    assert!(page.contains("pixels of which two runs differ in a bit</th><td>0</td>"));
+    // The light of one changes, and its baseline stays.
+    write(1.5);
+    let before = fs::read(baseline("bright.exr")).unwrap();
+    let xml = folder.path().join("check.xml");
+    let answer = check(&file, &on_device(&format!("--junit {}", xml.display())));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("passed   usual") && answer.stdout.contains("failed   bright"), "{answer:?}");
+    assert!(answer.stdout.contains("relMSE is"), "{answer:?}");
+    assert!(before == fs::read(baseline("bright.exr")).unwrap());
+    let xml = fs::read_to_string(&xml).unwrap();
+    assert!(
+        xml.contains("tests=\"2\" failures=\"1\" errors=\"0\"") && xml.contains("<failure message=\"relMSE is"),
+        "{xml}"
+    );
+    check(&file, &on_device("--only usual")).assert_done();
+    // Baselines of another size, of another device, and that no case uses.
+    let mut other = Image::read(baseline("usual.exr")).unwrap();
+    other.metadata.insert("penumbra:device".into(), penumbra::Metadata::Text("Other GPU".into()));
+    other.write_exr(baseline("usual.exr")).unwrap();
+    Image::read_exr(BOX.replace("box.glb", "sky.exr")).unwrap().write_exr(baseline("bright.exr")).unwrap();
+    fs::write(baseline("old.exr"), "").unwrap();
+    let answer = check(&file, &on_device(""));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("the baseline is of the device Other GPU, and this is"), "{answer:?}");
+    assert!(answer.stdout.contains("is 24 x 16 pixels, the reference"), "{answer:?}");
+    assert!(answer.stderr.contains("no case uses the baseline") && answer.stderr.contains("old.exr"), "{answer:?}");
+    let answer = check(&file, &on_device("--only usual --bless usual"));
+    assert!(answer.stdout.contains("no new baseline: the baselines are of the device Other GPU"), "{answer:?}");
+    // A device that the file does not name, none at all, and a name that no case has.
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, format!("device = \"Other GPU\"\n{text}")).unwrap();
+    check(&file, &on_device("")).assert_refused(3, &["CASES.toml", "the baselines are of Other GPU"]);
+    check(&file, "--device none-of-these").assert_refused(4, &["none-of-these"]);
+    check(&file, "--only none").assert_refused(2, &["is called 'none'"]);
+}
+
+/// A scene that cannot be rendered is a broken case, and the others run.
+#[test]
+fn a_render_that_fails_is_a_broken_case() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    fs::write(&file, "[[case]]\nname = \"none\"\nscene = \"none.glb\"\n").unwrap();
+    let answer = check(&file, &on_device(""));
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("broken   none") && answer.stdout.contains("none.glb"), "{answer:?}");
+}
+
+/// Images of other renderers need no device.
+#[test]
+fn images_of_other_renderers_are_compared() {
+    let folder = folder();
+    let file = folder.path().join("CASES.toml");
+    fs::write(&file, "[[case]]\nname = \"a\"\n[[case]]\nname = \"b\"\nbaseline = \"b.png\"\n").unwrap();
+    let images = folder.path().join("images");
+    fs::create_dir(&images).unwrap();
+    let mut image = Image::new(4, 3);
+    for (channel, value) in [("R", 0.1), ("G", 0.5), ("B", 0.9)] {
+        image.add_channel(channel, vec![value; 12]);
+    }
+    image.write_exr(images.join("a.exr")).unwrap();
+    let arguments = format!("--images {}", images.display());
+    let answer = check(&file, &arguments);
+    assert!(answer.stdout.contains("there is no baseline") && answer.stdout.contains("b.exr, nor"), "{answer:?}");
+    image.write_png(images.join("b.png"), penumbra::View::Standard, 0.0).unwrap();
+    check(&file, &format!("{arguments} --bless all")).assert_done();
+    check(&file, &arguments).assert_done();
+    image.add_channel("G", vec![0.6; 12]);
+    image.write_exr(images.join("a.exr")).unwrap();
+    let answer = check(&file, &arguments);
+    assert_eq!(answer.code, Some(5), "{answer:?}");
+    assert!(answer.stdout.contains("failed   a") && answer.stdout.contains("passed   b"), "{answer:?}");
+    // Cases without a scene cannot be rendered.
+    check(&file, &on_device("")).assert_refused(3, &["case a", "--images"]);
+}
