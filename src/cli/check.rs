@@ -42,7 +42,8 @@ pub struct Arguments {
     #[arg(long)]
     twice: bool,
 
-    /// Renders at the same time [default: on a software device one for each processor, if memory has 1 GB for each; else 1]
+    /// Renders at the same time [default: on a software device one for each processor, if memory has 1 GB for each;
+    /// else 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     jobs: Option<u32>,
 

@@ -281,8 +281,8 @@ pub struct RenderOptions {
     crop: Option<Crop>,
 
     /// Make a piece of the image, of the samples A to B - 1 of the --spp of every pixel, which `penumbra merge` puts
-    /// together with the others. Whatever the cut by samples and by --crop, on devices of one kind the whole has the same
-    /// bits, those of --samples 0..SPP in one process. No sample learns from others then
+    /// together with the others. Whatever the cut by samples and by --crop, on devices of one kind the whole has the
+    /// same bits, those of --samples 0..SPP in one process. No sample learns from others then
     #[arg(long, value_name = "A..B")]
     samples: Option<SampleRange>,
 

@@ -18,6 +18,7 @@ pub mod recovery;
 mod refinement;
 mod renderer;
 mod resume;
+mod stages;
 mod tiles;
 
 pub use batches::Progress;

@@ -8,7 +8,7 @@ use super::blocks::Blocks;
 use super::keeping::Keeping;
 use super::notes::notes;
 use super::pieces::PieceSums;
-use super::refinement::{settings_of_stage, stage};
+use super::stages::{settings_of_stage, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
@@ -148,8 +148,9 @@ impl<'g> Renderer<'g> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples per pixel so far; of a piece, those that it has. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the
-    /// samples of the pixels that have most.
+    /// Samples per pixel so far; of a piece, those that it has. With
+    /// [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the samples of the pixels that have
+    /// most.
     pub fn samples(&self) -> u32 {
         self.samples
     }

@@ -98,8 +98,8 @@ impl Image {
     }
 }
 
-/// Sorts the attributes of a header by name. The crate writes them in the order of a hash table, which differs from file
-/// to file. Their lengths stay, and so do the offsets of the pixels.
+/// Sorts the attributes of a header by name. The crate writes them in the order of a hash table, which differs from
+/// file to file. Their lengths stay, and so do the offsets of the pixels.
 fn sort_attributes(bytes: &mut [u8]) {
     // The magic number and the version.
     const FIRST: usize = 8;

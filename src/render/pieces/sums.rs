@@ -1,9 +1,9 @@
 //! Sums of samples in an order that no cut changes: a binary tree over the numbers of the samples.
 //!
 //! A node of the tree is a range of samples that begins at a multiple of its length, a power of two. Its sum is that of
-//! its halves. A piece holds the sums of the largest nodes in its range, at most two of each length. When pieces are put
-//! together, halves become nodes, until only the largest nodes of the whole range are left; these are added from the
-//! first to the last. So the additions are the same for every cut.
+//! its halves. A piece holds the sums of the largest nodes in its range, at most two of each length. When pieces are
+//! put together, halves become nodes, until only the largest nodes of the whole range are left; these are added from
+//! the first to the last. So the additions are the same for every cut.
 
 use bytemuck::{Pod, Zeroable};
 use kernel_kit::{Buffer, Gpu};
@@ -70,7 +70,9 @@ impl Node {
     /// Whether the other node is the second half of the node of which this one is the first.
     fn is_first_half_with(&self, second: &Node) -> bool {
         let count = self.range.count();
-        self.range.end == second.range.first && second.range.count() == count && self.range.first % (2 * count) == 0
+        self.range.end == second.range.first
+            && second.range.count() == count
+            && self.range.first.is_multiple_of(2 * count)
     }
 
     fn add(&mut self, other: &Node) {

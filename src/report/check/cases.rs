@@ -66,11 +66,12 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// For another driver or processor on a device of the same kind. On one machine the bits are the same. Measured with
-    /// `scenes/` at 16 samples: where rounding takes a few paths elsewhere, relMSE is below 1e-4; another seed is above
-    /// 1e-2.
+    /// For another driver or processor on a device of the same kind. On one machine the bits are the same. Measured
+    /// with `scenes/check/CASES.toml`: another Vulkan on the CPU (SwiftShader) has relMSE 4.9e-5 and FLIP 0.013 against
+    /// lavapipe in the crowd; another seed has relMSE 0.019 to 0.060 and FLIP 0.061 to 0.079 in box, crowd and
+    /// materials.
     fn default() -> Limits {
-        Limits { relmse: 1e-3, flip: 0.01, changed: 0.01, step: 8 }
+        Limits { relmse: 1e-3, flip: 0.03, changed: 0.02, step: 8 }
     }
 }
 

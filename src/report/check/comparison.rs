@@ -93,7 +93,8 @@ pub(super) fn device_kind(image: &Image) -> Option<&str> {
     }
 }
 
-/// The kind of a device: its name, without the driver's remarks in brackets, such as the width of the processor's vectors.
+/// The kind of a device: its name, without the driver's remarks in brackets, such as the width of the processor's
+/// vectors.
 pub fn kind_of(name: &str) -> &str {
     name.split(" (").next().unwrap_or(name)
 }

@@ -11,8 +11,8 @@ use super::outcome::{Finding, Outcome};
 use crate::render::film::Image;
 use crate::{Error, Result};
 
-/// Renders the page of the cases of `file`. `device` is the one that they ran on, and `unused` are the baselines that no
-/// case uses. Cases that need a look come first.
+/// Renders the page of the cases of `file`. `device` is the one that they ran on, and `unused` are the baselines that
+/// no case uses. Cases that need a look come first.
 ///
 /// # Errors
 /// [`Error::Output`] if an image cannot be encoded.
@@ -41,7 +41,8 @@ pub fn page(file: &Path, device: Option<&str>, outcomes: &[Outcome], unused: &[S
     Ok(format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{good} of {} passed: penumbra check</title>\n<style>\n{}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+         <title>{good} of {} passed: penumbra check</title>\n<style>\n{}</style>\n</head>\n<body>\n{body}</body>\n\
+         </html>\n",
         outcomes.len(),
         include_str!("page.css")
     ))
