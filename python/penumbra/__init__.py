@@ -19,6 +19,7 @@ from ._penumbra import (
     Scene,
     __version__,
     devices,
+    merge,
     read,
 )
 
@@ -32,5 +33,6 @@ __all__ = [
     "Scene",
     "__version__",
     "devices",
+    "merge",
     "read",
 ]

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from typing import Any, Literal, final
 
@@ -15,6 +15,7 @@ __all__ = [
     "Scene",
     "__version__",
     "devices",
+    "merge",
     "read",
 ]
 
@@ -86,6 +87,7 @@ class Scene:
         width: int | None = None,
         height: int | None = None,
         spp: int | None = None,
+        samples: tuple[int, int] | None = None,
         technique: str | None = None,
         seed: int | None = None,
         camera: str | int | None = None,
@@ -136,4 +138,5 @@ class Scene:
     def path(self) -> str | PathLike[str]: ...
 
 def devices() -> list[dict[str, Any]]: ...
-def read(path: _Path) -> dict[str, _Floats]: ...
+def merge(pieces: Sequence[_Path], *, partial: bool = False) -> Result: ...
+def read(path: _Path) -> Result: ...

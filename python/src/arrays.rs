@@ -1,14 +1,10 @@
 //! The channels of an image as numpy arrays.
 
-use std::path::PathBuf;
-
 use numpy::ndarray::{Array2, Array3};
 use numpy::{PyArray2, PyArray3};
 use penumbra::Image;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-
-use crate::error::of_library;
 
 /// The axes by which three channels are one array.
 const AXES: [[&str; 3]; 2] = [["R", "G", "B"], ["X", "Y", "Z"]];
@@ -37,7 +33,8 @@ pub fn layers<'py>(py: Python<'py>, image: &Image) -> PyResult<Bound<'py, PyDict
     let layers = PyDict::new(py);
     for channel in &image.channels {
         let name = channel.name.as_str();
-        if matches!(name, "R" | "G" | "B" | "A") {
+        // Pieces have their sums beside the channels that users request.
+        if matches!(name, "R" | "G" | "B" | "A") || name.starts_with("piece.") {
             continue;
         }
         let (layer, axis) = name.rsplit_once('.').unwrap_or(("", name));
@@ -51,19 +48,4 @@ pub fn layers<'py>(py: Python<'py>, image: &Image) -> PyResult<Bound<'py, PyDict
         }
     }
     Ok(layers)
-}
-
-/// The arrays of an image file, .exr, .png or .hdr, scene-linear: "image", "alpha" if there is one, and the AOVs.
-#[pyfunction]
-pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let image = py.detach(|| Image::read(path)).map_err(of_library)?;
-    let arrays = PyDict::new(py);
-    if let Some(picture) = colour(py, &image, ["R", "G", "B"]) {
-        arrays.set_item("image", picture)?;
-    }
-    if let Some(alpha) = plane(py, &image, "A") {
-        arrays.set_item("alpha", alpha)?;
-    }
-    arrays.update(layers(py, &image)?.as_mapping())?;
-    Ok(arrays)
 }

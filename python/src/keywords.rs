@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use penumbra::Settings;
-use penumbra::settings::{Background, Crop};
+use penumbra::settings::{Background, Crop, SampleRange};
 use pyo3::exceptions::{PyOverflowError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -40,6 +40,7 @@ const KEYWORDS: &[Keyword] = keywords! {
     "height" => image.height;
     "crop" => image.crop, crop;
     "spp" => image.spp;
+    "samples" => image.piece, samples;
     "seed" => image.seed;
     "aovs" => image.aovs, aovs;
     "denoise" => image.denoise, named;
@@ -133,6 +134,12 @@ fn named<T: FromStr<Err: Display>>(value: &Bound<'_, PyAny>) -> PyResult<T> {
 fn crop(value: &Bound<'_, PyAny>) -> PyResult<Option<Crop>> {
     let [x, y, width, height] = value.extract()?;
     Ok(Some(Crop { x, y, width, height }))
+}
+
+/// The first sample, and the one after the last.
+fn samples(value: &Bound<'_, PyAny>) -> PyResult<Option<SampleRange>> {
+    let [first, end] = value.extract()?;
+    Ok(Some(SampleRange { first, end }))
 }
 
 /// A list of names, or "all".

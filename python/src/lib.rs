@@ -15,15 +15,13 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _penumbra {
     #[pymodule_export]
-    use super::arrays::read;
-    #[pymodule_export]
     use super::device::devices;
     #[pymodule_export]
     use super::error::{Error, Interrupted};
     #[pymodule_export]
     use super::render::Progress;
     #[pymodule_export]
-    use super::result::RenderResult;
+    use super::result::{RenderResult, merge, read};
     #[pymodule_export]
     use super::scene::Scene;
     use super::*;

@@ -96,7 +96,7 @@ pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
                 statistics.notes.push(note);
             }
         }
-        RenderResult::new(image, &statistics)
+        RenderResult::new(py, image, &statistics)
     };
     match outcome {
         Ok(Done { image, statistics, stopped: None }) => result(image, statistics),

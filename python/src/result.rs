@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use penumbra::{Image, Statistics, View};
+use penumbra::{Image, Metadata, Pieces, Statistics, View};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyDict};
@@ -10,7 +10,7 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::arrays;
 use crate::error::{error, of_library};
 
-/// What a render gives.
+/// What a render gives, or an image file.
 #[pyclass(frozen, name = "Result", module = "penumbra")]
 pub struct RenderResult {
     rendered: Image,
@@ -23,17 +23,26 @@ pub struct RenderResult {
 }
 
 impl RenderResult {
-    pub fn new(image: Image, statistics: &Statistics) -> PyResult<RenderResult> {
-        Python::attach(|py| {
-            Ok(RenderResult {
-                rendered: image,
-                samples: statistics.samples,
-                statistics: dict(py, statistics)?.unbind(),
-                image: PyOnceLock::new(),
-                alpha: PyOnceLock::new(),
-                aovs: PyOnceLock::new(),
-            })
-        })
+    /// That of a render.
+    pub fn new(py: Python<'_>, image: Image, statistics: &Statistics) -> PyResult<RenderResult> {
+        let samples = statistics.samples;
+        Ok(RenderResult { samples, statistics: dict(py, statistics)?.unbind(), ..RenderResult::of_image(py, image) })
+    }
+
+    /// That of a file, of which no statistics are known.
+    pub fn of_image(py: Python<'_>, image: Image) -> RenderResult {
+        let samples = match image.metadata.get("samplesPerPixel") {
+            Some(Metadata::Int(samples)) => u32::try_from(*samples).unwrap_or(0),
+            _ => 0,
+        };
+        RenderResult {
+            rendered: image,
+            samples,
+            statistics: PyDict::new(py).unbind(),
+            image: PyOnceLock::new(),
+            alpha: PyOnceLock::new(),
+            aovs: PyOnceLock::new(),
+        }
     }
 
     /// What a view shows: the denoised image if there is one.
@@ -83,13 +92,13 @@ impl RenderResult {
         self.aovs(py)?.bind(py).get_item("denoised")
     }
 
-    /// The statistics of the program's --stats, as a dict.
+    /// The statistics of the program's --stats, as a dict; empty for files.
     #[getter]
     fn statistics(&self, py: Python<'_>) -> Py<PyDict> {
         self.statistics.clone_ref(py)
     }
 
-    /// Samples per pixel, of the pixels that have most.
+    /// Samples per pixel, of the pixels that have most; 0 for files that do not tell.
     #[getter]
     fn samples(&self) -> u32 {
         self.samples
@@ -130,4 +139,30 @@ pub fn dict<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bou
     let text = serde_json::to_string(value).map_err(|problem| error(&problem.to_string()))?;
     let value = py.import("json")?.call_method1("loads", (text,))?;
     value.cast_into().map_err(PyErr::from)
+}
+
+/// Reads an image file, .exr, .png or .hdr; its colours become scene-linear.
+#[pyfunction]
+pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<RenderResult> {
+    let image = py.detach(|| Image::read(path)).map_err(of_library)?;
+    Ok(RenderResult::of_image(py, image))
+}
+
+/// Puts pieces together, the .exr files of renders with `samples`, in any order: for every cut, the bits are those of
+/// one piece with all samples. Missing samples are an error, or with `partial` left out.
+#[pyfunction]
+#[pyo3(signature = (pieces, *, partial = false))]
+pub fn merge(py: Python<'_>, pieces: Vec<PathBuf>, partial: bool) -> PyResult<RenderResult> {
+    let merge = || {
+        let files = Pieces::open(&pieces)?;
+        match files.missing().first() {
+            Some(missing) if !partial => {
+                let problem = format!("{missing} are in no piece; partial=True gives what is there");
+                Err(penumbra::Error::input(&pieces[0], "pieces", problem))
+            }
+            _ => files.merge(),
+        }
+    };
+    let image = py.detach(merge).map_err(of_library)?;
+    Ok(RenderResult::of_image(py, image))
 }

@@ -103,9 +103,10 @@ impl Scene {
     /// The keywords are the flags of the program `penumbra render`, and None stands for their defaults: 512 pixels high,
     /// 16 samples per pixel, technique "shadow-photons", seed 0. `progress` is called
     /// with a `Progress` after each batch of samples; if it returns False, the render ends with the samples so far.
+    /// `samples` renders a piece, the samples from the first number up to the second, for `merge`.
     /// Ctrl-C ends it after the batch that is under way, with `Interrupted`, a KeyboardInterrupt whose `result` has the
     /// samples so far. Other threads of Python go on meanwhile.
-    #[pyo3(signature = (**keywords), text_signature = "($self, *, width=None, height=None, spp=None, technique=None, seed=None, camera=None, \
+    #[pyo3(signature = (**keywords), text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, seed=None, camera=None, \
         direction=None, aperture=None, focus=None, iris_blades=None, crop=None, aovs=None, background=None, \
         denoise=None, oidn_library=None, noise=None, time=None, progress=None, device=None, \
         light_scale=None, max_bounces=None, flux_photons=None, clamp=None, cache=None, accuracy=None, \

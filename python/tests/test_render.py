@@ -57,10 +57,10 @@ def test_bits_are_those_of_a_second_render_and_of_a_saved_file(box, device, tmp_
     other = box.render(**QUICK, seed=1, device=device)
     assert first.image.tobytes() != other.image.tobytes()
     first.save(tmp_path / "first.exr")
-    arrays = penumbra.read(tmp_path / "first.exr")
-    assert set(arrays) == {"image", "alpha", "Z", "N"}
-    assert arrays["image"].tobytes() == first.image.tobytes()
-    assert arrays["N"].tobytes() == first.aovs["N"].tobytes()
+    file = penumbra.read(tmp_path / "first.exr")
+    assert set(file.aovs) == {"Z", "N"} and file.samples == 2 and file.statistics == {}
+    assert file.image.tobytes() == first.image.tobytes()
+    assert file.aovs["N"].tobytes() == first.aovs["N"].tobytes()
 
 
 PROGRAM = os.environ.get("PENUMBRA_PROGRAM")
@@ -75,8 +75,8 @@ def test_bits_are_those_of_the_program(scenes, device, tmp_path):
     expected = penumbra.read(output)
     scene = penumbra.Scene.load(scenes / "box.glb")
     result = scene.render(height=24, spp=3, aovs=["albedo", "N"], seed=5, device=device)
-    assert result.image.tobytes() == expected["image"].tobytes()
-    assert result.aovs["albedo"].tobytes() == expected["albedo"].tobytes()
+    assert result.image.tobytes() == expected.image.tobytes()
+    assert result.aovs["albedo"].tobytes() == expected.aovs["albedo"].tobytes()
 
 
 def test_a_crop_is_a_part_of_the_image(box, device):
@@ -150,3 +150,31 @@ def test_the_environment_lights_the_scene(scenes, device):
 def test_devices_are_dicts():
     devices = penumbra.devices()
     assert devices and {"name", "kind", "driver"} <= set(devices[0])
+
+
+def test_pieces_are_merged_to_the_bits_of_one(box, device, tmp_path):
+    settings = {"width": 24, "height": 16, "spp": 6, "max_bounces": 0, "aovs": ["N"], "device": device}
+    names = {}
+    for name, cut in {
+        "one": {"samples": (0, 6)},
+        "first": {"samples": (0, 4)},
+        "left": {"samples": (4, 6), "crop": (0, 0, 9, 16)},
+        "right": {"samples": (4, 6), "crop": (9, 0, 15, 16)},
+    }.items():
+        names[name] = tmp_path / f"{name}.exr"
+        piece = box.render(**settings, **cut)
+        assert set(piece.aovs) == {"N"}
+        piece.save(names[name])
+    one = penumbra.merge([names["one"]])
+    cut = penumbra.merge([names["right"], names["first"], names["left"]])
+    assert one.image.tobytes() == cut.image.tobytes()
+    assert one.aovs["N"].tobytes() == cut.aovs["N"].tobytes()
+    assert cut.samples == 6
+    some = [names["first"], names["left"]]
+    with pytest.raises(penumbra.Error, match="samples 4..6 of the pixels 9,0,15,16 are in no piece; partial=True"):
+        penumbra.merge(some)
+    partial = penumbra.merge(some, partial=True)
+    assert numpy.array_equal(partial.image[:, :9], one.image[:, :9])
+    assert not numpy.array_equal(partial.image, one.image)
+    with pytest.raises(penumbra.Error, match="denoise"):
+        box.render(**settings, samples=(0, 1), denoise="statistical")
