@@ -112,6 +112,7 @@ pub use render::Progress;
 /// ```
 pub use render::Renderer;
 pub use render::film::{Channel, Metadata, View, Window};
+pub use render::pieces::{MissingSamples, Pieces};
 /// # Example
 ///
 /// ```

@@ -25,7 +25,7 @@ const MIN_PHOTONS: u32 = 4096;
 pub use builder::SettingsBuilder;
 pub use groups::{
     Background, CellSettings, Crop, ImageSettings, IndirectSettings, IrradianceCacheSettings, LightBufferSettings,
-    LightSamplingSettings, ShadowRaySettings, VisibilityMapSettings, WardSettings,
+    LightSamplingSettings, SampleRange, ShadowRaySettings, VisibilityMapSettings, WardSettings,
 };
 pub use technique::Technique;
 
@@ -271,7 +271,7 @@ impl Settings {
     fn shows_photons(&self) -> bool {
         let map = &self.visibility_map;
         let shown = self.image.aovs.contains(&Aov::Shadow);
-        let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells;
+        let photons_alone = map.audit == 0.0 || map.paper_counting || !map.fine_cells || self.image.piece.is_some();
         !self.technique.traces_by_photons() || shown || photons_alone
     }
 
@@ -297,6 +297,7 @@ impl Settings {
     pub fn check(&self) -> Result<()> {
         self.check_integers()?;
         self.check_reals()?;
+        self.check_piece()?;
         self.check_light_sampling()
     }
 
@@ -330,6 +331,37 @@ impl Settings {
         range("cells.resolution", cells.resolution, 1, Self::MAX_CELLS)?;
         range("cells.rays_per_light", cells.rays_per_light, 1, Self::MAX_CELL_RAYS)?;
         range("light_buffer.resolution", light_buffer.resolution, 1, Self::MAX_LIGHT_BUFFER_CELLS)
+    }
+
+    /// The samples of a piece must not depend on those of others.
+    fn check_piece(&self) -> Result<()> {
+        let Some(SampleRange { first, end }) = self.image.piece else { return Ok(()) };
+        let refuse = |name, problem: String| Err(Error::setting(name, problem));
+        let spp = self.image.spp;
+        if first >= end || end > spp {
+            let problem = format!("is {first}..{end}; it must have samples, all of them among the `image.spp` {spp}");
+            return refuse("image.piece", problem);
+        }
+        let with = "cannot be with `image.piece`:";
+        if self.image.noise.is_some() {
+            let problem = format!("{with} which pixels get samples would depend on those of other pieces");
+            return refuse("image.noise", problem);
+        }
+        if self.image.denoise != Denoise::None {
+            return refuse("image.denoise", format!("{with} a denoiser needs the samples of all pieces"));
+        }
+        if self.technique.requirements().visibility == technique::Visibility::Adaptive {
+            let problem = format!("{with} {} learns from earlier samples", self.technique);
+            return refuse("technique", problem);
+        }
+        if self.image.aovs.contains(&Aov::Shadow) {
+            return refuse("image.aovs", format!("{with} pieces have no sums of the AOV shadow"));
+        }
+        if self.visibility_map.dilate == Some(1) {
+            let problem = format!("{with} boundaries would grow from pixels of other pieces");
+            return refuse("visibility_map.dilate", problem);
+        }
+        Ok(())
     }
 
     fn check_reals(&self) -> Result<()> {

@@ -3,13 +3,14 @@
 use std::borrow::Cow;
 
 /// What the library writes, and the flag. Longer names come before those that they contain.
-const FLAGS: [(&str, &str); 37] = [
+const FLAGS: [(&str, &str); 38] = [
     ("`indirect.irradiance_cache.enabled` is false", "--no-cache"),
     ("`technique`", "--technique"),
     ("`image.width`", "--width"),
     ("`image.height`", "--height"),
     ("`image.crop`", "--crop"),
     ("`image.spp`", "--spp"),
+    ("`image.piece`", "--samples"),
     ("`image.seed`", "--seed"),
     ("`image.aovs`", "--aov"),
     ("`image.denoise`", "--denoise"),
@@ -63,7 +64,7 @@ pub fn with_flags(text: &str) -> Cow<'_, str> {
 
 #[cfg(test)]
 mod tests {
-    use penumbra::settings::LightSampling;
+    use penumbra::settings::{LightSampling, SampleRange};
     use penumbra::{Settings, Technique};
 
     use super::with_flags;
@@ -71,10 +72,12 @@ mod tests {
     #[test]
     fn every_error_of_settings_names_a_flag() {
         let new = Settings::builder;
+        let piece = SampleRange { first: 8, end: 17 };
         let wrong = [
             (new().size(0, 1), "--width"),
             (new().size(1, 0), "--height"),
             (new().spp(0), "--spp"),
+            (new().piece(piece), "--samples"),
             (new().photons_per_light(0), "--photons"),
             (new().nearest(0), "--nearest"),
             (new().shadow_photons_per_ray(0), "--shadow-photons-per-ray"),

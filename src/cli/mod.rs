@@ -6,6 +6,7 @@ mod compare;
 mod devices;
 mod flags;
 mod interrupt;
+mod merge;
 mod options;
 mod plan;
 mod progress;
@@ -37,6 +38,8 @@ struct CommandLine {
 enum Command {
     /// Render a scene to images
     Render(Box<render::Arguments>),
+    /// Put pieces of an image together, which `render --samples` made
+    Merge(merge::Arguments),
     /// Print what a scene needs, what is left out and why, without rendering it
     Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
@@ -85,6 +88,7 @@ pub fn run() -> ExitCode {
     };
     let ending = match command {
         Command::Render(arguments) => render::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

@@ -14,7 +14,7 @@ use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::reference::Reference;
 use penumbra::internal::scene::{Focus, Framing, ImportOptions, Iris, Panorama};
-use penumbra::settings::{Background, Crop, Denoise, LightSampling};
+use penumbra::settings::{Background, Crop, Denoise, LightSampling, SampleRange};
 use penumbra::{Aov, Camera, Denoiser, Error, Image, Result, Scene, Settings, Technique};
 
 /// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
@@ -280,6 +280,12 @@ pub struct RenderOptions {
     #[arg(long, value_name = "X,Y,WIDTH,HEIGHT", value_parser = crop)]
     crop: Option<Crop>,
 
+    /// Make a piece of the image, of the samples A to B - 1 of the --spp of every pixel, which `penumbra merge` puts
+    /// together with the others. Whatever the cut by samples and by --crop, on devices of one kind the whole has the same
+    /// bits, those of --samples 0..SPP in one process. No sample learns from others then
+    #[arg(long, value_name = "A..B")]
+    samples: Option<SampleRange>,
+
     /// What is seen where there is no surface: environment, transparent, or a colour as #RRGGBB (sRGB) or R,G,B (linear
     /// radiance), which .png tone-maps like the rest; the environment lights the scene in any case
     #[arg(long, value_name = "BACKGROUND", default_value = "environment", value_parser = background)]
@@ -312,6 +318,7 @@ impl RenderOptions {
         settings.image.spp = self.spp.unwrap_or(settings.image.spp);
         settings.image.aovs = self.aov.clone().unwrap_or_default().0;
         settings.image.crop = self.crop;
+        settings.image.piece = self.samples;
         settings.image.background = self.background;
         settings
     }
@@ -319,6 +326,11 @@ impl RenderOptions {
     /// As [`Settings::is_unbiased`].
     pub fn is_unbiased(&self) -> bool {
         self.complete(self.settings.settings_of_aspect(1.0)).is_unbiased()
+    }
+
+    /// The user requests a piece of the image.
+    pub fn is_piece(&self) -> bool {
+        self.samples.is_some()
     }
 
     /// The user requests channels besides the image.

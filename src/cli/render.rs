@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
         started,
         import,
         start,
-        spp: settings.image.spp,
+        spp: settings.image.range().count(),
         announced: false,
         notes,
         stopped: false,
@@ -418,6 +418,24 @@ impl Arguments {
         if self.settings.has_aovs() && !self.output.iter().any(|path| is_exr(path)) {
             return Err(Error::Usage("--aov needs an output that is .exr: a .png holds the picture alone".into()));
         }
+        if self.settings.is_piece() {
+            if self.noise.is_some() {
+                let problem = "--noise cannot be with --samples: which pixels get samples would depend on other pieces";
+                return Err(Error::Usage(problem.into()));
+            }
+            if self.denoise.is_some_and(|denoise| denoise != Denoise::None) {
+                let problem = "--denoise cannot be with --samples: a denoiser needs the samples of all pieces";
+                return Err(Error::Usage(problem.into()));
+            }
+            if self.time.is_some() {
+                let problem = "--time cannot be with --samples: how many samples a pixel gets would depend on chance";
+                return Err(Error::Usage(problem.into()));
+            }
+            if !self.output.iter().any(|path| is_exr(path)) {
+                let problem = "--samples needs an output that is .exr: a .png has no sums that could be merged";
+                return Err(Error::Usage(problem.into()));
+            }
+        }
         if self.noise.is_some() && !self.settings.is_unbiased() {
             let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify \
                  points, to estimate the error";
@@ -470,7 +488,8 @@ impl Arguments {
 
     /// The denoiser; if it cannot be used, none, and why.
     fn denoiser(&self) -> (Denoiser, Option<Error>) {
-        let default = if self.output.iter().any(|path| !is_exr(path)) { Denoise::Auto } else { Denoise::None };
+        let shows = self.output.iter().any(|path| !is_exr(path)) && !self.settings.is_piece();
+        let default = if shows { Denoise::Auto } else { Denoise::None };
         match self.oidn.denoiser(self.denoise.unwrap_or(default)) {
             Ok(denoiser) => (denoiser, None),
             Err(problem) => (Denoiser::default(), Some(problem)),
@@ -532,7 +551,7 @@ fn summary(statistics: &Statistics, stopped: bool) -> String {
     let samples = match settings.image.noise {
         Some(_) if stopped => format!("stopped after {mean_samples:.1} (at most {samples})"),
         Some(_) => format!("{mean_samples:.1} (at most {samples})"),
-        None if stopped => format!("stopped after {samples} of {}", settings.image.spp),
+        None if stopped => format!("stopped after {samples} of {}", settings.image.range().count()),
         None => samples.to_string(),
     };
     format!(

@@ -6,7 +6,7 @@ use kernel_kit::{Bindings, Buffer, Frame, Gpu};
 
 use super::fine_cells::FineCellMap;
 use super::light_sampler::LightSampler;
-use super::shared::Shared;
+use super::shared::{Shared, TILE_POINTS};
 use super::visibility_map::VisibilityMap;
 use crate::Result;
 use crate::kernels::Queue;
@@ -113,6 +113,8 @@ impl Sizes {
     fn new(shared: &Shared<'_>, points: u32, lights: u32, all_at_once: bool, settings: &Settings) -> Sizes {
         let light_samples = settings.shadow_rays.samples;
         let visibility_words = light_samples.div_ceil(32);
+        // The light of chunks is rounded one by one: pieces have equal chunks, whatever the size of their tiles.
+        let points = settings.image.piece.map_or(points, |_| TILE_POINTS.max(points));
         let fitting = (CHUNK_CANDIDATES / points).min(CHUNK_WORDS / (points * visibility_words));
         // For each light, `shade` iterates over the light points and over the edges of the closed form.
         let edges = shared.gpu_scene.lights.lights.iter().map(|light| light.contour_edges as u32).max().unwrap_or(0);
@@ -164,7 +166,11 @@ impl DirectLight {
             bound: None,
             buffers,
             sizes,
-            dilate: map.map_or(0, |_| settings.visibility_map.dilate.unwrap_or(u32::from(wide))),
+            // The pixels next to a boundary may be those of another piece.
+            dilate: match (map, settings.image.piece) {
+                (Some(_), None) => settings.visibility_map.dilate.unwrap_or(u32::from(wide)),
+                _ => 0,
+            },
             audit_probability: if kernels.audits { settings.visibility_map.audit } else { 0.0 },
             repair_capacity: map.map_or(0, VisibilityMap::repair_capacity),
             kernels,

@@ -25,6 +25,8 @@ pub(crate) struct FirstPass<'a> {
     pub primary: &'a BoundPrimary,
     pub camera: &'a CameraUniform,
     pub settings: &'a Settings,
+    /// Those of indirect light, whose photons and gather rays depend on the first sample.
+    pub indirect_settings: &'a Settings,
     /// Points of a tile.
     pub points: u32,
     pub totals: &'a mut Totals,
@@ -100,7 +102,7 @@ impl FirstPass<'_> {
     /// irradiance records all over the view, from coarse to fine, each with a final gather that ends in the map (passes
     /// `flux`, `grid`, `irradiance`, `cache`, `gather`).
     pub fn make_indirect_light(&mut self) -> Result<()> {
-        let FirstPass { shared, indirect_kernels: kernels, primary, camera, settings, .. } = *self;
+        let FirstPass { shared, indirect_kernels: kernels, primary, camera, indirect_settings: settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };
         self.lighting.indirect = Some(IndirectLight::new(&setup, self.totals)?);
         Ok(())

@@ -113,7 +113,8 @@ impl Records {
         );
         let [width, height] = [image.width, image.height].map(|side| side.div_ceil(spacing));
         // The pixels of that image that reach into the part.
-        let part = image.part();
+        // All pieces have the same records, which are for the whole image then.
+        let part = if image.piece.is_some() { image.whole() } else { image.part() };
         let reach = |first: u32, side: u32| first / spacing..(first + side).div_ceil(spacing);
         let (columns, rows) = (reach(part.x, part.width), reach(part.y, part.height));
         let column_count = columns.end - columns.start;

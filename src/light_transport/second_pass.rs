@@ -59,8 +59,12 @@ impl SecondPass<'_, '_> {
         self.direct(|direct, frame, tile| direct.look_up_map_cells(frame, tile, lights));
     }
 
-    /// Classifies the cells that were requested for the first time (pass `grid`).
+    /// Classifies the cells that were requested for the first time (pass `grid`). Not in a piece: the class of such a
+    /// cell is for the points that request it first, and these may be those of another piece.
     pub fn classify_requested_cells(&mut self) {
+        if self.settings.image.piece.is_some() {
+            return;
+        }
         self.direct(|direct, frame, _| direct.classify_requested_cells(frame));
     }
 

@@ -13,6 +13,10 @@ use crate::statistics::LightPhotons;
 /// stop soon.
 pub(crate) const TILE_SAMPLES: u32 = 8;
 
+/// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
+/// a dispatch.
+pub(crate) const TILE_POINTS: u32 = 1 << 19;
+
 /// The device, the scene on both sides, and the buffers of a tile.
 #[derive(Clone, Copy)]
 pub(crate) struct Shared<'a> {

@@ -30,7 +30,7 @@ impl Renderer<'_> {
     /// # Errors
     /// As [`Renderer::denoised_image`].
     pub fn wants_samples(&mut self, denoiser: &Denoiser) -> Result<bool> {
-        let Some(noise) = self.settings.image.noise else { return Ok(self.samples < self.settings.image.spp) };
+        let Some(noise) = self.settings.image.noise else { return Ok(self.samples < self.settings.image.range().count()) };
         let is_due = |blocks: &Blocks| blocks.is_complete() && self.samples > 1;
         if self.blocks.as_ref().is_some_and(is_due) {
             let start = Instant::now();

@@ -8,7 +8,8 @@ use super::renderer::Renderer;
 use super::tiles::TileFilm;
 use crate::Result;
 use crate::light_transport::second_pass::SecondPass;
-use crate::light_transport::shared::Shared;
+use crate::light_transport::shared::{Shared, TILE_SAMPLES};
+use crate::settings::SampleRange;
 use crate::specialisation::features::Feature;
 use crate::statistics::Counter;
 use crate::techniques::implementation;
@@ -53,19 +54,26 @@ impl Renderer<'_> {
             return Ok(self.progress());
         }
         let batch = self.blocks.as_ref().and_then(Blocks::batch);
-        let first_sample = batch.as_ref().map_or(self.samples, |batch| batch.first_sample);
+        let next = self.settings.image.range().first + self.samples;
+        let first_sample = batch.as_ref().map_or(next, |batch| batch.first_sample);
         let layers = self.layers_of_batch(limit, first_sample, batch.as_ref());
-        if self.batches > 0 {
+        if self.batches > 0 && self.piece_sums.is_none() {
             self.repair_map()?;
         }
         self.trace_caustics(first_sample)?;
         self.batches += 1;
+        if let Some(sums) = &mut self.piece_sums {
+            sums.begin(SampleRange { first: first_sample, end: first_sample + layers });
+        }
         let sampled = self.totals.get(Counter::Sampled);
         let mut points = 0;
         for tile in 0..self.tiles.len() {
             points += self.render_tile(tile, first_sample, layers, batch.as_ref())?;
         }
-        self.samples = self.samples.max(first_sample + layers);
+        if let Some(sums) = &mut self.piece_sums {
+            sums.end();
+        }
+        self.samples = self.samples.max(first_sample + layers - self.settings.image.range().first);
         if let (Some(blocks), Some(batch)) = (&mut self.blocks, &batch) {
             blocks.add(batch, layers);
         }
@@ -85,12 +93,15 @@ impl Renderer<'_> {
     /// Samples per pixel of the next batch, of pixels that have `samples`.
     fn layers_of_batch(&self, limit: u32, samples: u32, batch: Option<&Batch>) -> u32 {
         let most = self.tile_size.layers.min(limit.max(1));
-        let to_spp = self.settings.image.spp.saturating_sub(samples);
+        let to_spp = self.settings.image.range().end.saturating_sub(samples);
         let missing = batch.map_or(to_spp, |batch| batch.missing);
         let most = if missing > 0 { most.min(missing) } else { most };
         // Fine cells learn from each batch: the number of samples doubles, so that they learn early.
         let learning = self.specialisation.features.has(Feature::FineCells);
         let most = if learning { most.min(samples.max(1)) } else { most };
+        // In a piece, maps are made again at fixed samples.
+        let to_map = TILE_SAMPLES - samples % TILE_SAMPLES;
+        let most = self.settings.image.piece.map_or(most, |_| most.min(to_map));
         // Halves of the samples are compared, which end at powers of two.
         let to_power = (samples + 1).next_power_of_two() - samples;
         if self.settings.estimates_error() { most.min(to_power) } else { most }
@@ -99,6 +110,9 @@ impl Renderer<'_> {
     /// Decides how the next batch is shaded, by the number of points that pass `shade` sampled light for in this one,
     /// of `points` points.
     fn decide_on_shading(&mut self, sampled: u64, points: u64) {
+        if self.piece_sums.is_some() {
+            return;
+        }
         let chunks = self.lighting.direct.as_ref().map_or(0, |direct| direct.chunks().count());
         self.shade_at_once = sampled as f64 > AT_ONCE_SHARE * (points * chunks as u64) as f64;
     }
@@ -130,13 +144,19 @@ impl Renderer<'_> {
             primary: &self.primary,
             lighting: &self.lighting,
             settings: &self.settings,
-            planes: film.sample_planes().collect(),
+            // Those of a piece are summed here.
+            planes: film.sample_planes().filter(|_| self.piece_sums.is_none()).collect(),
             shade_at_once: self.shade_at_once,
             class_films: &film.classes,
         };
         (implementation(self.settings.technique).second_pass)(&mut second_pass);
         film.take_snapshot(&mut frame, &tile, first_sample + layers);
         frame.submit()?;
+        if let Some(sums) = &mut self.piece_sums {
+            let first_pixel = film.rows().start as usize * self.settings.image.part().width as usize;
+            let left_out = sums.add(self.gpu, &self.buffers, first_pixel, &tile)?;
+            self.totals.count(Counter::NotFinite, left_out);
+        }
         let counters: Vec<u32> = self.gpu.read(&self.buffers.counters, Counter::COUNT)?;
         self.totals.add(&counters, u64::from(tile.point_count));
         // Fine cells decide where the map does not.

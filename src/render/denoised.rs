@@ -3,7 +3,8 @@
 use glam::DVec4;
 
 use super::denoise::{Colour, Denoiser, Guides, Light, Noisy, Part};
-use super::output::{Film, background_colour};
+use super::output::Film;
+use super::picture::colour_of;
 use super::renderer::Renderer;
 use super::tiles::{GuidePlanes, TileFilm, first_half};
 use crate::passes::film::{Plane, Sum, variance_of_mean};
@@ -41,7 +42,7 @@ impl Renderer<'_> {
         }
         let Some(denoised) = denoiser.denoise(self.gpu, &self.noisy()?)? else { return Ok(()) };
         let mut colours = denoised.colour;
-        if let Some(background) = background_colour(&self.settings) {
+        if let Some(background) = colour_of(self.settings.image.background) {
             let means = Film::of(self).means(&|f| Some(&f.direct))?.unwrap_or_default();
             for (colour, mean) in colours.iter_mut().zip(&means) {
                 let behind = background * (1.0 - mean.w);
@@ -75,8 +76,8 @@ impl Renderer<'_> {
         let (mut all, mut halves) = (Vec::new(), [Vec::new(), Vec::new()]);
         let parts: [Pick; 2] = [&|f| Some(&f.direct), &|f| f.indirect.as_ref()];
         for (index, part) in parts.into_iter().enumerate() {
-            let Some(whole) = film.sums(part, &samples)? else { continue };
-            let squares = film.sums(&|f| f.parts.get(index)?.squares.as_ref(), &samples)?;
+            let Some(whole) = film.plane_sums(part, &samples)? else { continue };
+            let squares = film.plane_sums(&|f| f.parts.get(index)?.squares.as_ref(), &samples)?;
             if let Some(first) = self.first_halves(&film, index)? {
                 // A pixel without samples of a half tells nothing of the error: it counts as exact.
                 let mean = |part: Sum, whole: &Sum| if part.kept > 0.0 { part.mean() } else { whole.mean() };
@@ -114,7 +115,7 @@ impl Renderer<'_> {
             return Ok(None);
         }
         let half = |pixel: usize| first_half(self.samples_of(pixel));
-        let snapshot = |k: usize| film.sums(&|f| Some(&f.parts.get(part)?.snapshots[k]), &half);
+        let snapshot = |k: usize| film.plane_sums(&|f| Some(&f.parts.get(part)?.snapshots[k]), &half);
         let (Some(even), Some(odd)) = (snapshot(0)?, snapshot(1)?) else { return Ok(None) };
         let pick = |(pixel, sums): (usize, [Sum; 2])| sums[half(pixel).ilog2() as usize % 2];
         Ok(Some(even.into_iter().zip(odd).map(<[Sum; 2]>::from).enumerate().map(pick).collect()))

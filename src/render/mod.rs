@@ -12,6 +12,8 @@ pub mod film;
 mod keeping;
 mod notes;
 mod output;
+mod picture;
+pub mod pieces;
 pub mod recovery;
 mod refinement;
 mod renderer;

@@ -21,12 +21,12 @@ const REFINED: u32 = 32;
 const MAX_STAGES: u32 = 2;
 
 /// The number of such steps for a number of samples.
-fn stage(samples: u32) -> u32 {
+pub(super) fn stage(samples: u32) -> u32 {
     ((samples / REFINED).checked_ilog2().map_or(0, |log| log / 2 + 1)).min(MAX_STAGES)
 }
 
 /// The settings of a stage. Stage 0 has the settings of the render.
-fn refined(settings: &Settings, stage: u32) -> Settings {
+pub(super) fn refined(settings: &Settings, stage: u32) -> Settings {
     let more = |number: u32, most: u32| number.saturating_mul(1 << (2 * stage)).min(number.max(most));
     settings.clone().with(|s| {
         s.indirect.photons = more(settings.indirect.photons, Settings::MAX_PHOTONS);
@@ -45,7 +45,7 @@ impl Renderer<'_> {
     /// As [`Renderer::new`].
     pub fn refine(&mut self) -> Result<()> {
         let start = Instant::now();
-        self.refine_for(self.samples)?;
+        self.refine_for(self.settings.image.range().first + self.samples)?;
         self.totals.time_render += start.elapsed().as_secs_f64();
         Ok(())
     }
@@ -74,7 +74,7 @@ impl Renderer<'_> {
 
     /// Makes the caustic map of the samples from `first_sample` on, unless they share the last one.
     pub(super) fn trace_caustics(&mut self, first_sample: u32) -> Result<()> {
-        let number = CausticMap::number_at(first_sample);
+        let number = CausticMap::number_at(first_sample, &self.settings);
         let IndirectKernels { global_map: Some(map), caustics: Some(kernels), .. } = &self.indirect_kernels else {
             return Ok(());
         };

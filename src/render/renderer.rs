@@ -7,6 +7,8 @@ use kernel_kit::Gpu;
 use super::blocks::Blocks;
 use super::keeping::Keeping;
 use super::notes::notes;
+use super::pieces::PieceSums;
+use super::refinement::{refined, stage};
 use super::tiles::{TileFilm, TileSize};
 use crate::Result;
 use crate::bvh::Bvh;
@@ -22,6 +24,7 @@ use crate::passes::primary::{BoundPrimary, Primary};
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
 use crate::specialisation::Specialisation;
+use crate::specialisation::features::Feature;
 use crate::statistics::totals::Totals;
 use crate::techniques::implementation;
 
@@ -53,6 +56,8 @@ pub struct Renderer<'g> {
     /// Calls of [`Renderer::render_batch`] so far.
     pub(super) batches: u32,
     pub(super) totals: Totals,
+    /// The sums of a piece; none of other renders, whose film has the sums.
+    pub(super) piece_sums: Option<PieceSums>,
     /// The state that is kept in case the device is lost; none if the caller does not want it.
     pub(super) keeping: Option<Keeping>,
 }
@@ -84,6 +89,7 @@ impl<'g> Renderer<'g> {
         totals.time_compile = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
+        let stage = stage(settings.image.range().first);
         let features = &specialisation.features;
         let tile_size = TileSize::new(features, scene.lights.len(), settings);
         let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
@@ -96,6 +102,7 @@ impl<'g> Renderer<'g> {
             primary: &primary,
             camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
             settings,
+            indirect_settings: &refined(settings, stage),
             points: tile_size.points,
             totals: &mut totals,
             lighting: Lighting::default(),
@@ -108,6 +115,9 @@ impl<'g> Renderer<'g> {
         totals.frame_bytes += lighting.frame_bytes();
         totals.time_render = start.elapsed().as_secs_f64();
 
+        // A piece does not count first: highlights are at nearly all points where there are glossy surfaces.
+        let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
+        let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&buffers, &settings.image, piece));
         Ok(Renderer {
             notes: notes(&scene, settings, &totals.indirect, &gpu_scene),
             gpu,
@@ -119,13 +129,14 @@ impl<'g> Renderer<'g> {
             primary,
             lighting,
             indirect_kernels,
-            stage: 0,
+            stage,
             buffers,
             tiles,
             tile_size,
             samples: 0,
             blocks: settings.image.noise.map(|_| Blocks::new(&settings.image)),
-            shade_at_once: false,
+            shade_at_once,
+            piece_sums,
             batches: 0,
             totals,
             keeping: None,
@@ -137,7 +148,7 @@ impl<'g> Renderer<'g> {
         self.tiles.iter().flat_map(|tile| tile.planes().chain(&tile.classes))
     }
 
-    /// Samples per pixel so far. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the
+    /// Samples per pixel so far; of a piece, those that it has. With [`ImageSettings::noise`](crate::settings::ImageSettings::noise) these are the
     /// samples of the pixels that have most.
     pub fn samples(&self) -> u32 {
         self.samples

@@ -30,8 +30,13 @@ impl Renderer<'_> {
     /// longer than everything else.
     pub(super) fn unsigned_checkpoint(&self) -> Result<Checkpoint> {
         let mut words = Vec::new();
-        for plane in self.planes() {
-            words.extend(plane.state(self.gpu)?);
+        match &self.piece_sums {
+            Some(sums) => words.extend(sums.words()),
+            None => {
+                for plane in self.planes() {
+                    words.extend(plane.state(self.gpu)?);
+                }
+            }
         }
         let map = self.lighting.map_state(self.gpu)?;
         words.extend(map.words());
@@ -74,7 +79,7 @@ impl Renderer<'_> {
             ));
         }
         // Counts are by light, and a render cannot have more samples than requested.
-        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.spp {
+        if header.totals.photons.len() != self.totals.photons.len() || header.samples > self.settings.image.range().count() {
             return Err(damaged());
         }
         let image = &self.settings.image;
@@ -84,7 +89,10 @@ impl Renderer<'_> {
             return Err(damaged());
         }
         let mut rest = words.as_slice();
-        for plane in self.planes() {
+        if let Some(sums) = &self.piece_sums {
+            self.piece_sums = Some(sums.restored(header.samples, &mut rest).ok_or_else(damaged)?);
+        }
+        for plane in self.planes().filter(|_| self.piece_sums.is_none()) {
             let (state, others) = rest.split_at_checked(plane.state_words()).ok_or_else(damaged)?;
             plane.restore(self.gpu, state);
             rest = others;
@@ -94,7 +102,7 @@ impl Renderer<'_> {
         if !self.lighting.restore(&Shared { gpu, scene, gpu_scene, tile }, &map, &mut self.totals)? {
             return Err(damaged());
         }
-        self.refine_for(header.samples)?;
+        self.refine_for(self.settings.image.range().first + header.samples)?;
         self.samples = header.samples;
         self.blocks.clone_from(&header.blocks);
         self.batches = header.batches;

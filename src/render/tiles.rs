@@ -4,17 +4,14 @@ use std::ops::Range;
 
 use kernel_kit::{Buffer, Frame, Gpu};
 
+use super::picture::Quantity;
 use crate::Result;
 use crate::light_transport::direct_light::{DirectLight, max_points};
-use crate::light_transport::shared::TILE_SAMPLES;
+use crate::light_transport::shared::{TILE_POINTS, TILE_SAMPLES};
 use crate::passes::film::{Film, Plane};
 use crate::passes::{GuideSamples, Tile, TileBuffers};
-use crate::settings::{Aov, Settings};
+use crate::settings::{Aov, ImageSettings, Settings};
 use crate::specialisation::features::Features;
-
-/// Maximum number of points of a tile: enough to keep a device busy, and few enough for its memory and for the time of
-/// a dispatch.
-const TILE_POINTS: u32 = 1 << 19;
 
 /// The size of a tile.
 #[derive(Clone, Copy)]
@@ -22,7 +19,7 @@ pub(super) struct TileSize {
     pub rows: u32,
     /// Maximum number of samples of a pixel.
     pub layers: u32,
-    /// Maximum number of points.
+    /// Maximum number of points, of samples or of irradiance records.
     pub points: u32,
 }
 
@@ -33,7 +30,11 @@ impl TileSize {
         let part = settings.image.part();
         let rows = (most / part.width).clamp(1, part.height);
         let layers = (most / (rows * part.width)).clamp(1, TILE_SAMPLES.min(settings.image.spp));
-        TileSize { rows, layers, points: rows * part.width * layers }
+        let points = rows * part.width * layers;
+        // A piece has irradiance records for the whole image, of every second pixel at most.
+        let ImageSettings { width, height, piece, .. } = settings.image;
+        let records = piece.map_or(0, |_| most.min(width.div_ceil(2) * height.div_ceil(2)).max(width));
+        TileSize { rows, layers, points: points.max(records) }
     }
 }
 
@@ -163,6 +164,18 @@ impl TileFilm {
         let guides = self.guides.iter().flat_map(|guides| [&guides.albedo, &guides.normal, &guides.position]);
         let squares = self.parts.iter().filter_map(|part| part.squares.as_ref());
         std::iter::once(&self.direct).chain(optional.into_iter().flatten()).chain(guides).chain(squares)
+    }
+
+    /// The plane that sums a quantity.
+    pub fn plane(&self, quantity: Quantity) -> Option<&Plane> {
+        match quantity {
+            Quantity::Direct => Some(&self.direct),
+            Quantity::Indirect => self.indirect.as_ref(),
+            Quantity::Squares => self.squares.as_ref(),
+            Quantity::Albedo => self.albedo.as_ref(),
+            Quantity::Normal => self.normal.as_ref(),
+            Quantity::Position => self.position.as_ref(),
+        }
     }
 
     /// Keeps the sums of the tile's pixels, which have `samples` samples, if that is a power of two.

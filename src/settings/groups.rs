@@ -1,6 +1,7 @@
 //! The groups of [`Settings`](super::Settings).
 
 use std::fmt;
+use std::str::FromStr;
 
 use super::{Aov, Denoise, LightSampling, Settings};
 
@@ -16,6 +17,10 @@ pub struct ImageSettings {
     pub crop: Option<Crop>,
     /// Samples per pixel, at least 1. A single sample goes through the centre of the pixel.
     pub spp: u32,
+    /// The samples of a piece, of which others have the rest: no sample learns from another one then, so that pieces
+    /// have the same bits whatever the cut. `None`: all samples, of which later ones learn from earlier ones.
+    #[serde(rename = "samples")]
+    pub piece: Option<SampleRange>,
     /// Seed of all random numbers.
     pub seed: u32,
     /// Channels beside the picture.
@@ -42,6 +47,15 @@ pub struct Crop {
     pub height: u32,
 }
 
+/// The samples of each pixel from number `first` to number `end` - 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SampleRange {
+    /// The first one; a pixel's samples are counted from 0.
+    pub first: u32,
+    /// The one after the last.
+    pub end: u32,
+}
+
 /// What the camera sees where there is no surface. The environment lights the scene whatever is seen of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Background {
@@ -57,6 +71,24 @@ pub enum Background {
 impl fmt::Display for Crop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{},{},{},{}", self.x, self.y, self.width, self.height)
+    }
+}
+
+impl fmt::Display for SampleRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}..{}", self.first, self.end)
+    }
+}
+
+impl FromStr for SampleRange {
+    type Err = String;
+
+    /// A range as in 0..16.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.trim().parse().ok();
+        let range = text.split_once("..").and_then(|(first, end)| Some((number(first)?, number(end)?)));
+        let (first, end) = range.ok_or("it must be a range of samples, as in 0..16, without the last number")?;
+        Ok(SampleRange { first, end })
     }
 }
 
@@ -76,16 +108,39 @@ impl serde::Serialize for Crop {
     }
 }
 
+impl serde::Serialize for SampleRange {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl serde::Serialize for Background {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
 
+impl SampleRange {
+    /// The number of samples.
+    pub fn count(&self) -> u32 {
+        self.end.saturating_sub(self.first)
+    }
+}
+
 impl ImageSettings {
     /// The part that is rendered.
     pub fn part(&self) -> Crop {
-        self.crop.unwrap_or(Crop { x: 0, y: 0, width: self.width, height: self.height })
+        self.crop.unwrap_or(self.whole())
+    }
+
+    /// All pixels.
+    pub(crate) fn whole(&self) -> Crop {
+        Crop { x: 0, y: 0, width: self.width, height: self.height }
+    }
+
+    /// The samples that are made of each pixel.
+    pub fn range(&self) -> SampleRange {
+        self.piece.unwrap_or(SampleRange { first: 0, end: self.spp })
     }
 }
 
@@ -96,6 +151,7 @@ impl Default for ImageSettings {
             height: 512,
             crop: None,
             spp: 16,
+            piece: None,
             seed: 0,
             aovs: Vec::new(),
             denoise: Denoise::None,

@@ -84,6 +84,8 @@ impl Specialisation {
             "the method of the paper alone is requested"
         } else if !settings.visibility_map.fine_cells {
             "photons alone are to decide"
+        } else if settings.image.piece.is_some() {
+            "the samples of a piece learn nothing from others"
         } else {
             "there is one sample per pixel, and none to learn from"
         };

@@ -4,6 +4,7 @@ mod bad_input;
 mod compare;
 mod denoise;
 mod environment;
+mod pieces;
 mod plan;
 mod program;
 mod render;

@@ -12,6 +12,7 @@ mod many_lights;
 #[path = "../common/meshes.rs"]
 mod meshes;
 mod models;
+mod pieces;
 mod procedural;
 #[path = "../common/procedurals.rs"]
 mod procedurals;

@@ -1,7 +1,7 @@
 //! OpenEXR files with one flat part and any channels.
 
-use std::collections::HashSet;
-use std::io::Cursor;
+use std::collections::{BTreeMap, HashSet};
+use std::io::{Cursor, Write};
 use std::path::Path;
 
 use ::exr::image::read::image::ReadLayers;
@@ -12,7 +12,7 @@ use ::exr::image::{
 use ::exr::math::Vec2;
 use ::exr::meta::MetaData;
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, Text};
-use ::exr::meta::header::{ImageAttributes, LayerAttributes};
+use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 
 use super::atomic::write_atomically;
 use super::image::{Channel, Image, Metadata, Window};
@@ -39,7 +39,13 @@ impl Image {
     pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
         let image = self.to_exr().map_err(|problem| Error::output(path, problem))?;
-        write_atomically(path, |file| Ok(image.write().to_buffered(file)?))
+        write_atomically(path, |file| {
+            let mut bytes = Cursor::new(Vec::new());
+            image.write().to_buffered(&mut bytes)?;
+            let mut bytes = bytes.into_inner();
+            sort_attributes(&mut bytes);
+            Ok(file.write_all(&bytes)?)
+        })
     }
 
     fn to_exr(&self) -> std::result::Result<ExrImage<Layer<AnyChannels<FlatSamples>>>, String> {
@@ -92,13 +98,61 @@ impl Image {
     }
 }
 
+/// Sorts the attributes of a header by name. The crate writes them in the order of a hash table, which differs from file
+/// to file. Their lengths stay, and so do the offsets of the pixels.
+fn sort_attributes(bytes: &mut [u8]) {
+    // The magic number and the version.
+    const FIRST: usize = 8;
+    let mut rest = Bytes(&bytes[FIRST..]);
+    let mut attributes = Vec::new();
+    let mut end = FIRST;
+    loop {
+        let before = rest.0.len();
+        let Ok(Some((name, _))) = next_attribute(&mut rest) else { break };
+        let length = before - rest.0.len();
+        attributes.push((name.to_vec(), bytes[end..end + length].to_vec()));
+        end += length;
+    }
+    attributes.sort();
+    let sorted: Vec<u8> = attributes.into_iter().flat_map(|(_, attribute)| attribute).collect();
+    bytes[FIRST..end].copy_from_slice(&sorted);
+}
+
+/// The metadata of [`Image::read_exr`] alone, for a file in memory: no pixels are decoded.
+pub(in crate::render) fn decode_metadata(bytes: &[u8], path: &Path) -> Result<BTreeMap<String, Metadata>> {
+    Ok(metadata(&header(bytes, path)?))
+}
+
+/// The checked header of a file.
+fn header(bytes: &[u8], path: &Path) -> Result<Header> {
+    check_header(bytes).map_err(|(location, problem)| Error::input(path, location, problem))?;
+    let damaged = |problem| Error::input(path, "file", format!("damaged EXR: {problem}"));
+    Ok(MetaData::read_from_buffered(bytes, false).map_err(damaged)?.headers.swap_remove(0))
+}
+
+/// The attributes that images have.
+fn metadata(header: &Header) -> BTreeMap<String, Metadata> {
+    let mut metadata = BTreeMap::new();
+    for (name, value) in header.all_named_attributes() {
+        let name = String::from_utf8_lossy(name).into_owned();
+        let value = match value {
+            _ if TECHNICAL.contains(&name.as_str()) => continue,
+            AttributeValue::Text(value) => Metadata::Text(string(&value)),
+            AttributeValue::I32(value) => Metadata::Int(value),
+            AttributeValue::F32(value) => Metadata::Float(value),
+            AttributeValue::Matrix4x4(value) => Metadata::Matrix(value),
+            _ => continue,
+        };
+        metadata.insert(name, value);
+    }
+    metadata
+}
+
 /// [`Image::read_exr`] for a file in memory.
 pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
     let input = |location: &str, problem: String| Error::input(path, location, problem);
-    check_header(bytes).map_err(|(location, problem)| input(&location, problem))?;
-
+    let header = header(bytes, path)?;
     let damaged = |problem: ::exr::error::Error| input("file", format!("damaged EXR: {problem}"));
-    let header = MetaData::read_from_buffered(bytes, false).map_err(damaged)?.headers.swap_remove(0);
     let file = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -123,18 +177,7 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Image> {
         }
         image.channels.push(Channel { name, samples });
     }
-    for (name, value) in header.all_named_attributes() {
-        let name = String::from_utf8_lossy(name).into_owned();
-        let value = match value {
-            _ if TECHNICAL.contains(&name.as_str()) => continue,
-            AttributeValue::Text(value) => Metadata::Text(string(&value)),
-            AttributeValue::I32(value) => Metadata::Int(value),
-            AttributeValue::F32(value) => Metadata::Float(value),
-            AttributeValue::Matrix4x4(value) => Metadata::Matrix(value),
-            _ => continue,
-        };
-        image.metadata.insert(name, value);
-    }
+    image.metadata = metadata(&header);
     Ok(image)
 }
 

@@ -17,6 +17,7 @@ mod tone_map;
 pub use atomic::{abandon_writes, check_target, write_atomically};
 pub use fingerprint::fingerprint;
 pub use formats::check_writable;
+pub(super) use exr::decode_metadata;
 pub(crate) use formats::read_file;
 pub use image::{Channel, Image, Metadata, Window};
 pub use tone_map::{View, linear_from_srgb};

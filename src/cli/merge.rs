@@ -1,0 +1,74 @@
+//! `penumbra merge`.
+
+use std::path::PathBuf;
+
+use penumbra::internal::render::film::{self, View};
+use penumbra::internal::render::pieces::{MissingSamples, Pieces};
+use penumbra::{Error, Result};
+
+use super::options::finite;
+use super::{Ending, say};
+
+/// Parts that a message names; the others are counted.
+const NAMED: usize = 8;
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    /// Pieces: the .exr files of `penumbra render --samples`, in any order
+    #[arg(required = true, value_name = "PIECE")]
+    pieces: Vec<PathBuf>,
+
+    /// Output image: .exr (scene-linear, all channels) or .png (tone-mapped); may be given several times
+    #[arg(short, long, value_name = "FILE", required = true)]
+    output: Vec<PathBuf>,
+
+    /// Write what is there even if pieces are missing, and say which: pixels have the mean of the samples they have
+    #[arg(long)]
+    partial: bool,
+
+    /// Tone mapping of .png: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear values)
+    #[arg(long, value_name = "VIEW", default_value_t = View::default())]
+    view: View,
+
+    /// Exposure of .png, in stops
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>)]
+    exposure: f32,
+
+    /// Print only errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    arguments.output.iter().try_for_each(film::check_writable)?;
+    let pieces = Pieces::open(&arguments.pieces)?;
+    let missing = pieces.missing();
+    if !missing.is_empty() {
+        let parts = listed(&missing);
+        if !arguments.partial {
+            let problem = format!("{parts} are in no piece; --partial writes what is there");
+            return Err(Error::input(&arguments.pieces[0], "pieces", problem));
+        }
+        say(format_args!("note: {parts} are in no piece"));
+    }
+    let image = pieces.merge()?;
+    let mut result = Ok(());
+    for path in &arguments.output {
+        let outcome = image.write(path, arguments.view, arguments.exposure);
+        if outcome.is_ok() && !arguments.quiet {
+            say(format_args!("wrote {}", path.display()));
+        }
+        result = result.and(outcome);
+    }
+    result.map(|()| Ending::Done)
+}
+
+/// The parts that are missing.
+fn listed(missing: &[MissingSamples]) -> String {
+    let mut parts: Vec<String> = missing.iter().take(NAMED).map(MissingSamples::to_string).collect();
+    if missing.len() > NAMED {
+        parts.push(format!("{} more parts", missing.len() - NAMED));
+    }
+    parts.join("; ")
+}

@@ -1,0 +1,187 @@
+//! Putting pieces together.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::coverage::{Cells, Extent, MissingSamples, is_within, missing, overlap};
+use super::file::{DESCRIPTION, Description, File, Whole};
+use super::sums::{Node, Total, push, totals};
+use crate::passes::film::Sum;
+use crate::render::film::{Channel, Image, Metadata};
+use crate::render::picture::{Picture, Quantity, Sums};
+use crate::settings::{Background, Crop};
+use crate::{Error, Result};
+
+/// Pieces of an image, in files that fit each other.
+#[derive(Debug)]
+pub struct Pieces {
+    whole: Whole,
+    /// In the order of their samples, then from the top and from the left.
+    files: Vec<(PathBuf, Description)>,
+}
+
+impl Pieces {
+    /// Reads the descriptions of pieces, in any order.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that names a file that is missing, damaged, no piece, of another scene, other settings, another
+    /// version or another kind of device than the first one, or that has samples that another one has too;
+    /// [`Error::Usage`] for no files.
+    pub fn open(paths: &[impl AsRef<Path>]) -> Result<Pieces> {
+        let read = |path: &Path| Ok((path.to_owned(), Description::read(path)?));
+        let mut files = paths.iter().map(|path| read(path.as_ref())).collect::<Result<Vec<_>>>()?;
+        let Some((first, Description { whole, .. })) = files.first().cloned() else {
+            return Err(Error::Usage("no pieces are given".into()));
+        };
+        for (path, Description { whole: other, .. }) in &files {
+            let of = |what: &str| Err(Error::input(path, "file", format!("is of {what} than {}", first.display())));
+            if other.device != whole.device {
+                let device = format!("another device, {},", other.device);
+                return of(&device);
+            }
+            if *other != whole {
+                return of("another scene or camera, or of other settings,");
+            }
+        }
+        files.sort_by_key(|(_, description)| {
+            let (range, crop) = (description.range(), description.crop());
+            (range.first, crop.y, crop.x)
+        });
+        for (i, (path, description)) in files.iter().enumerate() {
+            let extent = extent_of(description);
+            let others = files[..i].iter().find(|(_, other)| overlap(&extent, &extent_of(other)));
+            if let Some((other, _)) = others {
+                let (range, crop) = extent;
+                let problem = format!("has samples {range} of the pixels {crop}, some of which {} has", other.display());
+                return Err(Error::input(path, "file", problem));
+            }
+        }
+        Ok(Pieces { whole, files })
+    }
+
+    /// The samples that no piece has.
+    pub fn missing(&self) -> Vec<MissingSamples> {
+        missing(self.whole.size, self.whole.samples, &self.extents())
+    }
+
+    fn extents(&self) -> Vec<Extent> {
+        self.files.iter().map(|(_, description)| extent_of(description)).collect()
+    }
+
+    /// The image of all samples of the pieces: with the same bits for every cut, if none is [`Pieces::missing`]. Pixels
+    /// without samples are black. One piece at a time is in memory.
+    ///
+    /// # Errors
+    /// [`Error::Input`] that names a file that is damaged.
+    pub fn merge(&self) -> Result<Image> {
+        let cells = Cells::new(self.whole.size, &self.extents()).all();
+        let mut sums = vec![Vec::new(); cells.len()];
+        let mut samples = vec![0; cells.len()];
+        let mut metadata = None;
+        let mut not_finite = 0;
+        for (path, described) in &self.files {
+            let File { description, nodes, metadata: of_file } = File::read(path)?;
+            if description != *described {
+                return Err(Error::input(path, "file", "has changed since it was read first"));
+            }
+            not_finite += description.not_finite;
+            metadata.get_or_insert(of_file);
+            let crop = description.crop();
+            for (index, cell) in cells.iter().enumerate().filter(|(_, cell)| is_within(cell, &crop)) {
+                nodes.iter().for_each(|node| push(&mut sums[index], part_of(node, &crop, cell)));
+                samples[index] += description.range().count();
+            }
+        }
+        let pixels = |cell: usize| cells[cell].width as usize * cells[cell].height as usize;
+        let samples = spread(self.whole.size, &cells, |cell| Some(vec![samples[cell]; pixels(cell)]));
+        let mean = samples.iter().map(|n| f64::from(*n)).sum::<f64>() / samples.len() as f64;
+        let merged = Merged { whole: &self.whole, cells: &cells, sums: &sums, samples };
+        let mut image = self.image(&merged)?;
+        image.metadata = self.metadata(metadata.unwrap_or_default(), mean, not_finite);
+        Ok(image)
+    }
+
+    fn image(&self, merged: &Merged<'_>) -> Result<Image> {
+        let whole = &self.whole;
+        let aovs = whole.aovs().unwrap_or_default();
+        let (background, normalisation) = (whole.background(), whole.normalisation());
+        let picture = Picture { aovs: &aovs, background, normalisation: &normalisation };
+        let [width, height] = whole.size;
+        let transparent = background == Background::Transparent;
+        Ok(Image { width, height, channels: picture.channels(merged)?, transparent, ..Image::default() })
+    }
+
+    /// What the image has of the metadata of a piece.
+    fn metadata(
+        &self,
+        mut metadata: BTreeMap<String, Metadata>,
+        samples: f64,
+        not_finite: u64,
+    ) -> BTreeMap<String, Metadata> {
+        // Of the cut, and counts of the piece.
+        for name in [DESCRIPTION, "penumbra:conditioning", "penumbra:fingerprint"] {
+            metadata.remove(name);
+        }
+        metadata.insert("samplesPerPixel".into(), Metadata::Int(samples.round() as i32));
+        metadata.insert("penumbra:notFinite".into(), Metadata::Int(not_finite.min(i32::MAX as u64) as i32));
+        metadata
+    }
+}
+
+fn extent_of(description: &Description) -> Extent {
+    (description.range(), description.crop())
+}
+
+/// The pixels of a node that are in a cell.
+fn part_of(node: &Node, crop: &Crop, cell: &Crop) -> Node {
+    let rows = |totals: &Vec<Total>| -> Vec<Total> {
+        let row = |y: u32| {
+            let first = (y - crop.y) as usize * crop.width as usize + (cell.x - crop.x) as usize;
+            &totals[first..first + cell.width as usize]
+        };
+        (cell.y..cell.y + cell.height).flat_map(row).copied().collect()
+    };
+    Node { range: node.range, quantities: node.quantities.iter().map(rows).collect() }
+}
+
+/// The sums of merged pieces.
+struct Merged<'a> {
+    whole: &'a Whole,
+    cells: &'a [Crop],
+    /// Of each cell.
+    sums: &'a [Vec<Node>],
+    /// The number of samples of each pixel.
+    samples: Vec<u32>,
+}
+
+/// The values of all pixels, from those of each cell.
+fn spread<T: Clone + Default>(
+    [width, height]: [u32; 2],
+    cells: &[Crop],
+    values: impl Fn(usize) -> Option<Vec<T>>,
+) -> Vec<T> {
+    let mut image = vec![T::default(); width as usize * height as usize];
+    for (index, cell) in cells.iter().enumerate() {
+        for (y, row) in values(index).unwrap_or_default().chunks(cell.width as usize).enumerate() {
+            let first = (cell.y as usize + y) * width as usize + cell.x as usize;
+            image[first..][..row.len()].clone_from_slice(row);
+        }
+    }
+    image
+}
+
+impl Sums for Merged<'_> {
+    fn sums(&self, quantity: Quantity) -> Result<Option<Vec<Sum>>> {
+        let Some(index) = self.whole.quantities.iter().position(|own| *own == quantity) else { return Ok(None) };
+        let all = spread(self.whole.size, self.cells, |cell| totals(&self.sums[cell], index));
+        Ok(Some(all.into_iter().zip(&self.samples).map(|(total, samples)| total.sum(*samples)).collect()))
+    }
+
+    fn samples_of(&self, pixel: usize) -> u32 {
+        self.samples[pixel]
+    }
+
+    fn push_class_channels(&self, _: &mut Vec<Channel>) -> Result<()> {
+        Ok(())
+    }
+}

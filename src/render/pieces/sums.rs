@@ -1,0 +1,333 @@
+//! Sums of samples in an order that no cut changes: a binary tree over the numbers of the samples.
+//!
+//! A node of the tree is a range of samples that begins at a multiple of its length, a power of two. Its sum is that of
+//! its halves. A piece holds the sums of the largest nodes in its range, at most two of each length. When pieces are put
+//! together, halves become nodes, until only the largest nodes of the whole range are left; these are added from the
+//! first to the last. So the additions are the same for every cut.
+
+use bytemuck::{Pod, Zeroable};
+use kernel_kit::{Buffer, Gpu};
+use rayon::prelude::*;
+
+use crate::Result;
+use crate::passes::film::Sum;
+use crate::passes::{Tile, TileBuffers};
+use crate::render::picture::Quantity;
+use crate::settings::{ImageSettings, SampleRange};
+
+/// The sum of some samples of a pixel: about 48 bits in two words of each of x, y and z.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Total {
+    pub value: [f32; 4],
+    /// What the values of x, y and z lack; w is the number of samples that were left out, as they were not finite.
+    pub rest: [f32; 4],
+}
+
+impl Total {
+    fn of(sample: [f32; 4]) -> Total {
+        match sample.iter().all(|x| x.is_finite()) {
+            true => Total { value: sample, rest: [0.0; 4] },
+            false => Total { value: [0.0; 4], rest: [0.0, 0.0, 0.0, 1.0] },
+        }
+    }
+
+    pub fn plus(self, other: Total) -> Total {
+        let mut sum = Total::default();
+        for axis in 0..3 {
+            let exact = |total: Total| f64::from(total.value[axis]) + f64::from(total.rest[axis]);
+            let both = exact(self) + exact(other);
+            let value = both as f32;
+            sum.value[axis] = value;
+            // Nothing is left of a sum that overflows.
+            sum.rest[axis] = if value.is_finite() { (both - f64::from(value)) as f32 } else { 0.0 };
+        }
+        sum.value[3] = self.value[3] + other.value[3];
+        sum.rest[3] = self.rest[3] + other.rest[3];
+        sum
+    }
+
+    /// As the sum of `samples` samples.
+    pub fn sum(self, samples: u32) -> Sum {
+        let exact = [0, 1, 2].map(|axis| f64::from(self.value[axis]) + f64::from(self.rest[axis]));
+        let [x, y, z] = exact;
+        Sum {
+            total: [x, y, z, f64::from(self.value[3])].into(),
+            kept: f64::from(samples) - f64::from(self.rest[3]),
+        }
+    }
+}
+
+/// The totals of a node of the tree: for each quantity those of all pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Node {
+    pub range: SampleRange,
+    pub quantities: Vec<Vec<Total>>,
+}
+
+impl Node {
+    fn empty(range: SampleRange, quantities: usize, pixels: usize) -> Node {
+        Node { range, quantities: vec![vec![Total::default(); pixels]; quantities] }
+    }
+
+    /// Whether the other node is the second half of the node of which this one is the first.
+    fn is_first_half_with(&self, second: &Node) -> bool {
+        let count = self.range.count();
+        self.range.end == second.range.first && second.range.count() == count && self.range.first % (2 * count) == 0
+    }
+
+    fn add(&mut self, other: &Node) {
+        for (own, others) in self.quantities.iter_mut().zip(&other.quantities) {
+            own.par_iter_mut().zip(others).for_each(|(own, other)| *own = own.plus(*other));
+        }
+    }
+}
+
+/// The largest nodes in a range, in order.
+pub(super) fn nodes_of(SampleRange { mut first, end }: SampleRange) -> Vec<SampleRange> {
+    let mut nodes = Vec::new();
+    while first < end {
+        let longest = 1 << (end - first).ilog2();
+        let count = if first == 0 { longest } else { longest.min(1 << first.trailing_zeros()) };
+        nodes.push(SampleRange { first, end: first + count });
+        first += count;
+    }
+    nodes
+}
+
+/// Puts a node after others, and joins halves.
+pub(super) fn push(nodes: &mut Vec<Node>, node: Node) {
+    nodes.push(node);
+    while let [.., first, second] = nodes.as_slice()
+        && first.is_first_half_with(second)
+    {
+        let end = second.range.end;
+        if let (Some(second), Some(first)) = (nodes.pop(), nodes.last_mut()) {
+            first.add(&second);
+            first.range.end = end;
+        }
+    }
+}
+
+/// The totals of a quantity over nodes, from the first to the last; none without nodes.
+pub(super) fn totals(nodes: &[Node], quantity: usize) -> Option<Vec<Total>> {
+    let (first, others) = nodes.split_first()?;
+    let mut totals = first.quantities[quantity].clone();
+    for node in others {
+        totals.par_iter_mut().zip(&node.quantities[quantity]).for_each(|(own, other)| *own = own.plus(*other));
+    }
+    Some(totals)
+}
+
+/// The total of the samples of a node, of which `sample` gives one by its number in the node.
+fn total_of_node(sample: &impl Fn(u32) -> [f32; 4], first: u32, count: u32) -> Total {
+    match count {
+        1 => Total::of(sample(first)),
+        _ => total_of_node(sample, first, count / 2).plus(total_of_node(sample, first + count / 2, count / 2)),
+    }
+}
+
+/// The sums of a piece under way.
+pub(in crate::render) struct PieceSums {
+    pub(super) quantities: Vec<Quantity>,
+    pub(super) range: SampleRange,
+    pixels: usize,
+    pub(super) nodes: Vec<Node>,
+    /// The nodes of the batch under way.
+    batch: Vec<Node>,
+}
+
+impl PieceSums {
+    /// No samples yet, of those that the tile's buffers have.
+    pub fn new(buffers: &TileBuffers, image: &ImageSettings, range: SampleRange) -> PieceSums {
+        let has = |quantity: &Quantity| match quantity {
+            Quantity::Squares => image.aovs.contains(&crate::settings::Aov::Variance),
+            quantity => samples_of(buffers, *quantity).is_some(),
+        };
+        let quantities = Quantity::ALL.into_iter().filter(has).collect();
+        let part = image.part();
+        let pixels = part.width as usize * part.height as usize;
+        let range = SampleRange { end: range.first, ..range };
+        PieceSums { quantities, range, pixels, nodes: Vec::new(), batch: Vec::new() }
+    }
+
+    /// Begins a batch of samples of all pixels.
+    pub fn begin(&mut self, range: SampleRange) {
+        let empty = |range| Node::empty(range, self.quantities.len(), self.pixels);
+        self.batch = nodes_of(range).into_iter().map(empty).collect();
+    }
+
+    /// Adds the samples of a tile whose first pixel is number `first_pixel` of the piece. Returns how many were left
+    /// out, as they are not finite.
+    pub fn add(&mut self, gpu: &Gpu, buffers: &TileBuffers, first_pixel: usize, tile: &Tile) -> Result<u64> {
+        let read = |quantity: Quantity| -> Result<Vec<[f32; 4]>> {
+            match samples_of(buffers, quantity) {
+                Some(buffer) => Ok(gpu.read(buffer, tile.point_count as usize)?),
+                None => Ok(Vec::new()),
+            }
+        };
+        let mut left_out = 0;
+        let mut lights = [Vec::new(), Vec::new()];
+        for (index, quantity) in self.quantities.iter().enumerate() {
+            let samples = match quantity {
+                Quantity::Squares => squares(&lights),
+                quantity => read(*quantity)?,
+            };
+            if *quantity != Quantity::Squares {
+                left_out += samples.iter().filter(|sample| !sample.iter().all(|x| x.is_finite())).count() as u64;
+            }
+            let pixels = tile.pixel_count as usize;
+            for node in &mut self.batch {
+                let SampleRange { first, .. } = node.range;
+                let (layer, count) = (first - tile.first_sample, node.range.count());
+                node.quantities[index][first_pixel..][..pixels].par_iter_mut().enumerate().for_each(|(pixel, total)| {
+                    *total = total_of_node(&|i| samples[(layer + i) as usize * pixels + pixel], 0, count);
+                });
+            }
+            match quantity {
+                Quantity::Direct => lights[0] = samples,
+                Quantity::Indirect => lights[1] = samples,
+                _ => {}
+            }
+        }
+        Ok(left_out)
+    }
+
+    /// Ends the batch.
+    pub fn end(&mut self) {
+        for node in std::mem::take(&mut self.batch) {
+            self.range.end = node.range.end;
+            push(&mut self.nodes, node);
+        }
+    }
+
+    /// The sums of a quantity over all samples so far; none if it was not requested.
+    pub fn totals(&self, quantity: Quantity) -> Option<Vec<Sum>> {
+        let index = self.quantities.iter().position(|own| *own == quantity)?;
+        let samples = self.range.count();
+        let totals = totals(&self.nodes, index).unwrap_or_else(|| vec![Total::default(); self.pixels]);
+        Some(totals.into_iter().map(|total| total.sum(samples)).collect())
+    }
+
+    /// The totals, as words of a checkpoint.
+    pub fn words(&self) -> impl Iterator<Item = u32> {
+        let totals = self.nodes.iter().flat_map(|node| &node.quantities);
+        totals.flat_map(|totals| bytemuck::cast_slice::<Total, u32>(totals).iter().copied())
+    }
+
+    /// These sums after so many samples of each pixel, from [`PieceSums::words`], which it takes from `words`; none if
+    /// there are too few.
+    pub fn restored(&self, samples: u32, words: &mut &[u32]) -> Option<PieceSums> {
+        let range = SampleRange { end: self.range.first.checked_add(samples)?, ..self.range };
+        let mut nodes = Vec::new();
+        for range in nodes_of(range) {
+            let mut node = Node { range, quantities: Vec::new() };
+            for _ in &self.quantities {
+                let (own, others) = words.split_at_checked(self.pixels * size_of::<Total>() / size_of::<u32>())?;
+                node.quantities.push(bytemuck::pod_collect_to_vec(own));
+                *words = others;
+            }
+            nodes.push(node);
+        }
+        let quantities = self.quantities.clone();
+        Some(PieceSums { quantities, range, pixels: self.pixels, nodes, batch: Vec::new() })
+    }
+}
+
+/// The buffer of a quantity's samples.
+fn samples_of(buffers: &TileBuffers, quantity: Quantity) -> Option<&Buffer> {
+    match quantity {
+        Quantity::Direct => Some(&buffers.radiance_direct),
+        Quantity::Indirect => buffers.radiance_indirect.as_ref(),
+        Quantity::Squares => None,
+        Quantity::Albedo => buffers.albedo_samples.as_ref(),
+        Quantity::Normal => buffers.normal_samples.as_ref(),
+        Quantity::Position => buffers.position_samples.as_ref(),
+    }
+}
+
+/// The squares of the sum of both lights.
+fn squares([direct, indirect]: &[Vec<[f32; 4]>; 2]) -> Vec<[f32; 4]> {
+    let square = |i: usize| {
+        let other = indirect.get(i).copied().unwrap_or_default();
+        [0, 1, 2, 3].map(|axis| (direct[i][axis] + other[axis]) * (direct[i][axis] + other[axis]))
+    };
+    (0..direct.len()).into_par_iter().map(square).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random(state: &mut u64) -> u32 {
+        // Knuth's MMIX.
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 33) as u32
+    }
+
+    /// A sample with a wide range of exponents, and now and then none at all.
+    fn sample(number: u32) -> [f32; 4] {
+        let mut state = u64::from(number) + 1;
+        random(&mut state);
+        let mut value = || (random(&mut state) as f32) * 2f32.powi((random(&mut state) % 80) as i32 - 60);
+        match number % 11 {
+            7 => [f32::NAN, 1.0, 1.0, 1.0],
+            _ => [value(), -value(), value(), 1.0],
+        }
+    }
+
+    fn node(range: SampleRange) -> Node {
+        let total = total_of_node(&|i| sample(range.first + i), 0, range.count());
+        Node { range, quantities: vec![vec![total]] }
+    }
+
+    /// However 0..n is cut, the totals have the same bits, those of one piece.
+    #[test]
+    fn no_cut_changes_a_sum() {
+        let mut state = 5;
+        for n in [1, 2, 3, 8, 13, 64, 100, 257] {
+            let whole: Vec<Node> = nodes_of(SampleRange { first: 0, end: n }).into_iter().map(node).collect();
+            let expected = totals(&whole, 0).unwrap()[0];
+            for _ in 0..50 {
+                let mut nodes = Vec::new();
+                let mut first = 0;
+                while first < n {
+                    let end = (first + 1 + random(&mut state) % n).min(n);
+                    nodes_of(SampleRange { first, end }).into_iter().for_each(|range| push(&mut nodes, node(range)));
+                    first = end;
+                }
+                let ranges: Vec<_> = nodes.iter().map(|node| node.range).collect();
+                assert_eq!(ranges, nodes_of(SampleRange { first: 0, end: n }), "{n}");
+                let got = totals(&nodes, 0).unwrap()[0];
+                assert_eq!(bytemuck::bytes_of(&got), bytemuck::bytes_of(&expected), "{n}");
+            }
+        }
+    }
+
+    /// The sums are those of the finite samples in twice the precision.
+    #[test]
+    fn sums_are_right() {
+        let n = 1000;
+        let nodes: Vec<Node> = nodes_of(SampleRange { first: 0, end: n }).into_iter().map(node).collect();
+        let got = totals(&nodes, 0).unwrap()[0].sum(n);
+        let kept = (0..n).map(sample).filter(|sample| sample[0].is_finite());
+        for axis in 0..4 {
+            let (mut exact, mut size) = (0.0, 0.0);
+            for sample in kept.clone() {
+                exact += f64::from(sample[axis]);
+                size += f64::from(sample[axis]).abs();
+            }
+            // Ten additions, each with an error of 2^-48 of the sum.
+            assert!((got.total[axis] - exact).abs() <= size * 10.0 * 2f64.powi(-48), "{axis}: {got:?}, not {exact}");
+        }
+        assert_eq!(got.kept, kept.count() as f64);
+    }
+
+    /// A sum that overflows is infinite, not NaN.
+    #[test]
+    fn sums_that_overflow_are_infinite() {
+        let largest = Total::of([f32::MAX, 0.0, 0.0, 1.0]);
+        let sum = largest.plus(largest).plus(largest);
+        assert_eq!((sum.value[0], sum.rest[0]), (f32::INFINITY, 0.0));
+    }
+}

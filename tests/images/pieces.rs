@@ -1,0 +1,248 @@
+//! Pieces: whatever the cut, the whole has the same bits.
+
+use std::path::{Path, PathBuf};
+
+use penumbra::internal::render::pieces::Pieces;
+use penumbra::internal::scene::ImportOptions;
+use penumbra::settings::{Crop, SampleRange};
+use penumbra::{Aov, Image, Renderer, Scene, Settings, Technique};
+
+use crate::setup::{gpu, scene_file};
+
+/// Numbers from 0 to `below` - 1.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, below: u32) -> u32 {
+        // Knuth's MMIX.
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as u32 % below
+    }
+}
+
+fn renderer(scene: &str, settings: &Settings) -> Renderer<'static> {
+    let scene = Scene::load(scene_file(scene), &ImportOptions::default()).unwrap();
+    let camera = scene.cameras[0].clone();
+    Renderer::new(gpu(), scene, &camera, settings).unwrap()
+}
+
+/// Renders a piece to a file.
+fn render(scene: &str, settings: &Settings, file: PathBuf) -> PathBuf {
+    let mut renderer = renderer(scene, settings);
+    while renderer.samples() < settings.image.range().count() {
+        renderer.render_batch().unwrap();
+    }
+    renderer.image().unwrap().write_exr(&file).unwrap();
+    file
+}
+
+fn merge(files: &[PathBuf]) -> Image {
+    let pieces = Pieces::open(files).unwrap();
+    assert_eq!(pieces.missing(), []);
+    pieces.merge().unwrap()
+}
+
+/// Cuts a part of the image and of the samples in two, `times` times.
+fn cut(random: &mut Random, part: (SampleRange, Crop), times: u32) -> Vec<(SampleRange, Crop)> {
+    let mut parts = vec![part];
+    for _ in 0..times {
+        let index = random.below(parts.len() as u32) as usize;
+        let (range, crop) = parts[index];
+        let (mut first, mut second) = ((range, crop), (range, crop));
+        let lengths = [range.count(), crop.width, crop.height];
+        // Samples as often as pixels.
+        let axis = [0, 0, 1, 2][random.below(4) as usize];
+        if lengths[axis] < 2 {
+            continue;
+        }
+        let at = 1 + random.below(lengths[axis] - 1);
+        match axis {
+            0 => (first.0.end, second.0.first) = (range.first + at, range.first + at),
+            1 => (first.1.width, second.1.x, second.1.width) = (at, crop.x + at, crop.width - at),
+            _ => (first.1.height, second.1.y, second.1.height) = (at, crop.y + at, crop.height - at),
+        }
+        parts[index] = first;
+        parts.push(second);
+    }
+    // In any order.
+    for i in (1..parts.len()).rev() {
+        parts.swap(i, random.below(i as u32 + 1) as usize);
+    }
+    parts
+}
+
+fn assert_same(a: &Image, b: &Image, what: &str) {
+    assert_eq!(a.metadata, b.metadata, "{what}");
+    let names = |image: &Image| image.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(a), names(b), "{what}");
+    for (a, b) in a.channels.iter().zip(&b.channels) {
+        let different = a.samples.iter().zip(&b.samples).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+        assert_eq!(different, 0, "{what}: pixels of {}", a.name);
+    }
+}
+
+fn settings(technique: Technique, spp: u32) -> Settings {
+    Settings::default().with(|s| {
+        s.technique = technique;
+        (s.image.width, s.image.height, s.image.spp) = (36, 28, spp);
+        s.image.aovs = vec![Aov::Direct, Aov::Indirect, Aov::Albedo, Aov::Normal, Aov::Position, Aov::Depth];
+        s.image.aovs.extend([Aov::Variance, Aov::Samples]);
+        s.visibility_map.photons_per_light = Some(8192);
+        // Many audits contradict the map: if they repaired it, pieces would differ.
+        s.visibility_map.audit = 0.25;
+        s.indirect.photons = 8192;
+        s.indirect.irradiance_cache.gather_rays = 64;
+    })
+}
+
+/// Random cuts by samples and by pixels, over the samples at which photons, records and caustics are made again.
+#[test]
+fn any_cut_has_the_bits_of_one_process() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let mut random = Random(23);
+    for (scene, technique, spp, times) in [
+        ("box.glb", Technique::PATH, 21, 5),
+        ("sphere.glb", Technique::TWO_PASS, 36, 5),
+        ("sphere.glb", Technique::SHADOW_PHOTONS, 36, 6),
+        ("crowd.glb", Technique::SHADOW_PHOTONS, 13, 5),
+        // Glossy surfaces, caustics.
+        ("still_life.glb", Technique::SHADOW_PHOTONS, 37, 6),
+        // More lights than a chunk has, all of them with a map; and sampled by zones.
+        ("materials.glb", Technique::SHADOW_PHOTONS, 9, 4),
+        ("lamps.glb", Technique::SHADOW_PHOTONS, 12, 4),
+        ("box.glb", Technique::VISIBILITY_ESTIMATE, 9, 4),
+        ("box.glb", Technique::PHOTON_MAP, 5, 2),
+    ] {
+        let what = format!("{scene}, {technique}");
+        let settings = settings(technique, spp);
+        let all = (SampleRange { first: 0, end: spp }, Crop { x: 0, y: 0, width: 36, height: 28 });
+        let piece = |(range, crop): (SampleRange, Crop), name: &str| {
+            let settings = settings.clone().with(|s| (s.image.piece, s.image.crop) = (Some(range), Some(crop)));
+            render(scene, &settings, folder.path().join(name))
+        };
+        let uncut = settings.clone().with(|s| s.image.piece = Some(all.0));
+        let one = render(scene, &uncut, folder.path().join("one.exr"));
+        let whole = merge(std::slice::from_ref(&one));
+        // The one process shows the same picture itself.
+        let shown = Image::read_exr(&one).unwrap();
+        for channel in &whole.channels {
+            assert_eq!(shown.channel(&channel.name).unwrap(), channel.samples, "{what}: {}", channel.name);
+        }
+        let parts = cut(&mut random, all, times);
+        let files: Vec<_> = parts.iter().zip(0..).map(|(part, i)| piece(*part, &format!("{i}.exr"))).collect();
+        let merged = merge(&files);
+        assert_same(&merged, &whole, &what);
+        let [a, b] = [("a.exr", &merged), ("b.exr", &whole)].map(|(name, image)| {
+            let file = folder.path().join(name);
+            image.write_exr(&file).unwrap();
+            std::fs::read(file).unwrap()
+        });
+        assert!(a == b, "{what}: the files differ");
+    }
+}
+
+/// A piece that is interrupted and resumed has the same bits.
+#[test]
+fn a_resumed_piece_has_the_same_bits() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let settings = settings(Technique::SHADOW_PHOTONS, 48).with(|s| {
+        s.image.piece = Some(SampleRange { first: 29, end: 45 });
+    });
+    let whole = Image::read_exr(render("sphere.glb", &settings, folder.path().join("whole.exr"))).unwrap();
+    let mut first = renderer("sphere.glb", &settings);
+    while first.samples() < 5 {
+        first.render_batch().unwrap();
+    }
+    let checkpoint = folder.path().join("checkpoint");
+    first.save_checkpoint(&checkpoint).unwrap();
+    drop(first);
+    let mut second = renderer("sphere.glb", &settings);
+    second.resume(&checkpoint).unwrap();
+    while second.samples() < 16 {
+        second.render_batch().unwrap();
+    }
+    assert_same(&second.image().unwrap(), &whole, "resumed");
+}
+
+/// The samples of a piece are those of the render: only what classes and photons learn is missing, which changes noise.
+#[test]
+fn pieces_show_what_a_render_shows() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let settings = settings(Technique::PATH, 16);
+    let mut renderer = renderer("box.glb", &settings);
+    while renderer.samples() < 16 {
+        renderer.render_batch().unwrap();
+    }
+    let usual = renderer.image().unwrap();
+    let piece = settings.with(|s| s.image.piece = Some(SampleRange { first: 0, end: 16 }));
+    let merged = merge(&[render("box.glb", &piece, folder.path().join("piece.exr"))]);
+    for channel in &usual.channels {
+        let got = merged.channel(&channel.name).unwrap();
+        for (a, b) in got.iter().zip(&channel.samples) {
+            // Sums of 16 numbers in f32 with compensation, and in a tree: the last bit of the mean. Variances are small
+            // differences of large squares.
+            let tolerance = if channel.name.starts_with("variance") { 1e-4 } else { 1e-6 };
+            assert!((a - b).abs() <= tolerance * b.abs().max(1e-3), "{}: {a}, not {b}", channel.name);
+        }
+    }
+}
+
+fn error(files: &[&Path]) -> String {
+    Pieces::open(files).unwrap_err().to_string()
+}
+
+/// Pieces that do not fit are named, with what is wrong.
+#[test]
+fn pieces_that_do_not_fit_are_named() {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let piece = |scene: &str, first: u32, end: u32, name: &str, change: &dyn Fn(&mut Settings)| {
+        let settings = settings(Technique::PATH, 8).with(|s| {
+            s.image.piece = Some(SampleRange { first, end });
+            s.image.crop = Some(Crop { x: 0, y: 0, width: 36, height: 20 });
+            change(s);
+        });
+        render(scene, &settings, file(name))
+    };
+    let first = piece("box.glb", 0, 3, "first.exr", &|_| {});
+    let last = piece("box.glb", 3, 8, "last.exr", &|_| {});
+    let doubled = piece("box.glb", 2, 4, "doubled.exr", &|_| {});
+    let scene = piece("sphere.glb", 3, 8, "scene.exr", &|_| {});
+    let seed = piece("box.glb", 3, 8, "seed.exr", &|s| s.image.seed = 1);
+    for (other, expected) in [
+        (&scene, "scene.exr: file: is of another scene or camera, or of other settings, than"),
+        (&seed, "seed.exr: file: is of another scene or camera, or of other settings, than"),
+        (&doubled, "doubled.exr: file: has samples 2..4 of the pixels 0,0,36,20, some of which"),
+        (&first, "first.exr: file: has samples 0..3 of the pixels 0,0,36,20, some of which"),
+    ] {
+        let error = error(&[&first, other]);
+        assert!(error.contains(expected), "{error}");
+    }
+    // What is missing: samples, and pixels of the others.
+    let pieces = Pieces::open(&[&last]).unwrap();
+    let missing: Vec<String> = pieces.missing().iter().map(ToString::to_string).collect();
+    assert_eq!(missing, ["samples 0..3 of the pixels 0,0,36,20", "samples 0..8 of the pixels 0,20,36,8"]);
+    let partial = pieces.merge().unwrap();
+    let shown = Image::read_exr(&last).unwrap();
+    let channel = |image: &Image| image.channel("G").unwrap()[..36 * 20].to_vec();
+    assert_eq!(channel(&partial), channel(&shown));
+    assert_eq!(partial.channel("A").unwrap()[36 * 20..], [0.0; 36 * 8]);
+    assert!(Pieces::open(&[&first, &last]).unwrap().missing().len() == 1);
+    // Damage anywhere.
+    let bytes = std::fs::read(&first).unwrap();
+    let damaged = file("damaged.exr");
+    for cut in [0, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&damaged, &bytes[..cut]).unwrap();
+        let error = Pieces::open(&[&damaged]).and_then(|pieces| pieces.merge()).unwrap_err().to_string();
+        assert!(error.contains("damaged.exr"), "{cut} bytes: {error}");
+    }
+    let mut image = Image::read_exr(&first).unwrap();
+    image.channels.iter_mut().find(|c| c.name == "piece.0-2.direct.G").unwrap().samples[7] += 1e-3;
+    image.write_exr(&damaged).unwrap();
+    let error = Pieces::open(&[&damaged]).and_then(|pieces| pieces.merge()).unwrap_err().to_string();
+    assert!(error.contains("damaged.exr: file: is damaged"), "{error}");
+    image.metadata.remove("penumbra:piece");
+    image.write_exr(&damaged).unwrap();
+    let error = Pieces::open(&[&damaged]).unwrap_err().to_string();
+    assert!(error.contains("damaged.exr: file: is not a piece"), "{error}");
+}
