@@ -84,7 +84,7 @@ def render(
 
     `ranges` cuts the samples into as many ranges, and `tiles` the image into columns and rows; an image that is cut
     needs `width` and `height`. `frames` renders an animation: frame N is the scene N / fps seconds after its beginning,
-    and `{frame}` in `output` stands for N. `settings` are the keywords of `Scene.render`, `scene` those of `Scene.load`.
+    and `{frame}` in `output` stands for N. `settings` are keywords of `Scene.render`, `scene` those of `Scene.load`.
 
     Workers open `path`, and so must see it by that name; with `send=True` they get the file and those that it names.
     A piece whose worker dies is rendered again, up to `retries` times. `options` are Ray's for each piece, such as
@@ -267,9 +267,7 @@ def _render_piece(
     source: str | _Sent, load: dict[str, Any], settings: dict[str, Any], piece: Piece
 ) -> tuple[bytes, dict[str, Any], str]:
     """Renders a piece: the bytes of its EXR, its statistics, and the node."""
-    cut = {name: value for name, value in (("samples", piece.samples), ("crop", piece.crop)) if value is not None}
-    if cut and "samples" not in cut:
-        cut["samples"] = (0, settings["spp"])
+    cut: dict[str, Any] = {} if piece.samples is None else {"samples": piece.samples, "crop": piece.crop}
     result = _load(source, load).render(**settings, **cut)
     with tempfile.TemporaryDirectory(prefix="penumbra-") as folder:
         file = pathlib.Path(folder) / "piece.exr"

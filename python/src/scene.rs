@@ -100,19 +100,22 @@ impl Scene {
 
     /// Renders the scene.
     ///
-    /// The keywords are the flags of the program `penumbra render`, and None stands for their defaults: 512 pixels high,
-    /// 16 samples per pixel, technique "shadow-photons", seed 0. `progress` is called
-    /// with a `Progress` after each batch of samples; if it returns False, the render ends with the samples so far.
-    /// `samples` renders a piece, the samples from the first number up to the second, for `merge`.
-    /// Ctrl-C ends it after the batch that is under way, with `Interrupted`, a KeyboardInterrupt whose `result` has the
-    /// samples so far. Other threads of Python go on meanwhile.
-    #[pyo3(signature = (**keywords), text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, seed=None, camera=None, \
-        direction=None, aperture=None, focus=None, iris_blades=None, crop=None, aovs=None, background=None, \
+    /// The keywords are the flags of the program `penumbra render`, and None stands for their defaults: 512 pixels
+    /// high, 16 samples per pixel, technique "shadow-photons", seed 0. `samples` makes a piece of the image for
+    /// `merge`: the samples from the first number up to the second. `progress` is called with a `Progress` after each
+    /// batch of samples; if it returns False, the render ends with the samples so far. Ctrl-C ends it after the batch
+    /// that is under way, with `Interrupted`, a KeyboardInterrupt whose `result` has the samples so far. Other threads
+    /// of Python go on meanwhile.
+    #[pyo3(
+        signature = (**keywords),
+        text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, \
+        seed=None, camera=None, direction=None, aperture=None, focus=None, iris_blades=None, crop=None, aovs=None, background=None, \
         denoise=None, oidn_library=None, noise=None, time=None, progress=None, device=None, \
         light_scale=None, max_bounces=None, flux_photons=None, clamp=None, cache=None, accuracy=None, \
         gather_rays=None, photons=None, nearest=None, shadow_photons_per_ray=None, shadow_samples=None, \
         dilate=None, audit=None, paper_counting=None, fine_cells=None, light_sampling=None, \
-        sampled_lights=None, cells=None, cell_rays=None, light_buffer_cells=None, shadow_tolerance=None)")]
+        sampled_lights=None, cells=None, cell_rays=None, light_buffer_cells=None, shadow_tolerance=None)"
+    )]
     fn render(&self, py: Python<'_>, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<RenderResult> {
         let keywords = keywords.map_or_else(|| Ok(PyDict::new(py)), |given| given.copy())?;
         let has = |name: &str| keywords.get_item(name).map(|value| value.is_some_and(|value| !value.is_none()));

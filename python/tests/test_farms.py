@@ -55,7 +55,8 @@ def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
     calls = log.read_text().splitlines()
     assert len(calls) == 2 and "--array=0-2 --time=60 --gres=gpu:1" in calls[0] and "afterok:1" in calls[1]
     pieces = tmp_path / "an image.exr.pieces"
-    assert sorted(path.name for path in pieces.iterdir()) == [f"{i}.{kind}" for i in range(3) for kind in ("exr", "json")]
+    names = [f"{piece}.{kind}" for piece in range(3) for kind in ("exr", "json")]
+    assert sorted(path.name for path in pieces.iterdir()) == names
     # A second submission renders only what is missing.
     before = (pieces / "0.exr").stat().st_mtime_ns
     (pieces / "1.exr").unlink()

@@ -12,6 +12,7 @@ mod report;
 mod scenes;
 mod schema;
 mod sequence;
+mod shell;
 mod stress;
 mod table1;
 mod usage;

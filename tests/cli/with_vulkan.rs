@@ -315,7 +315,10 @@ fn a_missing_cargo_comes_by_rustups_installer_where_there_is_no_package() {
     // A machine that has not even curl, and is not root's.
     let machine = machine_without_cargo("no-curl");
     machine.sudo();
-    machine.manager("apt-get", &format!(r#"{no_package}; [[ $* != *curl* ]] || mv "$ROOT/bin/not-curl" "$ROOT/bin/curl""#));
+    machine.manager(
+        "apt-get",
+        &format!(r#"{no_package}; [[ $* != *curl* ]] || mv "$ROOT/bin/not-curl" "$ROOT/bin/curl""#),
+    );
     machine.stub("not-curl", &curl);
     assert_ran(&machine.run(&["cargo", "build"], &[]), "cargo build");
     assert!(machine.log().contains("install -qy --no-install-recommends curl ca-certificates\n"), "{}", machine.log());
