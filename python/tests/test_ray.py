@@ -24,8 +24,14 @@ class Workers:
         self.cluster = Cluster(
             initialize_head=True, head_node_args={"num_cpus": 0, "_system_config": health, "include_dashboard": False}
         )
-        self.nodes = [self.cluster.add_node(num_cpus=1) for _ in range(2)]
+        self.nodes = []
+        self.complete()
         ray.init(address=self.cluster.address, log_to_driver=False)
+
+    def complete(self) -> None:
+        """Two workers, both alive."""
+        while len(self.nodes) < 2:
+            self.nodes.append(self.cluster.add_node(num_cpus=1))
         self.cluster.wait_for_nodes()
         self.killed: str | None = None
 
@@ -39,11 +45,17 @@ class Workers:
         self.cluster.shutdown()
 
 
-@pytest.fixture
-def workers():
+@pytest.fixture(scope="module")
+def cluster():
     workers = Workers()
     yield workers
     workers.stop()
+
+
+@pytest.fixture
+def workers(cluster):
+    cluster.complete()
+    return cluster
 
 
 def test_pieces_of_a_killed_worker_are_rendered_again(workers, scenes, device, tmp_path):
