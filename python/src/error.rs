@@ -20,7 +20,7 @@ pyo3::create_exception!(
 
 /// The exception with this text of the library's.
 pub fn error(text: &str) -> PyErr {
-    Error::new_err(keywords::in_place_of_settings(text))
+    Error::new_err(keywords::with_keywords(text))
 }
 
 /// The exception of an error of the library's.

@@ -73,7 +73,7 @@ const KEYWORDS: &[Keyword] = keywords! {
 const OTHERS: &[(&str, &str)] = &[("time", "at")];
 
 /// A text of the library with keywords in place of the names of settings.
-pub fn in_place_of_settings(text: &str) -> String {
+pub fn with_keywords(text: &str) -> String {
     let settings = KEYWORDS.iter().map(|keyword| (keyword.setting, keyword.name));
     let replace = |text: String, (setting, name): (&str, &str)| text.replace(&format!("`{setting}`"), name);
     let text = settings.chain(OTHERS.iter().copied()).fold(text.to_owned(), replace);

@@ -21,17 +21,16 @@ fn completions_know_commands_flags_and_names() {
 #[test]
 fn bash_completes_the_command_line() {
     let completions = run("completions bash", &[]).stdout;
-    for (line, expected) in [("penumbra rend", "render"), ("penumbra render --techn", "--technique"), (
-        "penumbra render --technique ward",
-        "ward-adaptive",
-    )] {
+    for (line, expected) in [
+        ("penumbra rend", "render"),
+        ("penumbra render --techn", "--technique"),
+        ("penumbra render --technique ward", "ward-adaptive"),
+    ] {
         let words: Vec<&str> = line.split(' ').collect();
         let last = words.len() - 1;
-        let script = format!(
-            "{completions}\nCOMP_WORDS=({line}) COMP_CWORD={last}\n_penumbra penumbra {} {}\necho \"${{COMPREPLY[@]}}\"",
-            words[last],
-            words[last - 1]
-        );
+        let (word, previous) = (words[last], words[last - 1]);
+        let call = format!("COMP_WORDS=({line}) COMP_CWORD={last}\n_penumbra penumbra {word} {previous}");
+        let script = format!("{completions}\n{call}\necho \"${{COMPREPLY[@]}}\"");
         let bash = Command::new("bash").args(["-c", &script]).stdin(Stdio::null()).output().unwrap();
         assert_eq!(String::from_utf8_lossy(&bash.stdout).trim(), expected, "{}", String::from_utf8_lossy(&bash.stderr));
     }
