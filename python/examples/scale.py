@@ -5,7 +5,6 @@
 """
 
 import argparse
-import heapq
 import json
 import os
 import pathlib
@@ -80,34 +79,31 @@ def measure(path: pathlib.Path, samples: list[int], device: str, settings: dict)
     )
 
 
-def simulate(costs: Costs, spp: int, workers: int, pieces: int, bandwidth: float, cores: float) -> float:
-    """Seconds until the image is there. Workers fetch the scene from one machine, which also merges, one piece after
-    the other; `cores` divides the work of renders, not of merges. `bandwidth` is that machine's, in bytes a second."""
-    pieces = min(pieces, spp)
+def simulate(costs: Costs, spp: int, workers: int, bandwidth: float, cores: float, tiles: bool) -> float:
+    """Seconds until the image is there. Each worker has a piece: a range of the samples, or with `tiles` all samples of
+    some of the pixels. Workers fetch the scene from one machine, which also merges, one piece after the other.
+    `bandwidth` is that machine's, in bytes a second; `cores` divides the work of renders, not of merges."""
     begin = workers * costs.scene_bytes / bandwidth + costs.start / cores
-    free = [begin] * min(workers, pieces)
-    heapq.heapify(free)
-    arrivals = []
-    for piece in range(pieces):
-        samples = spp * (piece + 1) // pieces - spp * piece // pieces
-        end = heapq.heappop(free) + (costs.set_up + samples * costs.sample) / cores
-        heapq.heappush(free, end)
-        arrivals.append(end)
-    clock = 0.0
-    for arrival in sorted(arrivals):
-        clock = max(clock, arrival) + costs.piece_bytes / bandwidth + costs.merge_piece
-    return clock + costs.merge_image
+    end = begin + (costs.set_up + spp * costs.sample / workers) / cores
+    merge = costs.piece_bytes / bandwidth + costs.merge_piece
+    return end + (merge if tiles else workers * merge) + costs.merge_image
 
 
 def table(costs: Costs, spp: int, bandwidth: float, cores: float) -> None:
     """Efficiency: the time of one worker with one piece, over workers times their time."""
     alone = (costs.start + costs.set_up + spp * costs.sample) / cores
-    print("| workers | time, s | efficiency | with four pieces each |")
-    print("| ---: | ---: | ---: | ---: |")
+    frame = (costs.set_up + spp * costs.sample) / cores
+    print("| workers | ranges of samples: time, s | efficiency | tiles: time, s | efficiency | 10,000 frames |")
+    print("| ---: | ---: | ---: | ---: | ---: | ---: |")
     for workers in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000):
-        times = [simulate(costs, spp, workers, workers * each, bandwidth, cores) for each in (1, 4)]
-        shares = [f"{100 * alone / workers / time:.0f} %" for time in times]
-        print(f"| {workers:,} | {times[0]:,.1f} | {shares[0]} | {shares[1]} |")
+        by_samples, by_tiles = (simulate(costs, spp, workers, bandwidth, cores, tiles) for tiles in (False, True))
+        frames = workers * costs.scene_bytes / bandwidth + costs.start / cores + -(-10_000 // workers) * frame
+        whole = costs.start / cores + 10_000 * frame
+        cells = [f"{workers:,}"]
+        for time in (by_samples, by_tiles):
+            cells += [f"{time:,.0f}", f"{100 * alone / workers / time:.0f} %"]
+        cells.append(f"{100 * whole / workers / frames:.0f} %")
+        print(f"| {' | '.join(cells)} |")
 
 
 def main() -> None:
@@ -124,6 +120,7 @@ def main() -> None:
     simulated.add_argument("costs", type=pathlib.Path)
     simulated.add_argument("--spp", type=int, required=True)
     simulated.add_argument("--bandwidth", type=float, default=1.25e9, help="bytes a second of the merging machine")
+    simulated.add_argument("--larger", type=float, default=1.0, help="by which the image has more pixels than here")
     simulated.add_argument("--cores", type=float, default=1.0, help="by which renders are faster than here")
     arguments = parser.parse_args()
     if arguments.command == "measure":
@@ -131,6 +128,8 @@ def main() -> None:
         print(json.dumps(asdict(measure(arguments.scene, arguments.samples, arguments.device, settings)), indent=1))
     else:
         costs = Costs(**json.loads(arguments.costs.read_text()))
+        for name in ("set_up", "sample", "piece_bytes", "merge_piece", "merge_image"):
+            setattr(costs, name, arguments.larger * getattr(costs, name))
         table(costs, arguments.spp, arguments.bandwidth, arguments.cores)
 
 
