@@ -14,6 +14,7 @@ mod progress;
 mod render;
 mod report;
 mod sequence;
+mod shell;
 mod stress;
 mod table1;
 
@@ -22,7 +23,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use flags::with_flags;
 use penumbra::{Error, Result};
 
@@ -54,6 +55,11 @@ enum Command {
     Table1(table1::Arguments),
     /// Push small scenes to extremes, and print where their images leave the error bound
     Stress(stress::Arguments),
+    /// Print the completions of a shell, for its folder of completions
+    Completions(shell::Completions),
+    /// Write the manual pages, for packages
+    #[command(hide = true)]
+    Manual(shell::Manual),
 }
 
 const EXIT_CODES: &str = "\
@@ -93,6 +99,8 @@ pub fn run() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Table1(arguments) => table1::run(&arguments),
         Command::Stress(arguments) => stress::run(&arguments),
+        Command::Completions(arguments) => shell::completions(&arguments, CommandLine::command()),
+        Command::Manual(arguments) => shell::manual(&arguments, CommandLine::command()),
     };
     match ending {
         Ok(Ending::Done) => ExitCode::SUCCESS,

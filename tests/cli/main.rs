@@ -13,6 +13,7 @@ mod report;
 mod scenes;
 mod schema;
 mod sequence;
+mod shell;
 mod stress;
 mod table1;
 mod usage;

@@ -18,7 +18,7 @@ struct Machine {
 }
 
 impl Machine {
-    /// A machine with a loader, a linker and cargo, but with no driver and no package manager.
+    /// A machine with a loader, compilers and cargo, but with no driver and no package manager.
     fn new(name: &str) -> Self {
         let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("with_vulkan").join(name);
         let _ = fs::remove_dir_all(&root);
@@ -26,7 +26,7 @@ impl Machine {
             fs::create_dir_all(root.join(folder)).unwrap();
         }
         let machine = Machine { root };
-        for tool in ["bash", "cat", "env", "grep", "mkdir", "mktemp", "mv", "rm", "tee"] {
+        for tool in ["bash", "cat", "env", "grep", "mkdir", "mktemp", "mv", "rm", "sh", "tee"] {
             let real = ["/bin", "/usr/bin", "/usr/local/bin"].map(|folder| Path::new(folder).join(tool));
             let real = real.iter().find(|path| path.exists()).unwrap_or_else(|| panic!("no {tool} on this machine"));
             symlink(real, machine.root.join("bin").join(tool)).unwrap();
@@ -34,6 +34,7 @@ impl Machine {
         machine.stub("ldconfig", "echo ' libvulkan.so.1 (libc6,x86-64) => /lib/libvulkan.so.1'");
         machine.stub("id", "echo 0");
         machine.stub("cc", "");
+        machine.stub("c++", "");
         machine.stub("cargo", r#"echo "cargo $*"; env >"$ROOT/cargo.env"; exit 7"#);
         machine
     }
@@ -246,6 +247,107 @@ fn a_missing_loader_or_linker_is_installed_too() {
     machine.driver(LAVAPIPE);
     machine.stub("render", "echo render; exit 7");
     assert_ran(&machine.run(&["render"], &[]), "render");
+}
+
+#[test]
+fn a_missing_compiler_is_installed() {
+    for (manager, package) in [("apt-get", "g++ libc6-dev"), ("dnf", "gcc-c++"), ("pacman", "gcc")] {
+        let machine = Machine::new(&format!("no-compiler-{manager}"));
+        fs::rename(machine.root.join("bin/c++"), machine.root.join("bin/not-c++")).unwrap();
+        machine.driver(LAVAPIPE);
+        machine.manager(manager, r#"[[ $1 == update ]] || mv "$ROOT/bin/not-c++" "$ROOT/bin/c++""#);
+        assert_ran(&machine.run(&["cargo", "build"], &[]), "cargo build");
+        assert!(machine.log().ends_with(&format!(" {package}\n")), "{}", machine.log());
+    }
+}
+
+/// A machine whose cargo has another name, until something installs it.
+fn machine_without_cargo(name: &str) -> Machine {
+    let machine = Machine::new(&format!("no-cargo-{name}"));
+    machine.driver(LAVAPIPE);
+    fs::rename(machine.root.join("bin/cargo"), machine.root.join("bin/not-cargo")).unwrap();
+    machine
+}
+
+/// Shell that puts cargo into the path, as a package does, and into rustup's folder, as its installer does.
+const PACKAGE: &str = r#"mv "$ROOT/bin/not-cargo" "$ROOT/bin/cargo""#;
+const INSTALLER: &str = r#"mkdir -p "$HOME/.cargo/bin"; mv "$ROOT/bin/not-cargo" "$HOME/.cargo/bin/cargo""#;
+
+#[test]
+fn a_missing_cargo_comes_with_the_package_of_rustup() {
+    for (manager, call) in [
+        ("apt-get", "install -qy --no-install-recommends rustup ca-certificates"),
+        ("dnf", "install -y rustup"),
+        ("pacman", "-S --needed --noconfirm rustup"),
+    ] {
+        let machine = machine_without_cargo(manager);
+        machine.manager(manager, &format!("[[ $1 == update ]] || {PACKAGE}"));
+        let output = machine.run(&["cargo", "build"], &[]);
+        assert_ran(&output, "cargo build");
+        assert_eq!(stderr(&output).lines().next(), Some("with-vulkan: missing: cargo; installing rustup"));
+        assert!(machine.log().ends_with(&format!("{manager} {call}\n")), "{}", machine.log());
+    }
+
+    // Fedora's package has the installer alone.
+    let machine = machine_without_cargo("init");
+    machine.manager("dnf", r#"mv "$ROOT/bin/not-rustup-init" "$ROOT/bin/rustup-init""#);
+    machine.stub("not-rustup-init", &format!(r#"echo "rustup-init $*" >>"$ROOT/log"; {INSTALLER}"#));
+    assert_ran(&machine.run(&["cargo", "build"], &[]), "cargo build");
+    let call = "rustup-init -y --no-modify-path --profile minimal --default-toolchain none\n";
+    assert!(machine.log().ends_with(call), "{}", machine.log());
+}
+
+#[test]
+fn a_missing_cargo_comes_by_rustups_installer_where_there_is_no_package() {
+    let no_package = r#"[[ $* != *rustup* ]] || exit 100"#;
+    let curl = format!(r#"echo "curl $*" >>"$ROOT/log"; echo 'echo "installer $*" >>"$ROOT/log"; {INSTALLER}'"#);
+    let machine = machine_without_cargo("installer");
+    machine.manager("apt-get", no_package);
+    machine.stub("curl", &curl);
+    for _ in 0..2 {
+        assert_ran(&machine.run(&["cargo", "build"], &[]), "cargo build");
+        let log = machine.log();
+        assert!(log.contains("curl --proto =https -sSf https://static.rust-lang.org/rustup/rustup-init.sh\n"), "{log}");
+        // The second time it is found in rustup's folder.
+        assert_eq!(log.matches("installer -y --no-modify-path --profile minimal").count(), 1, "{log}");
+    }
+
+    // A machine that has not even curl, and is not root's.
+    let machine = machine_without_cargo("no-curl");
+    machine.sudo();
+    machine.manager(
+        "apt-get",
+        &format!(r#"{no_package}; [[ $* != *curl* ]] || mv "$ROOT/bin/not-curl" "$ROOT/bin/curl""#),
+    );
+    machine.stub("not-curl", &curl);
+    assert_ran(&machine.run(&["cargo", "build"], &[]), "cargo build");
+    assert!(machine.log().contains("install -qy --no-install-recommends curl ca-certificates\n"), "{}", machine.log());
+
+    let machine = machine_without_cargo("offline");
+    machine.stub("curl", "exit 6");
+    assert_refused(&machine.run(&["cargo", "build"], &[]), "cargo cannot be installed: https://rustup.rs");
+}
+
+#[test]
+fn no_install_names_a_missing_cargo() {
+    let machine = machine_without_cargo("no-install");
+    machine.manager("apt-get", PACKAGE);
+    assert_refused(&machine.run(&["--no-install", "cargo", "build"], &[]), "missing: cargo; cargo comes with rustup");
+    assert_eq!(machine.log(), "");
+    // Programs without cargo do not want it.
+    machine.stub("render", "echo render; exit 7");
+    assert_ran(&machine.run(&["render"], &[]), "render");
+}
+
+#[test]
+fn the_tests_of_the_python_package_get_a_virtual_environment() {
+    let machine = Machine::new("venv");
+    machine.driver(LAVAPIPE);
+    machine.stub("test-python", "echo test-python; exit 7");
+    machine.stub("python3", r#"[[ -e $ROOT/log && $* == *"import ensurepip, venv"* ]]"#);
+    machine.manager("apt-get", "");
+    assert_ran(&machine.run(&["test-python"], &[]), "test-python");
+    assert!(machine.log().ends_with("install -qy --no-install-recommends python3-venv\n"), "{}", machine.log());
 }
 
 #[test]

@@ -5,8 +5,19 @@ use std::path::{Path, PathBuf};
 use crate::{root, sources};
 
 /// What names of files in this repository begin with.
-const FOLDERS: [&str; 10] =
-    ["src/", "shaders/", "tests/", "docs/", "crates/", "scenes/", "scripts/", "examples/", "benches/", "fuzz/"];
+const FOLDERS: [&str; 11] = [
+    "src/",
+    "shaders/",
+    "tests/",
+    "docs/",
+    "crates/",
+    "scenes/",
+    "scripts/",
+    "examples/",
+    "benches/",
+    "fuzz/",
+    "python/",
+];
 
 /// What stands for a name that the reader gives.
 const PLACEHOLDERS: [&str; 3] = ["NAME", "KIND", "FORMAT"];
@@ -75,7 +86,8 @@ fn missing(document: &Path, text: &str) -> Vec<String> {
 fn documents() -> Vec<(PathBuf, String)> {
     let top = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"];
     let top = top.map(|name| (PathBuf::from(name), std::fs::read_to_string(root().join(name)).unwrap()));
-    let folders = ["docs", "crates", "fuzz", "scenes"].into_iter().flat_map(|folder| sources(folder, &["md"]));
+    let folders =
+        ["docs", "crates", "fuzz", "python", "scenes"].into_iter().flat_map(|folder| sources(folder, &["md"]));
     top.into_iter().chain(folders).collect()
 }
 

@@ -12,8 +12,8 @@ fn too_long(text: &str) -> Option<usize> {
 /// No line of Rust or WGSL is longer than rustfmt's width. (rustfmt itself leaves comments and texts as they are.)
 #[test]
 fn lines_fit() {
-    let rust =
-        ["src", "crates", "tests", "benches", "examples", "scenes", "fuzz"].map(|folder| sources(folder, &["rs"]));
+    let rust = ["src", "crates", "tests", "benches", "examples", "scenes", "fuzz", "python"]
+        .map(|folder| sources(folder, &["rs"]));
     let wgsl = ["shaders", "tests"].map(|folder| sources(folder, &["wgsl"]));
     let files = rust.into_iter().chain(wgsl).flatten();
     let long = files.filter_map(|(path, text)| Some(format!("{}:{}", path.display(), too_long(&text)?)));

@@ -23,6 +23,16 @@ impl Image {
         write_atomically(path, |file| self.encode_png(file, view, exposure_ev))
     }
 
+    /// The file that [`write_png`](Self::write_png) writes.
+    ///
+    /// # Errors
+    /// [`Error::Output`] if `R`, `G` or `B` is missing.
+    pub fn to_png(&self, view: View, exposure_ev: f32) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.encode_png(&mut bytes, view, exposure_ev).map_err(|problem| Error::output("PNG", problem))?;
+        Ok(bytes)
+    }
+
     /// [`write_png`](Self::write_png) to any writer.
     pub(crate) fn encode_png(
         &self,

@@ -1,0 +1,70 @@
+//! Devices, which stay open from one render to the next.
+
+use std::process;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use penumbra::{Device, DeviceChoice};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::of_library;
+
+/// A device that renders take turns to use.
+pub type Shared = Arc<Mutex<Device>>;
+
+/// A device that is open: in which process, since a fork cannot use its parent's, and by which choice.
+struct Open {
+    process: u32,
+    choice: DeviceChoice,
+    device: Shared,
+}
+
+static OPEN: Mutex<Vec<Open>> = Mutex::new(Vec::new());
+
+/// What a mutex guards. A render that panicked has left nothing half-done in a device.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
+/// The choice that a user makes by a name or an index.
+pub fn choice(value: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
+    let Some(value) = value else { return Ok(DeviceChoice::Best) };
+    let text = match value.extract::<u32>() {
+        Ok(index) => index.to_string(),
+        Err(_) => value.extract().map_err(|_| PyTypeError::new_err("device must be a name or an index"))?,
+    };
+    match text.parse::<DeviceChoice>() {
+        Ok(choice) => Ok(choice),
+    }
+}
+
+/// The device of that choice, which keeps its kernels: notebooks render the same scene again and again.
+pub fn open(choice: &DeviceChoice) -> penumbra::Result<Shared> {
+    let mut all = lock(&OPEN);
+    let process = process::id();
+    if let Some(open) = all.iter().find(|open| open.process == process && open.choice == *choice) {
+        return Ok(open.device.clone());
+    }
+    let device = Arc::new(Mutex::new(open_anew(choice)?));
+    all.push(Open { process, choice: choice.clone(), device: device.clone() });
+    Ok(device)
+}
+
+/// A device of its own.
+pub fn open_anew(choice: &DeviceChoice) -> penumbra::Result<Device> {
+    let device = Device::open(choice)?;
+    device.keep_kernels();
+    Ok(device)
+}
+
+/// The Vulkan devices of this machine: a dict each, in the order of their indices.
+#[pyfunction]
+pub fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let found = py.detach(Device::list);
+    if found.is_empty() {
+        // The error says how to get a driver.
+        py.detach(|| Device::open(&DeviceChoice::Best).map(drop).map_err(penumbra::Error::from)).map_err(of_library)?;
+    }
+    found.iter().map(|device| crate::result::dict(py, device)).collect()
+}

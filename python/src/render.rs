@@ -1,0 +1,199 @@
+//! A render, with the interpreter's lock released.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use penumbra::internal::render::recovery::{self, Failure, Salvage};
+use penumbra::settings::Denoise;
+use penumbra::{Camera, Denoiser, DeviceChoice, Image, Renderer, Settings, Statistics};
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+
+use crate::device::{lock, open, open_anew};
+use crate::error::{Interrupted, error, of_library};
+use crate::result::RenderResult;
+
+/// What to render.
+pub struct Job {
+    pub scene: Arc<penumbra::Scene>,
+    pub camera: Camera,
+    pub settings: Settings,
+    pub limits: Limits,
+    pub oidn_library: Option<PathBuf>,
+    pub device: DeviceChoice,
+    /// Called after each batch.
+    pub progress: Option<Py<PyAny>>,
+    /// Seconds that it took to read the scene.
+    pub import: f64,
+}
+
+/// What ends a render beside its samples.
+pub struct Limits {
+    pub seconds: Option<f64>,
+    /// The user gives no number of samples.
+    pub is_open: bool,
+}
+
+/// How far a render is.
+#[pyclass(frozen, get_all, module = "penumbra")]
+pub struct Progress {
+    /// Samples per pixel so far.
+    samples: u32,
+    /// Samples per pixel at the end; None where time or noise alone ends the render.
+    spp: Option<u32>,
+    /// Rays of all types so far.
+    rays: u64,
+    /// Boundary and unknown points over all points so far.
+    boundary_share: f64,
+    /// Seconds since the render began.
+    seconds: f64,
+}
+
+#[pymethods]
+impl Progress {
+    fn __repr__(&self) -> String {
+        let of = self.spp.map_or(String::new(), |spp| format!(" of {spp}"));
+        format!("<penumbra.Progress: {}{of} samples per pixel, {} rays>", self.samples, self.rays)
+    }
+}
+
+/// The end of a render that nothing but Python has stopped.
+struct Done {
+    image: Image,
+    statistics: Statistics,
+    /// The exception that stopped it.
+    stopped: Option<PyErr>,
+}
+
+/// Renders, and gives the result, or the exception with the result so far.
+pub fn run(py: Python<'_>, mut job: Job) -> PyResult<RenderResult> {
+    if job.limits.is_open {
+        job.settings.image.spp = Settings::UNLIMITED_SPP;
+    }
+    if job.settings.image.noise.is_some() && !job.settings.is_unbiased() {
+        let problem = "noise needs an unbiased technique without clamp, and audits where photons classify points, to \
+             estimate the error";
+        return Err(error(problem));
+    }
+    job.settings.check().map_err(of_library)?;
+    let budget = |seconds| match Duration::try_from_secs_f64(seconds) {
+        Ok(time) if !time.is_zero() => Ok(time),
+        _ => Err(error(&format!("time is {seconds}; it must be a finite number of seconds, more than 0"))),
+    };
+    let time = job.limits.seconds.map(budget).transpose()?;
+    let scene_notes: Vec<String> = job.scene.notes.iter().cloned().chain(job.scene.clipped_away(&job.camera)).collect();
+    let (outcome, notes) = py.detach(|| {
+        let mut notes = scene_notes;
+        let outcome = render(&job, time, &mut notes);
+        (outcome, notes)
+    });
+    let result = |image, mut statistics: Statistics| {
+        let mut notes = notes.clone();
+        notes.append(&mut statistics.notes);
+        for note in notes {
+            if !statistics.notes.contains(&note) {
+                statistics.notes.push(note);
+            }
+        }
+        RenderResult::new(py, image, &statistics)
+    };
+    match outcome {
+        Ok(Done { image, statistics, stopped: None }) => result(image, statistics),
+        Ok(Done { image, statistics, stopped: Some(stop) }) => {
+            let result = if statistics.samples > 0 { Some(result(image, statistics)?) } else { None };
+            Err(interrupted(py, stop, result)?)
+        }
+        Err(Failure { error, salvage }) => {
+            let raised = of_library(error);
+            if let Some(salvage) = salvage {
+                let Salvage { image, statistics, .. } = *salvage;
+                raised.value(py).setattr("result", result(image, statistics)?)?;
+            }
+            Err(raised)
+        }
+    }
+}
+
+/// A KeyboardInterrupt as one that has the result; other exceptions as they are.
+fn interrupted(py: Python<'_>, stop: PyErr, result: Option<RenderResult>) -> PyResult<PyErr> {
+    if !stop.is_instance_of::<PyKeyboardInterrupt>(py) {
+        return Ok(stop);
+    }
+    let raised = Interrupted::new_err("the render was interrupted; `result` has its samples so far");
+    raised.value(py).setattr("result", result)?;
+    Ok(raised)
+}
+
+fn render(job: &Job, time: Option<Duration>, notes: &mut Vec<String>) -> Result<Done, Failure> {
+    let started = Instant::now();
+    let failed = |error| Failure { error, salvage: None };
+    let denoiser = Denoiser::new(job.settings.image.denoise, job.oidn_library.as_deref()).map_err(failed)?;
+    let shared = open(&job.device).map_err(failed)?;
+    let mut device = lock(&shared);
+    let start = started.elapsed().as_secs_f64();
+    let deadline = time.map(|time| started + time);
+    let mut done = recovery::render(
+        &mut device,
+        || open_anew(&job.device),
+        |device| Renderer::new(device, job.scene.as_ref().clone(), &job.camera, &job.settings),
+        None,
+        |renderer| {
+            notes.extend_from_slice(renderer.notes());
+            let stopped = sample(renderer, job, &denoiser, started, deadline)?;
+            let (mut image, mut statistics) = (renderer.image()?, renderer.statistics()?);
+            if renderer.samples() > 0 && denoiser.choice() != Denoise::None {
+                let start = Instant::now();
+                renderer.add_denoised(&mut image, &denoiser)?;
+                statistics.time.denoise = start.elapsed().as_secs_f64();
+            }
+            Ok(Done { image, statistics, stopped })
+        },
+    )?;
+    done.statistics.time.start = start;
+    done.statistics.time.import = job.import;
+    done.statistics.time.total = started.elapsed().as_secs_f64() + job.import;
+    Ok(done)
+}
+
+/// Renders samples until there are enough, or until Python stops it: returns the exception, if there is one.
+fn sample(
+    renderer: &mut Renderer<'_>,
+    job: &Job,
+    denoiser: &Denoiser,
+    started: Instant,
+    deadline: Option<Instant>,
+) -> penumbra::Result<Option<PyErr>> {
+    let goal = Some(job.settings.image.spp).filter(|_| !job.limits.is_open);
+    // Signals may have arrived during the preparation.
+    if let Err(stop) = Python::attach(|py| py.check_signals()) {
+        return Ok(Some(stop));
+    }
+    let mut batch = Instant::now();
+    while renderer.wants_samples(denoiser)? {
+        let penumbra::Progress { samples, rays, boundary_share } = renderer.render_batch()?;
+        let took = batch.elapsed();
+        batch = Instant::now();
+        let seconds = started.elapsed().as_secs_f64();
+        let progress = Progress { samples, spp: goal, rays, boundary_share, seconds };
+        match Python::attach(|py| report(py, job.progress.as_ref(), progress)) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(stop) => return Ok(Some(stop)),
+        }
+        // Another batch of the same length would end too late.
+        if deadline.is_some_and(|deadline| batch + took > deadline) {
+            break;
+        }
+    }
+    Ok(None)
+}
+
+/// Calls the user's function; whether the render goes on.
+fn report(py: Python<'_>, function: Option<&Py<PyAny>>, progress: Progress) -> PyResult<bool> {
+    py.check_signals()?;
+    let Some(function) = function else { return Ok(true) };
+    let answer = function.bind(py).call1((progress,))?;
+    // A signal that arrives while Python code runs is raised by that code.
+    Ok(!answer.is(pyo3::types::PyBool::new(py, false)))
+}

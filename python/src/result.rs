@@ -1,0 +1,168 @@
+//! The class `Result`: an image and its statistics.
+
+use std::path::PathBuf;
+
+use penumbra::{Image, Metadata, Pieces, Statistics, View};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::arrays;
+use crate::error::{error, of_library};
+
+/// What a render gives, or an image file.
+#[pyclass(frozen, name = "Result", module = "penumbra")]
+pub struct RenderResult {
+    rendered: Image,
+    samples: u32,
+    statistics: Py<PyDict>,
+    // Arrays are made when they are wanted, and then stay the same objects.
+    image: PyOnceLock<Py<PyAny>>,
+    alpha: PyOnceLock<Py<PyAny>>,
+    aovs: PyOnceLock<Py<PyDict>>,
+}
+
+impl RenderResult {
+    /// That of a render.
+    pub fn new(py: Python<'_>, image: Image, statistics: &Statistics) -> PyResult<RenderResult> {
+        let samples = statistics.samples;
+        Ok(RenderResult { samples, statistics: dict(py, statistics)?.unbind(), ..RenderResult::of_image(py, image) })
+    }
+
+    /// That of a file, of which no statistics are known.
+    pub fn of_image(py: Python<'_>, image: Image) -> RenderResult {
+        let samples = match image.metadata.get("samplesPerPixel") {
+            Some(Metadata::Int(samples)) => u32::try_from(*samples).unwrap_or(0),
+            _ => 0,
+        };
+        RenderResult {
+            rendered: image,
+            samples,
+            statistics: PyDict::new(py).unbind(),
+            image: PyOnceLock::new(),
+            alpha: PyOnceLock::new(),
+            aovs: PyOnceLock::new(),
+        }
+    }
+
+    /// What a view shows: the denoised image if there is one.
+    fn encode(&self, py: Python<'_>, view: &str, exposure: f32) -> PyResult<Vec<u8>> {
+        let view: View = view.parse().map_err(of_library)?;
+        let shown = || match self.rendered.denoised() {
+            Some(denoised) => denoised.to_png(view, exposure),
+            None => self.rendered.to_png(view, exposure),
+        };
+        py.detach(shown).map_err(of_library)
+    }
+}
+
+#[pymethods]
+impl RenderResult {
+    /// The image, scene-linear Rec.709: a float32 array (height, width, 3), rows from the top.
+    #[getter]
+    fn image(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let make = || match arrays::colour(py, &self.rendered, ["R", "G", "B"]) {
+            Some(array) => Ok(array.into_any().unbind()),
+            None => Err(error("the result has no image")),
+        };
+        self.image.get_or_try_init(py, make).map(|array| array.clone_ref(py))
+    }
+
+    /// The alpha of the image: a float32 array (height, width).
+    #[getter]
+    fn alpha(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let make = || match arrays::plane(py, &self.rendered, "A") {
+            Some(array) => Ok(array.into_any().unbind()),
+            None => Err(error("the result has no alpha")),
+        };
+        self.alpha.get_or_try_init(py, make).map(|array| array.clone_ref(py))
+    }
+
+    /// The other channels by name, float32 arrays (height, width, 3) or (height, width): the AOVs, and with a denoiser
+    /// "denoised" and "error".
+    #[getter]
+    fn aovs(&self, py: Python<'_>) -> PyResult<Py<PyDict>> {
+        let make = || arrays::layers(py, &self.rendered).map(Bound::unbind);
+        self.aovs.get_or_try_init(py, make).map(|layers| layers.clone_ref(py))
+    }
+
+    /// The denoised image, or None.
+    #[getter]
+    fn denoised<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        self.aovs(py)?.bind(py).get_item("denoised")
+    }
+
+    /// The statistics of the program's --stats, as a dict; empty for files.
+    #[getter]
+    fn statistics(&self, py: Python<'_>) -> Py<PyDict> {
+        self.statistics.clone_ref(py)
+    }
+
+    /// Samples per pixel, of the pixels that have most; 0 for files that do not tell.
+    #[getter]
+    fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Writes the image: .exr with all channels, or .png with one view of it, that of the denoised image if there is
+    /// one.
+    #[pyo3(signature = (path, *, view = "neutral", exposure = 0.0))]
+    fn save(&self, py: Python<'_>, path: PathBuf, view: &str, exposure: f32) -> PyResult<()> {
+        let view: View = view.parse().map_err(of_library)?;
+        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let write = || match self.rendered.denoised().filter(|_| !is_exr) {
+            Some(denoised) => denoised.write(&path, view, exposure),
+            None => self.rendered.write(&path, view, exposure),
+        };
+        py.detach(write).map_err(of_library)
+    }
+
+    /// A PNG of the image, tone-mapped by a view (neutral, agx, standard or raw), with `exposure` in stops.
+    #[pyo3(signature = (*, view = "neutral", exposure = 0.0))]
+    fn png<'py>(&self, py: Python<'py>, view: &str, exposure: f32) -> PyResult<Bound<'py, PyBytes>> {
+        Ok(PyBytes::new(py, &self.encode(py, view, exposure)?))
+    }
+
+    /// What a notebook shows.
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.png(py, "neutral", 0.0)
+    }
+
+    fn __repr__(&self) -> String {
+        let Image { width, height, .. } = self.rendered;
+        format!("<penumbra.Result: {width} x {height} pixels, {} samples per pixel>", self.samples)
+    }
+}
+
+/// A value of the library as a dict, as in its JSON.
+pub fn dict<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyDict>> {
+    let text = serde_json::to_string(value).map_err(|problem| error(&problem.to_string()))?;
+    let value = py.import("json")?.call_method1("loads", (text,))?;
+    value.cast_into().map_err(PyErr::from)
+}
+
+/// Reads an image file, .exr, .png or .hdr; its colours become scene-linear.
+#[pyfunction]
+pub fn read(py: Python<'_>, path: PathBuf) -> PyResult<RenderResult> {
+    let image = py.detach(|| Image::read(path)).map_err(of_library)?;
+    Ok(RenderResult::of_image(py, image))
+}
+
+/// Puts pieces together, the .exr files of renders with `samples`, in any order: for every cut, the bits are those of
+/// one piece with all samples. Missing samples are an error, or with `partial` left out.
+#[pyfunction]
+#[pyo3(signature = (pieces, *, partial = false))]
+pub fn merge(py: Python<'_>, pieces: Vec<PathBuf>, partial: bool) -> PyResult<RenderResult> {
+    let merge = || {
+        let files = Pieces::open(&pieces)?;
+        match files.missing().first() {
+            Some(missing) if !partial => {
+                let problem = format!("{missing} are in no piece; partial=True gives what is there");
+                Err(penumbra::Error::input(&pieces[0], "pieces", problem))
+            }
+            _ => files.merge(),
+        }
+    };
+    let image = py.detach(merge).map_err(of_library)?;
+    Ok(RenderResult::of_image(py, image))
+}

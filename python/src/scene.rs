@@ -1,0 +1,235 @@
+//! The class `Scene`: a file, as one moment of its animation shows it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use penumbra::internal::gpu_scene::camera::CameraUniform;
+use penumbra::{Camera, Focus, Framing, ImportOptions, Iris, Panorama};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::device;
+use crate::error::{error, of_library};
+use crate::keywords::{self, take, take_as};
+use crate::render::{self, Job, Limits};
+use crate::result::RenderResult;
+
+/// A scene of a glTF file.
+///
+/// A scene does not change: `at` gives that of another moment, and `load` one with another environment.
+#[pyclass(frozen, module = "penumbra")]
+pub struct Scene {
+    file: File,
+    scene: Arc<penumbra::Scene>,
+    /// Seconds that it took to read.
+    import: f64,
+}
+
+/// What a scene was read from.
+#[derive(Clone)]
+struct File {
+    path: PathBuf,
+    options: ImportOptions,
+    environment: Option<Environment>,
+}
+
+#[derive(Clone)]
+struct Environment {
+    path: PathBuf,
+    rotation: f64,
+    strength: f32,
+}
+
+impl File {
+    fn read(self) -> penumbra::Result<Scene> {
+        let start = std::time::Instant::now();
+        let mut scene = penumbra::Scene::load(&self.path, &self.options)?;
+        if let Some(Environment { path, rotation, strength }) = &self.environment {
+            let (panorama, notes) = Panorama::load(path, self.options.lenient)?;
+            scene.set_environment(Arc::new(panorama), *rotation, *strength)?;
+            scene.notes.extend(notes);
+        }
+        Ok(Scene { file: self, scene: Arc::new(scene), import: start.elapsed().as_secs_f64() })
+    }
+}
+
+#[pymethods]
+impl Scene {
+    /// Reads a .gltf or .glb file.
+    ///
+    /// `at` shows an animation so many seconds after its beginning: the first of the file, or `animation` (a name or an
+    /// index), which begins again after its end with `loop`. `variant` names a variant of the materials.
+    /// `environment` is a panorama around the scene, .exr or .hdr, turned by `environment_rotation` degrees and
+    /// multiplied by `environment_strength`. `default_light` adds a light where the file has none, and `lenient` drops
+    /// what is damaged instead of refusing the file.
+    #[staticmethod]
+    #[pyo3(signature = (path, **keywords), text_signature = "(path, *, at=None, animation=None, loop=False, \
+        variant=None, environment=None, environment_rotation=0.0, environment_strength=1.0, default_light=False, \
+        lenient=False)")]
+    fn load(py: Python<'_>, path: PathBuf, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<Scene> {
+        let keywords = keywords.map_or_else(|| Ok(PyDict::new(py)), |given| given.copy())?;
+        let options = ImportOptions {
+            default_light: take_as(&keywords, "default_light")?.unwrap_or_default(),
+            lenient: take_as(&keywords, "lenient")?.unwrap_or_default(),
+            animation: take(&keywords, "animation")?.map(|name| name_or_index(&name, "animation")).transpose()?,
+            time: take_as(&keywords, "at")?,
+            repeat: take_as(&keywords, "loop")?.unwrap_or_default(),
+            variant: take_as(&keywords, "variant")?,
+        };
+        let rotation = take_as(&keywords, "environment_rotation")?.unwrap_or(0.0);
+        let strength = take_as(&keywords, "environment_strength")?.unwrap_or(1.0);
+        let environment = take_as(&keywords, "environment")?.map(|path| Environment { path, rotation, strength });
+        keywords::check_empty(&keywords, "Scene.load")?;
+        if options.time.is_none() && (options.animation.is_some() || options.repeat) {
+            return Err(error("animation and loop need at, the seconds from the beginning of the animation"));
+        }
+        py.detach(|| File { path, options, environment }.read()).map_err(of_library)
+    }
+
+    /// The scene of the same file, `seconds` after the beginning of its animation.
+    #[pyo3(signature = (seconds, *, animation = None), text_signature = "($self, seconds, *, animation=None)")]
+    fn at(&self, py: Python<'_>, seconds: f64, animation: Option<&Bound<'_, PyAny>>) -> PyResult<Scene> {
+        let mut file = self.file.clone();
+        file.options.time = Some(seconds);
+        if let Some(animation) = animation {
+            file.options.animation = Some(name_or_index(animation, "animation")?);
+        }
+        py.detach(|| file.read()).map_err(of_library)
+    }
+
+    /// Renders the scene.
+    ///
+    /// The keywords are the flags of the program `penumbra render`, and None stands for their defaults: 512 pixels
+    /// high, 16 samples per pixel, technique "shadow-photons", seed 0. `samples` makes a piece of the image for
+    /// `merge`: the samples from the first number up to the second. `progress` is called with a `Progress` after each
+    /// batch of samples; if it returns False, the render ends with the samples so far. Ctrl-C ends it after the batch
+    /// that is under way, with `Interrupted`, a KeyboardInterrupt whose `result` has the samples so far. Other threads
+    /// of Python go on meanwhile.
+    #[pyo3(
+        signature = (**keywords),
+        text_signature = "($self, *, width=None, height=None, spp=None, samples=None, technique=None, \
+        seed=None, camera=None, direction=None, aperture=None, focus=None, iris_blades=None, crop=None, aovs=None, \
+        background=None, denoise=None, oidn_library=None, noise=None, time=None, progress=None, device=None, \
+        light_scale=None, max_bounces=None, flux_photons=None, clamp=None, cache=None, accuracy=None, \
+        gather_rays=None, photons=None, nearest=None, shadow_photons_per_ray=None, shadow_samples=None, \
+        dilate=None, audit=None, paper_counting=None, fine_cells=None, light_sampling=None, \
+        sampled_lights=None, cells=None, cell_rays=None, light_buffer_cells=None, shadow_tolerance=None)"
+    )]
+    fn render(&self, py: Python<'_>, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<RenderResult> {
+        let keywords = keywords.map_or_else(|| Ok(PyDict::new(py)), |given| given.copy())?;
+        let has = |name: &str| keywords.get_item(name).map(|value| value.is_some_and(|value| !value.is_none()));
+        let [has_width, has_height, has_spp, has_noise] = [has("width")?, has("height")?, has("spp")?, has("noise")?];
+        let mut settings = keywords::take_settings(&keywords)?;
+        let limits = Limits { seconds: take_as(&keywords, "time")?, is_open: (has("time")? || has_noise) && !has_spp };
+        let image = &mut settings.image;
+        let framed = match (has_width, has_height) {
+            (true, true) => image.width as f32 / image.height as f32,
+            _ => 1.0,
+        };
+        let camera = self.camera(&keywords, framed)?;
+        let aspect = f64::from(CameraUniform::aspect(&camera));
+        let side = |length: f64| (length.round() as u32).max(1);
+        match (has_width, has_height) {
+            (true, true) => {}
+            (true, false) => image.height = side(f64::from(image.width) / aspect),
+            (false, _) => image.width = side(f64::from(image.height) * aspect),
+        }
+        let oidn_library = take_as(&keywords, "oidn_library")?;
+        let device = device::choice(take(&keywords, "device")?.as_ref())?;
+        let progress = take(&keywords, "progress")?.map(Bound::unbind);
+        keywords::check_empty(&keywords, "Scene.render")?;
+        let scene = self.scene.clone();
+        render::run(py, Job { scene, camera, settings, limits, oidn_library, device, progress, import: self.import })
+    }
+
+    /// The names of its cameras, in the order of their indices.
+    #[getter]
+    fn cameras(&self) -> Vec<&str> {
+        self.scene.cameras.iter().map(|camera| camera.name.as_str()).collect()
+    }
+
+    /// The names of its lights.
+    #[getter]
+    fn lights(&self) -> Vec<&str> {
+        self.scene.lights.iter().map(|light| light.name.as_str()).collect()
+    }
+
+    /// The number of its triangles.
+    #[getter]
+    fn triangles(&self) -> usize {
+        self.scene.triangles.len()
+    }
+
+    /// What of the file is not rendered, a line each.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.scene.notes.clone()
+    }
+
+    /// The file.
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.file.path.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        let (triangles, lights) = (self.scene.triangles.len(), self.scene.lights.len());
+        format!("<penumbra.Scene {:?}: {triangles} triangles, {lights} lights>", self.file.path.display().to_string())
+    }
+}
+
+impl Scene {
+    /// The camera that the keywords select, with its lens. `aspect` is that of an image that no camera decides.
+    fn camera(&self, keywords: &Bound<'_, PyDict>, aspect: f32) -> PyResult<Camera> {
+        let wanted = take(keywords, "camera")?.map(|name| name_or_index(&name, "camera")).transpose()?;
+        let direction: Option<[f32; 2]> = take_as(keywords, "direction")?;
+        let mut camera = self.select(wanted.as_deref(), direction, aspect)?;
+        let f_number: Option<f64> = take_as(keywords, "aperture")?;
+        let distance: Option<f64> = take_as(keywords, "focus")?;
+        let blades: Option<u32> = take_as(keywords, "iris_blades")?;
+        match f_number {
+            Some(f_number) => {
+                let iris = Iris { f_number, blades: blades.unwrap_or(0) };
+                let focus = distance.map_or(Focus::Auto, Focus::Distance);
+                let refused = |problem| error(&format!("aperture: {problem}"));
+                self.scene.open_iris(&mut camera, iris, focus).map_err(refused)?;
+            }
+            None if distance.is_some() || blades.is_some() => return Err(error("focus and iris_blades need aperture")),
+            None => {}
+        }
+        Ok(camera)
+    }
+
+    fn select(&self, wanted: Option<&str>, direction: Option<[f32; 2]>, aspect: f32) -> PyResult<Camera> {
+        let cameras = &self.scene.cameras;
+        match (wanted, direction) {
+            (Some(_), Some(_)) => Err(error("camera and direction contradict each other")),
+            (None, Some([azimuth, elevation])) => match azimuth.is_finite() && elevation.abs() <= 90.0 {
+                true => Ok(self.scene.frame(&Framing { azimuth, elevation, aspect })),
+                false => Err(error("direction must be azimuth and elevation in degrees, the second from -90 to 90")),
+            },
+            (None, None) => {
+                let frame = || self.scene.frame(&Framing { aspect, ..Framing::default() });
+                Ok(cameras.first().cloned().unwrap_or_else(frame))
+            }
+            (Some(wanted), None) => {
+                let by_name = cameras.iter().find(|camera| camera.name == wanted);
+                let camera = by_name.or_else(|| cameras.get(wanted.parse::<usize>().ok()?));
+                camera.cloned().ok_or_else(|| {
+                    let names = self.cameras();
+                    let names = if names.is_empty() { "none".into() } else { names.join(", ") };
+                    error(&format!("no camera is called '{wanted}' or has that index; there is: {names}"))
+                })
+            }
+        }
+    }
+}
+
+/// A name, or the digits of an index.
+fn name_or_index(value: &Bound<'_, PyAny>, keyword: &str) -> PyResult<String> {
+    match value.extract::<u32>() {
+        Ok(index) => Ok(index.to_string()),
+        Err(_) => value.extract().map_err(|_| PyTypeError::new_err(format!("{keyword} must be a name or an index"))),
+    }
+}

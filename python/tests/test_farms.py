@@ -1,0 +1,126 @@
+"""The array job for Slurm and the job type for Flamenco, with stand-ins for both: what they would run, runs here."""
+
+import json
+import os
+import shutil
+import subprocess
+
+import penumbra
+import pytest
+
+PROGRAM = os.environ.get("PENUMBRA_PROGRAM")
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="PENUMBRA_PROGRAM does not name the program")
+
+FLAGS = ["--width", "32", "--height", "24", "--max-bounces", "0"]
+
+
+def expected(scenes, device, folder, spp):
+    settings = {"width": 32, "height": 24, "max_bounces": 0, "device": device}
+    piece = penumbra.Scene.load(scenes / "box.glb").render(spp=spp, samples=(0, spp), **settings)
+    piece.save(folder / "one.exr")
+    return penumbra.merge([folder / "one.exr"]).image.tobytes()
+
+
+# Runs the tasks of an array one after the other, and what depends on them at once, if none has failed.
+SBATCH = r"""#!/usr/bin/env bash
+echo "$*" >>"$LOG"
+while [[ $1 == --* ]]; do
+    case $1 in
+        --array=*) array=${1#--array=} ;;
+        --dependency=*) [[ ! -e $LOG.failed ]] || exit 1 ;;
+        --wrap=*) bash -c "${1#--wrap=}" >&2; echo 2; exit ;;
+    esac
+    shift
+done
+for ((task = ${array%-*}; task <= ${array#*-}; task++)); do
+    SLURM_ARRAY_TASK_ID=$task "$@" >&2 || touch "$LOG.failed"
+done
+echo 1
+"""
+
+
+def test_a_slurm_array_renders_and_merges(scenes, device, tmp_path):
+    bin = tmp_path / "bin"
+    bin.mkdir()
+    (bin / "sbatch").write_text(SBATCH)
+    (bin / "sbatch").chmod(0o755)
+    log = tmp_path / "log"
+    environment = os.environ | {"PATH": f"{bin}:{os.environ['PATH']}", "PENUMBRA": PROGRAM, "LOG": str(log)}
+    output = tmp_path / "an image.exr"
+    script = scenes.parent / "scripts/farm/slurm"
+    sizes = ["--pieces", "3", "--spp", "7", "--sbatch", "--time=60 --gres=gpu:1"]
+    command = [script, *sizes, scenes / "box.glb", output, *FLAGS, "--device", device]
+    subprocess.run(command, check=True, env=environment)
+    assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 7)
+    calls = log.read_text().splitlines()
+    assert len(calls) == 2 and "--array=0-2 --time=60 --gres=gpu:1" in calls[0] and "afterok:1" in calls[1]
+    pieces = tmp_path / "an image.exr.pieces"
+    names = [f"{piece}.{kind}" for piece in range(3) for kind in ("exr", "json")]
+    assert sorted(path.name for path in pieces.iterdir()) == names
+    # A second submission renders only what is missing.
+    before = (pieces / "0.exr").stat().st_mtime_ns
+    (pieces / "1.exr").unlink()
+    output.unlink()
+    subprocess.run(command, check=True, env=environment)
+    assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 7)
+    assert (pieces / "0.exr").stat().st_mtime_ns == before
+    # A task that fails lets nothing be merged.
+    output.unlink()
+    (pieces / "2.exr").unlink()
+    failed = subprocess.run([*command, "--nearest", "0"], env=environment, capture_output=True, text=True)
+    assert failed.returncode != 0 and "--nearest" in failed.stderr and not output.exists()
+    usage = subprocess.run([script, "--pieces", "9", "--spp", "4", "x.glb", "y.exr"], capture_output=True, text=True)
+    assert usage.returncode == 2 and "from 1 to 4" in usage.stderr
+
+
+# Compiles a job as the manager does, and prints its tasks.
+MANAGER = """
+const fs = require("fs");
+const author = {
+    Task: (name, type) => ({
+        name, type, commands: [], dependencies: [],
+        addCommand(command) { this.commands.push(command); },
+        addDependency(task) { this.dependencies.push(task.name); },
+    }),
+    Command: (name, parameters) => ({ name, parameters }),
+};
+const frameChunker = (frames, size) => frames.split(",");
+const [script, given] = process.argv.slice(1);
+const { JOB_TYPE, compileJob } = new Function(
+    "author", "frameChunker", fs.readFileSync(script, "utf8") + "; return { JOB_TYPE, compileJob };",
+)(author, frameChunker);
+const settings = JSON.parse(given);
+for (const setting of JOB_TYPE.settings) {
+    if (!(setting.key in settings)) settings[setting.key] = setting.default;
+}
+const job = { settings, tasks: [], addTask(task) { this.tasks.push(task); } };
+compileJob(job);
+console.log(JSON.stringify(job.tasks));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_a_flamenco_job_renders_and_merges(scenes, device, tmp_path):
+    script = scenes.parent / "scripts/farm/penumbra.js"
+
+    def compile(**settings):
+        settings = {"penumbra": PROGRAM, "scene": str(scenes / "box.glb"), **settings}
+        command = ["node", "-e", MANAGER, script, json.dumps(settings)]
+        return subprocess.run(command, capture_output=True, text=True)
+
+    output = tmp_path / "whole.exr"
+    flags = " ".join([*FLAGS, "--device", device])
+    tasks = json.loads(compile(output=str(output), spp=5, pieces=2, flags=flags).stdout)
+    assert [task["name"] for task in tasks] == ["samples 0..2", "samples 2..5", "merge"]
+    assert tasks[2]["dependencies"] == ["samples 0..2", "samples 2..5"]
+    for task in tasks:
+        for command in task["commands"]:
+            assert command["name"] == "exec"
+            subprocess.run([command["parameters"]["exe"], *command["parameters"]["args"]], check=True)
+    assert penumbra.read(output).image.tobytes() == expected(scenes, device, tmp_path, 5)
+
+    frames = json.loads(compile(output="f.{frame}.png", frames="0-7,9", fps=12).stdout)
+    arguments = [task["commands"][0]["parameters"]["args"] for task in frames]
+    assert ["--frames", "0..7", "--fps", "12"] == arguments[0][-4:] and "9..9" in arguments[1]
+    for wrong in [{"frames": "0-7"}, {"frames": "0-7", "pieces": 2}, {"pieces": 3, "spp": 2}]:
+        assert compile(output="f.exr", **wrong).returncode != 0

@@ -1,0 +1,155 @@
+"""A real Ray cluster of two workers on this machine, of which one is killed while it renders."""
+
+import penumbra
+import pytest
+
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install './python[ray]'")
+
+import penumbra.ray  # noqa: E402
+from ray.cluster_utils import Cluster  # noqa: E402
+
+SETTINGS = {"width": 64, "height": 48, "max_bounces": 0}
+
+
+class Workers:
+    """A head that does not work, and two nodes of one worker each."""
+
+    def __init__(self) -> None:
+        # A dead node is noticed after three seconds instead of half a minute.
+        health = {
+            "health_check_initial_delay_ms": 0,
+            "health_check_period_ms": 1000,
+            "health_check_failure_threshold": 3,
+        }
+        self.cluster = Cluster(
+            initialize_head=True, head_node_args={"num_cpus": 0, "_system_config": health, "include_dashboard": False}
+        )
+        self.nodes = []
+        self.complete()
+        ray.init(address=self.cluster.address, log_to_driver=False)
+
+    def complete(self) -> None:
+        """Two workers, both alive."""
+        while len(self.nodes) < 2:
+            self.nodes.append(self.cluster.add_node(num_cpus=1))
+        self.cluster.wait_for_nodes()
+        self.killed: str | None = None
+
+    def kill_one(self) -> None:
+        node = self.nodes.pop()
+        self.killed = node.node_id
+        self.cluster.remove_node(node, allow_graceful=False)
+
+    def stop(self) -> None:
+        ray.shutdown()
+        self.cluster.shutdown()
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    workers = Workers()
+    yield workers
+    workers.stop()
+
+
+@pytest.fixture
+def workers(cluster):
+    cluster.complete()
+    return cluster
+
+
+def test_pieces_of_a_killed_worker_are_rendered_again(workers, scenes, device, tmp_path):
+    """16 pieces: four ranges of samples, four tiles."""
+    seen = []
+
+    def progress(rendered, count):
+        assert count == 16
+        seen.append(rendered)
+        if len({piece.node for piece in seen}) == 2 and workers.killed is None:
+            workers.kill_one()
+
+    output = tmp_path / "whole.exr"
+    done = penumbra.ray.render(
+        scenes / "box.glb", output, spp=8, ranges=4, tiles=(2, 2), aovs=["albedo", "N"], device=device,
+        progress=progress, **SETTINGS,
+    )
+    assert len(done) == 16 and len({piece.piece for piece in done}) == 16
+    assert workers.killed is not None, "both workers must have had pieces before one is killed"
+    assert len({piece.node for piece in done}) == 2
+    scene = penumbra.Scene.load(scenes / "box.glb")
+    alone = tmp_path / "alone.exr"
+    scene.render(spp=8, samples=(0, 8), aovs=["albedo", "N"], device=device, **SETTINGS).save(alone)
+    expected = tmp_path / "expected.exr"
+    penumbra.merge([alone]).save(expected)
+    assert output.read_bytes() == expected.read_bytes()
+
+
+def test_frames_are_those_of_one_process(workers, scenes, device, tmp_path):
+    """A scene that is sent, since workers on other machines would not see it; one worker is killed on the way."""
+    animated = tmp_path / "animated.glb"
+    animated.write_bytes(turning((scenes / "box.glb").read_bytes()))
+
+    def progress(rendered, count):
+        assert count == 24
+        if rendered.piece.frame == 8 and workers.killed is None:
+            workers.kill_one()
+
+    output = tmp_path / "frame.{frame}.exr"
+    settings = {"width": 24, "height": 24, "max_bounces": 0, "device": device}
+    done = penumbra.ray.render(animated, output, frames=range(24), spp=2, send=True, progress=progress, **settings)
+    assert sorted(piece.piece.frame for piece in done) == list(range(24))
+    assert workers.killed is not None
+    images = set()
+    scene = penumbra.Scene.load(animated)
+    for frame in range(24):
+        written = penumbra.read(tmp_path / f"frame.{frame:04}.exr").image.tobytes()
+        assert written == scene.at(frame / 24).render(spp=2, **settings).image.tobytes()
+        images.add(written)
+    assert len(images) == 24, "the animation moves"
+
+
+def turning(glb: bytes) -> bytes:
+    """The scene with an animation that turns its camera's node for a second."""
+    import json
+    import struct
+
+    length = struct.unpack_from("<I", glb, 12)[0]
+    document = json.loads(glb[20 : 20 + length])
+    rest = glb[20 + length :]
+    blob_length = struct.unpack_from("<I", rest, 0)[0]
+    blob = rest[8 : 8 + blob_length]
+    camera = next(index for index, node in enumerate(document["nodes"]) if "camera" in node)
+    at = document["nodes"][camera].get("translation", [0, 0, 0])
+    times = struct.pack("<2f", 0, 1)
+    moves = struct.pack("<6f", *at, at[0] + 0.2, at[1], at[2])
+    views, accessors = document["bufferViews"], document["accessors"]
+    for data, count, kind, limits in [
+        (times, 2, "SCALAR", {"min": [0], "max": [1]}),
+        (moves, 2, "VEC3", {}),
+    ]:
+        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)})
+        accessors.append({"bufferView": len(views) - 1, "componentType": 5126, "count": count, "type": kind, **limits})
+        blob += data
+    document["buffers"][0]["byteLength"] = len(blob)
+    channel = {"sampler": 0, "target": {"node": camera, "path": "translation"}}
+    sampler = {"input": len(accessors) - 2, "output": len(accessors) - 1}
+    document["animations"] = [{"channels": [channel], "samplers": [sampler]}]
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(blob), 0x004E4942) + blob
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+
+
+def test_errors_come_back_as_the_librarys(scenes, tmp_path):
+    with pytest.raises(penumbra.Error, match="must contain {frame}"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "frame.exr", frames=range(2))
+    with pytest.raises(penumbra.Error, match="^ranges is 17"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.exr", ranges=17)
+    with pytest.raises(penumbra.Error, match="need width and height"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.exr", tiles=(2, 2))
+
+
+def test_an_error_of_a_worker_is_the_librarys(workers, scenes, device, tmp_path):
+    with pytest.raises(penumbra.Error, match="^nearest is 600; it must be from 1 to 511$"):
+        penumbra.ray.render(scenes / "box.glb", tmp_path / "whole.exr", spp=4, ranges=2, nearest=600, device=device)
+    assert not (tmp_path / "whole.exr").exists()
