@@ -76,6 +76,7 @@ impl Scene {
             time: take_as(&keywords, "at")?,
             repeat: take_as(&keywords, "loop")?.unwrap_or_default(),
             variant: take_as(&keywords, "variant")?,
+            max_copied_triangles: None,
         };
         let rotation = take_as(&keywords, "environment_rotation")?.unwrap_or(0.0);
         let strength = take_as(&keywords, "environment_strength")?.unwrap_or(1.0);

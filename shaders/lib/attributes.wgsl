@@ -2,6 +2,7 @@
 // src/gpu_scene/surfaces.rs makes the table.
 
 @if(texture_loads) import package::lib::table::table_texel;
+@if(instances) import package::lib::instance::{placed_tangent, stored_triangle};
 import package::lib::math::oct_decode16;
 import package::lib::constants::SURFACE_FLAT;
 
@@ -21,7 +22,8 @@ fn load_surface_texel(i: u32) -> vec4u {
 
 // The three corners' shading normals (oct_encode16), and the triangle's material with SURFACE_FLAT.
 fn surface_texel_of(triangle: u32) -> vec4u {
-    return load_surface_texel(triangle * surface_stride);
+    @if(instances) return load_surface_texel(stored_triangle(triangle) * surface_stride);
+    @if(!instances) return load_surface_texel(triangle * surface_stride);
 }
 
 // Index of the material in a triangle's fourth word.
@@ -38,7 +40,8 @@ struct Uv {
 
 @if(textures)
 fn uv_at(triangle: u32, u: f32, v: f32) -> Uv {
-    let base = triangle * surface_stride + uv_offset;
+    @if(instances) let base = stored_triangle(triangle) * surface_stride + uv_offset;
+    @if(!instances) let base = triangle * surface_stride + uv_offset;
     let a = bitcast<vec4f>(load_surface_texel(base));
     let b = bitcast<vec4f>(load_surface_texel(base + 1u));
     let w = 1.0 - u - v;
@@ -52,8 +55,11 @@ fn uv_at(triangle: u32, u: f32, v: f32) -> Uv {
 
 @if(vertex_colours)
 fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
-    let a = load_surface_texel(triangle * surface_stride + colour_offset);
-    let b = load_surface_texel(triangle * surface_stride + colour_offset + 1u);
+    @if(instances) let base = stored_triangle(triangle) * surface_stride + colour_offset;
+    @if(instances) let a = load_surface_texel(base);
+    @if(instances) let b = load_surface_texel(base + 1u);
+    @if(!instances) let a = load_surface_texel(triangle * surface_stride + colour_offset);
+    @if(!instances) let b = load_surface_texel(triangle * surface_stride + colour_offset + 1u);
     let c0 = vec4f(unpack2x16unorm(a.x), unpack2x16unorm(a.y));
     let c1 = vec4f(unpack2x16unorm(a.z), unpack2x16unorm(a.w));
     let c2 = vec4f(unpack2x16unorm(b.x), unpack2x16unorm(b.y));
@@ -62,9 +68,12 @@ fn vertex_colour_at(triangle: u32, u: f32, v: f32) -> vec4f {
 
 // Tangent and bitangent for a normal on the outer side; zeros where the tangent is parallel to the normal.
 fn tangent_frame(triangle: u32, u: f32, v: f32, normal: vec3f) -> mat2x3f {
-    let texel = load_surface_texel(triangle * surface_stride + tangent_offset);
+    @if(instances) let texel = load_surface_texel(stored_triangle(triangle) * surface_stride + tangent_offset);
+    @if(!instances) let texel = load_surface_texel(triangle * surface_stride + tangent_offset);
     let w = 1.0 - u - v;
-    let t = w * oct_decode16(texel.x) + u * oct_decode16(texel.y) + v * oct_decode16(texel.z);
+    @if(!instances) let t = w * oct_decode16(texel.x) + u * oct_decode16(texel.y) + v * oct_decode16(texel.z);
+    @if(instances) let t = w * placed_tangent(triangle, oct_decode16(texel.x))
+        + u * placed_tangent(triangle, oct_decode16(texel.y)) + v * placed_tangent(triangle, oct_decode16(texel.z));
     let across = t - normal * dot(t, normal);
     if dot(across, across) < 1e-12 { return mat2x3f(); }
     let tangent = normalize(across);

@@ -23,6 +23,9 @@ import package::lib::ray::{
     Ray, RaySample, Hit, NO_HIT, ShearedRay, nonzero_direction, shear_ray, intersect_triangle,
 };
 @if(alpha_test) import package::lib::alpha::alpha_blocks;
+@if(instances) import package::lib::instance::{
+    ray_in_mesh, placed_corners, stored_corners, stored_triangle, triangle_texel,
+};
 @if(procedurals) import package::lib::procedural::{closest_procedural, is_procedural, procedural_normal};
 @if(procedurals) import package::lib::procedural::{procedural_ray_iterations, procedurals_occlude};
 import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_TEXELS, BVH_TRIANGLE_TEXELS};
@@ -30,9 +33,9 @@ import package::lib::constants::{BVH_INDEX_MASK, BVH_NODE_INDEX_MASK, BVH_NODE_T
 @if(alpha_test) import package::lib::constants::TRIANGLE_ALPHA;
 
 @if(texture_loads) @group(1) @binding(0) var bvh_nodes: texture_storage_2d<rgba32uint, read>;
-@if(texture_loads) @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
+@if(!instances && texture_loads) @group(1) @binding(1) var bvh_triangles: texture_storage_2d<rgba32float, read>;
 @if(!texture_loads) @group(1) @binding(0) var<storage, read> bvh_nodes: array<vec4u>;
-@if(!texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
+@if(!instances && !texture_loads) @group(1) @binding(1) var<storage, read> bvh_triangles: array<vec4f>;
 
 // Iterations after which a traversal gives up and sets `traversal_overrun`. Software devices end all loops of an
 // invocation without an error after 65,535 iterations in total. An alpha test may add one iteration for each of these.
@@ -50,6 +53,7 @@ fn node_texel(i: u32) -> vec4u {
     @if(!texture_loads) { return bvh_nodes[i]; }
 }
 
+@if(!instances)
 fn triangle_texel(i: u32) -> vec4f {
     @if(texture_loads) { return textureLoad(bvh_triangles, table_texel(i)); }
     @if(!texture_loads) { return bvh_triangles[i]; }
@@ -57,11 +61,14 @@ fn triangle_texel(i: u32) -> vec4f {
 
 // The word that the host gave a primitive (Bvh::set_word).
 fn triangle_word(primitive: u32) -> u32 {
-    return bitcast<u32>(triangle_texel(BVH_TRIANGLE_TEXELS * primitive).w);
+    @if(instances) return bitcast<u32>(triangle_texel(BVH_TRIANGLE_TEXELS * stored_triangle(primitive)).w);
+    @if(!instances) return bitcast<u32>(triangle_texel(BVH_TRIANGLE_TEXELS * primitive).w);
 }
 
 fn triangle_corners(primitive: u32) -> array<vec3f, 3> {
-    let first = BVH_TRIANGLE_TEXELS * primitive;
+    @if(instances) return placed_corners(primitive);
+    @if(!instances) let first = BVH_TRIANGLE_TEXELS * primitive;
+    @if(!instances)
     return array(triangle_texel(first).xyz, triangle_texel(first + 1u).xyz, triangle_texel(first + 2u).xyz);
 }
 
@@ -91,6 +98,15 @@ struct Traversal {
     @if(shallow_bvh) stack: vec4u,
     @if(!shallow_bvh) stack: array<u32, BVH_STACK_SIZE>,
     @if(!shallow_bvh) height: u32,
+    // Within an instance: `sheared` and `inverse_direction` are those of the ray in its space, and the stack holds
+    // nodes of the upper tree below this height.
+    @if(instances) inside: bool,
+    @if(instances) floor: u32,
+    @if(instances) offset: u32,
+    // The ray in the scene's space.
+    @if(instances) ray: Ray,
+    @if(instances) outside_sheared: ShearedRay,
+    @if(instances) outside_inverse: vec3f,
 }
 
 // Keys sort a node's children by the distance at which the ray enters them: the bits of the distance, the last two of
@@ -107,6 +123,12 @@ fn begin_traversal(ray: Ray) -> Traversal {
     traversal.done = false;
     @if(shallow_bvh) { traversal.stack = vec4u(0u); }
     @if(!shallow_bvh) { traversal.height = 0u; }
+    @if(instances) {
+        traversal.inside = false;
+        traversal.ray = ray;
+        traversal.outside_sheared = traversal.sheared;
+        traversal.outside_inverse = traversal.inverse_direction;
+    }
     // Each traversal of a small scene ends within its budget, yet an invocation may run too many of them.
     traversal_overrun |= traversal_iterations >= MAX_ITERATIONS;
     return traversal;
@@ -136,9 +158,35 @@ fn pop_group(traversal: ptr<function, Traversal>) {
     }
 }
 
+// Goes on in the mesh of an instance. A leaf of the upper tree is one instance.
+@if(instances)
+fn enter_instance(traversal: ptr<function, Traversal>, number: u32) {
+    let entered = ray_in_mesh((*traversal).ray, number);
+    (*traversal).sheared = shear_ray(entered.ray);
+    (*traversal).inverse_direction = 1.0 / nonzero_direction(entered.ray.direction);
+    if (*traversal).group >= ONE_PENDING { push_group(traversal); }
+    (*traversal).group = 0u;
+    (*traversal).entry = entered.root;
+    (*traversal).offset = entered.offset;
+    (*traversal).floor = (*traversal).height;
+    (*traversal).inside = true;
+}
+
+// Goes on in the upper tree once the mesh has no node that is still to be visited.
+@if(instances)
+fn leave_instance(traversal: ptr<function, Traversal>) {
+    let at_end = (*traversal).group < ONE_PENDING && (*traversal).height == (*traversal).floor;
+    if (*traversal).inside && at_end {
+        (*traversal).sheared = (*traversal).outside_sheared;
+        (*traversal).inverse_direction = (*traversal).outside_inverse;
+        (*traversal).inside = false;
+    }
+}
+
 // Runs one iteration: the primitive index of a triangle to be tested, or NO_HIT where this iteration found none.
 fn next_triangle(traversal: ptr<function, Traversal>, t_max: f32) -> u32 {
     if (*traversal).entry == NO_ENTRY {
+        @if(instances) leave_instance(traversal);
         if (*traversal).group < ONE_PENDING {
             let ends = stack_is_empty(traversal);
             if ends || traversal_iterations >= MAX_ITERATIONS {
@@ -170,9 +218,16 @@ fn next_triangle(traversal: ptr<function, Traversal>, t_max: f32) -> u32 {
     }
     let entry = (*traversal).entry;
     if entry < ONE_TRIANGLE || entry == NO_ENTRY { return NO_HIT; }
+    @if(instances) {
+        if !(*traversal).inside {
+            enter_instance(traversal, entry & (ONE_TRIANGLE - 1u));
+            return NO_HIT;
+        }
+    }
     let rest = entry + 1u - ONE_TRIANGLE;
     (*traversal).entry = select(NO_ENTRY, rest, rest >= ONE_TRIANGLE);
-    return entry & (ONE_TRIANGLE - 1u);
+    @if(instances) return (entry & (ONE_TRIANGLE - 1u)) + (*traversal).offset;
+    @if(!instances) return entry & (ONE_TRIANGLE - 1u);
 }
 
 // The entry of a child by its number, from the node's last texel.
@@ -208,7 +263,10 @@ fn open_node(traversal: ptr<function, Traversal>, node: u32, tail: vec4u, t_max:
     let step = bitcast<vec3f>((vec3u(head) << vec3u(23u, 15u, 7u)) & vec3u(0x7f800000u));
     let offset = bitcast<vec3f>(texel_0.xyz) - (*traversal).sheared.origin;
     let reach = abs(offset) + 255.0 * step;
-    let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    @if(!instances) let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    // Outside instances for the errors of rays inside them too (ray_in_mesh): 160 * 2^-24 covers the 12 above and 141.
+    @if(instances) let margin = select(0.0000095367432, 0.00000095367432, (*traversal).inside);
+    @if(instances) let slack = margin * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let a = offset * inverse;
     let b = step * inverse;
     let a_near = a - slack;
@@ -248,9 +306,10 @@ fn sorted(keys: vec4u) -> vec4u {
     return vec4u(min(low.x, low.y), min(middle.x, middle.y), max(middle.x, middle.y), max(high.x, high.y));
 }
 
-// Where the ray's line meets a triangle; t is MISSED if nowhere.
+// Where the ray's line meets a triangle that next_triangle has just found; t is MISSED if nowhere.
 fn intersect_primitive(traversal: ptr<function, Traversal>, primitive: u32) -> Hit {
-    let corners = triangle_corners(primitive);
+    @if(!instances) let corners = triangle_corners(primitive);
+    @if(instances) let corners = stored_corners(primitive - (*traversal).offset);
     let found = intersect_triangle((*traversal).sheared, corners[0], corners[1], corners[2]);
     return Hit(found.x, found.y, found.z, primitive);
 }

@@ -15,6 +15,7 @@ import package::lib::constants::{
 };
 import package::lib::material::{load_material_texel, material_at, material_flags};
 @if(normal_maps && textures) import package::lib::material::texture_info;
+@if(instances && smooth_normals) import package::lib::instance::placed_normal;
 import package::lib::math::oct_decode16;
 @if(procedurals) import package::lib::procedural::{
     is_procedural, procedural_clearance, procedural_colour, procedural_material, procedural_normal,
@@ -121,7 +122,12 @@ fn smooth_surface(met: Met, hit: Hit, triangle_normal: vec3f, front: bool) -> Sm
         if (met.texel.w & SURFACE_FLAT) == 0u {
             let w = 1.0 - hit.u - hit.v;
             let side = select(-1.0, 1.0, front);
-            let normals = array(
+            @if(instances) let normals = array(
+                side * placed_normal(met.triangle, oct_decode16(met.texel.x)),
+                side * placed_normal(met.triangle, oct_decode16(met.texel.y)),
+                side * placed_normal(met.triangle, oct_decode16(met.texel.z)),
+            );
+            @if(!instances) let normals = array(
                 side * oct_decode16(met.texel.x),
                 side * oct_decode16(met.texel.y),
                 side * oct_decode16(met.texel.z),

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::aabb::Aabb;
 use super::binary;
+use super::instance_table::InstanceTable;
 use super::node::{self, Node};
-use super::wide::Collapse;
+use super::wide::{Collapse, MAX_LEAF};
 use crate::{Error, Result};
 
 /// Maximum coordinate. Kernels divide it by components of directions as small as 2^-80, and the quotient must be
@@ -54,12 +55,18 @@ pub struct Bvh {
     pub depth: u32,
     /// The bounding box of all triangles, [`Aabb::EMPTY`] if there are none.
     pub bounds: Aabb,
+    /// Where kernels find the instances, if there are any.
+    pub instances: Option<InstanceTable>,
+    /// The root of each tree: of the whole, and with instances of each mesh.
+    pub(super) roots: Vec<u32>,
+    /// The boxes of the instances.
+    pub(super) boxes: Vec<Aabb>,
 }
 
 impl Bvh {
     /// Whether kernels can be composed with the feature `shallow_bvh`, which makes traversal faster.
     pub fn is_shallow(&self) -> bool {
-        self.depth <= MAX_SHALLOW_DEPTH
+        self.depth <= MAX_SHALLOW_DEPTH && self.instances.is_none()
     }
 
     /// Builds the hierarchy over triangles given by their corners. Any number of triangles of any shape is allowed.
@@ -71,36 +78,23 @@ impl Bvh {
     /// [`Error::Usage`] if a coordinate is not finite or its magnitude exceeds 2^40; scenes are normalised first.
     /// [`Error::Buffer`] for 2^28 triangles or more, and for more than 2^24 nodes (about twice as many triangles).
     pub fn build(positions: &[[Vec3; 3]]) -> Result<Bvh> {
-        if positions.len() >= node::MAX_INDEX {
-            return Err(too_large("bvh_triangles", positions.len(), node::MAX_INDEX));
-        }
-        let usable =
-            |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all());
-        if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
-            return Err(Error::Usage(format!(
-                "triangle {at} has a corner that is not finite or beyond {MAX_COORDINATE:e}"
-            )));
-        }
-        let mut items: Vec<_> = positions
-            .par_iter()
-            .enumerate()
-            .map(|(at, corners)| binary::Item { bounds: Aabb::of(corners), triangle: at as u32 })
-            .collect();
-        let mut max_depth = INITIAL_MAX_DEPTH;
-        loop {
-            let tree = binary::build(&mut items, max_depth);
-            let bvh = flatten(&tree, &items, positions);
-            // The loop ends, because a balanced tree has at most 28 levels of nodes, as many as the binary tree, and
-            // each level but the last needs at most one entry on the stack.
-            const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
-            if bvh.nodes.len() / NODE_TEXELS as usize > node::MAX_NODES {
-                return Err(too_large("bvh_nodes", bvh.nodes.len() / NODE_TEXELS as usize, node::MAX_NODES));
-            }
-            if bvh.depth <= STACK_SIZE + 1 {
-                return Ok(bvh);
-            }
-            max_depth /= 2;
-        }
+        check(positions)?;
+        // A balanced tree has at most 28 levels of nodes, as many as the binary tree, and each level but the last needs
+        // at most one entry on the stack.
+        const { assert!(STACK_SIZE >= node::MAX_INDEX.ilog2()) };
+        let Tree { nodes, order, depth, bounds } = Tree::of_triangles(positions, STACK_SIZE + 1)?;
+        let triangles: Vec<_> =
+            order.par_iter().flat_map_iter(|&triangle| texels(positions[triangle as usize])).collect();
+        Ok(Bvh {
+            nodes: nodes.iter().flat_map(Node::pack).collect(),
+            triangles: if triangles.is_empty() { vec![[0.0; 4]; 3] } else { triangles },
+            order,
+            depth,
+            bounds,
+            instances: None,
+            roots: vec![0],
+            boxes: Vec::new(),
+        })
     }
 
     /// Sets the word of a triangle, initially 0. Kernels read it from the bits of w of the triangle's first texel.
@@ -112,21 +106,82 @@ impl Bvh {
     }
 }
 
+/// Refuses triangles that are too many or too large.
+pub(super) fn check(positions: &[[Vec3; 3]]) -> Result<()> {
+    if positions.len() >= node::MAX_INDEX {
+        return Err(too_large("bvh_triangles", positions.len(), node::MAX_INDEX));
+    }
+    let usable =
+        |corners: &[Vec3; 3]| corners.iter().all(|corner| corner.abs().cmple(Vec3::splat(MAX_COORDINATE)).all());
+    if let Some(at) = positions.par_iter().position_first(|corners| !usable(corners)) {
+        return Err(Error::Usage(format!(
+            "triangle {at} has a corner that is not finite or beyond {MAX_COORDINATE:e}"
+        )));
+    }
+    Ok(())
+}
+
+/// The texels of a triangle, whose word is 0.
+pub(super) fn texels(corners: [Vec3; 3]) -> [[f32; 4]; TRIANGLE_TEXELS as usize] {
+    corners.map(|corner| corner.extend(0.0).to_array())
+}
+
 /// The error for too many nodes or triangles, which have 48 bytes each.
-fn too_large(buffer: &str, count: usize, max: usize) -> Error {
+pub(super) fn too_large(buffer: &str, count: usize, max: usize) -> Error {
     let [needed, limit] = [count, max].map(|count| count as u64 * 48);
     Error::Buffer { buffer: buffer.into(), needed, limit, remedy: "use fewer triangles".into() }
 }
 
+/// A tree of wide nodes, the root first.
+pub(super) struct Tree {
+    pub nodes: Vec<Node>,
+    /// The indices of the triangles in the order of the leaves.
+    pub order: Vec<u32>,
+    /// Number of levels of nodes.
+    pub depth: u32,
+    pub bounds: Aabb,
+}
+
+impl Tree {
+    /// The tree over triangles, of at most `max_depth` levels, which a balanced tree must not exceed.
+    pub fn of_triangles(positions: &[[Vec3; 3]], max_depth: u32) -> Result<Tree> {
+        let bounds: Vec<Aabb> = positions.par_iter().map(Aabb::of).collect();
+        Tree::of_boxes(&bounds, MAX_LEAF, max_depth)
+    }
+
+    /// As [`of_triangles`](Self::of_triangles), over boxes, of which a leaf holds at most `max_leaf`.
+    pub fn of_boxes(bounds: &[Aabb], max_leaf: u32, max_depth: u32) -> Result<Tree> {
+        let item = |(at, bounds): (usize, &Aabb)| binary::Item { bounds: *bounds, triangle: at as u32 };
+        let mut items: Vec<_> = bounds.par_iter().enumerate().map(item).collect();
+        let mut binary_depth = INITIAL_MAX_DEPTH;
+        loop {
+            let tree = flatten(&binary::build(&mut items, binary_depth), &items, max_leaf);
+            if tree.nodes.len() > node::MAX_NODES {
+                return Err(too_large("bvh_nodes", tree.nodes.len(), node::MAX_NODES));
+            }
+            if tree.depth <= max_depth {
+                return Ok(tree);
+            }
+            if binary_depth == 0 {
+                return Err(Error::Usage(format!(
+                    "a hierarchy over {} instances or triangles is too deep",
+                    bounds.len()
+                )));
+            }
+            binary_depth /= 2;
+        }
+    }
+}
+
 /// Lays out the wide nodes such that the children of each node are contiguous.
-fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]]) -> Bvh {
+fn flatten(tree: &[binary::Node], items: &[binary::Item], max_leaf: u32) -> Tree {
     let mut first_items = vec![0u32; tree.len()];
     for (at, node) in tree.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
         let [left, right] = node.children(at);
         first_items[left] = first_items[at];
         first_items[right] = first_items[at] + node.left_count;
     }
-    let collapse = Collapse::new(tree);
+    let collapse = Collapse::new(tree, max_leaf);
     let mut nodes = vec![Node::around(&[])];
     let mut order = Vec::with_capacity(items.len());
     let mut depth = 1;
@@ -156,15 +211,5 @@ fn flatten(tree: &[binary::Node], items: &[binary::Item], positions: &[[Vec3; 3]
         }
         nodes[index] = node;
     }
-    let triangles = order
-        .par_iter()
-        .flat_map_iter(|&triangle| positions[triangle as usize].map(|corner| corner.extend(0.0).to_array()))
-        .collect::<Vec<_>>();
-    Bvh {
-        nodes: nodes.iter().flat_map(Node::pack).collect(),
-        triangles: if triangles.is_empty() { vec![[0.0; 4]; 3] } else { triangles },
-        order,
-        depth,
-        bounds: tree.first().map_or(Aabb::EMPTY, |root| root.bounds),
-    }
+    Tree { nodes, order, depth, bounds: tree.first().map_or(Aabb::EMPTY, |root| root.bounds) }
 }

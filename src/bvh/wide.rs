@@ -5,7 +5,7 @@ use super::binary;
 use super::node::WIDTH;
 
 /// Maximum number of triangles in a leaf.
-const MAX_LEAF: u32 = 4;
+pub(super) const MAX_LEAF: u32 = 4;
 
 /// Cost of a triangle test over the cost of a node visit. Both fetch three texels, and a node visit ends with a sort.
 /// On lavapipe no value from 0.35 to 1 makes a measurable difference.
@@ -47,7 +47,8 @@ enum Kind {
 }
 
 impl<'a> Collapse<'a> {
-    pub fn new(nodes: &'a [binary::Node]) -> Self {
+    /// The collapse to leaves of at most `max_leaf` triangles.
+    pub fn new(nodes: &'a [binary::Node], max_leaf: u32) -> Self {
         let none = Choice { cost: f32::INFINITY, kind: Kind::Leaf };
         let mut choices = vec![[none; WIDTH - 1]; nodes.len()];
         let mut left_shares = vec![0; nodes.len()];
@@ -55,7 +56,7 @@ impl<'a> Collapse<'a> {
         for (at, node) in nodes.iter().enumerate().rev() {
             let area = node.bounds.half_area();
             let mut leaf = none;
-            if node.count <= MAX_LEAF {
+            if node.count <= max_leaf {
                 leaf.cost = area * node.count as f32 * TRIANGLE_COST;
             }
             if node.is_leaf() {
@@ -79,7 +80,7 @@ impl<'a> Collapse<'a> {
             let Kind::Split(share) = wide.kind else { unreachable!("split only splits") };
             left_shares[at] = share;
             let wide = Choice { cost: wide.cost + area, kind: Kind::Wide };
-            let mut best = [if node.count <= MAX_LEAF && leaf.cost <= wide.cost { leaf } else { wide }; WIDTH - 1];
+            let mut best = [if node.count <= max_leaf && leaf.cost <= wide.cost { leaf } else { wide }; WIDTH - 1];
             for budget in 2..WIDTH {
                 let fewer = Choice { cost: best[budget - 2].cost, kind: Kind::Fewer };
                 let split = split(budget);

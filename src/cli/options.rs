@@ -163,7 +163,8 @@ impl SceneOptions {
     pub fn load_at(&self, time: Option<f64>) -> Result<Scene> {
         let Self { default_light, lenient, repeat, .. } = *self;
         let (animation, variant) = (self.animation.clone(), self.variant.clone());
-        let options = ImportOptions { default_light, lenient, repeat, time, animation, variant };
+        let max_copied_triangles = None;
+        let options = ImportOptions { default_light, lenient, repeat, time, animation, variant, max_copied_triangles };
         Scene::load(&self.scene, &options)
     }
 

@@ -38,6 +38,7 @@ struct Plan {
 #[derive(Serialize)]
 struct Counts {
     triangles: usize,
+    instances: usize,
     vertices: usize,
     materials: usize,
     images: usize,
@@ -49,6 +50,7 @@ impl Counts {
     fn new(scene: &Scene) -> Self {
         Counts {
             triangles: scene.triangles.len(),
+            instances: scene.instances.len(),
             vertices: scene.vertices.len(),
             materials: scene.materials.len(),
             images: scene.images.len(),
@@ -75,12 +77,12 @@ pub fn run(arguments: &Arguments) -> Result<Ending> {
 
 impl Plan {
     fn text(&self) -> String {
-        let Counts { triangles, vertices, materials, images, lights, cameras } = self.scene;
+        let Counts { triangles, instances, vertices, materials, images, lights, cameras } = self.scene;
         let Settings { technique, ref image, .. } = self.settings;
         let mut text = format!(
             "{} x {} pixels, technique {technique}\n\
-             triangles {triangles}, vertices {vertices}, materials {materials}, images {images}, lights {lights}, \
-             cameras {cameras}\n",
+             triangles {triangles}, instances {instances}, vertices {vertices}, materials {materials}, \
+             images {images}, lights {lights}, cameras {cameras}\n",
             image.width, image.height
         );
         for note in &self.notes {

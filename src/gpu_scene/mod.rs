@@ -19,7 +19,7 @@ pub use surfaces::GpuSurfaces;
 pub use textures::GpuTextures;
 
 use crate::Result;
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, InstanceTable};
 use crate::kernels::scene_texels::{TRIANGLE_ALPHA, TRIANGLE_DOUBLE_SIDED};
 use crate::procedural::Procedural;
 use crate::scene::{AlphaMode, Camera, Scene};
@@ -32,6 +32,7 @@ pub struct GpuScene {
     nodes: Table,
     packet_nodes: Option<Table>,
     triangles: Table,
+    instances: Option<InstanceTable>,
     surfaces: GpuSurfaces,
     textures: GpuTextures,
     camera: Buffer,
@@ -85,6 +86,7 @@ impl GpuScene {
             camera: gpu.upload("penumbra/scene/camera", &[CameraUniform::new(camera, size[0], size[1])])?,
             sheen_albedos: features.has(Feature::Sheen).then(|| sheen::upload(gpu)).transpose()?,
             bytes: texels as u64 * 16 + textures.bytes + panorama,
+            instances: bvh.instances,
             surfaces,
             textures,
             procedurals: gpu.table("penumbra/scene/procedural_texels", &procedurals, TableFormat::Float)?,
@@ -96,6 +98,7 @@ impl GpuScene {
     /// The `override`s of the kernels that read the scene.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let mut constants = self.surfaces.constants();
+        constants.extend(self.instances.iter().flat_map(InstanceTable::constants));
         constants.push(("procedural_count", self.procedural_count as f64));
         constants
     }

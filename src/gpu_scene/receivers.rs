@@ -23,8 +23,9 @@ impl ReceiverBounds {
     /// The bounds of all surfaces of a scene except lamps that reflect nothing. None if there are no others.
     pub fn of(scene: &Scene) -> Option<ReceiverBounds> {
         let receives = |material: u32| !scene.materials[material as usize].is_black_lamp();
-        let triangles = (0..scene.triangles.len()).filter(|i| receives(scene.triangles[*i].material));
-        let corners = triangles.flat_map(|i| scene.triangle_positions(i));
+        let triangles = (0..scene.flat_triangles()).filter(|i| receives(scene.triangles[*i].material));
+        // Instances do not emit.
+        let corners = triangles.flat_map(|i| scene.triangle_positions(i)).chain(scene.instance_vertices());
         let (centre, radius) = bounding_sphere(corners.chain(scene.procedurals.iter().flat_map(|o| o.corners())));
         (radius > 0.0).then_some(ReceiverBounds { centre, radius: radius * (1.0 + SPARE) + SPARE })
     }

@@ -43,8 +43,7 @@ pub(crate) fn photons_by_light(scene: &Scene, traced: &Traced) -> Vec<LightPhoto
 pub(crate) fn extent(scene: &Scene) -> ((Vec3, Vec3), f32) {
     let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let mut area = 0.0f64;
-    for i in 0..scene.triangles.len() {
-        let [a, b, c] = scene.triangle_positions(i);
+    for (_, [a, b, c]) in scene.placed_triangles() {
         bounds = (bounds.0.min(a).min(b).min(c), bounds.1.max(a).max(b).max(c));
         area += f64::from((b - a).cross(c - a).length()) * 0.5;
     }

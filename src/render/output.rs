@@ -233,6 +233,7 @@ pub(super) fn statistics(renderer: &Renderer<'_>, passes: BTreeMap<String, f64>)
         },
         scene: SceneCounts {
             triangles: scene.triangles.len() as u64,
+            instances: scene.instances.len() as u64,
             lights: scene.lights.len() as u64,
             materials: scene.materials.len() as u64,
             images: scene.images.len() as u64,

@@ -73,6 +73,9 @@ impl<'g> Renderer<'g> {
         settings.check()?;
         let mut totals = Totals::default();
         scene.scale_lights(settings.light_scale);
+        if !Specialisation::traces_instances(settings) {
+            scene.expand_instances(settings.technique.name())?;
+        }
         let bvh = build_hierarchy(&mut scene, &mut totals)?;
         let mut specialisation = Specialisation::new(&scene, Some(camera), settings);
         specialisation.of_device(gpu, &scene, &bvh);
@@ -179,9 +182,7 @@ impl<'g> Renderer<'g> {
 /// Builds the hierarchy and puts the scene's triangles in its order.
 fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     let start = Instant::now();
-    let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
-    let bvh = Bvh::build(&positions)?;
-    drop(positions);
+    let bvh = Bvh::of(scene)?;
     scene.reorder_triangles(&bvh.order);
     totals.bvh_depth = bvh.depth;
     totals.time_bvh = start.elapsed().as_secs_f64();

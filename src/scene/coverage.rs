@@ -4,19 +4,21 @@ use glam::{Vec2, Vec3};
 
 use super::camera::{Camera, Projection};
 use super::description::Scene;
+use super::instance::Instance;
 use super::triangle::NO_LIGHT;
+use crate::procedural::Procedural;
 
 /// Cells along each side of the image: a share is exact to about one percent, which is enough to weigh costs.
 const SIDE: usize = 64;
 
 impl Scene {
     /// The share of the image that surfaces cover, 0 to 1, for an image of this width over height; surfaces of lights
-    /// left out. A surface that reaches behind the camera is taken to cover all of it, and a procedural object to fill
-    /// its box.
+    /// left out. A surface that reaches behind the camera is taken to cover all of it, and instances and procedural
+    /// objects to fill their boxes.
     pub fn covered_share(&self, camera: &Camera, aspect: f32) -> f64 {
         let mut cells = Cells { covered: [[false; SIDE]; SIDE], count: 0 };
         let project = |corner| project(camera, aspect, corner);
-        for index in (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT) {
+        for index in (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT) {
             match self.triangle_positions(index).map(project) {
                 [Some(a), Some(b), Some(c)] => cells.cover([a, b, c]),
                 [None, None, None] => {}
@@ -26,17 +28,36 @@ impl Scene {
                 return 1.0;
             }
         }
-        for object in &self.procedurals {
-            let corners: Vec<Vec2> = object.corners().into_iter().filter_map(project).collect();
-            if !corners.is_empty() && corners.len() < 8 {
+        for corners in self.boxes() {
+            let seen: Vec<Vec2> = corners.into_iter().filter_map(project).collect();
+            if seen.len() == corners.len() {
+                let (low, high) = seen.into_iter().fold((Vec2::MAX, Vec2::MIN), |(a, b), p| (a.min(p), b.max(p)));
+                cells.cover([low, high, Vec2::new(low.x, high.y)]);
+                cells.cover([low, high, Vec2::new(high.x, low.y)]);
+            } else if !seen.is_empty() {
                 return 1.0;
             }
-            let bounds = corners.into_iter().fold((Vec2::MAX, Vec2::MIN), |(low, high), p| (low.min(p), high.max(p)));
-            let (low, high) = bounds;
-            cells.cover([low, high, Vec2::new(low.x, high.y)]);
-            cells.cover([low, high, Vec2::new(high.x, low.y)]);
         }
         cells.count as f64 / (SIDE * SIDE) as f64
+    }
+}
+
+impl Scene {
+    /// The corners of the boxes around instances and procedural objects.
+    fn boxes(&self) -> impl Iterator<Item = [Vec3; 8]> {
+        let bounds = self.shared_meshes.iter().map(|mesh| {
+            let positions = self.vertices[mesh.vertices.clone()].iter().map(|vertex| vertex.position);
+            positions.fold((Vec3::MAX, Vec3::MIN), |(low, high), p| (low.min(p), high.max(p)))
+        });
+        let bounds: Vec<(Vec3, Vec3)> = bounds.collect();
+        let of_instance = move |instance: &Instance| {
+            let (low, high) = bounds[instance.mesh];
+            std::array::from_fn(|i| {
+                let upper = [1, 2, 4].map(|bit| i & bit != 0);
+                instance.apply(Vec3::select(upper.into(), high, low))
+            })
+        };
+        self.instances.iter().map(of_instance).chain(self.procedurals.iter().map(Procedural::corners))
     }
 }
 

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::camera::Camera;
+use super::instance::{Instance, SharedMesh};
 use super::light::{Light, LightKind};
 use super::material::Material;
 use super::normalisation::Normalisation;
@@ -15,8 +16,12 @@ use crate::procedural::{Functions, Procedural};
 pub struct Scene {
     /// Vertices. Triangles of the same mesh primitive share them.
     pub vertices: Vec<Vertex>,
-    /// Triangles. None of them has zero area.
+    /// Triangles. None of them has zero area. Those of shared meshes come last.
     pub triangles: Vec<Triangle>,
+    /// Meshes that are stored once and placed by instances.
+    pub shared_meshes: Vec<SharedMesh>,
+    /// The copies of the shared meshes.
+    pub instances: Vec<Instance>,
     /// Materials. There is at least one if there is a triangle.
     pub materials: Vec<Material>,
     /// Textures: an image, a sampler and a colour space.
@@ -63,6 +68,7 @@ impl Scene {
     }
 
     /// Reorders the triangles: the new triangle `i` is the old triangle `order[i]`. Updates the indices of the lights.
+    /// The triangles of a shared mesh must stay together.
     pub fn reorder_triangles(&mut self, order: &[u32]) {
         let mut new_index = vec![0u32; order.len()];
         for (new, old) in order.iter().enumerate() {
@@ -78,7 +84,7 @@ impl Scene {
         }
     }
 
-    /// The positions of the corners of triangle `index`.
+    /// The positions of the corners of triangle `index`; of a shared mesh in its own space.
     pub fn triangle_positions(&self, index: usize) -> [Vec3; 3] {
         self.triangles[index].vertices.map(|vertex| self.vertices[vertex as usize].position)
     }
@@ -90,13 +96,18 @@ impl Scene {
 
     /// Lower and upper corner of the bounding box of all triangles and procedural objects. None for an empty scene.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        let corners = self.corners_of(0..self.triangles.len()).map(|p| [p, p]);
+        let corners = self.corners().map(|p| [p, p]);
         corners.reduce(|[lower, upper], [p, _]| [lower.min(p), upper.max(p)])
     }
 
-    /// The corners of the triangles `indices`, and of the boxes of all procedural objects.
-    pub(super) fn corners_of(&self, indices: impl Iterator<Item = usize>) -> impl Iterator<Item = Vec3> {
-        let corners = indices.flat_map(|index| self.triangle_positions(index));
-        corners.chain(self.procedurals.iter().flat_map(Procedural::corners))
+    /// The corners of all triangles, and of the boxes of all procedural objects.
+    pub(super) fn corners(&self) -> impl Iterator<Item = Vec3> {
+        let flat = (0..self.flat_triangles()).flat_map(|index| self.triangle_positions(index));
+        flat.chain(self.corners_of_others())
+    }
+
+    /// The corners that belong to no flat triangle: of instances, and of the boxes of all procedural objects.
+    pub(super) fn corners_of_others(&self) -> impl Iterator<Item = Vec3> {
+        self.instance_vertices().chain(self.procedurals.iter().flat_map(Procedural::corners))
     }
 }

@@ -16,6 +16,8 @@ impl Scene {
         let Scene {
             vertices,
             triangles,
+            shared_meshes,
+            instances,
             materials,
             textures,
             images,
@@ -41,6 +43,10 @@ impl Scene {
         );
         // Writing to a fingerprint never fails.
         let _ = write!(fingerprint, "{} {parts:?}", env!("CARGO_PKG_VERSION"));
+        // Scenes without instances keep the fingerprints that they had before there were any.
+        if !instances.is_empty() {
+            let _ = write!(fingerprint, "{shared_meshes:?} {instances:?}");
+        }
         // The debug form of millions of texels is slow, so their bytes are hashed.
         for TextureImage { name, width, height, texels } in images {
             let _ = write!(fingerprint, "{name:?} {width} {height}");

@@ -64,15 +64,17 @@ impl Scene {
     /// The eye on the plane nearest to the scene from which all corners are within the slopes to both sides of the
     /// viewing direction, in coordinates along `axes`.
     fn seen_from(&self, axes: [Vec3; 3], slopes: [f32; 2]) -> Seen {
-        let unlit = (0..self.triangles.len()).filter(|&i| self.triangles[i].light == NO_LIGHT);
-        let mut corners: Vec<Vec3> = self.corners_of(unlit).collect();
-        if corners.is_empty() {
-            corners = self.corners_of(0..self.triangles.len()).collect();
-        }
-        if corners.is_empty() {
+        let unlit = || {
+            let unlit = (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT);
+            unlit.flat_map(|i| self.triangle_positions(i)).chain(self.corners_of_others())
+        };
+        // Not in a list, because instances may have billions of corners.
+        let corners: Box<dyn Iterator<Item = Vec3>> = match () {
+            () if unlit().next().is_some() => Box::new(unlit()),
+            () if !self.is_empty() => Box::new(self.corners()),
             // An empty scene gets a box of about unit size.
-            corners = vec![Vec3::splat(-1.0), Vec3::ONE];
-        }
+            () => Box::new([Vec3::splat(-1.0), Vec3::ONE].into_iter()),
+        };
         // A corner at (x, z) is inside if the eye's z is at least z + |x - eye.x| / slope. The two sides meet where the
         // largest z + x / slope and the largest z - x / slope allow it.
         let mut limits = [[f32::MIN; 2]; 2];
@@ -95,7 +97,7 @@ impl Scene {
     /// Why the camera sees nothing of the scene whatever its direction of view, if that is so.
     pub fn clipped_away(&self, camera: &Camera) -> Option<String> {
         let depth = |corner: Vec3| (camera.position - corner).dot(camera.axes[2]);
-        let depths = self.corners_of(0..self.triangles.len()).map(depth).map(|z| [z, z]);
+        let depths = self.corners().map(depth).map(|z| [z, z]);
         let [nearest, farthest] = depths.reduce(|[low, high], [z, _]| [low.min(z), high.max(z)])?;
         let metres = |x: f32| x / self.normalisation.scale() as f32;
         let all_is = match () {

@@ -1,6 +1,6 @@
 //! Triangles in world space, in f64, and their transform to normalised space.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::iter::Peekable;
 use std::ops::Range;
 
@@ -8,6 +8,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::description::Scene;
+use super::instance::{Instance, SharedMesh};
 use super::light::{self, Emission, EmitterTriangle, Light, LightKind};
 use super::limits::{MAX_CORNERS, MAX_DISPLACEMENTS, MAX_VERTICES};
 use super::material::Material;
@@ -23,6 +24,11 @@ use crate::Result;
 /// surface (`offset_origin` in `shaders/lib/ray.wgsl`, at both ends of a ray).
 const SMALL_OBJECT: f64 = 1e-4;
 
+/// Size of an instance over that of the scene below which it is left out: it would cover a hundredth of a pixel where
+/// 2,600 pixels show all of the scene. Smaller ones would take small triangles from all copies, because no area may
+/// underflow.
+const SMALLEST_INSTANCE: f64 = 1.0 / 262144.0;
+
 /// A mesh at a node, and its pose.
 pub(super) struct PlacedMesh<'p, 'r, 'a> {
     /// The node.
@@ -32,6 +38,19 @@ pub(super) struct PlacedMesh<'p, 'r, 'a> {
     pub weights: &'p [f64],
     /// Matrices from the mesh's space to world space by joint of its skin. None: that of the node.
     pub joints: Option<Vec<DAffine3>>,
+}
+
+/// Which mesh instances share, and whether it is mirrored. Kernels know no transforms that mirror.
+pub(super) type SharedKey = (usize, bool);
+
+/// A mesh that is stored once, in its own space.
+struct Shared {
+    geometry: Geometry,
+    /// The vertices that its triangles use, and their bounds.
+    corners: Vec<DVec3>,
+    bounds: Option<[DVec3; 2]>,
+    /// The transforms of its instances to world space.
+    placements: Vec<DAffine3>,
 }
 
 /// Refuses a scene that is too large before any mesh is transformed. A small file may instance a mesh many times: the
@@ -89,6 +108,7 @@ pub(super) struct Geometry {
     radiance: Vec<Vec3>,
     default_material: Option<u32>,
     degenerate: usize,
+    shared: BTreeMap<SharedKey, Shared>,
 }
 
 impl Geometry {
@@ -97,12 +117,7 @@ impl Geometry {
         let mut lights = HashMap::new();
         let first = self.world.len();
         for primitive in &placed.mesh.primitives {
-            let material = primitive.material.map(|m| m as u32).unwrap_or_else(|| {
-                *self.default_material.get_or_insert_with(|| {
-                    materials.push(Material::default());
-                    materials.len() as u32 - 1
-                })
-            });
+            let material = self.material_of(primitive, materials);
             let light = if materials[material as usize].emissive == Vec3::ZERO {
                 NO_LIGHT
             } else {
@@ -116,6 +131,46 @@ impl Geometry {
         if lights.is_empty() {
             self.objects.push(first..self.world.len());
         }
+        Ok(())
+    }
+
+    fn material_of(&mut self, primitive: &Primitive, materials: &mut Vec<Material>) -> u32 {
+        primitive.material.map(|m| m as u32).unwrap_or_else(|| {
+            *self.default_material.get_or_insert_with(|| {
+                materials.push(Material::default());
+                materials.len() as u32 - 1
+            })
+        })
+    }
+
+    /// Adds a node's mesh as an instance of mesh number `mesh`.
+    pub fn add_instance(&mut self, mesh: usize, placed: &PlacedMesh, materials: &mut Vec<Material>) -> Result<()> {
+        let world = placed.node.world;
+        let mirrors = world.matrix3.determinant() < 0.0;
+        let mirror = DAffine3::from_scale(DVec3::new(if mirrors { -1.0 } else { 1.0 }, 1.0, 1.0));
+        if !self.shared.contains_key(&(mesh, mirrors)) {
+            let mut geometry = Geometry::default();
+            let own = Node { world: mirror, json: placed.node.json.clone(), ..*placed.node };
+            let own = PlacedMesh { node: &own, mesh: placed.mesh, weights: placed.weights, joints: None };
+            for primitive in &placed.mesh.primitives {
+                let material = self.material_of(primitive, materials);
+                geometry.instantiate(&own, primitive, material, NO_LIGHT)?;
+            }
+            let mut used = vec![false; geometry.world.len()];
+            geometry.triangles.iter().flat_map(|t| t.vertices).for_each(|vertex| used[vertex as usize] = true);
+            let used = geometry.world.iter().zip(used).filter(|(_, used)| *used);
+            let corners: Vec<DVec3> = used.map(|(p, _)| *p).collect();
+            let bounds = corners.iter().map(|p| [*p, *p]).reduce(joined);
+            let shared = Shared { geometry, corners, bounds, placements: Vec::new() };
+            self.shared.insert((mesh, mirrors), shared);
+        }
+        let shared = self.shared.get_mut(&(mesh, mirrors)).expect("it is there now");
+        // Mirrored twice, which cancels out.
+        let placement = world * mirror;
+        if shared.bounds.is_some_and(|bounds| !box_corners(bounds).all(|p| placement.transform_point3(p).is_finite())) {
+            return Err(placed.node.json.error("its world matrix moves vertices out of range"));
+        }
+        shared.placements.push(placement);
         Ok(())
     }
 
@@ -203,14 +258,30 @@ impl Geometry {
             let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.world[v as usize]);
             corners.chain(self.procedural_corners.iter().copied())
         };
-        let lower = corners().reduce(DVec3::min)?;
-        let upper = corners().reduce(DVec3::max)?;
+        let shared = self.shared_bounds();
+        let lower = corners().chain(shared.map(|[lower, _]| lower)).reduce(DVec3::min)?;
+        let upper = corners().chain(shared.map(|[_, upper]| upper)).reduce(DVec3::max)?;
         // The sum of the corners could overflow, so their halves are added.
         let centre = 0.5 * lower + 0.5 * upper;
         let extent = (upper - centre).max(centre - lower).max_element();
         // Divided first, because the square of 1e200 overflows.
-        let radius = corners().map(|p| ((p - centre) / extent).length_squared()).fold(0.0, f64::max).sqrt() * extent;
-        Some((centre, radius))
+        let squared = |p: DVec3| ((p - centre) / extent).length_squared();
+        let radius = self.shared_corners().map(squared).reduce(|| 0.0, f64::max);
+        Some((centre, corners().map(squared).fold(radius, f64::max).sqrt() * extent))
+    }
+
+    /// The corners of all instances in world space.
+    fn shared_corners(&self) -> impl ParallelIterator<Item = DVec3> {
+        let placements = self.shared.values().flat_map(|shared| shared.placements.iter().map(move |p| (shared, p)));
+        let placements: Vec<(&Shared, &DAffine3)> = placements.collect();
+        placements.into_par_iter().flat_map_iter(|(shared, placement)| {
+            shared.corners.iter().map(|corner| placement.transform_point3(*corner))
+        })
+    }
+
+    /// The bounding box of all instances.
+    fn shared_bounds(&self) -> Option<[DVec3; 2]> {
+        self.shared_corners().map(|p| [p, p]).reduce_with(joined)
     }
 
     /// The map to normalised space.
@@ -249,19 +320,18 @@ impl Geometry {
                 *if coincide { &mut rounded_off } else { &mut degenerate } += 1;
                 continue;
             }
-            let vertices = triangle.vertices.map(|v| {
-                let index = &mut new_index[v as usize];
-                if *index == u32::MAX {
-                    *index = scene.vertices.len() as u32;
-                    scene.vertices.push(Vertex { position: positions[v as usize], ..self.vertices[v as usize] });
-                }
-                *index
-            });
+            let vertices = scene.adopt_vertices(triangle.vertices, &self.vertices, &positions, &mut new_index);
             if *radiance != Vec3::ZERO {
                 let emitter = EmitterTriangle { triangle: scene.triangles.len() as u32, radiance: *radiance };
                 lights[triangle.light as usize].emitters.push(emitter);
             }
             scene.triangles.push(Triangle { vertices, light: NO_LIGHT, ..*triangle });
+        }
+        let left_out: usize = self.shared.values().map(|shared| shared.finish(scene, &mut degenerate)).sum();
+        if left_out > 0 {
+            notes.push(format!(
+                "{left_out} copies of meshes are below {SMALLEST_INSTANCE:.0e} of the scene's size and are left out"
+            ));
         }
         if degenerate > 0 {
             notes.push(format!("{degenerate} triangles have no area and are left out"));
@@ -287,7 +357,13 @@ impl Geometry {
             let width = (upper - lower).length() * scale;
             width > 0.0 && width < SMALL_OBJECT
         });
-        let small = small.count();
+        let width = |placement: &DAffine3, size: DVec3| (placement.matrix3 * size).length() * scale;
+        let of_shared = self.shared.values().map(|shared| {
+            let size = shared.bounds.map_or(DVec3::ZERO, |[lower, upper]| upper - lower);
+            let is_small = |placement: &&DAffine3| (SMALLEST_INSTANCE..SMALL_OBJECT).contains(&width(placement, size));
+            shared.placements.iter().filter(is_small).count()
+        });
+        let small = small.count() + of_shared.sum::<usize>();
         if small > 0 {
             notes.push(format!(
                 "{small} objects are less than {SMALL_OBJECT:.0e} of the scene's size across: their shading is wrong, \
@@ -298,7 +374,77 @@ impl Geometry {
     }
 }
 
+impl Shared {
+    /// Adds the mesh, at unit size about the origin, and its instances to `scene`, whose normalisation is known.
+    /// Returns the number of instances that are too small.
+    fn finish(&self, scene: &mut Scene, degenerate: &mut usize) -> usize {
+        *degenerate += self.geometry.degenerate;
+        let Some([lower, upper]) = self.bounds else { return 0 };
+        let centre = 0.5 * lower + 0.5 * upper;
+        let extent = (upper - centre).max_element();
+        // A power of two, so that positions keep their digits.
+        let unit = 2f64.powi(extent.log2().ceil().clamp(-1000.0, 1000.0) as i32);
+        let mesh = scene.shared_meshes.len();
+        let normalisation = scene.normalisation;
+        let first = scene.instances.len();
+        scene.instances.extend(self.placements.iter().filter_map(|placement| {
+            let linear = (placement.matrix3 * (unit * normalisation.scale())).as_mat3();
+            let is_large = linear.determinant().cbrt() >= SMALLEST_INSTANCE as f32;
+            let origin = normalisation.apply(placement.transform_point3(centre));
+            is_large.then_some(Instance { mesh, linear, origin })
+        }));
+        let added = scene.instances.len() - first;
+        if added > 0 {
+            let positions: Vec<Vec3> = self.geometry.world.iter().map(|p| ((*p - centre) / unit).as_vec3()).collect();
+            let (first_triangle, first_vertex) = (scene.triangles.len(), scene.vertices.len());
+            // No instance makes the mesh smaller than that in any direction.
+            let norm = |i: &Instance| i.linear.inverse().to_cols_array().iter().map(|x| x * x).sum::<f32>().sqrt();
+            let smallest = scene.instances[first..].iter().map(|i| 1.0 / norm(i)).fold(1.0, f32::min);
+            let mut new_index = vec![u32::MAX; positions.len()];
+            for triangle in &self.geometry.triangles {
+                if has_area(triangle.vertices.map(|v| smallest * positions[v as usize])) {
+                    let own = &self.geometry.vertices;
+                    let vertices = scene.adopt_vertices(triangle.vertices, own, &positions, &mut new_index);
+                    scene.triangles.push(Triangle { vertices, ..*triangle });
+                } else {
+                    *degenerate += 1;
+                }
+            }
+            let (triangles, vertices) = (first_triangle..scene.triangles.len(), first_vertex..scene.vertices.len());
+            scene.shared_meshes.push(SharedMesh { triangles, vertices });
+        }
+        self.placements.len() - added
+    }
+}
+
+/// The bounding box of two.
+fn joined([lower, upper]: [DVec3; 2], [low, high]: [DVec3; 2]) -> [DVec3; 2] {
+    [lower.min(low), upper.max(high)]
+}
+
+fn box_corners(bounds: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
+    (0..8).map(move |i| DVec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis])))
+}
+
 impl Scene {
+    /// Adds the vertices of a triangle that are not there yet, with their positions. Returns their new indices.
+    fn adopt_vertices(
+        &mut self,
+        corners: [u32; 3],
+        vertices: &[Vertex],
+        positions: &[Vec3],
+        new_index: &mut [u32],
+    ) -> [u32; 3] {
+        corners.map(|v| {
+            let index = &mut new_index[v as usize];
+            if *index == u32::MAX {
+                *index = self.vertices.len() as u32;
+                self.vertices.push(Vertex { position: positions[v as usize], ..vertices[v as usize] });
+            }
+            *index
+        })
+    }
+
     /// Adds the mesh lights of `node`, which must come next in `lights`. Lights without emitters are dropped.
     pub(super) fn adopt_mesh_lights(
         &mut self,

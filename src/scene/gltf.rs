@@ -21,12 +21,13 @@ use super::material::{LOBE_EXTENSIONS, Material, Materials};
 use super::mesh::Mesh;
 use super::node::Node;
 use super::notes::Notes;
+use super::repeats::Repeats;
 use super::skin::Skin;
 use super::texture::TextureImage;
 use super::variants::Variants;
 use super::{
     accessor, animation, camera, container, draco, geometry, images, instancing, light, material, mesh, meshopt, node,
-    procedural, skin,
+    procedural, repeats, skin,
 };
 use crate::input::read_file;
 use crate::{Error, Result};
@@ -102,7 +103,7 @@ impl Scene {
 
         let mut scene =
             Scene { images, textures: materials.textures, materials: materials.materials, ..Default::default() };
-        let mut geometry = document.geometry(&mut scene.materials)?;
+        let mut geometry = document.geometry(&mut scene.materials, options)?;
         let procedurals = procedural::read(&document.nodes, &mut resources, &mut scene, &mut notes)?;
         geometry.procedural_corners = procedurals.iter().flat_map(|placed| placed.corners).collect();
         geometry.find_emitters(&scene);
@@ -160,28 +161,72 @@ struct Document<'r, 'a> {
 
 impl<'r, 'a> Document<'r, 'a> {
     /// The triangles of all nodes in world space. Adds a default material if a primitive needs it.
-    fn geometry(&self, materials: &mut Vec<Material>) -> Result<Geometry> {
+    fn geometry(&self, materials: &mut Vec<Material>, options: &ImportOptions) -> Result<Geometry> {
         let meshes = || {
             let nodes = self.nodes.iter().zip(&self.references).enumerate();
             nodes.filter_map(|(i, (node, of_node))| Some((i, node, of_node, &self.meshes[of_node.mesh?])))
         };
-        let placed = meshes().map(|(_, node, of_node, mesh)| (node, mesh, of_node.weights(mesh), of_node.copies()));
+        let repeats = self.repeats(materials, options.max_copied_triangles)?;
+        // Of a shared mesh the copies that are no instances, and one more, which is stored for the others.
+        let mut stored = vec![false; self.meshes.len()];
+        let placed = meshes().map(|(_, node, of_node, mesh)| {
+            let instances = of_node.mesh.map_or(0, |mesh| repeats.instances_at(node.index, mesh));
+            let again = of_node.mesh.filter(|_| instances > 0).map(|mesh| std::mem::replace(&mut stored[mesh], true));
+            let copies = of_node.copies() - instances + usize::from(again == Some(false));
+            (node, mesh, of_node.weights(mesh), copies)
+        });
         geometry::check_size(placed)?;
         let mut geometry = Geometry::default();
         for (i, node, of_node, mesh) in meshes().filter(|(_, _, _, mesh)| !mesh.primitives.is_empty()) {
             let joints = of_node.skin.map(|skin| self.joints(skin, node, mesh)).transpose()?;
             let weights = of_node.weights(mesh);
+            let shared = of_node.mesh.filter(|mesh| repeats.instances_at(node.index, *mesh) > 0);
+            let mut add = |placed: PlacedMesh| match shared {
+                Some(mesh) if repeats::is_shareable(&placed.node.world) => {
+                    geometry.add_instance(mesh, &placed, materials)
+                }
+                _ => geometry.add(i, &placed, materials),
+            };
             match &of_node.instances {
-                None => geometry.add(i, &PlacedMesh { node, mesh, weights, joints }, materials)?,
+                None => add(PlacedMesh { node, mesh, weights, joints })?,
                 // A skinned mesh is placed by its joints alone, so that its copies would be at the same place.
                 Some(instances) => instances.each(|local| {
                     let copy = node.moved(local);
-                    let placed = PlacedMesh { node: &copy, mesh, weights, joints: joints.clone() };
-                    geometry.add(i, &placed, materials)
+                    add(PlacedMesh { node: &copy, mesh, weights, joints: joints.clone() })
                 })?,
             }
         }
         Ok(geometry)
+    }
+
+    /// Which meshes are stored once.
+    fn repeats(&self, materials: &[Material], limit: Option<usize>) -> Result<Repeats> {
+        let mut repeats = Repeats::new(&self.meshes, limit);
+        let placed = || {
+            let nodes = self.nodes.iter().zip(&self.references);
+            nodes.filter_map(|(node, of_node)| Some((node, of_node, of_node.mesh?)))
+        };
+        placed().for_each(|(_, of_node, mesh)| repeats.add_copies(mesh, of_node.copies()));
+        if !repeats.are_worthwhile() {
+            return Ok(repeats);
+        }
+        for (node, of_node, mesh) in placed() {
+            let weights = of_node.weights(&self.meshes[mesh]);
+            if repeats::is_rigid(&self.meshes[mesh], weights, of_node.skin.is_some(), materials) {
+                let mut count = 0;
+                let mut add = |node: &Node| count += usize::from(repeats::is_shareable(&node.world));
+                match &of_node.instances {
+                    None => add(node),
+                    Some(instances) => instances.each(|local| {
+                        add(&node.moved(local));
+                        Ok(())
+                    })?,
+                }
+                repeats.add_shareable(mesh, node.index, count);
+            }
+        }
+        repeats.decide();
+        Ok(repeats)
     }
 
     /// The matrices of the joints of a skin, for a mesh at a node.

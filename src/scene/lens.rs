@@ -50,8 +50,8 @@ impl Scene {
     /// Distance of the nearest surface straight ahead of a camera. Surfaces that are functions are seen as their boxes.
     fn depth_ahead(&self, camera: &Camera) -> Option<f32> {
         let ahead = -camera.axes[2];
-        let triangles = (0..self.triangles.len()).filter_map(|i| {
-            let [a, b, c] = self.triangle_positions(i).map(|corner| (corner - camera.position).as_dvec3());
+        let triangles = self.placed_triangles().filter_map(|(_, corners)| {
+            let [a, b, c] = corners.map(|corner| (corner - camera.position).as_dvec3());
             let (ahead, normal) = (ahead.as_dvec3(), (b - a).cross(c - a));
             let depth = a.dot(normal) / ahead.dot(normal);
             let at = depth * ahead;

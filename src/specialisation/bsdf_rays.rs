@@ -1,10 +1,11 @@
 //! Whether rays sampled from the BSDF of visible points find light that light points would sample badly.
 
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use crate::scene::{LightKind, Material, Scene};
+use crate::scene::{LightKind, Material, Scene, SharedMesh};
 
 /// Minimum probability of hitting a light from which on rays sampled from the BSDF complement light points; see
 /// `shaders/lib/bsdf_rays.wgsl`. The measurements are in docs/decisions.md.
@@ -51,17 +52,35 @@ fn extended(bounds: Option<Box3>, point: DVec3) -> Option<Box3> {
 /// The bounds of the surfaces of each material, if it has any.
 pub(super) fn boxes_by_material(scene: &Scene) -> Vec<Option<Box3>> {
     let mut boxes = vec![None; scene.materials.len()];
-    let mut extend = |material: u32, points: &[glam::Vec3]| {
+    let mut extend = |material: u32, points: &[Vec3]| {
         let bounds = &mut boxes[material as usize];
         *bounds = points.iter().fold(*bounds, |bounds, point| extended(bounds, point.as_dvec3()));
     };
-    for (i, triangle) in scene.triangles.iter().enumerate() {
+    for (i, triangle) in scene.triangles[..scene.flat_triangles()].iter().enumerate() {
         extend(triangle.material, &scene.triangle_positions(i));
+    }
+    let of_meshes: Vec<_> = scene.shared_meshes.iter().map(|mesh| shared_boxes(scene, mesh)).collect();
+    for instance in &scene.instances {
+        for (material, corners) in &of_meshes[instance.mesh] {
+            extend(*material, &corners.map(|corner| instance.apply(corner)));
+        }
     }
     for object in &scene.procedurals {
         extend(object.material, &object.corners());
     }
     boxes
+}
+
+/// The corners of the bounds of each material's surfaces in a shared mesh.
+fn shared_boxes(scene: &Scene, mesh: &SharedMesh) -> Vec<(u32, [Vec3; 8])> {
+    let mut boxes: BTreeMap<u32, [Vec3; 2]> = BTreeMap::new();
+    for i in mesh.triangles.clone() {
+        let bounds = boxes.entry(scene.triangles[i].material).or_insert([Vec3::INFINITY, Vec3::NEG_INFINITY]);
+        let extended = |[low, high]: [Vec3; 2], p: Vec3| [low.min(p), high.max(p)];
+        *bounds = scene.triangle_positions(i).into_iter().fold(*bounds, extended);
+    }
+    let corner = |bounds: &[Vec3; 2], i: usize| Vec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis]));
+    boxes.iter().map(|(material, bounds)| (*material, std::array::from_fn(|i| corner(bounds, i)))).collect()
 }
 
 /// The bounds of a light that rays can hit.

@@ -14,6 +14,8 @@ kernel_kit::features! {
         Packets,
         /// Scene: the hierarchy is shallow, so a short traversal stack is enough.
         ShallowBvh,
+        /// Scene: meshes are stored once and placed by instances.
+        Instances,
         /// Scene: some triangle is so long and thin that barycentric weights round to a wrong distance.
         Needles,
         /// Scene: some material has a texture.

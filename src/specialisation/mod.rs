@@ -42,6 +42,7 @@ impl Specialisation {
         };
         let facts = Facts::new(scene);
         specialisation.of_surfaces(scene, &facts);
+        specialisation.of_instances(scene, settings);
         specialisation.of_lights(scene, &facts);
         specialisation.of_light_sampling(scene, settings);
         specialisation.of_visibility(scene, camera, settings);
@@ -80,6 +81,11 @@ impl Specialisation {
         let cost = format!("up to {} of film", bytes_text(pixels * (3 + 2 * 3) * 32));
         let reason = format!("the image is denoised: {denoise}");
         self.decide(Feature::Guides, denoise != Denoise::None, reason, "the image is not denoised", &cost);
+    }
+
+    /// Whether the technique's kernels trace instances. Cells and light buffers have lists of triangles in the scene.
+    pub(crate) fn traces_instances(settings: &Settings) -> bool {
+        !settings.technique.uses_cells() && !settings.technique.uses_light_buffers()
     }
 
     fn of_lens(&mut self, camera: Option<&Camera>) {

@@ -4,7 +4,9 @@ use glam::Vec3;
 
 use super::decisions::{Specialisation, bytes_text, count};
 use super::lobes::{LOBES, Part, has_lobe};
+use crate::bvh::INSTANCE_TEXELS;
 use crate::scene::{AlphaMode, LightKind, Material, NO_LIGHT, Scene};
+use crate::settings::Settings;
 use crate::specialisation::features::Feature;
 
 impl Specialisation {
@@ -116,6 +118,19 @@ pub(super) struct Facts {
     pub(super) spot_lights: usize,
     pub(super) directional_lights: usize,
     pub(super) textured_lights: usize,
+}
+
+impl Specialisation {
+    /// The import decides which meshes are stored once, because their copies may not fit the host's memory.
+    pub(super) fn of_instances(&mut self, scene: &Scene, settings: &Settings) {
+        let instances = scene.instances.len();
+        let on = instances > 0 && Self::traces_instances(settings);
+        let why = format!("{} of meshes that are stored once", count(instances, "instance"));
+        let unneeded = "each triangle is in the scene by itself";
+        let bytes = bytes_text(16 * u64::from(INSTANCE_TEXELS) * instances as u64);
+        let cost = format!("{bytes}; a change of space at every copy that a ray may meet");
+        self.decide(Feature::Instances, on, why, unneeded, &cost);
+    }
 }
 
 impl Facts {

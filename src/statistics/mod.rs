@@ -241,8 +241,10 @@ pub struct Memory {
 /// What the scene has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SceneCounts {
-    /// Triangles.
+    /// Triangles; those of a mesh that instances share once.
     pub triangles: u64,
+    /// Instances of meshes that are stored once.
+    pub instances: u64,
     /// Lights.
     pub lights: u64,
     /// Materials.

@@ -1,12 +1,16 @@
 //! Whole renders against references, closed forms and each other.
 
 mod adaptive;
+#[allow(dead_code)]
+#[path = "../scene/builder.rs"]
+mod builder;
 #[path = "../common/device.rs"]
 mod device;
 mod direct;
 mod earlier;
 mod environment;
 mod indirect;
+mod instances;
 mod limits;
 mod many_lights;
 #[path = "../common/meshes.rs"]

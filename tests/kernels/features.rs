@@ -150,11 +150,13 @@ impl Selection {
         let features =
             specialisation.features.with(Feature::TextureLoads, self.has(27)).with(Feature::Interleave, self.has(28));
         // Packets read textures.
+        let instances = self.has(17) && self.has(22);
+        let features = features.with(Feature::Instances, instances);
         let features = features.with(Feature::Packets, self.has(27) && self.has(62));
         let far = self.has(54) && features.has(Feature::EmitterPairs);
         features
             .with(Feature::ThinLens, self.has(15))
-            .with(Feature::ShallowBvh, self.has(60))
+            .with(Feature::ShallowBvh, self.has(60) && !instances)
             .with(Feature::ClosedForms, self.has(52))
             .with(Feature::SampledForms, self.has(53))
             .with(Feature::FarEmitters, far)

@@ -12,6 +12,7 @@ mod fine_cells;
 mod flux;
 mod gather;
 mod grid;
+mod instances;
 mod irradiance;
 mod kit;
 mod lens;

@@ -8,29 +8,29 @@ use penumbra::internal::specialisation::features::{Feature, Features};
 
 use crate::kit::{device_features, new_kernel};
 
-const NO_HIT: u32 = u32::MAX;
+pub const NO_HIT: u32 = u32::MAX;
 
 /// `t_max` of rays without an end.
-const FAR: f32 = 1e30;
+pub const FAR: f32 = 1e30;
 
-type Triangle = [Vec3; 3];
+pub type Triangle = [Vec3; 3];
 
 #[derive(Clone, Copy, Debug)]
-struct Ray {
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
+pub struct Ray {
+    pub origin: Vec3,
+    pub direction: Vec3,
+    pub t_max: f32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Answer {
-    t: f32,
-    u: f32,
-    v: f32,
-    primitive: u32,
+pub struct Answer {
+    pub t: f32,
+    pub u: f32,
+    pub v: f32,
+    pub primitive: u32,
 }
 
-fn ray(origin: Vec3, direction: Vec3) -> Ray {
+pub fn ray(origin: Vec3, direction: Vec3) -> Ray {
     Ray { origin, direction, t_max: FAR }
 }
 
@@ -113,23 +113,23 @@ impl Traced {
     }
 }
 
-fn answer([t, u, v, primitive]: [u32; 4]) -> Answer {
+pub fn answer([t, u, v, primitive]: [u32; 4]) -> Answer {
     Answer { t: f32::from_bits(t), u: f32::from_bits(u), v: f32::from_bits(v), primitive }
 }
 
 /// Intersection of a ray with a triangle in double precision.
-struct Meeting {
-    t: f64,
+pub struct Meeting {
+    pub t: f64,
     /// Distance of the ray from the nearest edge, measured perpendicular to the ray; negative outside the triangle.
-    inside: f64,
+    pub inside: f64,
     /// Maximum error of t, given that of points.
-    t_slack: f64,
+    pub t_slack: f64,
     /// Maximum error of the kernel across the ray: each coordinate relative to the origin is rounded once and sheared
     /// with two roundings, and an edge's distance has as many again; eight half-units in the last place cover them.
-    slack: f64,
+    pub slack: f64,
 }
 
-fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
+pub fn meeting(ray: &Ray, corners: [DVec3; 3]) -> Meeting {
     let d = ray.direction.as_dvec3();
     let (x, y) = d.normalize().any_orthonormal_pair();
     let relative = corners.map(|corner| corner - ray.origin.as_dvec3());
@@ -178,20 +178,20 @@ fn compare(traced: &Traced, rays: &[Ray], answers: &[Answer]) -> (Vec<String>, u
 }
 
 /// A generator of numbers in 0..1 (Knuth's MMIX constants; the upper bits are the good ones).
-struct Random(u64);
+pub struct Random(pub u64);
 
 impl Random {
-    fn number(&mut self) -> f32 {
+    pub fn number(&mut self) -> f32 {
         self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (self.0 >> 40) as f32 / (1u64 << 24) as f32
     }
 
     /// In -1..1.
-    fn point(&mut self) -> Vec3 {
+    pub fn point(&mut self) -> Vec3 {
         vec3(self.number(), self.number(), self.number()) * 2.0 - 1.0
     }
 
-    fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vec3 {
         loop {
             let p = self.point();
             if (0.01..1.0).contains(&p.length_squared()) {
@@ -201,7 +201,7 @@ impl Random {
     }
 }
 
-fn soup(count: usize, size: f32) -> Vec<Triangle> {
+pub fn soup(count: usize, size: f32) -> Vec<Triangle> {
     let mut random = Random(count as u64);
     (0..count)
         .map(|_| {
@@ -211,13 +211,13 @@ fn soup(count: usize, size: f32) -> Vec<Triangle> {
         .collect()
 }
 
-fn random_rays(count: usize) -> Vec<Ray> {
+pub fn random_rays(count: usize) -> Vec<Ray> {
     let mut random = Random(99);
     (0..count).map(|_| ray(1.5 * random.point(), random.direction())).collect()
 }
 
 /// Twelve triangles around the box from -half to half.
-fn closed_box(half: f32) -> Vec<Triangle> {
+pub fn closed_box(half: f32) -> Vec<Triangle> {
     let corner =
         |i: usize| half * vec3((i & 1) as f32 * 2. - 1., (i >> 1 & 1) as f32 * 2. - 1., (i >> 2) as f32 * 2. - 1.);
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]

@@ -1,6 +1,6 @@
 //! Nodes that are hidden, meshes that are repeated, and variants of materials.
 
-use glam::{DAffine3, DQuat, DVec3, Vec4};
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
 use penumbra::internal::scene::{ImportOptions, LightKind, Scene};
 use serde_json::{Value, json};
 
@@ -225,4 +225,149 @@ fn variants() {
     let mut nameless = file.clone();
     nameless.json["extensions"]["KHR_materials_variants"]["variants"][1] = json!({});
     assert_eq!(refused_at(&nameless), "/extensions/KHR_materials_variants/variants/1");
+}
+
+/// A file of a pyramid, beside a triangle that shines, and nodes with the members.
+fn pyramids(nodes: &[Value]) -> File {
+    let mut file = File::new();
+    let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
+    let faces: Vec<[f32; 3]> =
+        [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].as_flattened().iter().map(|i| corners[*i]).collect();
+    let normals = file.floats(&[[0.6f32, 0.0, 0.8]; 12]);
+    let tangents = file.floats(&[[0.8f32, 0.0, -0.6, -1.0]; 12]);
+    file.mesh(&faces, json!({ "attributes": { "NORMAL": normals, "TANGENT": tangents } }));
+    let glow = file.add("materials", json!({ "emissiveFactor": [1, 1, 1] }));
+    file.mesh(&[[0., 9., 0.], [1., 9., 0.], [0., 9., 1.]], json!({ "material": glow }));
+    for node in nodes {
+        let mut node = node.clone();
+        if node["mesh"].is_null() {
+            node["mesh"] = json!(0);
+        }
+        file.add("nodes", node);
+    }
+    file
+}
+
+fn load_sharing(file: &File, max_copied_triangles: usize) -> Scene {
+    let options = ImportOptions { max_copied_triangles: Some(max_copied_triangles), ..Default::default() };
+    file.load_with(&options).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Triangles in the scene with their normals and tangents, sorted by their corners.
+fn surfaces(scene: &Scene) -> Vec<[[f64; 3]; 9]> {
+    let mut all = Vec::new();
+    let mut add = |triangle: usize, place: &dyn Fn(Vec3) -> DVec3, linear: DMat3| {
+        let corners = scene.triangles[triangle].vertices.map(|v| scene.vertices[v as usize]);
+        let normals = corners.map(|c| linear.inverse().transpose() * c.normal.as_dvec3());
+        let tangents = corners.map(|c| linear * c.tangent.truncate().as_dvec3());
+        let positions = corners.map(|c| scene.normalisation.undo_f64(place(c.position)));
+        let directions = normals.into_iter().chain(tangents).map(|v| v.normalize_or_zero().to_array());
+        let mut of_triangle = positions.map(|p| p.to_array()).into_iter().chain(directions);
+        all.push(std::array::from_fn(|_| of_triangle.next().unwrap()));
+    };
+    for triangle in 0..scene.flat_triangles() {
+        add(triangle, &|p| p.as_dvec3(), DMat3::IDENTITY);
+    }
+    for instance in &scene.instances {
+        for triangle in scene.shared_meshes[instance.mesh].triangles.clone() {
+            add(triangle, &|p| instance.apply_f64(p), instance.linear.as_dmat3());
+        }
+    }
+    // Corners differ by more than roundings.
+    all.sort_by_key(|surface: &[[f64; 3]; 9]| {
+        [surface[0], surface[1], surface[2]].map(|p| p.map(|x| (x * 64.0).round() as i64))
+    });
+    all
+}
+
+/// Turned, stretched, mirrored and nested copies are at the same places whether their mesh is stored once or not, with
+/// the same winding, normals and tangents; what cannot be shared is copied.
+#[test]
+fn meshes_are_stored_once() {
+    let turned = [0.5, 0.5, 0.5, 0.5];
+    let file = pyramids(&[
+        json!({ "translation": [10, 0, 0], "rotation": turned }),
+        json!({ "translation": [-10, 2, 0], "scale": [1, 3, 1] }),
+        json!({ "translation": [0, 5, 10], "scale": [-1, 1, 2], "rotation": turned }),
+        json!({ "translation": [0, 5, -10], "scale": [-1, -1, -1] }),
+        // Too much of a stretch.
+        json!({ "translation": [3, 3, 3], "scale": [1, 40, 1] }),
+        // Flat.
+        json!({ "translation": [5, 3, 3], "scale": [0, 1, 1] }),
+        // Lights.
+        json!({ "mesh": 1, "translation": [0, 1, 0] }),
+        json!({ "mesh": 1, "translation": [0, 2, 0] }),
+        json!({ "translation": [0, 0, 20], "scale": [2, 2, 2], "children": [11] }),
+        json!({ "translation": [0, 0, 0.25], "scale": [0.125, 0.125, 0.125], "rotation": turned }),
+    ]);
+    let (copied, shared) = (load_sharing(&file, usize::MAX), load_sharing(&file, 0));
+    assert_eq!((copied.instances.len(), copied.flat_triangles()), (0, copied.triangles.len()));
+    // One mesh and its mirror image.
+    assert_eq!((shared.instances.len(), shared.shared_meshes.len(), shared.triangles.len()), (7, 2, 4 + 2 + 3 + 8));
+    assert_eq!((shared.lights.len(), shared.normalisation), (copied.lights.len(), copied.normalisation));
+    assert!(shared.instances.iter().all(|instance| instance.linear.determinant() > 0.0));
+    let [a, b] = [&copied, &shared].map(surfaces);
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(&b) {
+        for (a, b) in a.iter().zip(b) {
+            assert!(DVec3::from(*a).distance(DVec3::from(*b)) < 1e-5, "{a:?} {b:?}");
+        }
+    }
+    // Handedness of the tangents is with the vertices.
+    let mirrored = |i: usize| shared.vertices[shared.shared_meshes[i].vertices.start].tangent.w;
+    assert_eq!([mirrored(0), mirrored(1)], [-1.0, 1.0]);
+    let corners = |scene: &Scene| scene.bounds().unwrap().map(|p| scene.normalisation.undo(p));
+    let [[low, high], [shared_low, shared_high]] = [&copied, &shared].map(corners);
+    assert!(low.distance(shared_low) < 1e-5 && high.distance(shared_high) < 1e-5);
+    let framed = |scene: &Scene| scene.frame_camera().position;
+    assert!(framed(&copied).distance(framed(&shared)) < 1e-5);
+    assert_ne!(copied.fingerprint(&()), shared.fingerprint(&()));
+    // The comparison sees another winding.
+    let mut wrong = shared.clone();
+    let first = wrong.shared_meshes[1].triangles.start;
+    wrong.triangles[first].vertices.swap(1, 2);
+    assert!(surfaces(&wrong).iter().zip(&a).any(|(w, a)| DVec3::from(w[1]).distance(DVec3::from(a[1])) > 0.1));
+}
+
+/// Only as many meshes are shared as it takes to keep below the limit, those of most triangles first.
+#[test]
+fn few_copies_stay_copies() {
+    let copies = 100;
+    let mut nodes: Vec<Value> = (0..copies).map(|i| json!({ "translation": [2 * i, 0, 0] })).collect();
+    nodes.extend((0..10).map(|i| json!({ "mesh": 2, "translation": [2 * i, 5, 0] })));
+    let mut file = pyramids(&nodes);
+    let pyramid = file.json["meshes"][0].clone();
+    file.json["meshes"].as_array_mut().unwrap().push(pyramid);
+    let counts = |limit: usize| {
+        let scene = load_sharing(&file, limit);
+        (scene.shared_meshes.len(), scene.instances.len(), scene.triangles.len())
+    };
+    // 101 pyramids, and 10 of another mesh, and the triangle that shines.
+    assert_eq!(counts(445), (0, 0, 445));
+    assert_eq!(counts(444), (1, 101, 4 + 40 + 1));
+    assert_eq!(counts(45), (1, 101, 4 + 40 + 1));
+    assert_eq!(counts(44), (2, 111, 4 + 4 + 1));
+    assert_eq!(load_sharing(&file, 44).triangles, load_sharing(&file, 0).triangles);
+    assert!(file.load().instances.is_empty());
+}
+
+/// A mesh of twenty triangles may be there a hundred thousand times. Copies that are too small to matter are left
+/// out, with a note.
+#[test]
+fn copies_by_the_hundred_thousand() {
+    let mut file = File::new();
+    let triangle = |i: usize| [[i as f32, 0.0, 0.0], [i as f32 + 1.0, 0.0, 0.0], [i as f32, 1.0, 0.0]];
+    let positions: Vec<[f32; 3]> = (0..20).flat_map(triangle).collect();
+    file.mesh(&positions, json!({}));
+    let translations: Vec<[f32; 3]> =
+        (0..100_000).map(|i| [0.0, 2.0 * (i / 300) as f32, 2.0 * (i % 300) as f32]).collect();
+    let mut scales = vec![[1f32; 3]; 100_000];
+    scales[7] = [1e-8; 3];
+    let (translations, scales) = (file.floats(&translations), file.floats(&scales));
+    let attributes = json!({ "TRANSLATION": translations, "SCALE": scales });
+    file.json["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+    let scene = file.load();
+    assert_eq!((scene.instances.len(), scene.triangles.len(), scene.vertices.len()), (99_999, 20, 60));
+    let note = scene.notes.iter().find(|note| note.contains("left out")).unwrap();
+    assert!(note.starts_with("1 copies of meshes are below 4e-6"), "{note}");
 }

@@ -9,7 +9,7 @@ use crate::gpu_scene::bounds::bounding_sphere;
 use crate::scene::Scene;
 
 pub(super) fn pack(scene: &Scene, direction: Vec3, irradiance: Vec3) -> Packed {
-    let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
+    let (centre, radius) = bounding_sphere(scene.placed_vertices());
     let area = PI * f64::from(radius).powi(2);
     Packed {
         texels: texels([

@@ -8,7 +8,7 @@ use crate::scene::Scene;
 
 /// `irradiance` is the integral of the panorama's radiance, mean of the three channels, over solid angle.
 pub(super) fn pack(scene: &Scene, irradiance: f64) -> Packed {
-    let (centre, radius) = bounding_sphere(scene.vertices.iter().map(|v| v.position));
+    let (centre, radius) = bounding_sphere(scene.placed_vertices());
     Packed {
         texels: texels([
             (layout::KIND_TEXEL, [layout::ENVIRONMENT, 0, 0, 0]),

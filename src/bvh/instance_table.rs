@@ -1,0 +1,30 @@
+//! Instances as kernels read them.
+
+/// Texels of an instance, behind those of the triangles.
+///
+/// | texel | x y z | w |
+/// | --- | --- | --- |
+/// | 0 to 2 | a row of the matrix from the scene's space to the mesh's | a coordinate of the mesh's origin |
+/// | 3 | index of the tree's root, what to add to an index of a stored triangle | unused |
+/// | 4 to 6 | a row of the matrix from the mesh's space to the scene's | a coordinate of the mesh's origin |
+pub(crate) const INSTANCE_TEXELS: u32 = 7;
+
+/// Where kernels find instances. They give a triangle of instance i the primitive index
+/// `flat + (i << shift) + index within the mesh`. Below `flat` are the triangles that are no part of a shared mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InstanceTable {
+    /// The first texel of the instances in [`Bvh::triangles`](super::Bvh::triangles).
+    pub base: u32,
+    /// Number of triangles that are no part of a shared mesh.
+    pub flat: u32,
+    /// Bits of the index within a mesh.
+    pub shift: u32,
+}
+
+impl InstanceTable {
+    /// The `override`s of the kernels that trace instances.
+    pub fn constants(&self) -> [(&'static str, f64); 3] {
+        let InstanceTable { base, flat, shift } = *self;
+        [("instance_base", base), ("flat_count", flat), ("instance_shift", shift)].map(|(name, n)| (name, f64::from(n)))
+    }
+}

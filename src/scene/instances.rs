@@ -1,0 +1,76 @@
+//! What is in the scene once its instances are in their positions.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use super::description::Scene;
+use super::instance::Instance;
+use super::limits::MAX_CORNERS;
+use super::triangle::Triangle;
+use crate::{Error, Result};
+
+impl Scene {
+    /// Number of triangles that are no part of a shared mesh. They come first.
+    pub fn flat_triangles(&self) -> usize {
+        self.shared_meshes.first().map_or(self.triangles.len(), |mesh| mesh.triangles.start)
+    }
+
+    /// The positions of the vertices, of each instance its own.
+    pub(crate) fn placed_vertices(&self) -> impl Iterator<Item = Vec3> + Clone {
+        let flat = self.shared_meshes.first().map_or(self.vertices.len(), |mesh| mesh.vertices.start);
+        self.vertices[..flat].iter().map(|vertex| vertex.position).chain(self.instance_vertices())
+    }
+
+    /// The positions of the vertices of each instance.
+    pub(crate) fn instance_vertices(&self) -> impl Iterator<Item = Vec3> + Clone {
+        let of_instance = |instance: &Instance| {
+            let (instance, vertices) = (*instance, self.shared_meshes[instance.mesh].vertices.clone());
+            self.vertices[vertices].iter().map(move |vertex| instance.apply(vertex.position))
+        };
+        self.instances.iter().flat_map(of_instance)
+    }
+
+    /// The triangles with their corners' positions, of each instance its own.
+    pub(crate) fn placed_triangles(&self) -> impl Iterator<Item = (&Triangle, [Vec3; 3])> {
+        let stored = |index: usize| (&self.triangles[index], self.triangle_positions(index));
+        let of_instance = move |instance: Instance| {
+            let triangles = self.shared_meshes[instance.mesh].triangles.clone();
+            let place = move |(triangle, corners): (_, [Vec3; 3])| (triangle, corners.map(|p| instance.apply(p)));
+            triangles.map(stored).map(place)
+        };
+        let placed = self.instances.iter().flat_map(move |instance| of_instance(*instance));
+        (0..self.flat_triangles()).map(stored).chain(placed)
+    }
+
+    /// Replaces the instances by triangles of their own.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are too many; `purpose` says what needs them.
+    pub(crate) fn expand_instances(&mut self, purpose: &str) -> Result<()> {
+        let Some(first) = self.shared_meshes.first().cloned() else { return Ok(()) };
+        let copied = |instance: &Instance| self.shared_meshes[instance.mesh].triangles.len();
+        let triangles = first.triangles.start + self.instances.iter().map(copied).sum::<usize>();
+        if triangles > MAX_CORNERS / 3 {
+            return Err(Error::Usage(format!(
+                "{purpose} needs each of {triangles} triangles by itself, more than {}: use another technique",
+                MAX_CORNERS / 3
+            )));
+        }
+        let shared_vertices = self.vertices.split_off(first.vertices.start);
+        let shared_triangles = self.triangles.split_off(first.triangles.start);
+        self.triangles.reserve_exact(triangles - first.triangles.start);
+        for instance in std::mem::take(&mut self.instances) {
+            let mesh = &self.shared_meshes[instance.mesh];
+            let stored = |range: &Range<usize>, base: usize| range.start - base..range.end - base;
+            let vertices = &shared_vertices[stored(&mesh.vertices, first.vertices.start)];
+            let moved = |vertex: u32| vertex - mesh.vertices.start as u32 + self.vertices.len() as u32;
+            for triangle in &shared_triangles[stored(&mesh.triangles, first.triangles.start)] {
+                self.triangles.push(Triangle { vertices: triangle.vertices.map(moved), ..*triangle });
+            }
+            self.vertices.extend(vertices.iter().map(|vertex| instance.apply_to_vertex(vertex)));
+        }
+        self.shared_meshes.clear();
+        Ok(())
+    }
+}
