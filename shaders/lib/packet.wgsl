@@ -16,9 +16,7 @@ import package::lib::bvh::{trace_closest, trace_occluded};
 @if(!packets) import package::lib::bvh::{Traversal, begin_traversal, intersect_primitive, next_triangle};
 @if(!packets) import package::lib::ray::NO_HIT;
 @if(packets) import package::lib::ray::{NO_HIT, ShearedRay, intersect_triangle, nonzero_direction, shear_ray};
-@if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before};
-@if(packets && !instances) import package::lib::bvh::triangle_texel;
-@if(packets && instances) import package::lib::instance::{ray_in_mesh, triangle_texel};
+@if(packets) import package::lib::bvh::{NO_ENTRY, NO_KEY, ONE_TRIANGLE, before, triangle_texel};
 @if(!packets || !alpha_test) import package::lib::bvh::MAX_ITERATIONS;
 @if(packets) import package::lib::bvh::{sorted, traversal_iterations, traversal_overrun, within};
 @if(packets) import package::lib::constants::{BVH_TRIANGLE_TEXELS, PACKET_LANES};
@@ -92,16 +90,11 @@ struct Slabs {
 // of its sum with the margin and of the difference are 2^-24 each, of at most the sum of the plane's and the origin's
 // coordinates. So 2^-20 of the largest such sum covers both. Boxes are exact, and the rest is as in lib/bvh.
 @if(packets)
-fn slabs_of(ray: Ray, @if(instances) root: u32) -> Slabs {
+fn slabs_of(ray: Ray) -> Slabs {
     let inverse = 1.0 / nonzero_direction(ray.direction);
     // The largest coordinate of all boxes is with the upper planes of the root's first child.
-    @if(!instances) let reach = abs(ray.origin) + textureLoad(packet_nodes, table_texel(PACKET_LANES / 2u)).w;
-    @if(instances) let largest = textureLoad(packet_nodes, table_texel(PACKET_LANES * root + PACKET_LANES / 2u)).w;
-    @if(instances) let reach = abs(ray.origin) + largest;
-    // Above the meshes for the errors of rays in them too: see open_node.
-    @if(instances) let slack = select(0.00000095367432, 0.0000095367432, root == 0u)
-        * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
-    @if(!instances) let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
+    let reach = abs(ray.origin) + textureLoad(packet_nodes, table_texel(PACKET_LANES / 2u)).w;
+    let slack = 0.00000095367432 * max(reach.x, max(reach.y, reach.z)) * abs(inverse);
     let start = ray.origin * inverse;
     let near_lane = select(vec3u(PACKET_LANES / 2u), vec3u(0u), inverse > vec3f(0.0));
     return Slabs(inverse, start + slack, start - slack, near_lane, ray.t_min);
@@ -141,8 +134,7 @@ fn min_keys(keys: vec4u, lane: u32) -> vec4u {
 }
 
 // The entries to be visited, as lib/bvh has them: the one with index 8 i + l is in lane l of word i. A node adds three
-// at most: 15 in a shallow hierarchy, 87 in one of 29 levels, and an instance one more. Places at the height and above
-// it hold anything.
+// at most: 15 in a shallow hierarchy, 87 in one of 29 levels. Places at the height and above it hold anything.
 @if(packets)
 struct PacketStack {
     height: u32,
@@ -184,56 +176,6 @@ fn top_entry(stack: PacketStack) -> u32 {
 @if(packets)
 fn lower_height(stack: PacketStack) -> u32 {
     return select(stack.height - 1u, 0u, stack.height == 0u);
-}
-
-// Entries from here on are no triangles: the instances, LEAVE, and NO_ENTRY.
-@if(packets && instances) const INSTANCE: u32 = 5u * ONE_TRIANGLE;
-
-// Below the entries of a mesh: the rays go back to the scene's space.
-@if(packets && instances) const LEAVE: u32 = 6u * ONE_TRIANGLE;
-
-// The space in which the nodes are that a packet visits: the scene's, or that of a mesh.
-@if(packets && instances)
-struct Space {
-    slabs: Slabs,
-    sheared: ShearedRay,
-    // Index of the root.
-    root: u32,
-    // What turns the index of a stored triangle into a primitive index.
-    offset: u32,
-}
-
-@if(packets && instances)
-fn space_of(ray: Ray) -> Space {
-    return Space(slabs_of(ray, 0u), shear_ray(ray), 0u, 0u);
-}
-
-// Goes back to the scene's space, or to that of an instance, or both, as the next entry says. Returns the one after it.
-@if(packets && instances)
-fn change_space(
-    space: ptr<function, Space>,
-    stack: ptr<function, PacketStack>,
-    entry: u32,
-    ray: Ray,
-    lane: u32,
-) -> u32 {
-    let leaves = entry == LEAVE;
-    let next = select(entry, top_entry(*stack), leaves);
-    let height = select((*stack).height, lower_height(*stack), leaves);
-    let enters = next >= INSTANCE && next < LEAVE;
-    let entered = ray_in_mesh(ray, select(0u, next - INSTANCE, enters));
-    if leaves || enters {
-        var moved = ray;
-        if enters { moved = entered.ray; }
-        (*space).root = select(0u, entered.root, enters);
-        (*space).slabs = slabs_of(moved, (*space).root);
-        (*space).sheared = shear_ray(moved);
-        (*space).offset = entered.offset;
-    }
-    (*stack).height = height;
-    push_entries(stack, LEAVE, select(0u, 1u, enters), lane);
-    (*stack).height = subgroupBroadcast((*stack).height, 0u);
-    return subgroupBroadcast(select(next, entered.root, enters), 0u);
 }
 
 // A triangle that all lanes test.
@@ -296,9 +238,8 @@ fn shared_iterations(lane: u32) -> u32 {
 // The first hit of each lane's ray; with `any_hit` some hit, whose t says nothing.
 @if(packets)
 fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
-    @if(!instances) let slabs = slabs_of(ray);
-    @if(!instances) let sheared = shear_ray(ray);
-    @if(instances) var space = space_of(ray);
+    let slabs = slabs_of(ray);
+    let sheared = shear_ray(ray);
     var found: Found;
     found.closest = Hit(ray.t_max, 0.0, 0.0, NO_HIT);
     var stack: PacketStack;
@@ -307,14 +248,8 @@ fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
     @if(!alpha_test) {
         loop {
             iterations++;
-            @if(!instances) entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, false);
-            @if(!instances) entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
-            @if(instances) {
-                // A packet that leaves an instance may have a leaf to visit next.
-                entry = visit_nodes(&stack, &iterations, entry, space.slabs, found.closest.t, lane, true);
-                entry = visit_leaves(&stack, &iterations, entry, &found, ray, space, lane, any_hit);
-                entry = change_space(&space, &stack, entry, ray, lane);
-            }
+            entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, false);
+            entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
             if entry == NO_ENTRY { break; }
         }
     }
@@ -324,13 +259,8 @@ fn trace_packet(ray: Ray, sample: RaySample, lane: u32, any_hit: bool) -> Hit {
             var waits = false;
             loop {
                 iterations++;
-                @if(!instances) entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, true);
-                @if(!instances) entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
-                @if(instances) {
-                    entry = visit_nodes(&stack, &iterations, entry, space.slabs, found.closest.t, lane, true);
-                    entry = visit_leaves(&stack, &iterations, entry, &found, ray, space, lane, any_hit);
-                    entry = change_space(&space, &stack, entry, ray, lane);
-                }
+                entry = visit_nodes(&stack, &iterations, entry, slabs, found.closest.t, lane, true);
+                entry = visit_leaves(&stack, &iterations, entry, &found, ray, sheared, lane, any_hit);
                 waits = in_any_lane(found.undecided.triangle != NO_HIT, lane);
                 if entry == NO_ENTRY || waits { break; }
             }
@@ -398,45 +328,34 @@ fn visit_leaves(
     first_entry: u32,
     found: ptr<function, Found>,
     ray: Ray,
-    @if(!instances) sheared: ShearedRay,
-    @if(instances) space: Space,
+    sheared: ShearedRay,
     lane: u32,
     any_hit: bool,
 ) -> u32 {
-    @if(instances) let sheared = space.sheared;
     var entry = first_entry;
     loop {
         *iterations += 1u;
         let first = entry & (ONE_TRIANGLE - 1u);
-        @if(!instances) let count = select(entry / ONE_TRIANGLE, 0u, entry == NO_ENTRY);
-        @if(instances) let count = select(entry / ONE_TRIANGLE, 0u, entry >= INSTANCE);
-        @if(instances) let primitive = first + space.offset;
+        let count = select(entry / ONE_TRIANGLE, 0u, entry == NO_ENTRY);
         let texel = triangle_texel(BVH_TRIANGLE_TEXELS * first + lane).xyz;
         let corners = array(subgroupBroadcast(texel, 0u), subgroupBroadcast(texel, 1u), subgroupBroadcast(texel, 2u));
-        @if(!instances) test_triangle(found, ray, sheared, Tested(corners, first, count > 0u), any_hit);
-        @if(instances) test_triangle(found, ray, sheared, Tested(corners, primitive, count > 0u), any_hit);
+        test_triangle(found, ray, sheared, Tested(corners, first, count > 0u), any_hit);
         @if(!alpha_test) {
             let others =
                 array(subgroupBroadcast(texel, 3u), subgroupBroadcast(texel, 4u), subgroupBroadcast(texel, 5u));
-            @if(!instances) test_triangle(found, ray, sheared, Tested(others, first + 1u, count > 1u), any_hit);
-            @if(instances) test_triangle(found, ray, sheared, Tested(others, primitive + 1u, count > 1u), any_hit);
+            test_triangle(found, ray, sheared, Tested(others, first + 1u, count > 1u), any_hit);
         }
         let more = count > PACKET_TRIANGLES;
         let rest = entry - PACKET_TRIANGLES * ONE_TRIANGLE + PACKET_TRIANGLES;
-        @if(!instances) let next = select(top_entry(*stack), rest, more);
-        @if(!instances) let height = select(lower_height(*stack), (*stack).height, more);
-        // What is no leaf stays the next entry.
-        @if(instances) let stays = entry >= INSTANCE;
-        @if(instances) let next = select(select(top_entry(*stack), rest, more), entry, stays);
-        @if(instances) let height = select(lower_height(*stack), (*stack).height, more || stays);
+        let next = select(top_entry(*stack), rest, more);
+        let height = select(lower_height(*stack), (*stack).height, more);
         var ends = false;
         if any_hit { ends = !in_any_lane((*found).closest.t >= 0.0, lane); }
         entry = subgroupBroadcast(select(next, NO_ENTRY, ends), 0u);
         (*stack).height = subgroupBroadcast(height, 0u);
         var waits = false;
         @if(alpha_test) { waits = in_any_lane((*found).undecided.triangle != NO_HIT, lane); }
-        @if(instances) if entry < ONE_TRIANGLE || entry >= INSTANCE || waits { break; }
-        @if(!instances) if entry < ONE_TRIANGLE || entry == NO_ENTRY || waits { break; }
+        if entry < ONE_TRIANGLE || entry == NO_ENTRY || waits { break; }
     }
     return entry;
 }
@@ -457,9 +376,8 @@ struct Line {
     @if(!packets) t_max: f32,
     @if(!packets) traversal: Traversal,
     @if(packets) ray: Ray,
-    @if(packets && !instances) slabs: Slabs,
-    @if(packets && !instances) sheared: ShearedRay,
-    @if(packets && instances) space: Space,
+    @if(packets) slabs: Slabs,
+    @if(packets) sheared: ShearedRay,
     @if(packets) stack: PacketStack,
     @if(packets) entry: u32,
 }
@@ -482,9 +400,8 @@ fn begin_line(ray: Ray, lane: u32) -> Line {
     }
     @if(packets) {
         line.ray = ray;
-        @if(!instances) line.slabs = slabs_of(ray);
-        @if(!instances) line.sheared = shear_ray(ray);
-        @if(instances) line.space = space_of(ray);
+        line.slabs = slabs_of(ray);
+        line.sheared = shear_ray(ray);
     }
     return line;
 }
@@ -508,15 +425,8 @@ fn next_on_line(line: ptr<function, Line>, lane: u32) -> LineHits {
         var full = false;
         loop {
             iterations++;
-            @if(!instances) entry = visit_nodes(&stack, &iterations, entry, (*line).slabs, t_max, packet_lane, true);
-            @if(instances) let slabs = (*line).space.slabs;
-            @if(instances) entry = visit_nodes(&stack, &iterations, entry, slabs, t_max, packet_lane, true);
+            entry = visit_nodes(&stack, &iterations, entry, (*line).slabs, t_max, packet_lane, true);
             entry = visit_leaves_on_line(*line, &stack, &iterations, entry, &hits, packet_lane);
-            @if(instances) {
-                var space = (*line).space;
-                entry = change_space(&space, &stack, entry, (*line).ray, packet_lane);
-                (*line).space = space;
-            }
             full = in_any_lane(hits.second.triangle != NO_HIT, packet_lane);
             if entry == NO_ENTRY || full { break; }
         }
@@ -543,28 +453,21 @@ fn visit_leaves_on_line(
     loop {
         *iterations += 1u;
         let primitive = entry & (ONE_TRIANGLE - 1u);
-        @if(!instances) let there = entry != NO_ENTRY;
-        @if(instances) let there = entry < INSTANCE;
+        let there = entry != NO_ENTRY;
         let texel = triangle_texel(BVH_TRIANGLE_TEXELS * primitive + lane).xyz;
         let corners = array(subgroupBroadcast(texel, 0u), subgroupBroadcast(texel, 1u), subgroupBroadcast(texel, 2u));
-        @if(!instances) let met = intersect_triangle(line.sheared, corners[0], corners[1], corners[2]);
-        @if(!instances) let hit = Hit(met.x, met.y, met.z, primitive);
-        @if(instances) let met = intersect_triangle(line.space.sheared, corners[0], corners[1], corners[2]);
-        @if(instances) let hit = Hit(met.x, met.y, met.z, primitive + line.space.offset);
+        let met = intersect_triangle(line.sheared, corners[0], corners[1], corners[2]);
+        let hit = Hit(met.x, met.y, met.z, primitive);
         if there && within(hit, line.ray.t_min, line.ray.t_max) {
             if (*hits).first.triangle == NO_HIT { (*hits).first = hit; } else { (*hits).second = hit; }
         }
         let more = there && entry >= 2u * ONE_TRIANGLE;
-        @if(!instances) let next = select(top_entry(*stack), entry + 1u - ONE_TRIANGLE, more);
-        @if(!instances) let height = select(lower_height(*stack), (*stack).height, more);
-        @if(instances) let rest = select(entry, entry + 1u - ONE_TRIANGLE, there);
-        @if(instances) let next = select(top_entry(*stack), rest, more || !there);
-        @if(instances) let height = select(lower_height(*stack), (*stack).height, more || !there);
+        let next = select(top_entry(*stack), entry + 1u - ONE_TRIANGLE, more);
+        let height = select(lower_height(*stack), (*stack).height, more);
         entry = subgroupBroadcast(next, 0u);
         (*stack).height = subgroupBroadcast(height, 0u);
         let full = in_any_lane((*hits).second.triangle != NO_HIT, lane);
-        @if(instances) if entry < ONE_TRIANGLE || entry >= INSTANCE || full { break; }
-        @if(!instances) if entry < ONE_TRIANGLE || entry == NO_ENTRY || full { break; }
+        if entry < ONE_TRIANGLE || entry == NO_ENTRY || full { break; }
     }
     return entry;
 }

@@ -57,10 +57,6 @@ pub struct Bvh {
     pub bounds: Aabb,
     /// Where kernels find the instances, if there are any.
     pub instances: Option<InstanceTable>,
-    /// The root of each tree: of the whole, and with instances of each mesh.
-    pub(super) roots: Vec<u32>,
-    /// The boxes of the instances.
-    pub(super) boxes: Vec<Aabb>,
 }
 
 impl Bvh {
@@ -92,8 +88,6 @@ impl Bvh {
             depth,
             bounds,
             instances: None,
-            roots: vec![0],
-            boxes: Vec::new(),
         })
     }
 

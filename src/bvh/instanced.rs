@@ -123,7 +123,5 @@ fn build(scene: &Scene, positions: &[[Vec3; 3]]) -> Result<Bvh> {
         depth: top.depth + depth,
         bounds: top.bounds,
         instances: Some(table),
-        roots: [0, flat_root].into_iter().chain(roots).collect(),
-        boxes: top.order.iter().map(|&index| boxes[index as usize]).collect(),
     })
 }

@@ -4,7 +4,7 @@
 //! | texel | x y z | w |
 //! | --- | --- | --- |
 //! | 0 to 3 | lower planes of a child, f32 | the child's entry, as `shaders/lib/bvh.wgsl` has them |
-//! | 4 to 7 | upper planes of the same children | texel 4 of a root: the largest magnitude of a coordinate |
+//! | 4 to 7 | upper planes of the same children | texel 4 of the root: the largest magnitude of a coordinate |
 
 use glam::Vec3;
 
@@ -17,9 +17,6 @@ pub(crate) const PACKET_LANES: u32 = 2 * WIDTH as u32;
 
 /// Bits of an entry that hold the index of a node or a triangle; above them is a leaf's number of triangles.
 const ENTRY_INDEX_BITS: u32 = 29;
-
-/// What the entry of an instance has in place of a number of triangles: no leaf has so many.
-const INSTANCE: u32 = 5;
 
 /// The box of a child that there is not: every ray that can be traced leaves it before it enters it.
 const NOWHERE: Aabb = Aabb { min: Vec3::splat(MAX_COORDINATE), max: Vec3::splat(-MAX_COORDINATE) };
@@ -40,17 +37,12 @@ impl Bvh {
         for (index, node) in unpacked.iter().enumerate().rev() {
             let texels = &mut texels[PACKET_LANES as usize * index..][..PACKET_LANES as usize];
             let mut primitive = node.first_triangle;
-            // Leaves of the upper tree are instances.
-            let is_upper = self.roots.get(1).is_some_and(|&root| index < root as usize);
             for child in 0..WIDTH {
                 let count = node.leaf_counts[child];
                 let (child_bounds, entry) = match () {
                     () if child < node.node_count as usize => {
                         let at = node.first_node + child as u32;
                         (bounds[at as usize], at)
-                    }
-                    () if count > 0 && is_upper => {
-                        (self.boxes[primitive as usize], INSTANCE << ENTRY_INDEX_BITS | primitive)
                     }
                     () if count > 0 => (self.leaf_bounds(primitive, count), count << ENTRY_INDEX_BITS | primitive),
                     () => (NOWHERE, 0),
@@ -63,11 +55,8 @@ impl Bvh {
                 }
             }
         }
-        for root in self.roots.iter().map(|&root| root as usize) {
-            let largest = bounds[root].min.abs().max(bounds[root].max.abs()).max_element();
-            let texel = &mut texels[PACKET_LANES as usize * root + WIDTH];
-            texel[3] = if largest.is_finite() { largest } else { 0.0 };
-        }
+        let largest = bounds[0].min.abs().max(bounds[0].max.abs()).max_element();
+        texels[WIDTH][3] = if largest.is_finite() { largest } else { 0.0 };
         texels
     }
 

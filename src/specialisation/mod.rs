@@ -106,6 +106,7 @@ impl Specialisation {
         self.features.set(Feature::ShallowBvh, bvh.is_shallow());
         // Nodes for packets take more than twice the texels: of the largest hierarchies they do not fit a texture.
         let packets = self.features.has(Feature::Packets)
+            && !self.features.has(Feature::Instances)
             && bvh.packet_texels() <= gpu.max_table_records()
             && alpha_tests(scene) <= MAX_PACKET_ALPHA_TESTS;
         self.features.set(Feature::Packets, packets);

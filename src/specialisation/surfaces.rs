@@ -128,7 +128,7 @@ impl Specialisation {
         let why = format!("{} of meshes that are stored once", count(instances, "instance"));
         let unneeded = "each triangle is in the scene by itself";
         let bytes = bytes_text(16 * u64::from(INSTANCE_TEXELS) * instances as u64);
-        let cost = format!("{bytes}; a change of space at every copy that a ray may meet");
+        let cost = format!("{bytes}; rays one by one, with a change of space at every copy that they may meet");
         self.decide(Feature::Instances, on, why, unneeded, &cost);
     }
 }

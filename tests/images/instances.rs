@@ -39,7 +39,9 @@ fn balls(side: usize, rings: usize) -> File {
     let mut triangles = 0;
     for (i, j) in (0..rings).flat_map(|i| (0..segments).map(move |j| (i, j))) {
         let (a, b) = ((i * (segments + 1) + j) as u32, ((i + 1) * (segments + 1) + j) as u32);
-        for triangle in [[a, a + 1, b], [a + 1, b + 1, b]] {
+        // At the poles one of the two has no area.
+        let two = [(i > 0, [a, a + 1, b]), (i + 1 < rings, [a + 1, b + 1, b])];
+        for (_, triangle) in two.iter().filter(|(has_area, _)| *has_area) {
             corners.extend(triangle.iter().flat_map(|corner| corner.to_le_bytes()));
             triangles += 1;
         }

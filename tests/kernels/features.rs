@@ -152,7 +152,7 @@ impl Selection {
         // Packets read textures.
         let instances = self.has(17) && self.has(22);
         let features = features.with(Feature::Instances, instances);
-        let features = features.with(Feature::Packets, self.has(27) && self.has(62));
+        let features = features.with(Feature::Packets, self.has(27) && self.has(62) && !instances);
         let far = self.has(54) && features.has(Feature::EmitterPairs);
         features
             .with(Feature::ThinLens, self.has(15))

@@ -1,4 +1,4 @@
-//! Rays through instances (`shaders/lib/{bvh,instance,packet}.wgsl`) against a loop over all triangles in double
+//! Rays through instances (`shaders/lib/{bvh,instance}.wgsl`) against a loop over all triangles in double
 //! precision.
 
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3, vec3};
@@ -78,7 +78,6 @@ fn rays_at(scene: &Scene, count: usize) -> Vec<Ray> {
 struct Traced {
     scene: Scene,
     bvh: Bvh,
-    packet_nodes: Vec<[f32; 4]>,
     features: Features,
 }
 
@@ -97,7 +96,8 @@ impl Traced {
             bvh.set_triangle_word(primitive, 3 * primitive);
         }
         let features = device_features(gpu).with(Feature::Instances, bvh.instances.is_some());
-        Traced { packet_nodes: bvh.packet_nodes(), scene, bvh, features }
+        // Rays are traced one by one.
+        Traced { scene, bvh, features: features.with(Feature::Packets, false) }
     }
 
     /// The instance of each record of the table, by its transform; None for the triangles that are in none.
@@ -154,9 +154,7 @@ impl Traced {
         if self.features.has(Feature::TextureLoads) {
             let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
             let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            let packets = gpu.table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
-            let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
-            run(&set.with("packet_nodes", &packets));
+            run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
         } else {
             let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();
             let triangles = gpu.upload("test/triangles", &self.bvh.triangles).unwrap();
@@ -172,16 +170,8 @@ impl Traced {
         self.run(gpu, include_str!("shaders/traverse.wgsl"), entry, rays, 1)
     }
 
-    /// The answers of rays traced one by one. In packets, where the device has them, each ray has the same bits.
     fn closest(&self, gpu: &Gpu, rays: &[Ray]) -> Vec<Answer> {
-        self.both(gpu, "closest", rays).into_iter().map(answer).collect()
-    }
-
-    fn both(&self, gpu: &Gpu, entry: &str, rays: &[Ray]) -> Vec<[u32; 4]> {
-        let (alone, together) = (self.trace(gpu, entry, rays), self.trace(gpu, &format!("{entry}_together"), rays));
-        let differing = alone.iter().zip(&together).position(|(a, b)| a != b);
-        assert!(differing.is_none(), "in packets: {:?}", differing.map(|i| (rays[i], alone[i], together[i])));
-        alone
+        self.trace(gpu, "closest", rays).into_iter().map(answer).collect()
     }
 }
 
@@ -240,7 +230,7 @@ fn closest_hits_are_those_of_all_instances(gpu: &Gpu) {
     assert!(unsure < 40, "{unsure} of 2000 answers are undecided");
     assert!((700..1900).contains(&hits) && (300..hits - 100).contains(&of_instances));
     let other_table = !traced.features.has(Feature::TextureLoads);
-    traced.features = traced.features.clone().with(Feature::Packets, false).with(Feature::TextureLoads, other_table);
+    traced.features = traced.features.clone().with(Feature::TextureLoads, other_table);
     assert_eq!(answers, traced.closest(gpu, &rays), "the other kind of table");
 }
 
@@ -250,7 +240,7 @@ fn occlusion_and_lines_are_those_of_all_instances(gpu: &Gpu) {
     let traced = Traced::new(gpu, crowded());
     let mut rays = rays_at(&traced.scene, 1000);
     rays.iter_mut().for_each(|ray| ray.t_max = 1.5);
-    let (occluded, lines) = (traced.both(gpu, "occluded", &rays), traced.both(gpu, "line", &rays));
+    let (occluded, lines) = (traced.trace(gpu, "occluded", &rays), traced.trace(gpu, "line", &rays));
     let all = traced.placed();
     let (mut sure, mut most) = (0, 0);
     for ((ray, occluded), line) in rays.iter().zip(&occluded).zip(&lines) {
@@ -307,7 +297,7 @@ fn instances_of_closed_meshes_have_no_gaps(gpu: &Gpu) {
         rays.push(ray(origin, (target - origin).normalize()));
     }
     assert!(traced.closest(gpu, &rays).iter().all(|answer| answer.primitive != NO_HIT));
-    assert!(traced.both(gpu, "occluded", &rays).iter().all(|answer| *answer == [1, 0, 0, 0]));
+    assert!(traced.trace(gpu, "occluded", &rays).iter().all(|answer| *answer == [1, 0, 0, 0]));
 }
 
 /// Corners, normals and tangents of a hit are those of its instance.
@@ -370,21 +360,13 @@ fn planted_faults_are_found(gpu: &Gpu) {
             let roots: Vec<f32> = bvh.triangles[base..].chunks(7).map(|record| record[3][0]).collect();
             bvh.triangles[base + 7 * 4 + 3][0] = *roots.iter().find(|root| **root != roots[4]).unwrap();
         },
-        |bvh, _| bvh.nodes[1][2] = bvh.nodes[1][2] / 2 & 0x7f7f_7f7f,
+        |bvh, _| bvh.nodes[1][2] = (bvh.nodes[1][2] / 2) & 0x7f7f_7f7f,
     ];
     for (number, fault) in faults.iter().enumerate() {
         let mut traced = Traced::new(gpu, scene.clone());
         let base = base(&traced);
         fault(&mut traced.bvh, base);
-        // Word 7 of an upper tree's root, if the fault is there, and the same of packets.
-        if traced.bvh.nodes[1] != expected.bvh.nodes[1] {
-            traced.packet_nodes[4..8].iter_mut().for_each(|upper| upper[0] -= 10.0);
-        } else {
-            traced.packet_nodes = traced.bvh.packet_nodes();
-        }
-        for entry in ["closest", "closest_together"] {
-            let answers: Vec<_> = traced.trace(gpu, entry, &rays).into_iter().map(answer).collect();
-            assert!(!compare(&expected, &rays, &answers).0.is_empty(), "fault {number} is not found by {entry}");
-        }
+        let answers = traced.closest(gpu, &rays);
+        assert!(!compare(&expected, &rays, &answers).0.is_empty(), "fault {number} is not found");
     }
 }
