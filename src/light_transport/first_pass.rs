@@ -4,6 +4,7 @@
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
 use super::fine_cells::FineCellMap;
+use super::global_map::GlobalMap;
 use super::indirect_light::{IndirectLight, IndirectSetup};
 use super::kernels::{DirectKernels, IndirectKernels};
 use super::light_sampler::LightSampler;
@@ -17,6 +18,13 @@ use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
 
+/// Maps that do not depend on the camera, of another view of the same scene. A map that is none is made.
+#[derive(Default)]
+pub(crate) struct MadeMaps {
+    pub visibility_map: Option<VisibilityMap>,
+    pub global_map: Option<GlobalMap>,
+}
+
 /// A first pass under way.
 pub(crate) struct FirstPass<'a> {
     pub shared: Shared<'a>,
@@ -28,6 +36,7 @@ pub(crate) struct FirstPass<'a> {
     /// Points of a tile.
     pub points: u32,
     pub totals: &'a mut Totals,
+    pub made: MadeMaps,
     /// The parts made so far.
     pub lighting: Lighting,
 }
@@ -47,7 +56,10 @@ impl FirstPass<'_> {
     /// `photons`, `grid`).
     pub fn make_visibility_map(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.visibility_map.take() {
-            self.lighting.visibility_map = Some(VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?);
+            self.lighting.visibility_map = Some(match self.made.visibility_map.take() {
+                Some(map) => map.renewed(self.shared.gpu)?,
+                None => VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?,
+            });
         }
         Ok(())
     }
@@ -102,7 +114,8 @@ impl FirstPass<'_> {
     pub fn make_indirect_light(&mut self) -> Result<()> {
         let FirstPass { shared, indirect_kernels: kernels, primary, camera, settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };
-        self.lighting.indirect = Some(IndirectLight::new(&setup, self.totals)?);
+        let made = self.made.global_map.take();
+        self.lighting.indirect = Some(IndirectLight::new(&setup, made, self.totals)?);
         Ok(())
     }
 }

@@ -12,7 +12,7 @@ use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu_scene::lights::LightInfo;
 use crate::gpu_scene::{CameraUniform, GpuScene};
-use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::first_pass::{FirstPass, MadeMaps};
 use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
 use crate::light_transport::lighting::Lighting;
 use crate::light_transport::shared::Shared;
@@ -22,6 +22,7 @@ use crate::passes::primary::{BoundPrimary, Primary};
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
 use crate::specialisation::Specialisation;
+use crate::specialisation::features::Features;
 use crate::statistics::totals::Totals;
 use crate::techniques::implementation;
 
@@ -82,31 +83,10 @@ impl<'g> Renderer<'g> {
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;
         gpu.compile_ahead(&gpu_scene)?;
         totals.time_compile = start.elapsed().as_secs_f64();
-
-        let start = Instant::now();
         let features = &specialisation.features;
-        let tile_size = TileSize::new(features, scene.lights.len(), settings);
-        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
-        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
-        let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
-        let mut first_pass = FirstPass {
-            shared: Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers },
-            direct_kernels: direct,
-            indirect_kernels: &indirect_kernels,
-            primary: &primary,
-            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
-            settings,
-            points: tile_size.points,
-            totals: &mut totals,
-            lighting: Lighting::default(),
-        };
-        (implementation(settings.technique).first_pass)(&mut first_pass)?;
-        let lighting = first_pass.lighting;
-        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
-        gpu.wait("preparation")?;
-        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        totals.frame_bytes += lighting.frame_bytes();
-        totals.time_render = start.elapsed().as_secs_f64();
+        let view = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
+        let PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size } =
+            view.prepare(kernels, MadeMaps::default(), &mut totals)?;
 
         Ok(Renderer {
             notes: notes(&scene, settings, &totals.indirect, &gpu_scene),
@@ -164,6 +144,58 @@ impl<'g> Renderer<'g> {
     }
 }
 
+/// What a view is of.
+pub(super) struct ViewOf<'a> {
+    pub gpu: &'a Gpu,
+    pub scene: &'a Scene,
+    pub gpu_scene: &'a GpuScene,
+    pub features: &'a Features,
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+}
+
+/// The parts of a render that depend on its camera and on the size of its image.
+pub(super) struct PreparedView {
+    pub primary: BoundPrimary,
+    pub lighting: Lighting,
+    pub indirect_kernels: IndirectKernels,
+    pub buffers: TileBuffers,
+    pub tiles: Vec<TileFilm>,
+    pub tile_size: TileSize,
+}
+
+impl ViewOf<'_> {
+    /// Runs the technique's first pass, but for the maps that are already made, and makes empty films.
+    pub fn prepare(&self, kernels: Kernels, made: MadeMaps, totals: &mut Totals) -> Result<PreparedView> {
+        let start = Instant::now();
+        let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
+        let tile_size = TileSize::new(features, scene.lights.len(), settings);
+        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
+        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
+        let primary = primary.bind(gpu, &buffers, gpu_scene)?;
+        let mut first_pass = FirstPass {
+            shared: Shared { gpu, scene, gpu_scene, tile: &buffers },
+            direct_kernels: direct,
+            indirect_kernels: &indirect_kernels,
+            primary: &primary,
+            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
+            settings,
+            points: tile_size.points,
+            totals,
+            made,
+            lighting: Lighting::default(),
+        };
+        (implementation(settings.technique).first_pass)(&mut first_pass)?;
+        let lighting = first_pass.lighting;
+        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
+        gpu.wait("preparation")?;
+        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.frame_bytes += lighting.frame_bytes();
+        totals.time_render = start.elapsed().as_secs_f64();
+        Ok(PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size })
+    }
+}
+
 /// Builds the hierarchy and puts the scene's triangles in its order.
 fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     let start = Instant::now();
@@ -177,7 +209,7 @@ fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
 }
 
 /// The kernels of a render.
-struct Kernels {
+pub(super) struct Kernels {
     primary: Primary,
     film: Film,
     direct: DirectKernels,
@@ -185,7 +217,7 @@ struct Kernels {
 }
 
 impl Kernels {
-    fn new(
+    pub fn new(
         gpu: &Gpu,
         specialisation: &Specialisation,
         constants: &[(&str, f64)],

@@ -18,7 +18,7 @@ struct Machine {
 }
 
 impl Machine {
-    /// A machine with a loader, a linker and cargo, but with no driver and no package manager.
+    /// A machine with a loader, a linker, a display and cargo, but with no driver and no package manager.
     fn new(name: &str) -> Self {
         let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("with_vulkan").join(name);
         let _ = fs::remove_dir_all(&root);
@@ -33,7 +33,9 @@ impl Machine {
         }
         machine.stub("ldconfig", "echo ' libvulkan.so.1 (libc6,x86-64) => /lib/libvulkan.so.1'");
         machine.stub("id", "echo 0");
-        machine.stub("cc", "");
+        for tool in ["cc", "Xvfb", "xdotool"] {
+            machine.stub(tool, "");
+        }
         machine.stub("cargo", r#"echo "cargo $*"; env >"$ROOT/cargo.env"; exit 7"#);
         machine
     }
@@ -246,6 +248,20 @@ fn a_missing_loader_or_linker_is_installed_too() {
     machine.driver(LAVAPIPE);
     machine.stub("render", "echo render; exit 7");
     assert_ran(&machine.run(&["render"], &[]), "render");
+}
+
+#[test]
+fn tests_get_a_display_without_a_screen() {
+    let machine = Machine::new("no-display");
+    fs::remove_file(machine.root.join("bin/Xvfb")).unwrap();
+    machine.driver(LAVAPIPE);
+    machine.manager("dnf", r#"mv "$ROOT/bin/not-Xvfb" "$ROOT/bin/Xvfb""#);
+    machine.stub("not-Xvfb", "");
+    machine.run(&["cargo", "run"], &[]);
+    assert_eq!(machine.log(), "", "only tests open windows on it");
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+    let packages = "xorg-x11-server-Xvfb xdotool libX11-xcb libXcursor libXi libxkbcommon-x11";
+    assert_eq!(machine.log(), format!("dnf install -y {packages}\n"));
 }
 
 #[test]
