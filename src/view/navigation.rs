@@ -45,10 +45,9 @@ pub fn fly(view: &LookAt, way: DVec3) -> LookAt {
     LookAt { from: view.from + way, at: view.at + way, ..*view }
 }
 
-/// Looks at another point from the same direction, at a share of the distance that the camera then has to it.
+/// Looks at another point, on the way to which the camera keeps a share of the distance: it stays in sight.
 pub fn centre(view: &LookAt, at: DVec3, share: f64) -> LookAt {
-    let arm = (view.from - view.at).normalize_or(DVec3::Z);
-    LookAt { from: at + share * view.from.distance(at) * arm, at, ..*view }
+    LookAt { from: at + share * (view.from - at), at, ..*view }
 }
 
 /// A camera of the scene as one that can be moved. It looks at the point `depth` ahead, in normalised units, and is

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use egui::{
-    CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Panel as SidePanel, PointerButton, Pos2, Rect,
-    Response, ScrollArea, Sense, Slider, TextureHandle, TextureOptions, Ui, Vec2,
+    CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Modifiers, Panel as SidePanel, PointerButton, Pos2,
+    Rect, Response, ScrollArea, Sense, Slider, TextureHandle, TextureOptions, Ui, Vec2,
 };
 
 use super::overlay::Overlay;
@@ -102,7 +102,9 @@ impl Panel {
 
     /// Keys that stand for the panel's buttons. Text fields take those that they need.
     fn shortcuts(&mut self, ui: &Ui, requests: &mut Vec<Request>) {
-        if ui.input(|input| input.modifiers.command && input.key_pressed(Key::Q)) {
+        // With the modifiers of the moment: a slow window hears a key and its release at once.
+        let pressed = |key| ui.input_mut(|input| input.consume_key(Modifiers::COMMAND, key));
+        if pressed(Key::Q) {
             requests.push(Request::Quit);
         }
         if ui.ctx().egui_wants_keyboard_input() {
@@ -111,7 +113,7 @@ impl Panel {
         if ui.input(|input| input.events.contains(&egui::Event::Copy)) {
             requests.push(Request::Copy);
         }
-        if ui.input(|input| input.modifiers.command && input.key_pressed(Key::S)) {
+        if pressed(Key::S) {
             requests.push(self.save());
         }
         let overlay = OVERLAY_KEYS.into_iter().position(|key| ui.input(|input| input.key_pressed(key)));

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, accesskit};
-use penumbra::internal::view::{Command, Eye, Overlay, Panel, Picture, Request, Snapshot};
+use penumbra::internal::view::{Eye, Overlay, Panel, Picture, Request, Snapshot};
 
 use crate::setup::{choices, settings};
 
@@ -59,7 +59,8 @@ impl Window {
         self.seconds += 0.02;
         let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, WINDOW));
         let time = Some(self.seconds);
-        let input = RawInput { events, modifiers, screen_rect, time, focused: true, ..RawInput::default() };
+        let events = [vec![Event::ModifiersChanged(modifiers)], events].concat();
+        let input = RawInput { events, screen_rect, time, focused: true, ..RawInput::default() };
         let mut requests = Vec::new();
         let mut output = self.context.run_ui(input, |ui| requests.extend(self.panel.show(ui, &self.snapshot)));
         output.textures_delta.clear();
