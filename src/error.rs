@@ -51,6 +51,9 @@ pub enum Error {
     /// No usable Vulkan device.
     #[error("no Vulkan device: {0}")]
     NoDevice(String),
+    /// No display for a window.
+    #[error("no display: {0}")]
+    NoDisplay(String),
     /// The device was lost or timed out while it worked.
     #[error("device lost in {at}: {problem}")]
     DeviceLost {
@@ -119,12 +122,12 @@ impl Error {
     }
 
     /// The exit code of a process that ends with this error: 1 render failed, 2 usage, 3 bad input or output, 4 no
-    /// device.
+    /// device or display.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Input { .. } | Error::Output { .. } => 3,
             Error::Setting { .. } | Error::Usage(_) => 2,
-            Error::NoDevice(_) | Error::DeviceLost { .. } => 4,
+            Error::NoDevice(_) | Error::NoDisplay(_) | Error::DeviceLost { .. } => 4,
             Error::OutOfMemory { .. } | Error::Kernel { .. } | Error::Buffer { .. } | Error::Computation { .. } => 1,
         }
     }

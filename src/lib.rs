@@ -30,6 +30,7 @@
 //! - `oidn`: denoising by Open Image Denoise, which is loaded at run time where it is found.
 //! - `report`: comparisons of techniques, error metrics, plots, and families of extreme scenes. It needs a C++
 //!   compiler.
+//! - `view`: the window of `penumbra view`.
 #![warn(missing_docs)]
 
 mod bvh;
@@ -51,6 +52,8 @@ pub mod statistics;
 #[cfg(feature = "report")]
 mod stress;
 mod techniques;
+#[cfg(feature = "view")]
+mod view;
 
 pub use error::{Error, Result};
 /// # Example
@@ -195,5 +198,6 @@ pub mod internal {
         #[cfg(feature = "report")] report
         scene settings specialisation statistics
         #[cfg(feature = "report")] stress
+        #[cfg(feature = "view")] view
     }
 }

@@ -301,8 +301,8 @@ impl Settings {
     }
 
     /// Photons emitted for the global map after the first sample, 65,536 if [`IndirectSettings::photons`] does not say.
-    /// The first sample has a sixteenth of them if neither it nor [`IrradianceCacheSettings::gather_rays`] does; from 32
-    /// samples per pixel on there are more.
+    /// The first sample has a sixteenth of them if neither it nor [`IrradianceCacheSettings::gather_rays`] does; from
+    /// 32 samples per pixel on there are more.
     pub fn flux_photons(&self) -> u32 {
         self.indirect.photons.unwrap_or(FLUX_PHOTONS)
     }

@@ -17,6 +17,8 @@ mod sequence;
 mod shell;
 mod stress;
 mod table1;
+#[cfg(feature = "view")]
+mod view;
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -41,6 +43,10 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Put pieces of an image together, which `render --samples` made
     Merge(merge::Arguments),
+
+    /// Look around in a scene while it renders, in a window
+    #[cfg(feature = "view")]
+    View(Box<view::Arguments>),
     /// Print what a scene needs, what is left out and why, without rendering it
     Plan(Box<plan::Arguments>),
     /// List the Vulkan devices
@@ -68,7 +74,7 @@ Exit codes:
   1    the render failed
   2    wrong usage
   3    a file cannot be read, understood or written
-  4    no Vulkan device, or the device was lost
+  4    no Vulkan device, or the device was lost; view: no display
   5    compare: the error is above the limit; check: a case is not as it should be
   130  stopped by Ctrl-C or SIGTERM, with the image so far written; or by Ctrl-C at once, before the first sample or
        by a second signal
@@ -92,6 +98,8 @@ pub fn run() -> ExitCode {
     let ending = match command {
         Command::Render(arguments) => render::run(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
+        #[cfg(feature = "view")]
+        Command::View(arguments) => view::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

@@ -8,19 +8,22 @@ use std::sync::Arc;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, Command};
+use glam::DVec3;
 use kernel_kit::{DeviceChoice, DeviceLimits, Gpu};
 use penumbra::internal::gpu_scene::camera::CameraUniform;
 use penumbra::internal::render::film::linear_from_srgb;
 use penumbra::internal::report::entrant::Entrant;
 use penumbra::internal::report::reference::Reference;
-use penumbra::internal::scene::{Focus, Framing, ImportOptions, Iris, Panorama};
+use penumbra::internal::scene::{Focus, Framing, ImportOptions, Iris, LookAt, Panorama, Projection};
+#[cfg(feature = "view")]
+use penumbra::internal::view::Pose;
 use penumbra::settings::{Background, Crop, Denoise, LightSampling, SampleRange};
 use penumbra::{Aov, Camera, Denoiser, Error, Image, Result, Scene, Settings, Technique};
 
 /// Maximum number of blades of an iris. No eye sees that the blur of so many is not round.
 const MAX_BLADES: u32 = 64;
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct SceneOptions {
     /// The scene, .gltf or .glb
     pub scene: PathBuf,
@@ -40,6 +43,34 @@ pub struct SceneOptions {
         help_heading = "Scene"
     )]
     from: Option<[f32; 2]>,
+
+    /// Place the camera here, in the file's coordinates, upright (+Y is up)
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = position,
+        allow_hyphen_values = true,
+        requires = "look_at",
+        conflicts_with_all = ["camera", "from"],
+        help_heading = "Scene"
+    )]
+    look_from: Option<DVec3>,
+
+    /// What a placed camera looks at
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = position,
+        allow_hyphen_values = true,
+        requires = "look_from",
+        help_heading = "Scene"
+    )]
+    look_at: Option<DVec3>,
+
+    /// Vertical field of view of a perspective camera [default: the camera's own; 40 of one that is placed or frames
+    /// the scene]
+    #[arg(long, value_name = "DEGREES", value_parser = field_of_view, help_heading = "Scene")]
+    fov: Option<f64>,
 
     /// F-number of the camera's lens, which blurs what is out of focus; the film is 24 mm high, and a unit of the file
     /// is a metre [default: a pinhole]
@@ -132,6 +163,57 @@ pub struct SceneOptions {
     environment_strength: f32,
 }
 
+/// For the window: what it changes of a scene and of its camera.
+#[cfg(feature = "view")]
+impl SceneOptions {
+    /// Another file, in another state.
+    pub fn of_file(self, file: &Path, pose: &Pose) -> Self {
+        let environment_rotation = pose.environment_rotation.unwrap_or(self.environment_rotation);
+        SceneOptions { scene: file.to_owned(), environment_rotation, variant: pose.variant.clone(), ..self }
+    }
+
+    /// Another field of view or f-number, if there are any.
+    pub fn through(self, fov: Option<f64>, f_number: Option<f64>) -> Self {
+        SceneOptions { fov: fov.or(self.fov), aperture: f_number.or(self.aperture), ..self }
+    }
+
+    /// A camera of the file.
+    pub fn through_camera(self, index: usize) -> Self {
+        SceneOptions { camera: Some(index.to_string()), from: None, look_from: None, look_at: None, ..self }
+    }
+
+    /// A placed camera.
+    pub fn placed(self, view: &LookAt) -> Self {
+        let (look_from, look_at) = (Some(view.from), Some(view.at));
+        SceneOptions { camera: None, from: None, look_from, look_at, fov: Some(view.fov), ..self }
+    }
+
+    /// The state of the scene.
+    pub fn pose(&self) -> Pose {
+        Pose { time: self.at, variant: self.variant.clone(), environment_rotation: None }
+    }
+
+    /// The field of view.
+    pub fn fov(&self) -> Option<f64> {
+        self.fov
+    }
+
+    /// The f-number.
+    pub fn f_number(&self) -> Option<f64> {
+        self.aperture
+    }
+
+    /// The rotation of the environment, if one is given.
+    pub fn rotation(&self) -> Option<f64> {
+        Some(self.environment_rotation).filter(|degrees| self.environment.is_some() && *degrees != 0.0)
+    }
+
+    /// The files besides that of the scene.
+    pub fn other_files(&self) -> Vec<PathBuf> {
+        self.environment.iter().cloned().collect()
+    }
+}
+
 /// A panorama, and the notes on its file.
 pub struct Surroundings {
     panorama: Arc<Panorama>,
@@ -152,7 +234,7 @@ impl SceneOptions {
             self.surround(&mut scene, &surroundings)?;
         }
         let camera = self.camera(&scene, aspect)?;
-        if scene.cameras.is_empty() && self.from.is_none() {
+        if scene.cameras.is_empty() && self.from.is_none() && self.look_from.is_none() {
             scene.notes.push("the view is that of a camera that frames the scene".into());
         }
         scene.notes.extend(scene.clipped_away(&camera));
@@ -186,12 +268,19 @@ impl SceneOptions {
 
     /// Whether the camera is one that frames the scene, and not one of the file.
     pub fn frames(&self, scene: &Scene) -> bool {
-        self.from.is_some() || (self.camera.is_none() && scene.cameras.is_empty())
+        self.from.is_some() || (self.look_from.is_none() && self.camera.is_none() && scene.cameras.is_empty())
     }
 
     /// The camera that the user selects, with its lens; `aspect` as for [`load`](Self::load).
     pub fn camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
         let mut camera = self.select_camera(scene, aspect)?;
+        if let Some(fov) = self.fov {
+            let Projection::Perspective { yfov, .. } = &mut camera.projection else {
+                let problem = format!("--fov: camera `{}` is orthographic, which has no field of view", camera.name);
+                return Err(Error::Usage(problem));
+            };
+            *yfov = fov.to_radians() as f32;
+        }
         if let Some(f_number) = self.aperture {
             let iris = Iris { f_number, blades: self.iris_blades };
             let refused = |problem| Error::Usage(format!("--aperture: {problem}"));
@@ -203,6 +292,10 @@ impl SceneOptions {
     fn select_camera(&self, scene: &Scene, aspect: f32) -> Result<Camera> {
         let cameras = &scene.cameras;
         let framing = Framing { aspect, ..Framing::default() };
+        if let (Some(from), Some(at)) = (self.look_from, self.look_at) {
+            let placed = LookAt { from, at, fov: self.fov.unwrap_or(LookAt::FOV) };
+            return scene.look_at(&placed).map_err(|problem| Error::Usage(format!("--look-from: {problem}")));
+        }
         if let Some([azimuth, elevation]) = self.from {
             return Ok(scene.frame(&Framing { azimuth, elevation, ..framing }));
         }
@@ -236,13 +329,19 @@ fn device_limits() -> impl TypedValueParser<Value = DeviceLimits> {
 }
 
 impl DeviceOptions {
+    /// The choice, and what of the device is used.
+    #[cfg(feature = "view")]
+    pub fn choice(&self) -> (DeviceChoice, DeviceLimits) {
+        (self.device.clone(), self.device_limits)
+    }
+
     /// As [`Gpu::open_with`].
     pub fn open(&self) -> Result<Gpu> {
         Ok(Gpu::open_with(&self.device, self.device_limits)?)
     }
 }
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct OidnOptions {
     /// The library of Open Image Denoise 2 [default: the environment variable OIDN_LIBRARY, else
     /// libOpenImageDenoise.so.2 where the system finds it]
@@ -332,6 +431,12 @@ impl RenderOptions {
     /// The user requests a piece of the image.
     pub fn is_piece(&self) -> bool {
         self.samples.is_some()
+    }
+
+    /// The user states the size of the image.
+    #[cfg(feature = "view")]
+    pub fn has_size(&self) -> bool {
+        self.settings.width.is_some() || self.settings.height.is_some()
     }
 
     /// The user requests channels besides the image.
@@ -685,6 +790,16 @@ fn direction(text: &str) -> std::result::Result<[f32; 2], String> {
     let is_direction = |[azimuth, elevation]: &[f32; 2]| azimuth.is_finite() && elevation.abs() <= 90.0;
     let direction = numbers(text).filter(is_direction);
     direction.ok_or_else(|| "it must be two numbers as in 30,15; the elevation is from -90 to 90".into())
+}
+
+/// A position.
+fn position(text: &str) -> std::result::Result<DVec3, String> {
+    let position = numbers(text).map(DVec3::from_array).filter(|position| position.is_finite());
+    position.ok_or_else(|| "it must be three finite numbers as in 1,0.5,-2".into())
+}
+
+fn field_of_view(text: &str) -> std::result::Result<f64, String> {
+    positive(text).ok().filter(|fov| *fov < 180.0).ok_or_else(|| "it must be more than 0 and less than 180".into())
 }
 
 fn focus(text: &str) -> std::result::Result<Focus, String> {

@@ -95,6 +95,11 @@ impl GpuScene {
         })
     }
 
+    /// Changes the camera, and the size of its image.
+    pub fn set_camera(&self, gpu: &Gpu, camera: &Camera, size: [u32; 2]) {
+        gpu.write(&self.camera, &[CameraUniform::new(camera, size[0], size[1])]);
+    }
+
     /// The `override`s of the kernels that read the scene.
     pub fn constants(&self) -> Vec<(&'static str, f64)> {
         let mut constants = self.surfaces.constants();

@@ -4,6 +4,7 @@
 use super::adaptive_testing::AdaptiveTesting;
 use super::cell_visibility::CellVisibility;
 use super::fine_cells::FineCellMap;
+use super::global_map::GlobalMap;
 use super::indirect_light::{IndirectLight, IndirectSetup};
 use super::kernels::{DirectKernels, IndirectKernels};
 use super::light_sampler::LightSampler;
@@ -16,6 +17,13 @@ use crate::gpu_scene::light_buffer::LightBuffers;
 use crate::passes::primary::BoundPrimary;
 use crate::settings::Settings;
 use crate::statistics::totals::Totals;
+
+/// Maps that do not depend on the camera, of another view of the same scene. A map that is none is made.
+#[derive(Default)]
+pub(crate) struct MadeMaps {
+    pub visibility_map: Option<VisibilityMap>,
+    pub global_map: Option<GlobalMap>,
+}
 
 /// A first pass under way.
 pub(crate) struct FirstPass<'a> {
@@ -30,6 +38,7 @@ pub(crate) struct FirstPass<'a> {
     /// Points of a tile.
     pub points: u32,
     pub totals: &'a mut Totals,
+    pub made: MadeMaps,
     /// The parts made so far.
     pub lighting: Lighting,
 }
@@ -49,7 +58,10 @@ impl FirstPass<'_> {
     /// `photons`, `grid`).
     pub fn make_visibility_map(&mut self) -> Result<()> {
         if let Some(kernels) = self.direct_kernels.visibility_map.take() {
-            self.lighting.visibility_map = Some(VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?);
+            self.lighting.visibility_map = Some(match self.made.visibility_map.take() {
+                Some(map) => map.renewed(self.shared.gpu)?,
+                None => VisibilityMap::new(&self.shared, kernels, self.settings, self.totals)?,
+            });
         }
         Ok(())
     }
@@ -104,7 +116,8 @@ impl FirstPass<'_> {
     pub fn make_indirect_light(&mut self) -> Result<()> {
         let FirstPass { shared, indirect_kernels: kernels, primary, camera, indirect_settings: settings, .. } = *self;
         let setup = IndirectSetup { shared, kernels, primary, camera, settings };
-        self.lighting.indirect = Some(IndirectLight::new(&setup, self.totals)?);
+        let made = self.made.global_map.take();
+        self.lighting.indirect = Some(IndirectLight::new(&setup, made, self.totals)?);
         Ok(())
     }
 }

@@ -49,6 +49,16 @@ impl GlobalMap {
         self.irradiance.as_ref()
     }
 
+    /// The map, if no buffers of a view are bound to it.
+    pub fn without_view(self) -> Option<GlobalMap> {
+        Some(self).filter(|map| map.show.is_none())
+    }
+
+    /// Bytes that it has on the device, if it is not shown.
+    pub fn bytes(&self) -> u64 {
+        self.irradiance.as_ref().map_or(0, |irradiance| irradiance.bytes)
+    }
+
     /// Traces the photons, sorts them, and estimates the irradiance at some of them for `paths`.
     pub fn new(
         shared: &Shared<'_>,

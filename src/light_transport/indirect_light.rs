@@ -37,15 +37,19 @@ pub(crate) struct IndirectLight {
 }
 
 impl IndirectLight {
-    /// Traces the flux photons, sorts them into the global map, and fills the irradiance cache. A part without kernels
-    /// is left out.
-    pub fn new(setup: &IndirectSetup<'_>, totals: &mut Totals) -> Result<IndirectLight> {
+    /// Traces the flux photons, sorts them into the global map unless there is one, and fills the irradiance cache. A
+    /// part without kernels is left out.
+    pub fn new(setup: &IndirectSetup<'_>, made: Option<GlobalMap>, totals: &mut Totals) -> Result<IndirectLight> {
         let IndirectSetup { shared, kernels, primary, camera, settings } = *setup;
         let IndirectKernels { global_map, cache, path, features, .. } = kernels;
         let Shared { gpu, gpu_scene, tile, .. } = shared;
-        totals.indirect_bytes = 0;
+        totals.indirect_bytes = made.as_ref().map_or(0, GlobalMap::bytes);
         let paths = path.is_some();
-        let map = global_map.as_ref().map(|map| GlobalMap::new(&shared, map, settings, paths, totals)).transpose()?;
+        let map = match (global_map, made) {
+            (Some(_), Some(made)) => Some(made),
+            (Some(kernels), None) => Some(GlobalMap::new(&shared, kernels, settings, paths, totals)?),
+            (None, _) => None,
+        };
         let mut scene: Vec<&dyn Bindings> = vec![gpu_scene];
         scene.extend(map.as_ref().and_then(GlobalMap::irradiance).map(|irradiance| irradiance as &dyn Bindings));
         let filling = |kernels| Filling { gpu, kernels, features, tile, primary, scene: &scene, camera, settings };
@@ -67,6 +71,11 @@ impl IndirectLight {
     /// Whether there is a global map, which more photons would refine.
     pub fn has_map(&self) -> bool {
         self.map.is_some()
+    }
+
+    /// The global map, if another view can use it.
+    pub fn into_map(self) -> Option<GlobalMap> {
+        self.map.and_then(GlobalMap::without_view)
     }
 
     /// Shows the global map at the tile's points, if the technique does so.

@@ -130,6 +130,17 @@ impl VisibilityMap {
         })
     }
 
+    /// The map as it was before the first sample: without photons of audits, and with no cell requested.
+    pub fn renewed(mut self, gpu: &Gpu) -> Result<VisibilityMap> {
+        self.count -= REPAIR_ROOM - self.room;
+        self.room = REPAIR_ROOM;
+        self.repairs = Repairs::new(gpu, REPAIR_BATCH)?;
+        // Old and new tables need not fit beside each other.
+        self.grid = None;
+        self.sort(gpu)?;
+        Ok(self)
+    }
+
     /// Adds the photons of audits to the map, if that is `due` or their buffer is nearly full. Returns whether the map
     /// must be sorted again; its tables are then dropped.
     pub fn take_repairs(&mut self, gpu: &Gpu, due: bool, totals: &mut Totals) -> Result<bool> {
@@ -196,6 +207,11 @@ impl VisibilityMap {
         gpu.write(&self.repairs.count, &[state.left]);
         Ok(state.rest.is_empty()
             || self.grid.as_ref().is_some_and(|grid| grid.restore_requested_cells(gpu, &state.rest)))
+    }
+
+    /// All photons, in any order.
+    pub fn photons(&self, gpu: &Gpu) -> Result<Vec<Photon>> {
+        Ok(gpu.read(&self.photons, self.count as usize)?)
     }
 
     /// The sorted photons; none while the map must be sorted again.

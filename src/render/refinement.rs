@@ -42,7 +42,7 @@ impl Renderer<'_> {
             camera: &CameraUniform::new(&self.camera, self.settings.image.width, self.settings.image.height),
             settings: &settings_of_stage(&self.settings, stage),
         };
-        self.lighting.indirect = Some(IndirectLight::new(&setup, &mut self.totals)?);
+        self.lighting.indirect = Some(IndirectLight::new(&setup, None, &mut self.totals)?);
         self.stage = stage;
         Ok(())
     }

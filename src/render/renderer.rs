@@ -14,7 +14,7 @@ use crate::Result;
 use crate::bvh::Bvh;
 use crate::gpu_scene::lights::LightInfo;
 use crate::gpu_scene::{CameraUniform, GpuScene};
-use crate::light_transport::first_pass::FirstPass;
+use crate::light_transport::first_pass::{FirstPass, MadeMaps};
 use crate::light_transport::kernels::{DirectKernels, IndirectKernels};
 use crate::light_transport::lighting::Lighting;
 use crate::light_transport::shared::Shared;
@@ -24,7 +24,7 @@ use crate::passes::primary::{BoundPrimary, Primary};
 use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
 use crate::specialisation::Specialisation;
-use crate::specialisation::features::Feature;
+use crate::specialisation::features::{Feature, Features};
 use crate::statistics::totals::Totals;
 use crate::techniques::implementation;
 
@@ -89,40 +89,16 @@ impl<'g> Renderer<'g> {
         let kernels = Kernels::new(gpu, &specialisation, &gpu_scene.constants(), settings)?;
         gpu.compile_ahead(&gpu_scene)?;
         totals.time_compile = start.elapsed().as_secs_f64();
-
-        let start = Instant::now();
         let features = &specialisation.features;
-        let tile_size = TileSize::new(features, scene.lights.len(), settings);
-        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
-        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
-        let primary = primary.bind(gpu, &buffers, &gpu_scene)?;
-        let stage = stage(settings, settings.image.range().first);
-        let first_settings = settings_of_stage(settings, stage);
-        let mut first_pass = FirstPass {
-            shared: Shared { gpu, scene: &scene, gpu_scene: &gpu_scene, tile: &buffers },
-            direct_kernels: direct,
-            indirect_kernels: &indirect_kernels,
-            primary: &primary,
-            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
-            settings,
-            indirect_settings: &first_settings,
-            points: tile_size.points,
-            totals: &mut totals,
-            lighting: Lighting::default(),
-        };
-        (implementation(settings.technique).first_pass)(&mut first_pass)?;
-        let lighting = first_pass.lighting;
-        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
-        gpu.wait("preparation")?;
-        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
-        totals.frame_bytes += lighting.frame_bytes();
-        totals.time_render = start.elapsed().as_secs_f64();
+        let view = ViewOf { gpu, scene: &scene, gpu_scene: &gpu_scene, features, camera, settings };
+        let PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
+            view.prepare(kernels, MadeMaps::default(), &mut totals)?;
 
         // A piece does not count first: highlights are at nearly all points where there are glossy surfaces.
         let shade_at_once = settings.image.piece.is_some() && features.has(Feature::Glossy);
         let piece_sums = settings.image.piece.map(|piece| PieceSums::new(&buffers, &settings.image, piece));
         Ok(Renderer {
-            notes: notes(&scene, &first_settings, &totals.indirect, &gpu_scene),
+            notes: notes(&scene, &settings_of_stage(settings, stage), &totals.indirect, &gpu_scene),
             gpu,
             scene,
             camera: camera.clone(),
@@ -179,6 +155,62 @@ impl<'g> Renderer<'g> {
     }
 }
 
+/// What a view is of.
+pub(super) struct ViewOf<'a> {
+    pub gpu: &'a Gpu,
+    pub scene: &'a Scene,
+    pub gpu_scene: &'a GpuScene,
+    pub features: &'a Features,
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+}
+
+/// The parts of a render that depend on its camera and on the size of its image.
+pub(super) struct PreparedView {
+    pub primary: BoundPrimary,
+    pub lighting: Lighting,
+    pub indirect_kernels: IndirectKernels,
+    pub buffers: TileBuffers,
+    pub tiles: Vec<TileFilm>,
+    pub tile_size: TileSize,
+    /// Of photons and gather rays.
+    pub stage: i32,
+}
+
+impl ViewOf<'_> {
+    /// Runs the technique's first pass, but for the maps that are already made, and makes empty films.
+    pub fn prepare(&self, kernels: Kernels, made: MadeMaps, totals: &mut Totals) -> Result<PreparedView> {
+        let start = Instant::now();
+        let ViewOf { gpu, scene, gpu_scene, features, camera, settings } = *self;
+        let tile_size = TileSize::new(features, scene.lights.len(), settings);
+        let Kernels { primary, film, direct, indirect: indirect_kernels } = kernels;
+        let buffers = TileBuffers::new(gpu, features, tile_size.points, indirect_kernels.bring_light())?;
+        let primary = primary.bind(gpu, &buffers, gpu_scene)?;
+        let stage = stage(settings, settings.image.range().first);
+        let mut first_pass = FirstPass {
+            shared: Shared { gpu, scene, gpu_scene, tile: &buffers },
+            direct_kernels: direct,
+            indirect_kernels: &indirect_kernels,
+            primary: &primary,
+            camera: &CameraUniform::new(camera, settings.image.width, settings.image.height),
+            settings,
+            indirect_settings: &settings_of_stage(settings, stage),
+            points: tile_size.points,
+            totals,
+            made,
+            lighting: Lighting::default(),
+        };
+        (implementation(settings.technique).first_pass)(&mut first_pass)?;
+        let lighting = first_pass.lighting;
+        let tiles = TileFilm::of_all_tiles(gpu, &film, &buffers, lighting.direct.as_ref(), tile_size, settings)?;
+        gpu.wait("preparation")?;
+        totals.frame_bytes = buffers.bytes() + tiles.iter().flat_map(TileFilm::planes).map(Plane::bytes).sum::<u64>();
+        totals.frame_bytes += lighting.frame_bytes();
+        totals.time_render = start.elapsed().as_secs_f64();
+        Ok(PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage })
+    }
+}
+
 /// Builds the hierarchy and puts the scene's triangles in its order.
 fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
     let start = Instant::now();
@@ -190,7 +222,7 @@ fn build_hierarchy(scene: &mut Scene, totals: &mut Totals) -> Result<Bvh> {
 }
 
 /// The kernels of a render.
-struct Kernels {
+pub(super) struct Kernels {
     primary: Primary,
     film: Film,
     direct: DirectKernels,
@@ -198,7 +230,7 @@ struct Kernels {
 }
 
 impl Kernels {
-    fn new(
+    pub fn new(
         gpu: &Gpu,
         specialisation: &Specialisation,
         constants: &[(&str, f64)],

@@ -9,13 +9,13 @@ const REFINED: u32 = 32;
 /// 4 million photon rays, and [`Settings::MAX_GATHER_RAYS`] by default.
 const LAST_STAGE: i32 = 3;
 
-/// The stage of the first sample: an image that comes two to four times sooner (`scenes/crowd.glb`, 128 x 128 pixels: 0.12
-/// s instead of 0.52) has at most a third more error. A second cheap stage gained nothing: with 64 rays until the eighth
-/// sample the box had 1.8e-3 after 0.25 s, with 256 from the second on 1.2e-3 after 0.29 s.
+/// The stage of the first sample: an image that comes two to four times sooner (`scenes/crowd.glb`, 128 x 128 pixels:
+/// 0.12 s instead of 0.52) has at most a third more error. A second cheap stage gained nothing: with 64 rays until the
+/// eighth sample the box had relMSE 1.8e-3 after 0.25 s, with 256 from the first on 1.2e-3 after 0.29 s.
 const PREVIEW_STAGE: i32 = -2;
 
-/// The stage of the samples that follow the first `samples`. Numbers that the user requested hold from the first one on,
-/// and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview.
+/// The stage of the samples that follow the first `samples`. Numbers that the user requested hold from the first one
+/// on, and so do the photons of a map that is shown, where fewer would blur the image. A piece shows no preview.
 pub(super) fn stage(settings: &Settings, samples: u32) -> i32 {
     let indirect = &settings.indirect;
     let requested = indirect.photons.is_some() || indirect.irradiance_cache.gather_rays.is_some();

@@ -37,14 +37,16 @@ enum Target {
     Unknown(String),
 }
 
-/// Checks the animations of a document. Returns the document at the moment that `options` choose; none for the pose of
-/// the file.
-pub(super) fn pose(
-    root: &Json,
-    accessors: &[Accessor],
-    options: &ImportOptions,
-    notes: &mut Notes,
-) -> Result<Option<Value>> {
+/// What the animations of a document make of it.
+pub(super) struct Posed {
+    /// The document at a moment; none for the pose of the file.
+    pub document: Option<Value>,
+    /// Time of the last key of the animation that is or would be played, in seconds; none without animations.
+    pub end: Option<f64>,
+}
+
+/// Checks the animations of a document, and poses it at the moment that `options` choose.
+pub(super) fn pose(root: &Json, accessors: &[Accessor], options: &ImportOptions, notes: &mut Notes) -> Result<Posed> {
     let animations = read(root, accessors)?;
     let Some(seconds) = options.time else {
         if !animations.is_empty() {
@@ -53,13 +55,11 @@ pub(super) fn pose(
                 "{count} animations are not played: the scene is in the pose of the file without `time`"
             ));
         }
-        return Ok(None);
+        let end = find(&animations, options).map(Animation::end).transpose()?;
+        return Ok(Posed { document: None, end });
     };
     let animation = select(&animations, options)?;
-    let mut end = 0.0f64;
-    for channel in &animation.channels {
-        end = end.max(channel.sampler.end()?);
-    }
+    let end = animation.end()?;
     let seconds = if options.repeat && end > 0.0 { seconds.rem_euclid(end) } else { seconds };
     let mut document = root.value().clone();
     for Channel { json, target, sampler } in &animation.channels {
@@ -76,21 +76,28 @@ pub(super) fn pose(
         }
         property.set(&mut document, &numbers);
     }
-    Ok(Some(document))
+    Ok(Posed { document: Some(document), end: Some(end) })
+}
+
+impl Animation<'_, '_> {
+    /// Time of its last key.
+    fn end(&self) -> Result<f64> {
+        self.channels.iter().try_fold(0.0f64, |end, channel| Ok(end.max(channel.sampler.end()?)))
+    }
+}
+
+/// The animation of the options.
+fn find<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Option<&'s Animation<'r, 'a>> {
+    let Some(wanted) = &options.animation else { return animations.first() };
+    let by_name = animations.iter().find(|animation| animation.name.as_ref() == Some(wanted));
+    by_name.or_else(|| animations.get(wanted.parse::<usize>().ok()?))
 }
 
 fn select<'s, 'r, 'a>(animations: &'s [Animation<'r, 'a>], options: &ImportOptions) -> Result<&'s Animation<'r, 'a>> {
     if !options.time.is_some_and(f64::is_finite) {
         return Err(Error::Usage("`time` must be finite".into()));
     }
-    let selected = match &options.animation {
-        None => animations.first(),
-        Some(wanted) => {
-            let by_name = animations.iter().find(|animation| animation.name.as_ref() == Some(wanted));
-            by_name.or_else(|| animations.get(wanted.parse::<usize>().ok()?))
-        }
-    };
-    selected.ok_or_else(|| {
+    find(animations, options).ok_or_else(|| {
         let name = |(i, animation): (usize, &Animation)| animation.name.clone().unwrap_or_else(|| i.to_string());
         let names: Vec<String> = animations.iter().enumerate().map(name).collect();
         match &options.animation {

@@ -94,6 +94,14 @@ pub(super) struct Resources {
 }
 
 impl Resources {
+    /// The files that were read, beside the scene in `file`, sorted.
+    pub fn files(&self, file: &Path) -> Vec<PathBuf> {
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let mut files: Vec<PathBuf> = self.files.keys().map(|path| folder.join(path)).collect();
+        files.sort();
+        files
+    }
+
     /// The bytes that a `uri` property refers to: a data URI, or a file below the scene's folder.
     pub fn resolve(&mut self, uri: &Json) -> Result<Bytes<'static>> {
         let text = uri.string()?;

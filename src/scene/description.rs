@@ -42,6 +42,12 @@ pub struct Scene {
     /// Remarks on the file, one line each and without repetition: content that is not rendered, unknown extensions,
     /// degenerate triangles that were dropped.
     pub notes: Vec<String>,
+    /// Names of the file's variants of materials.
+    pub variants: Vec<String>,
+    /// Time of the last key of the animation that is or would be played, in seconds; none without animations.
+    pub animation_end: Option<f64>,
+    /// The files that it refers to and was read from, besides its own.
+    pub files: Vec<std::path::PathBuf>,
 }
 
 impl Scene {

@@ -27,6 +27,9 @@ impl Scene {
             cameras,
             normalisation,
             notes: _,
+            files: _,
+            variants: _,
+            animation_end: _,
         } = self;
         // The debug form of a float has all of its bits, except those of a NaN.
         let parts = (

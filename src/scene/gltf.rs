@@ -88,7 +88,7 @@ impl Scene {
         let decoded = draco::decode(&root, &views)?;
         let accessors = views.accessors(&root, &decoded)?;
         let posed = animation::pose(&root, &accessors, options, &mut notes)?;
-        let root = posed.as_ref().map_or(root, |posed| Json::root(posed, path));
+        let root = posed.document.as_ref().map_or(root, |document| Json::root(document, path));
         let encoded = images::read_images(&root, &views, &mut resources, options.lenient, &mut notes)?;
         let (materials, images) = materials(&root, encoded, options, &mut notes)?;
         let cameras = camera::read(&root)?;
@@ -118,6 +118,8 @@ impl Scene {
         document.add_lights_and_cameras(&mut scene, mesh_lights, &mut notes)?;
         note_omissions(&scene, &skipped, &mut notes)?;
         scene.notes = notes.into_lines();
+        scene.files = resources.files(path);
+        (scene.variants, scene.animation_end) = (variants.into_names(), posed.end);
         Ok(scene)
     }
 }

@@ -8,7 +8,7 @@ const EXTENSION: &str = "KHR_materials_variants";
 
 /// The variants of a file.
 pub(super) struct Variants {
-    count: usize,
+    names: Vec<String>,
     /// The variant to render. None: each primitive has its own material.
     chosen: Option<usize>,
 }
@@ -22,7 +22,7 @@ impl Variants {
         let mut names = Vec::new();
         if let Some(extension) = root.extension(EXTENSION)? {
             for variant in extension.require("variants")?.items()? {
-                names.push(variant.require("name")?.string()?);
+                names.push(variant.require("name")?.string()?.to_owned());
             }
         }
         let listed = if names.is_empty() { "none".into() } else { names.join(", ") };
@@ -39,7 +39,12 @@ impl Variants {
                 None
             }
         };
-        Ok(Variants { count: names.len(), chosen })
+        Ok(Variants { names, chosen })
+    }
+
+    /// Their names.
+    pub fn into_names(self) -> Vec<String> {
+        self.names
     }
 
     /// The material that the chosen variant gives to a primitive, if it gives one. `materials` is their number.
@@ -49,7 +54,7 @@ impl Variants {
         for mapping in filled_list(&extension, "mappings")? {
             let material = mapping.require("material")?.index(materials, "material")?;
             for variant in filled_list(&mapping, "variants")? {
-                if Some(variant.index(self.count, "variant")?) == self.chosen {
+                if Some(variant.index(self.names.len(), "variant")?) == self.chosen {
                     found = found.or(Some(material));
                 }
             }

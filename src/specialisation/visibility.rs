@@ -11,9 +11,9 @@ use crate::specialisation::features::Feature;
 const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would find boundaries everywhere";
 
 /// Shadow rays to a light from which on its photons and cells save time. Time over that of `two-pass` in
-/// `scenes/{box,sphere,crowd,materials}.glb`, whose surfaces fill the image: 0.7 to 1.6 with 1 million shadow rays, 0.7 to
-/// 1.4 with 2 million, 0.6 to 1.05 with 4 million, 0.6 to 0.9 with 8 million. Single models, which fill a part of it: 1.1
-/// to 1.6 with 4 million for the whole image.
+/// `scenes/{box,sphere,crowd,materials}.glb`, whose surfaces fill the image: 0.7 to 1.6 with 1 million shadow rays, 0.7
+/// to 1.4 with 2 million, 0.6 to 1.05 with 4 million, 0.6 to 0.9 with 8 million. Single models, which fill a part of
+/// it: 1.1 to 1.6 with 4 million for the whole image.
 const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 
 /// Whether photons and cells save more time than they take, or are requested.

@@ -68,6 +68,21 @@ impl Totals {
         self
     }
 
+    /// The totals of the scene and of the maps that do not depend on the camera, for another view.
+    pub fn of_another_view(&self) -> Totals {
+        let mut photons = self.photons.clone();
+        photons.iter_mut().for_each(|light| light.repaired = 0);
+        Totals {
+            photons,
+            indirect: Indirect { caustics: 0, records: 0, ..self.indirect },
+            bvh_depth: self.bvh_depth,
+            time_bvh: self.time_bvh,
+            scene_bytes: self.scene_bytes,
+            photon_bytes: self.photon_bytes,
+            ..Totals::default()
+        }
+    }
+
     pub fn get(&self, counter: Counter) -> u64 {
         self.counters[counter as usize]
     }

@@ -18,7 +18,7 @@ struct Machine {
 }
 
 impl Machine {
-    /// A machine with a loader, compilers and cargo, but with no driver and no package manager.
+    /// A machine with a loader, compilers, a display and cargo, but with no driver and no package manager.
     fn new(name: &str) -> Self {
         let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("with_vulkan").join(name);
         let _ = fs::remove_dir_all(&root);
@@ -33,8 +33,9 @@ impl Machine {
         }
         machine.stub("ldconfig", "echo ' libvulkan.so.1 (libc6,x86-64) => /lib/libvulkan.so.1'");
         machine.stub("id", "echo 0");
-        machine.stub("cc", "");
-        machine.stub("c++", "");
+        for tool in ["cc", "c++", "Xvfb", "xdotool"] {
+            machine.stub(tool, "");
+        }
         machine.stub("cargo", r#"echo "cargo $*"; env >"$ROOT/cargo.env"; exit 7"#);
         machine
     }
@@ -348,6 +349,20 @@ fn the_tests_of_the_python_package_get_a_virtual_environment() {
     machine.manager("apt-get", "");
     assert_ran(&machine.run(&["test-python"], &[]), "test-python");
     assert!(machine.log().ends_with("install -qy --no-install-recommends python3-venv\n"), "{}", machine.log());
+}
+
+#[test]
+fn tests_get_a_display_without_a_screen() {
+    let machine = Machine::new("no-display");
+    fs::remove_file(machine.root.join("bin/Xvfb")).unwrap();
+    machine.driver(LAVAPIPE);
+    machine.manager("dnf", r#"mv "$ROOT/bin/not-Xvfb" "$ROOT/bin/Xvfb""#);
+    machine.stub("not-Xvfb", "");
+    machine.run(&["cargo", "run"], &[]);
+    assert_eq!(machine.log(), "", "only tests open windows on it");
+    assert_ran(&machine.run(&["cargo", "test"], &[]), "cargo test");
+    let packages = "xorg-x11-server-Xvfb xdotool libX11-xcb libXcursor libXi libxkbcommon-x11";
+    assert_eq!(machine.log(), format!("dnf install -y {packages}\n"));
 }
 
 #[test]

@@ -166,10 +166,12 @@ fn shared_data_is_counted_or_kept_once() {
     file.view(&[0; 1 << 20]);
     assert_eq!(file.load().triangles.len(), 0, "a file of that size may have as many");
 
-    // A mesh of 10,000 triangles in 10,000 nodes, refused before any of them is transformed.
+    // A lamp of 10,000 triangles in 10,000 nodes, refused before any of them is transformed: each is another light.
     let mut file = File::triangle();
     let indices = file.accessor(&[0u8, 1, 2].repeat(10_000), U8, "SCALAR", 30_000);
     file.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
+    let lamp = file.add("materials", json!({ "emissiveFactor": [1, 1, 1] }));
+    file.json["meshes"][0]["primitives"][0]["material"] = json!(lamp);
     file.json["nodes"] = json!(vec![json!({ "mesh": 0 }); 10_000]);
     assert_eq!(refused_at(&file), "/nodes/3355");
 

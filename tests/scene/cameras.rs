@@ -130,7 +130,7 @@ fn surfaces_cover_their_share_of_the_image() {
     let [right, up, backward] = camera.axes;
     let turned = Camera { axes: [-right, up, -backward], ..perspective(0.5, 0.1) };
     assert_eq!(scene.covered_share(&turned, 2.0), 0.0);
-    let inside = Camera { position: scene.vertices[0].position, axes: [-backward, up, right], ..perspective(0.5, 0.1) };
+    let inside = Camera { position: scene.vertices[0].position, axes: [backward, up, -right], ..perspective(0.5, 0.1) };
     assert_eq!(scene.covered_share(&inside, 2.0), 1.0);
 }
 

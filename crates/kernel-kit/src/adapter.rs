@@ -89,7 +89,8 @@ const WELCOME: wgpu::Features =
 
 const REMEDY: &str = "install a Vulkan driver (Mesa's lavapipe is one that needs no GPU)";
 
-fn instance() -> wgpu::Instance {
+/// An instance of wgpu with the backend of the kit, for windows; see [`Gpu::open_in`](crate::Gpu::open_in).
+pub fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN;
     descriptor.flags = wgpu::InstanceFlags::empty();
@@ -97,8 +98,8 @@ fn instance() -> wgpu::Instance {
 }
 
 /// The Vulkan devices, in the loader's order.
-pub(crate) fn adapters() -> Vec<wgpu::Adapter> {
-    pollster::block_on(instance().enumerate_adapters(wgpu::Backends::VULKAN))
+pub(crate) fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN))
 }
 
 /// What the adapter says of itself.
@@ -127,8 +128,8 @@ fn rank(kind: &str) -> usize {
 ///
 /// # Errors
 /// [`Error::NoDevice`] if none fits.
-pub(crate) fn choose(choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo)> {
-    let mut adapters = adapters();
+pub(crate) fn choose(instance: &wgpu::Instance, choice: &DeviceChoice) -> Result<(wgpu::Adapter, DeviceInfo)> {
+    let mut adapters = adapters(instance);
     if adapters.is_empty() {
         return Err(Error::NoDevice(format!("no Vulkan driver was found; {REMEDY}")));
     }

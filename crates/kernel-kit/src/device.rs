@@ -56,7 +56,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Gpu {
     /// The Vulkan devices of this machine, in the loader's order.
     pub fn list() -> Vec<DeviceInfo> {
-        adapter::adapters().iter().map(adapter::describe).collect()
+        adapter::adapters(&adapter::instance()).iter().map(adapter::describe).collect()
     }
 
     /// Opens a device.
@@ -72,7 +72,15 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::open`].
     pub fn open_with(choice: &DeviceChoice, limits: DeviceLimits) -> Result<Gpu> {
-        let (adapter, info) = adapter::choose(choice)?;
+        Gpu::open_in(&adapter::instance(), choice, limits)
+    }
+
+    /// As [`Gpu::open_with`], among the devices of an [`instance`](crate::instance): those that can show its windows.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn open_in(instance: &wgpu::Instance, choice: &DeviceChoice, limits: DeviceLimits) -> Result<Gpu> {
+        let (adapter, info) = adapter::choose(instance, choice)?;
         let (device, queue) = adapter::request(&adapter, limits)
             .map_err(|e| Error::NoDevice(format!("{} does not open: {}", info.name, one_line(&e.to_string()))))?;
         Ok(Gpu::new(adapter, device, queue, limits))
@@ -134,6 +142,11 @@ impl Gpu {
             kept: Mutex::default(),
             fault,
         }
+    }
+
+    /// The formats of a window's surface, the preferred first; none if the device cannot show the window.
+    pub fn surface_formats(&self, surface: &wgpu::Surface<'_>) -> Vec<wgpu::TextureFormat> {
+        surface.get_capabilities(&self.adapter).formats
     }
 
     /// From now on keeps the kernels of [`Kernel::kept`](crate::Kernel::kept), as long as the device is open: for

@@ -26,7 +26,7 @@ mod timer;
 mod transfer;
 mod uniforms;
 
-pub use adapter::{DeviceChoice, DeviceInfo, DeviceLimits};
+pub use adapter::{DeviceChoice, DeviceInfo, DeviceLimits, instance};
 pub use binding::{Binding, Bindings, Declared, Resources};
 pub use buffer::{Buffer, KernelTable, PART_ALIGNMENT, POISON, TABLE_WIDTH, Table, TableFormat, whole_rows};
 pub use compose::{Composed, Composer, MAX_GROUPS, Taken, constants_module};

@@ -1,0 +1,283 @@
+//! `penumbra view`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::parser::ValueSource;
+use clap::{ArgMatches, CommandFactory};
+use penumbra::internal::render::film::View;
+use penumbra::internal::view::{Choices, Display, Eye, Overlay, Picture, Pose, Program, Shown, Source, Viewpoint};
+use penumbra::settings::Denoise;
+use penumbra::{Camera, Denoiser, Error, Result, Scene};
+
+use super::options::{DeviceOptions, OidnOptions, RenderOptions, SceneOptions, denoisers, finite, positive};
+use super::{CommandLine, Ending, flags, print, say};
+
+#[derive(clap::Args)]
+#[command(allow_negative_numbers = true)]
+pub struct Arguments {
+    #[command(flatten)]
+    scene: SceneOptions,
+
+    /// Tone mapping: neutral (Khronos PBR Neutral), agx, standard (sRGB, clipped) or raw (linear values)
+    #[arg(long, value_name = "VIEW", default_value_t = View::default(), help_heading = "Output")]
+    view: View,
+
+    /// Exposure, in stops
+    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = finite::<f32>, help_heading = "Output")]
+    exposure: f32,
+
+    /// Remove noise
+    #[arg(long, value_name = "DENOISER", value_parser = denoisers(), default_value = "auto", help_heading = "Output")]
+    denoise: Denoise,
+
+    #[command(flatten)]
+    oidn: OidnOptions,
+
+    #[command(flatten)]
+    settings: RenderOptions,
+
+    /// Render until the estimated relMSE of every block of 8 x 8 pixels is T or less; --spp is then the upper limit for
+    /// each pixel
+    #[arg(long, value_name = "T", value_parser = positive, help_heading = "Image")]
+    noise: Option<f64>,
+
+    #[command(flatten)]
+    device: DeviceOptions,
+}
+
+pub fn run(arguments: &Arguments) -> Result<Ending> {
+    arguments.settings.check()?;
+    if arguments.noise.is_some() && !arguments.settings.is_unbiased() {
+        let problem = "--noise needs an unbiased technique without --clamp, and audits where photons classify points";
+        return Err(Error::Usage(problem.into()));
+    }
+    let display = Display::open().map_err(|error| match error {
+        Error::NoDisplay(problem) => {
+            // Before the last colon stands where in the window's library it was found.
+            let problem = problem.rsplit(": ").next().unwrap_or(&problem).trim_end_matches('.');
+            Error::NoDisplay(format!("{problem}; `penumbra render` needs none"))
+        }
+        other => other,
+    })?;
+    let (scene, camera) = arguments.scene.load(arguments.settings.aspect())?;
+    scene.notes.iter().for_each(|note| say(format_args!("note: {note}")));
+    let mut settings = arguments.settings.settings(&camera)?;
+    settings.image.noise = arguments.noise;
+    if settings.image.crop.is_some() {
+        return Err(Error::Usage("--crop is for `penumbra render`: a window shows the whole image".into()));
+    }
+    let choices = Choices {
+        settings,
+        pose: arguments.scene.pose(),
+        display: Shown {
+            overlay: Overlay::Picture,
+            light: 0,
+            view: arguments.view,
+            exposure: arguments.exposure,
+            denoised: arguments.denoise != Denoise::None,
+        },
+    };
+    let program = Program {
+        source: Arc::new(Options::new(arguments)),
+        file: arguments.scene.scene.clone(),
+        scene,
+        choices,
+        follows_window: !arguments.settings.has_size(),
+        device: arguments.device.choice(),
+        // Nobody may read it.
+        copied: Box::new(|command| _ = print(&format!("{command}\n"))),
+    };
+    display.show(program)?;
+    Ok(Ending::Done)
+}
+
+/// The options that the window sets, or that `render` has otherwise: the copied command states them anew.
+const STATED: [&str; 21] = [
+    "scene",
+    "camera",
+    "from",
+    "look_from",
+    "look_at",
+    "fov",
+    "aperture",
+    "at",
+    "animation",
+    "repeat",
+    "variant",
+    "environment_rotation",
+    "view",
+    "exposure",
+    "denoise",
+    "technique",
+    "spp",
+    "aov",
+    "width",
+    "height",
+    "light_scale",
+];
+
+/// The options of the command, for a session.
+struct Options {
+    scene: SceneOptions,
+    oidn: OidnOptions,
+    denoise: Denoise,
+    /// The options of the command line that the window does not change, as they were given.
+    kept: Vec<String>,
+    /// Those of the camera, as they were given.
+    camera: Vec<String>,
+    /// Those of the animation.
+    animation: Vec<String>,
+    /// The f-number that was given.
+    aperture: Option<f64>,
+}
+
+impl Options {
+    fn new(arguments: &Arguments) -> Options {
+        let matches = CommandLine::command().get_matches();
+        let given = matches.subcommand_matches("view");
+        let all = |wanted: &dyn Fn(&str) -> bool| given.map(|given| given_options(given, wanted)).unwrap_or_default();
+        Options {
+            scene: arguments.scene.clone(),
+            oidn: arguments.oidn.clone(),
+            denoise: arguments.denoise,
+            kept: all(&|id| !STATED.contains(&id)),
+            camera: all(&|id| ["camera", "from", "look_from", "look_at"].contains(&id)),
+            animation: all(&|id| ["animation", "repeat"].contains(&id)),
+            aperture: arguments.scene.f_number(),
+        }
+    }
+
+    fn seen(&self, eye: &Eye) -> SceneOptions {
+        let scene = self.scene.clone().through(eye.fov, eye.f_number);
+        match &eye.viewpoint {
+            Viewpoint::Given => scene,
+            Viewpoint::File(index) => scene.through_camera(*index),
+            Viewpoint::Placed(view) => scene.placed(view),
+        }
+    }
+
+    /// The options of the camera.
+    fn eye(&self, eye: &Eye) -> Vec<String> {
+        let mut options = match &eye.viewpoint {
+            Viewpoint::Given => self.camera.clone(),
+            Viewpoint::File(index) => vec![format!("--camera={index}")],
+            Viewpoint::Placed(view) => {
+                let numbers = |p: &[f64; 3]| p.map(|x| x.to_string()).join(",");
+                let positions = [view.from, view.at].map(|position| numbers(&position.to_array()));
+                vec![
+                    format!("--look-from={}", positions[0]),
+                    format!("--look-at={}", positions[1]),
+                    format!("--fov={}", view.fov),
+                ]
+            }
+        };
+        let is_placed = matches!(eye.viewpoint, Viewpoint::Placed(_));
+        let fov = eye.fov.or(self.scene.fov().filter(|_| eye.viewpoint == Viewpoint::Given)).filter(|_| !is_placed);
+        options.extend(fov.map(|fov| format!("--fov={fov}")));
+        options.extend(eye.f_number.or(self.aperture).map(|f_number| format!("--aperture={f_number}")));
+        options
+    }
+}
+
+/// The options of the command line that are `wanted`, in the form of one word each.
+fn given_options(given: &ArgMatches, wanted: &dyn Fn(&str) -> bool) -> Vec<String> {
+    let command = CommandLine::command();
+    let Some(view) = command.find_subcommand("view") else { return Vec::new() };
+    let mut options = Vec::new();
+    for argument in view.get_arguments() {
+        let id = argument.get_id().as_str();
+        let is_given =
+            given.try_contains_id(id).unwrap_or(false) && given.value_source(id) == Some(ValueSource::CommandLine);
+        let Some(name) = argument.get_long().filter(|_| is_given && wanted(id)) else { continue };
+        if !argument.get_action().takes_values() {
+            options.push(format!("--{name}"));
+            continue;
+        }
+        let values = given.get_raw(id).into_iter().flatten();
+        options.extend(values.map(|value| format!("--{name}={}", value.to_string_lossy())));
+    }
+    options
+}
+
+impl Source for Options {
+    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
+        let options = self.scene.clone().of_file(file, pose);
+        let mut scene = options.load_at(pose.time)?;
+        if let Some(surroundings) = options.surroundings()? {
+            options.surround(&mut scene, &surroundings)?;
+        }
+        Ok(scene)
+    }
+
+    fn camera(&self, scene: &Scene, eye: &Eye, aspect: f32) -> Result<Camera> {
+        self.seen(eye).camera(scene, aspect)
+    }
+
+    fn denoiser(&self) -> (Denoiser, Option<String>) {
+        match self.oidn.denoiser(self.denoise) {
+            Ok(denoiser) => (denoiser, None),
+            Err(problem) => (Denoiser::default(), Some(flags::with_flags(&problem.to_string()).into_owned())),
+        }
+    }
+
+    fn command(&self, picture: &Picture) -> String {
+        let Picture { file, eye, choices } = picture;
+        let Choices { settings, pose, display } = choices;
+        let image = &settings.image;
+        let mut words = vec!["penumbra".to_owned(), "render".to_owned(), file.display().to_string()];
+        words.extend(self.eye(eye));
+        if let Some(time) = pose.time {
+            words.push(format!("--at={time}"));
+            words.extend(self.animation.iter().cloned());
+        }
+        words.extend(pose.variant.iter().map(|variant| format!("--variant={variant}")));
+        let rotation = pose.environment_rotation.or(self.scene.rotation());
+        words.extend(rotation.map(|degrees| format!("--environment-rotation={degrees}")));
+        words.push(format!("--technique={}", settings.technique));
+        words.push(format!("--width={}", image.width));
+        words.push(format!("--height={}", image.height));
+        words.push(format!("--spp={}", image.spp));
+        if settings.light_scale != 1.0 {
+            words.push(format!("--light-scale={}", settings.light_scale));
+        }
+        words.push(format!("--view={}", display.view));
+        if display.exposure != 0.0 {
+            words.push(format!("--exposure={}", display.exposure));
+        }
+        let denoise = if display.denoised { self.denoise } else { Denoise::None };
+        words.push(format!("--denoise={}", denoise.name()));
+        words.extend(self.kept.iter().cloned());
+        let aov = display.overlay.aov();
+        words.extend(aov.map(|aov| format!("--aov={}", aov.name())));
+        // A .png holds the picture alone.
+        words.extend(["-o".to_owned(), if aov.is_some() { "picture.exr" } else { "picture.png" }.to_owned()]);
+        words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        self.scene.other_files()
+    }
+}
+
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(quoted("--look-from=-1,0.5,2"), "--look-from=-1,0.5,2");
+        assert_eq!(quoted("my scene.glb"), "'my scene.glb'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+        assert_eq!(quoted(""), "''");
+    }
+}

@@ -1,0 +1,57 @@
+//! Other views of a scene that is being rendered: cameras that move, images of another size.
+
+use std::mem;
+
+use super::blocks::Blocks;
+use super::renderer::{Kernels, PreparedView, Renderer, ViewOf};
+use super::stages::stage;
+use crate::light_transport::first_pass::MadeMaps;
+use crate::light_transport::indirect_light::IndirectLight;
+use crate::light_transport::lighting::Lighting;
+use crate::scene::Camera;
+use crate::{Error, Result};
+
+impl Renderer<'_> {
+    /// Begins an image of the same scene through another camera, of `width` x `height` pixels. The hierarchy, the
+    /// scene on the device and the photons stay, which takes a small part of the time of [`Renderer::new`] where the
+    /// device keeps its kernels ([`keep_kernels`](kernel_kit::Gpu::keep_kernels)). For the size of the settings that
+    /// the renderer was made with, the image has the bits of a new renderer's, if that has visibility photons too or
+    /// neither has. For another size their number stays, where a new renderer may choose another.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a size out of range, [`Error::Usage`] for a lens where the first camera had none or the
+    /// reverse, since kernels depend on it, and those of [`Renderer::new`]. After an error of the device the renderer
+    /// cannot be used.
+    pub fn look(&mut self, camera: &Camera, [width, height]: [u32; 2]) -> Result<()> {
+        if camera.lens.is_some() != self.camera.lens.is_some() {
+            let problem = "a renderer stays with a pinhole or with a lens: another camera needs another renderer";
+            return Err(Error::Usage(problem.into()));
+        }
+        let settings = self.settings.clone().with(|s| {
+            s.visibility_map.photons_per_light = Some(self.settings.photons_per_light());
+            (s.image.width, s.image.height) = (width, height);
+        });
+        settings.check()?;
+        let (gpu, gpu_scene, specialisation) = (self.gpu, &self.gpu_scene, &self.specialisation);
+        gpu_scene.set_camera(gpu, camera, [width, height]);
+        let kernels = Kernels::new(gpu, specialisation, &gpu_scene.constants(), &settings)?;
+        // What the last view alone needs is released first.
+        let Lighting { visibility_map, indirect, .. } = mem::take(&mut self.lighting);
+        self.tiles.clear();
+        // Other stages have other photons.
+        let same_photons = self.stage == stage(&settings, 0);
+        let global_map = indirect.filter(|_| same_photons).and_then(IndirectLight::into_map);
+        let made = MadeMaps { visibility_map, global_map };
+        let mut totals = self.totals.of_another_view();
+        let features = &specialisation.features;
+        let view = ViewOf { gpu, scene: &self.scene, gpu_scene, features, camera, settings: &settings };
+        let PreparedView { primary, lighting, indirect_kernels, buffers, tiles, tile_size, stage } =
+            view.prepare(kernels, made, &mut totals)?;
+        self.blocks = settings.image.noise.map(|_| Blocks::new(&settings.image));
+        (self.primary, self.lighting, self.indirect_kernels) = (primary, lighting, indirect_kernels);
+        (self.buffers, self.tiles, self.tile_size) = (buffers, tiles, tile_size);
+        (self.camera, self.settings, self.totals) = (camera.clone(), settings, totals);
+        (self.stage, self.samples, self.batches, self.shade_at_once) = (stage, 0, 0, false);
+        Ok(())
+    }
+}

@@ -1,0 +1,324 @@
+//! What the window shows of an image: the picture, or what the method did to make it.
+
+use crate::Image;
+use crate::gpu_scene::CameraUniform;
+use crate::kernels::Class;
+use crate::render::film::View;
+use crate::render::photons::VisibilityPhoton;
+use crate::scene::Camera;
+use crate::settings::Aov;
+
+/// What is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overlay {
+    /// The picture.
+    #[default]
+    Picture,
+    /// The classes of a light's candidates.
+    Classes,
+    /// The photons of the visibility map, over the picture.
+    Photons,
+    /// Samples of the pixels.
+    Samples,
+    /// The estimated standard error of the denoised picture, over its brightness.
+    Error,
+    /// Base colour.
+    Albedo,
+    /// Shading normals.
+    Normal,
+    /// Depth.
+    Depth,
+}
+
+impl Overlay {
+    /// All of them, in the order of the panel.
+    pub const ALL: [Overlay; 8] = [
+        Overlay::Picture,
+        Overlay::Classes,
+        Overlay::Photons,
+        Overlay::Samples,
+        Overlay::Error,
+        Overlay::Albedo,
+        Overlay::Normal,
+        Overlay::Depth,
+    ];
+
+    /// Its name in the panel.
+    pub fn name(self) -> &'static str {
+        match self {
+            Overlay::Picture => "picture",
+            Overlay::Classes => "classes",
+            Overlay::Photons => "photons",
+            Overlay::Samples => "samples",
+            Overlay::Error => "estimated error",
+            Overlay::Albedo => "albedo",
+            Overlay::Normal => "normals",
+            Overlay::Depth => "depth",
+        }
+    }
+
+    /// What its colours mean.
+    pub fn legend(self) -> &'static str {
+        match self {
+            Overlay::Picture => "",
+            Overlay::Classes => "yellow lit, blue shadowed, red boundary, grey unknown, black dark",
+            Overlay::Photons => "yellow illumination photons, blue shadow photons",
+            Overlay::Samples => "black none, white most samples of a pixel",
+            Overlay::Error => "black 0.1 % of the brightness, red 3 %, white 100 %",
+            Overlay::Albedo => "base colour",
+            Overlay::Normal => "red +X, green +Y, blue +Z",
+            Overlay::Depth => "white near, black far or nothing",
+        }
+    }
+
+    /// The channels that it shows, if the film must keep more for it.
+    pub fn aov(self) -> Option<Aov> {
+        match self {
+            Overlay::Picture | Overlay::Error => None,
+            Overlay::Classes => Some(Aov::Shadow),
+            Overlay::Photons | Overlay::Depth => Some(Aov::Depth),
+            Overlay::Samples => Some(Aov::Samples),
+            Overlay::Albedo => Some(Aov::Albedo),
+            Overlay::Normal => Some(Aov::Normal),
+        }
+    }
+}
+
+/// How the picture is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Display {
+    /// What is shown.
+    pub overlay: Overlay,
+    /// The light whose classes or photons are shown.
+    pub light: usize,
+    /// Tone mapping.
+    pub view: View,
+    /// Exposure in stops.
+    pub exposure: f32,
+    /// Show the denoised picture where there is one.
+    pub denoised: bool,
+}
+
+/// Bytes of a class's colour.
+const CLASS_COLOURS: [[u8; 3]; Class::COUNT] =
+    [[0, 0, 0], [240, 200, 40], [40, 80, 200], [220, 40, 40], [128, 128, 128]];
+
+const ILLUMINATION: [u8; 3] = [255, 220, 60];
+const SHADOW: [u8; 3] = [70, 130, 255];
+
+/// Share of the picture's brightness behind photons.
+const BEHIND_PHOTONS: f32 = 0.4;
+
+/// How much deeper than the pixel's own surface a photon may be and be seen: photons lie on the surface, whose depth
+/// changes across the pixel.
+const PHOTON_DEPTH: f64 = 0.02;
+
+/// Relative errors that are shown black and white, as powers of ten.
+const ERROR_DECADES: [f32; 2] = [-3.0, 0.0];
+
+/// Added to the brightness that errors are compared with, so that black is not infinitely wrong.
+const ERROR_FLOOR: f32 = 0.01;
+
+/// The photons of an image, and the camera that sees them.
+#[derive(Clone, Copy)]
+pub struct SeenPhotons<'a> {
+    /// All of them.
+    pub photons: &'a [VisibilityPhoton],
+    /// The camera of the image.
+    pub camera: &'a Camera,
+    /// World lengths to normalised lengths.
+    pub scale: f64,
+}
+
+/// The pixels to show, as 8-bit RGB, row by row from the top. An image that lacks the channels is shown black.
+pub fn pixels(image: &Image, display: &Display, seen: SeenPhotons<'_>) -> Vec<u8> {
+    let channel = |name: &str| image.channel(name);
+    let shown = match display.overlay {
+        Overlay::Picture => picture(image, display),
+        Overlay::Classes => class_channel(image, display.light).map(|classes| {
+            let colour = |class: &f32| CLASS_COLOURS.get(*class as usize).copied().unwrap_or_default();
+            classes.iter().flat_map(colour).collect()
+        }),
+        Overlay::Photons => picture(image, display).map(|mut pixels| {
+            pixels.iter_mut().for_each(|x| *x = (f32::from(*x) * BEHIND_PHOTONS) as u8);
+            draw_photons(&mut pixels, image, display.light, seen);
+            pixels
+        }),
+        Overlay::Samples => channel("samples").map(|samples| {
+            let max = samples.iter().copied().fold(1.0, f32::max);
+            grey(samples.iter().map(|n| n / max))
+        }),
+        Overlay::Error => channel("error").zip(denoised_rgb(image)).map(|(errors, rgb)| {
+            let [black, white] = ERROR_DECADES;
+            let share = |(i, error): (usize, &f32)| {
+                let brightness = rgb.map(|c| c[i]).iter().sum::<f32>() / 3.0;
+                ((error / (brightness + ERROR_FLOOR)).log10() - black) / (white - black)
+            };
+            errors.iter().enumerate().map(share).flat_map(heat).collect()
+        }),
+        Overlay::Albedo => colour_channels(image, ["albedo.R", "albedo.G", "albedo.B"], |x| x, View::Standard),
+        Overlay::Normal => colour_channels(image, ["N.X", "N.Y", "N.Z"], |x| 0.5 * x + 0.5, View::Raw),
+        Overlay::Depth => channel("Z").map(|depths| {
+            // Where there is nothing, the depth is 1e10.
+            let there = || depths.iter().copied().filter(|z| *z < 1e9);
+            let (near, far) = (there().fold(f32::INFINITY, f32::min), there().fold(0.0, f32::max));
+            grey(depths.iter().map(|z| 1.0 - (z - near) / (far - near).max(f32::MIN_POSITIVE)))
+        }),
+    };
+    shown.unwrap_or_else(|| vec![0; image.pixels() * 3])
+}
+
+fn picture(image: &Image, display: &Display) -> Option<Vec<u8>> {
+    let denoised = image.denoised().filter(|_| display.denoised);
+    denoised.as_ref().unwrap_or(image).display(display.view, display.exposure).ok()
+}
+
+fn denoised_rgb(image: &Image) -> Option<[&[f32]; 3]> {
+    Some([image.channel("denoised.R")?, image.channel("denoised.G")?, image.channel("denoised.B")?])
+}
+
+/// The classes of a light, by its index.
+fn class_channel(image: &Image, light: usize) -> Option<&[f32]> {
+    let classes = image.channels.iter().filter(|channel| is_class(&channel.name));
+    classes.map(|channel| channel.samples.as_slice()).nth(light)
+}
+
+/// Whether that is the name of a light's classes: `shadow.<light>.class`.
+pub fn is_class(name: &str) -> bool {
+    name.starts_with("shadow.") && name.ends_with(".class")
+}
+
+fn colour_channels(image: &Image, names: [&str; 3], of: impl Fn(f32) -> f32, view: View) -> Option<Vec<u8>> {
+    let [r, g, b] = [image.channel(names[0])?, image.channel(names[1])?, image.channel(names[2])?];
+    let pixel = |i: usize| view.apply([r[i], g[i], b[i]].map(&of)).map(byte);
+    Some((0..image.pixels()).flat_map(pixel).collect())
+}
+
+fn byte(x: f32) -> u8 {
+    (x * 255.0).round() as u8
+}
+
+fn grey(values: impl Iterator<Item = f32>) -> Vec<u8> {
+    values.flat_map(|x| [byte(x.clamp(0.0, 1.0)); 3]).collect()
+}
+
+/// From black over red to white.
+fn heat(x: f32) -> [u8; 3] {
+    [2.0 * x, 2.0 * x - 1.0, 3.0 * x - 2.0].map(|c| byte(c.clamp(0.0, 1.0)))
+}
+
+/// Marks the pixels in which the camera sees a photon of a light.
+fn draw_photons(pixels: &mut [u8], image: &Image, light: usize, seen: SeenPhotons<'_>) {
+    let (width, height) = (image.width, image.height);
+    let camera = CameraUniform::new(seen.camera, width, height);
+    let depths = image.channel("Z");
+    let [right, up, backward] = [camera.right, camera.up, camera.backward].map(glam::Vec3::from);
+    for photon in seen.photons.iter().filter(|photon| photon.light as usize == light) {
+        let offset = photon.position - glam::Vec3::from(camera.position);
+        let depth = -offset.dot(backward);
+        let distance = if camera.orthographic == 1 { 1.0 } else { depth };
+        if depth <= camera.near {
+            continue;
+        }
+        let at = [offset.dot(right) / right.length_squared(), -offset.dot(up) / up.length_squared()];
+        let at = at.map(|x| 0.5 + 0.5 * x / distance);
+        if at.iter().any(|x| !(0.0..1.0).contains(x)) {
+            continue;
+        }
+        let pixel = (at[1] * height as f32) as usize * width as usize + (at[0] * width as f32) as usize;
+        let surface = depths.map_or(f64::INFINITY, |depths| f64::from(depths[pixel]));
+        if f64::from(depth) / seen.scale <= surface * (1.0 + PHOTON_DEPTH) {
+            let colour = if photon.is_shadow { SHADOW } else { ILLUMINATION };
+            pixels[3 * pixel..3 * pixel + 3].copy_from_slice(&colour);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two pixels with every channel that overlays show.
+    fn image() -> Image {
+        let mut image = Image::new(2, 1);
+        for (name, samples) in [
+            ("R", [0.0, 1.0]),
+            ("G", [0.0, 1.0]),
+            ("B", [0.0, 1.0]),
+            ("denoised.R", [0.09, 0.99]),
+            ("denoised.G", [0.09, 0.99]),
+            ("denoised.B", [0.09, 0.99]),
+            ("error", [0.0001, 1.0]),
+            ("samples", [2.0, 8.0]),
+            ("N.X", [1.0, -1.0]),
+            ("N.Y", [0.0, 0.0]),
+            ("N.Z", [0.0, 0.0]),
+            ("Z", [3.0, 1e10]),
+            ("shadow.a.class", [1.0, 3.0]),
+            ("shadow.a.ni", [36.0, 20.0]),
+            ("shadow.b.class", [2.0, 4.0]),
+        ] {
+            image.add_channel(name, samples.to_vec());
+        }
+        image
+    }
+
+    fn shown(overlay: Overlay, light: usize) -> Vec<u8> {
+        let display = Display { overlay, light, view: View::Raw, exposure: 0.0, denoised: false };
+        let camera = crate::Scene::default().frame_camera();
+        pixels(&image(), &display, SeenPhotons { photons: &[], camera: &camera, scale: 1.0 })
+    }
+
+    #[test]
+    fn overlays_show_their_channels() {
+        assert_eq!(shown(Overlay::Picture, 0), [0, 0, 0, 255, 255, 255]);
+        assert_eq!(shown(Overlay::Classes, 0), [CLASS_COLOURS[1], CLASS_COLOURS[3]].concat());
+        assert_eq!(shown(Overlay::Classes, 1), [CLASS_COLOURS[2], CLASS_COLOURS[4]].concat());
+        assert_eq!(shown(Overlay::Samples, 0), [64, 64, 64, 255, 255, 255]);
+        // A thousandth of the brightness, and all of it.
+        assert_eq!(shown(Overlay::Error, 0), [0, 0, 0, 255, 255, 255]);
+        assert_eq!(shown(Overlay::Normal, 0), [255, 128, 128, 0, 128, 128]);
+        assert_eq!(shown(Overlay::Depth, 0), [255, 255, 255, 0, 0, 0]);
+        assert_eq!(shown(Overlay::Albedo, 0), [0; 6], "a missing channel is black");
+    }
+
+    #[test]
+    fn photons_are_drawn_where_they_are_and_not_behind_surfaces() {
+        let mut image = Image::new(4, 4);
+        for name in ["R", "G", "B"] {
+            image.add_channel(name, vec![0.0; 16]);
+        }
+        // The right half has a surface in front of the photons.
+        image.add_channel("Z", (0..16).map(|i| if i % 4 < 2 { 1e10 } else { 0.1 }).collect());
+        let camera = Camera {
+            name: String::new(),
+            position: glam::Vec3::ZERO,
+            axes: [glam::Vec3::X, glam::Vec3::Y, glam::Vec3::Z],
+            projection: crate::scene::Projection::Perspective { yfov: std::f32::consts::FRAC_PI_2, aspect: None },
+            near: 0.01,
+            far: 10.0,
+            lens: None,
+        };
+        let photon = |x: f32, y: f32, z: f32, is_shadow: bool| VisibilityPhoton {
+            position: glam::Vec3::new(x, y, z),
+            light: 0,
+            is_shadow,
+        };
+        // Left above, left below, hidden on the right, behind the camera, outside the image, of another light.
+        let other = VisibilityPhoton { light: 1, ..photon(-1.5, -0.5, -2.0, false) };
+        let photons = [
+            photon(-1.5, 1.5, -2.0, false),
+            photon(-0.5, -1.5, -2.0, true),
+            photon(1.5, 1.5, -2.0, false),
+            photon(-1.5, 1.5, 2.0, true),
+            photon(-5.0, 0.0, -2.0, true),
+            other,
+        ];
+        let display = Display { overlay: Overlay::Photons, light: 0, view: View::Raw, exposure: 0.0, denoised: false };
+        let shown = pixels(&image, &display, SeenPhotons { photons: &photons, camera: &camera, scale: 1.0 });
+        let mut expected = vec![0; 48];
+        expected[0..3].copy_from_slice(&ILLUMINATION);
+        expected[3 * 13..3 * 14].copy_from_slice(&SHADOW);
+        assert_eq!(shown, expected);
+    }
+}

@@ -1,0 +1,410 @@
+//! The window's content: the picture, what moves its camera, and the panel beside it. It turns what the user does into
+//! requests.
+
+use std::sync::Arc;
+
+use egui::{
+    CentralPanel, Color32, ColorImage, ComboBox, Frame, Image, Key, Modifiers, Panel as SidePanel, PointerButton, Pos2,
+    Rect, Response, ScrollArea, Sense, Slider, TextureHandle, TextureOptions, Ui, Vec2,
+};
+
+use super::overlay::Overlay;
+use super::session::{Choices, Command, Picked, Snapshot, Viewpoint};
+use crate::Technique;
+use crate::render::film::View;
+
+/// Width of the panel in points.
+pub const WIDTH: f32 = 270.0;
+
+/// Points of scrolling, as of a step of a mouse's wheel, that bring the camera nearer by a factor of e^(1/5).
+const SCROLL_STEP: f64 = 250.0;
+
+/// Shares of the scene's size that the camera flies in a second.
+const FLIGHT: f64 = 0.7;
+
+/// Longest time between two pictures of the panel that a flight counts, in seconds: the first follows a rest.
+const MAX_STEP: f32 = 0.1;
+
+/// Largest f-number of the panel; beyond, everything is sharp.
+const MAX_F_NUMBER: f64 = 22.0;
+
+/// The keys of the overlays.
+const OVERLAY_KEYS: [Key; Overlay::ALL.len()] =
+    [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8];
+
+/// What the user wants.
+#[derive(Clone, Debug)]
+pub enum Request {
+    /// Of the session.
+    Command(Command),
+    /// The command that renders the picture.
+    Copy,
+    /// The end.
+    Quit,
+}
+
+/// The content of the window.
+pub struct Panel {
+    /// Whether the picture has the size of the window, and not one of its own.
+    follows_window: bool,
+    /// As the user has set them; none before the first picture.
+    choices: Option<Choices>,
+    fov: f64,
+    f_number: Option<f64>,
+    file: String,
+    texture: Option<TextureHandle>,
+    /// What the texture holds.
+    shown: Option<Arc<Vec<u8>>>,
+    /// The size that was requested last.
+    resized: Option<[u32; 2]>,
+    /// The last command that was copied.
+    copied: Option<String>,
+}
+
+impl Panel {
+    /// `follows_window`: the picture gets the size that the window has for it.
+    pub fn new(follows_window: bool) -> Panel {
+        Panel {
+            follows_window,
+            choices: None,
+            fov: 0.0,
+            f_number: None,
+            file: "picture.png".to_owned(),
+            texture: None,
+            shown: None,
+            resized: None,
+            copied: None,
+        }
+    }
+
+    /// Shows that a command was copied.
+    pub fn copied(&mut self, command: String) {
+        self.copied = Some(command);
+    }
+
+    /// Forgets what the last device held.
+    pub fn forget_device(&mut self) {
+        (self.texture, self.shown) = (None, None);
+    }
+
+    /// Lays out the window.
+    pub fn show(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Vec<Request> {
+        let mut requests = Vec::new();
+        SidePanel::right("panel").exact_size(WIDTH).resizable(false).show(ui, |ui| {
+            ScrollArea::vertical().show(ui, |ui| self.controls(ui, snapshot, &mut requests));
+        });
+        CentralPanel::default().frame(Frame::NONE.fill(Color32::from_gray(24))).show(ui, |ui| {
+            self.picture(ui, snapshot, &mut requests);
+        });
+        self.shortcuts(ui, &mut requests);
+        requests
+    }
+
+    /// Keys that stand for the panel's buttons. Text fields take those that they need.
+    fn shortcuts(&mut self, ui: &Ui, requests: &mut Vec<Request>) {
+        // With the modifiers of the moment: a slow window hears a key and its release at once.
+        let pressed = |key| ui.input_mut(|input| input.consume_key(Modifiers::COMMAND, key));
+        if pressed(Key::Q) {
+            requests.push(Request::Quit);
+        }
+        if ui.ctx().egui_wants_keyboard_input() {
+            return;
+        }
+        if ui.input(|input| input.events.contains(&egui::Event::Copy)) {
+            requests.push(Request::Copy);
+        }
+        if pressed(Key::S) {
+            requests.push(self.save());
+        }
+        let overlay = OVERLAY_KEYS.into_iter().position(|key| ui.input(|input| input.key_pressed(key)));
+        if let (Some(overlay), Some(choices)) = (overlay, &mut self.choices) {
+            choices.display.overlay = Overlay::ALL[overlay];
+            requests.push(Request::Command(Command::Choose(Box::new(choices.clone()))));
+        }
+    }
+
+    fn save(&self) -> Request {
+        Request::Command(Command::Save(self.file.trim().into()))
+    }
+
+    /// The picture, and what moves its camera.
+    fn picture(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
+        let pixels_per_point = ui.ctx().pixels_per_point();
+        let room = ui.available_rect_before_wrap();
+        if self.follows_window {
+            let size = [room.width(), room.height()].map(|side| (side * pixels_per_point).round() as u32);
+            // A window without room keeps the picture it had.
+            if size.iter().all(|side| *side > 0) && self.resized != Some(size) {
+                self.resized = Some(size);
+                requests.push(Request::Command(Command::Resize(size)));
+            }
+        }
+        let image = &snapshot.picture.choices.settings.image;
+        let full = Vec2::new(image.width as f32, image.height as f32) / pixels_per_point;
+        let scale = (room.size() / full).min_elem().min(1.0);
+        // On whole pixels, so that each pixel of the picture is one of the window.
+        let whole = |x: f32| (x * pixels_per_point).round() / pixels_per_point;
+        let corner = room.center() - 0.5 * scale * full;
+        let rect = Rect::from_min_size(Pos2::new(whole(corner.x), whole(corner.y)), scale * full);
+        if !(rect.is_positive() && rect.is_finite()) {
+            return;
+        }
+        self.upload(ui, snapshot);
+        if let Some(texture) = &self.texture {
+            Image::new((texture.id(), rect.size())).paint_at(ui, rect);
+        }
+        let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "the picture"));
+        requests.extend(movements(ui, &response).into_iter().map(Request::Command));
+    }
+
+    /// Brings the pixels of the snapshot to the device.
+    fn upload(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        let is_shown = self.shown.as_ref().is_some_and(|shown| Arc::ptr_eq(shown, &snapshot.pixels));
+        if is_shown || snapshot.pixels.is_empty() {
+            return;
+        }
+        let size = snapshot.size.map(|side| side as usize);
+        let image = ColorImage::from_rgb(size, &snapshot.pixels);
+        match &mut self.texture {
+            Some(texture) => texture.set(image, TextureOptions::LINEAR),
+            None => self.texture = Some(ui.ctx().load_texture("picture", image, TextureOptions::LINEAR)),
+        }
+        self.shown = Some(snapshot.pixels.clone());
+    }
+
+    fn controls(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
+        status(ui, snapshot);
+        ui.separator();
+        self.camera(ui, snapshot, requests);
+        ui.separator();
+        let mut choices = self.choices.take().unwrap_or_else(|| snapshot.picture.choices.clone());
+        let before = choices.clone();
+        display(ui, snapshot, &mut choices);
+        ui.separator();
+        light(ui, snapshot, &mut choices);
+        if choices != before {
+            requests.push(Request::Command(Command::Choose(Box::new(choices.clone()))));
+        }
+        self.choices = Some(choices);
+        ui.separator();
+        self.output(ui, requests);
+        if let Some(picked) = &snapshot.picked {
+            ui.separator();
+            what_is_there(ui, picked);
+        }
+    }
+
+    fn camera(&mut self, ui: &mut Ui, snapshot: &Snapshot, requests: &mut Vec<Request>) {
+        let current = &snapshot.picture.eye.viewpoint;
+        let name = match current {
+            Viewpoint::Given => "as given".to_owned(),
+            Viewpoint::File(index) => snapshot.cameras.get(*index).cloned().unwrap_or_default(),
+            Viewpoint::Placed(_) => "moved".to_owned(),
+        };
+        let mut command = |command| requests.push(Request::Command(command));
+        ComboBox::from_label("camera").selected_text(name).show_ui(ui, |ui| {
+            if ui.selectable_label(*current == Viewpoint::Given, "as given").clicked() {
+                command(Command::Camera(Viewpoint::Given));
+            }
+            for (index, name) in snapshot.cameras.iter().enumerate() {
+                if ui.selectable_label(*current == Viewpoint::File(index), name).clicked() {
+                    command(Command::Camera(Viewpoint::File(index)));
+                }
+            }
+        });
+        if let Some(fov) = snapshot.fov {
+            let slider = ui.add(Slider::new(&mut self.fov, 5.0..=120.0).suffix("°").text("field of view"));
+            if slider.changed() {
+                command(Command::FieldOfView(self.fov));
+            } else if !slider.dragged() && !slider.has_focus() {
+                self.fov = fov;
+            }
+            let mut has_lens = self.f_number.is_some();
+            let toggled = ui.checkbox(&mut has_lens, "depth of field").changed();
+            if toggled {
+                self.f_number = has_lens.then_some(2.8);
+            }
+            let slid = self.f_number.as_mut().is_some_and(|f_number| {
+                ui.add(Slider::new(f_number, 0.5..=MAX_F_NUMBER).logarithmic(true).text("f-number")).changed()
+            });
+            if toggled || slid {
+                command(Command::Aperture(self.f_number));
+            }
+        }
+        if ui.button("frame all").on_hover_text("Home").clicked() {
+            command(Command::FrameAll);
+        }
+    }
+
+    fn output(&mut self, ui: &mut Ui, requests: &mut Vec<Request>) {
+        if ui.button("copy command").on_hover_text("Ctrl+C: the `penumbra render` line of this picture").clicked() {
+            requests.push(Request::Copy);
+        }
+        if let Some(copied) = &self.copied {
+            ui.label(egui::RichText::new(copied).small().monospace());
+        }
+        ui.horizontal(|ui| {
+            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(150.0));
+            if ui.button("save").on_hover_text("Ctrl+S: as .png or .exr").clicked() {
+                requests.push(self.save());
+            }
+        });
+    }
+}
+
+/// What the pointer and the keys do to the camera.
+fn movements(ui: &Ui, response: &Response) -> Vec<Command> {
+    let mut commands = Vec::new();
+    let shares = |by: Vec2| [by.x, by.y].map(|x| f64::from(x / response.rect.height()));
+    let point = |at: Pos2| {
+        let at = (at - response.rect.min) / response.rect.size();
+        [at.x, at.y].map(|x| x.clamp(0.0, 1.0))
+    };
+    // The scene follows the pointer.
+    let [right, down] = shares(response.drag_delta());
+    let is_shifted = ui.input(|input| input.modifiers.shift);
+    if response.dragged_by(PointerButton::Middle) || (response.dragged_by(PointerButton::Primary) && is_shifted) {
+        commands.push(Command::Pan([-right, down]));
+    } else if response.dragged_by(PointerButton::Primary) {
+        commands.push(Command::Orbit([-right, down]));
+    }
+    if let Some(at) = response.interact_pointer_pos() {
+        if response.double_clicked() {
+            commands.push(Command::FrameAt(point(at)));
+        } else if response.clicked() {
+            commands.push(Command::Pick(point(at)));
+        }
+    }
+    if response.hovered() {
+        let scrolled = ui.input(|input| input.smooth_scroll_delta.y);
+        if scrolled != 0.0 {
+            commands.push(Command::Dolly(f64::from(scrolled) / SCROLL_STEP));
+        }
+    }
+    if ui.ctx().egui_wants_keyboard_input() {
+        return commands;
+    }
+    if ui.input(|input| input.key_pressed(Key::Home)) {
+        commands.push(Command::FrameAll);
+    }
+    if let Some(at) = response.hover_pos().filter(|_| ui.input(|input| input.key_pressed(Key::F))) {
+        commands.push(Command::FrameAt(point(at)));
+    }
+    let axis =
+        |plus, minus| ui.input(|i| f64::from(u8::from(i.key_down(plus))) - f64::from(u8::from(i.key_down(minus))));
+    let way = [axis(Key::D, Key::A), axis(Key::E, Key::Q), axis(Key::W, Key::S)];
+    let is_command = ui.input(|input| input.modifiers.command);
+    if way != [0.0; 3] && !is_command {
+        let seconds = f64::from(ui.input(|input| input.stable_dt).min(MAX_STEP));
+        commands.push(Command::Fly(way.map(|x| x * seconds * FLIGHT)));
+        ui.ctx().request_repaint();
+    }
+    commands
+}
+
+fn status(ui: &mut Ui, snapshot: &Snapshot) {
+    let file = snapshot.picture.file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    ui.strong(file);
+    let image = &snapshot.picture.choices.settings.image;
+    let state = if snapshot.is_complete { "complete" } else { "rendering" };
+    ui.label(format!("{} x {} pixels", image.width, image.height));
+    ui.label(format!("{} of {} samples, {state}", snapshot.samples, image.spp));
+    ui.label(format!("last step {:.0} ms", 1e3 * snapshot.seconds));
+    if let Some(message) = &snapshot.message {
+        ui.colored_label(ui.visuals().warn_fg_color, message);
+    }
+}
+
+fn display(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
+    let display = &mut choices.display;
+    ComboBox::from_label("show").selected_text(display.overlay.name()).show_ui(ui, |ui| {
+        for overlay in Overlay::ALL {
+            ui.selectable_value(&mut display.overlay, overlay, overlay.name());
+        }
+    });
+    if !display.overlay.legend().is_empty() {
+        ui.small(display.overlay.legend());
+    }
+    if matches!(display.overlay, Overlay::Classes | Overlay::Photons) {
+        let name = snapshot.lights.get(display.light).map_or("none", String::as_str);
+        ComboBox::from_label("light").selected_text(name).show_ui(ui, |ui| {
+            for (index, name) in snapshot.lights.iter().enumerate() {
+                ui.selectable_value(&mut display.light, index, name);
+            }
+        });
+    }
+    ui.add(Slider::new(&mut display.exposure, -8.0..=8.0).suffix(" EV").text("exposure"));
+    ComboBox::from_label("tone mapping").selected_text(display.view.to_string()).show_ui(ui, |ui| {
+        for view in View::ALL {
+            ui.selectable_value(&mut display.view, view, view.to_string());
+        }
+    });
+    ui.checkbox(&mut display.denoised, "denoised");
+}
+
+fn light(ui: &mut Ui, snapshot: &Snapshot, choices: &mut Choices) {
+    let settings = &mut choices.settings;
+    ComboBox::from_label("technique").selected_text(settings.technique.name()).show_ui(ui, |ui| {
+        for technique in Technique::all() {
+            ui.selectable_value(&mut settings.technique, technique, technique.name()).on_hover_text(technique.help());
+        }
+    });
+    ui.add(Slider::new(&mut settings.image.spp, 1..=4096).logarithmic(true).text("samples"));
+    ui.add(Slider::new(&mut settings.light_scale, 0.0..=16.0).logarithmic(true).text("light scale"));
+    if snapshot.has_environment {
+        let mut rotation = choices.pose.environment_rotation.unwrap_or(0.0);
+        let slider = Slider::new(&mut rotation, -180.0..=180.0).suffix("°").text("environment");
+        if ui.add(slider).changed() {
+            choices.pose.environment_rotation = Some(rotation);
+        }
+    }
+    if let Some(end) = snapshot.animation_end {
+        let mut is_posed = choices.pose.time.is_some();
+        if ui.checkbox(&mut is_posed, "animation").changed() {
+            choices.pose.time = is_posed.then_some(0.0);
+        }
+        if let Some(time) = &mut choices.pose.time {
+            ui.add(Slider::new(time, 0.0..=end).suffix(" s").text("time"));
+        }
+    }
+    if !snapshot.variants.is_empty() {
+        let name = choices.pose.variant.as_deref().unwrap_or("of the file");
+        ComboBox::from_label("materials").selected_text(name.to_owned()).show_ui(ui, |ui| {
+            ui.selectable_value(&mut choices.pose.variant, None, "of the file");
+            for variant in &snapshot.variants {
+                ui.selectable_value(&mut choices.pose.variant, Some(variant.clone()), variant);
+            }
+        });
+    }
+}
+
+fn what_is_there(ui: &mut Ui, picked: &Picked) {
+    let [x, y] = picked.at.map(|x| 100.0 * x);
+    ui.label(format!("at {x:.0} % from the left, {y:.0} % from the top"));
+    match &picked.hit {
+        None => _ = ui.label("nothing"),
+        Some(hit) => {
+            ui.label(format!("material {}", hit.material));
+            let [x, y, z] = hit.position.to_array();
+            ui.label(format!("position {x:.4}, {y:.4}, {z:.4}"));
+            if let Some(normal) = hit.normal {
+                ui.label(format!("normal {:.3}, {:.3}, {:.3}", normal.x, normal.y, normal.z));
+            }
+            ui.label(format!("depth {:.4}", hit.depth));
+        }
+    }
+    if let Some([r, g, b]) = picked.radiance {
+        ui.label(format!("radiance {r:.4}, {g:.4}, {b:.4}"));
+    }
+    if picked.lights.is_empty() {
+        ui.small("classes and photons of the lights: with the overlay classes");
+    }
+    for light in &picked.lights {
+        let [n_i, n_s] = light.photons;
+        ui.label(format!(
+            "{}: {}, visibility {:.3}, n_i {n_i:.1}, n_s {n_s:.1}",
+            light.name, light.class, light.visibility
+        ));
+    }
+}

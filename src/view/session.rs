@@ -1,0 +1,713 @@
+//! A session: a scene, a camera, and a render of both that goes on until the picture is complete. It has no window:
+//! commands change it, and each step gives a picture to show.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use kernel_kit::Gpu;
+
+use super::navigation;
+use super::overlay::{self, Display, SeenPhotons};
+use super::pick::{Hit, pick};
+use crate::kernels::Class;
+use crate::render::photons::VisibilityPhoton;
+use crate::scene::{Camera, Framing, LookAt, Projection, Scene};
+use crate::settings::{Aov, Denoise, Settings};
+use crate::{Denoiser, Error, Image, Renderer, Result};
+
+/// Time without a movement after which the picture is rendered at its full size.
+const SETTLED: Duration = Duration::from_millis(250);
+
+/// The time of a picture while the camera moves: twelve pictures a second.
+const MOVING_PICTURE: Duration = Duration::from_millis(80);
+
+/// Largest factor by which the sides of the picture are divided while the camera moves.
+const MAX_DIVISOR: u32 = 8;
+
+/// Share of the distance to a point that is left after looking at it from nearer.
+const NEARER: f64 = 0.5;
+
+/// Depth of what a camera looks at if nothing is in the centre of its image: about that of the scene's size.
+const EMPTY_DEPTH: f32 = 1.0;
+
+/// The channels that the film keeps besides the picture. They do not change it, and without them another overlay would
+/// begin the picture again.
+const KEPT: [Aov; 4] = [Aov::Albedo, Aov::Normal, Aov::Depth, Aov::Samples];
+
+/// The state of the scene that is shown.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Seconds after the beginning of the animation; none for the pose of the file.
+    pub time: Option<f64>,
+    /// Variant of the materials; none for those of the file.
+    pub variant: Option<String>,
+    /// Rotation of the environment in degrees; none for that of the command.
+    pub environment_rotation: Option<f64>,
+}
+
+/// Where the camera is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Viewpoint {
+    /// As the command says.
+    #[default]
+    Given,
+    /// A camera of the file, by its index.
+    File(usize),
+    /// Where the user moved it.
+    Placed(LookAt),
+}
+
+/// What the camera is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Eye {
+    /// Where it is.
+    pub viewpoint: Viewpoint,
+    /// Vertical field of view in degrees of a camera that was not moved; none for its own.
+    pub fov: Option<f64>,
+    /// F-number of the lens; none as the command says.
+    pub f_number: Option<f64>,
+}
+
+/// What the user sets besides the camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choices {
+    /// The settings of the render, with the size of the picture.
+    pub settings: Settings,
+    /// The state of the scene.
+    pub pose: Pose,
+    /// How the picture is shown.
+    pub display: Display,
+}
+
+/// What is shown: all that decides the picture.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// The scene's file.
+    pub file: PathBuf,
+    /// The camera.
+    pub eye: Eye,
+    /// What the user has set.
+    pub choices: Choices,
+}
+
+/// Where scenes and cameras come from, and commands go: the options of the program.
+pub trait Source: Send + Sync {
+    /// Reads a scene.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene>;
+
+    /// The camera, for an image of `aspect` times its height.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the scene has no such camera.
+    fn camera(&self, scene: &Scene, eye: &Eye, aspect: f32) -> Result<Camera>;
+
+    /// The denoiser; without one, why.
+    fn denoiser(&self) -> (Denoiser, Option<String>);
+
+    /// The command that renders a picture.
+    fn command(&self, picture: &Picture) -> String;
+
+    /// The files besides the scene's that it reads.
+    fn files(&self) -> Vec<PathBuf>;
+}
+
+/// What a session is told.
+#[derive(Clone, Debug)]
+pub enum Command {
+    /// Turn about what is looked at, by shares of half a turn: right, up.
+    Orbit([f64; 2]),
+    /// Move along the image, by shares of its height: right, up.
+    Pan([f64; 2]),
+    /// Approach what is looked at; see [`navigation::dolly`].
+    Dolly(f64),
+    /// Move right, up and forward, by shares of the scene's size.
+    Fly([f64; 3]),
+    /// Set the vertical field of view in degrees.
+    FieldOfView(f64),
+    /// Set the f-number; none for the lens of the command.
+    Aperture(Option<f64>),
+    /// See the whole scene from this side.
+    FrameAll,
+    /// Look at what is at a point of the image, from 0 to 1 each way, from nearer.
+    FrameAt([f32; 2]),
+    /// Take a camera.
+    Camera(Viewpoint),
+    /// Set all else but the size of the picture.
+    Choose(Box<Choices>),
+    /// Set the size of the picture.
+    Resize([u32; 2]),
+    /// Tell about a point of the image, from 0 to 1 each way.
+    Pick([f32; 2]),
+    /// Show another scene.
+    Open(PathBuf),
+    /// Read the scene again.
+    Reload,
+    /// Write the picture.
+    Save(PathBuf),
+}
+
+/// What photons say of a light at a pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PickedLight {
+    /// The light's name.
+    pub name: String,
+    /// Its class.
+    pub class: &'static str,
+    /// Visibility of the light, 0 to 1.
+    pub visibility: f32,
+    /// Illumination photons and shadow photons among the nearest.
+    pub photons: [f32; 2],
+}
+
+/// What is at a pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picked {
+    /// The point of the image, from 0 to 1 each way.
+    pub at: [f32; 2],
+    /// The surface; none where there is nothing.
+    pub hit: Option<Hit>,
+    /// The picture's radiance.
+    pub radiance: Option<[f32; 3]>,
+    /// What photons say of each light; empty unless the overlay of classes is shown.
+    pub lights: Vec<PickedLight>,
+}
+
+/// A picture to show, and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// 8-bit RGB, row by row from the top.
+    pub pixels: Arc<Vec<u8>>,
+    /// Width and height of `pixels`; smaller than the picture's while the camera moves.
+    pub size: [u32; 2],
+    /// Samples of the pixels that have most.
+    pub samples: u32,
+    /// Whether the picture has all its samples.
+    pub is_complete: bool,
+    /// Seconds that the last step took.
+    pub seconds: f64,
+    /// All that decides the picture.
+    pub picture: Picture,
+    /// The field of view in degrees; none if the camera is orthographic.
+    pub fov: Option<f64>,
+    /// Names of the file's cameras.
+    pub cameras: Vec<String>,
+    /// Names of the lights.
+    pub lights: Vec<String>,
+    /// Names of the variants of the materials.
+    pub variants: Vec<String>,
+    /// End of the animation in seconds; none without one.
+    pub animation_end: Option<f64>,
+    /// Whether the scene has an environment.
+    pub has_environment: bool,
+    /// The last message, an error or what was done.
+    pub message: Option<String>,
+    /// What is at the pixel that was asked about last.
+    pub picked: Option<Picked>,
+}
+
+/// The part of a session that does not depend on the device.
+pub struct State {
+    source: Arc<dyn Source>,
+    file: PathBuf,
+    eye: Eye,
+    choices: Choices,
+    scene: Option<Loaded>,
+    /// What was read last, successfully or not.
+    tried: Option<Origin>,
+    /// How often the scene was to be read again.
+    reloads: u64,
+    message: Option<String>,
+    moved: Option<Instant>,
+    /// By which the sides of the picture are divided while the camera moves.
+    divisor: u32,
+    image: Option<Image>,
+    pixels: Arc<Vec<u8>>,
+    size: [u32; 2],
+    samples: u32,
+    is_complete: bool,
+    seconds: f64,
+    picked: Option<Picked>,
+}
+
+/// Where a scene comes from.
+#[derive(Clone, Debug, PartialEq)]
+struct Origin {
+    file: PathBuf,
+    pose: Pose,
+    reloads: u64,
+}
+
+#[derive(Clone)]
+struct Loaded {
+    scene: Arc<Scene>,
+    origin: Origin,
+}
+
+impl State {
+    /// A session that shows `file`, whose scene is already read, as the command says.
+    pub fn new(source: Arc<dyn Source>, file: PathBuf, scene: Scene, choices: Choices) -> State {
+        let origin = Origin { file: file.clone(), pose: choices.pose.clone(), reloads: 0 };
+        State {
+            source,
+            file,
+            eye: Eye::default(),
+            choices,
+            scene: Some(Loaded { scene: Arc::new(scene), origin: origin.clone() }),
+            tried: Some(origin),
+            reloads: 0,
+            message: None,
+            moved: None,
+            divisor: 2,
+            image: None,
+            pixels: Arc::default(),
+            size: [0, 0],
+            samples: 0,
+            is_complete: false,
+            seconds: 0.0,
+            picked: None,
+        }
+    }
+
+    /// Shows a message.
+    pub fn say(&mut self, message: String) {
+        self.message = Some(message);
+    }
+
+    /// The file that is shown, and those that it was read with.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let referred = self.scene.iter().flat_map(|loaded| loaded.scene.files.iter().cloned());
+        std::iter::once(self.file.clone()).chain(referred).chain(self.source.files()).collect()
+    }
+
+    fn full_size(&self) -> [u32; 2] {
+        [self.choices.settings.image.width, self.choices.settings.image.height]
+    }
+
+    /// The size of a picture while the camera moves.
+    fn divided_size(&self) -> [u32; 2] {
+        self.full_size().map(|side| (side / self.divisor).max(1))
+    }
+
+    fn camera(&self, scene: &Scene) -> Result<Camera> {
+        let [width, height] = self.full_size();
+        self.source.camera(scene, &self.eye, width as f32 / height as f32)
+    }
+
+    fn is_moving(&self) -> bool {
+        self.moved.is_some_and(|moved| moved.elapsed() < SETTLED)
+    }
+
+    /// What is shown.
+    pub fn snapshot(&self) -> Snapshot {
+        let scene = self.scene.as_ref().map(|loaded| &loaded.scene);
+        let camera = scene.and_then(|scene| self.camera(scene).ok());
+        let fov = camera.and_then(|camera| match camera.projection {
+            Projection::Perspective { yfov, .. } => Some(f64::from(yfov).to_degrees()),
+            Projection::Orthographic { .. } => None,
+        });
+        Snapshot {
+            pixels: self.pixels.clone(),
+            size: self.size,
+            samples: self.samples,
+            is_complete: self.is_complete,
+            seconds: self.seconds,
+            picture: Picture { file: self.file.clone(), eye: self.eye.clone(), choices: self.choices.clone() },
+            fov,
+            cameras: scene.map(|s| s.cameras.iter().map(|c| c.name.clone()).collect()).unwrap_or_default(),
+            lights: scene.map(|s| s.lights.iter().map(|l| l.name.clone()).collect()).unwrap_or_default(),
+            variants: scene.map(|scene| scene.variants.clone()).unwrap_or_default(),
+            animation_end: scene.and_then(|scene| scene.animation_end),
+            has_environment: scene.is_some_and(|scene| scene.environment().is_some()),
+            message: self.message.clone(),
+            picked: self.picked.clone(),
+        }
+    }
+
+    /// The scene, and the camera as one that can be moved; none without a scene.
+    fn view(&self) -> Result<Option<(Arc<Scene>, LookAt)>> {
+        let Some(Loaded { scene, .. }) = self.scene.clone() else { return Ok(None) };
+        if let Viewpoint::Placed(view) = self.eye.viewpoint {
+            return Ok(Some((scene, view)));
+        }
+        let camera = self.camera(&scene)?;
+        let scale = scene.normalisation.scale();
+        let centre = pick(&scene, &camera, self.full_size(), [0.5, 0.5]);
+        let depth = centre.map_or(EMPTY_DEPTH, |hit| (hit.depth * scale) as f32);
+        let view = navigation::placed(&scene, &camera, depth);
+        Ok(Some((scene, view)))
+    }
+
+    /// Changes the camera by `change` of where it is, unless that is none.
+    fn navigate(&mut self, change: impl FnOnce(&Scene, &LookAt) -> Option<LookAt>) -> Result<()> {
+        let Some((scene, view)) = self.view()? else { return Ok(()) };
+        let Some(changed) = change(&scene, &view) else { return Ok(()) };
+        let rounded = navigation::rounded(&changed, scene.normalisation.scale());
+        // A camera at what it looks at would have no direction.
+        if rounded.axes().is_some() {
+            (self.eye.viewpoint, self.eye.fov) = (Viewpoint::Placed(rounded), None);
+            self.moved = Some(Instant::now());
+        }
+        Ok(())
+    }
+
+    fn hit(&self, scene: &Scene, at: [f32; 2]) -> Result<Option<Hit>> {
+        Ok(pick(scene, &self.camera(scene)?, self.full_size(), at))
+    }
+
+    fn pick(&self, at: [f32; 2]) -> Result<Option<Picked>> {
+        let Some(Loaded { scene, .. }) = &self.scene else { return Ok(None) };
+        let hit = self.hit(scene, at)?;
+        let Some(image) = &self.image else { return Ok(Some(Picked { at, hit, radiance: None, lights: Vec::new() })) };
+        let index = |x: f32, side: u32| ((x * side as f32) as usize).min(side as usize - 1);
+        let pixel = index(at[1], image.height) * image.width as usize + index(at[0], image.width);
+        let radiance = image.rgb().ok().map(|rgb| rgb.map(|channel| channel[pixel]));
+        let value = |name: &str| image.channel(name).map_or(0.0, |samples| samples[pixel]);
+        let classes = image.channels.iter().filter(|channel| overlay::is_class(&channel.name));
+        let light = |channel: &crate::Channel| {
+            let stem = channel.name.trim_end_matches(".class");
+            PickedLight {
+                name: stem.trim_start_matches("shadow.").to_owned(),
+                class: class_name(channel.samples[pixel]),
+                visibility: value(&format!("{stem}.visibility")),
+                photons: ["ni", "ns"].map(|kind| value(&format!("{stem}.{kind}"))),
+            }
+        };
+        Ok(Some(Picked { at, hit, radiance, lights: classes.map(light).collect() }))
+    }
+
+    fn save(&self, path: &Path) -> Result<String> {
+        let Some(image) = &self.image else { return Ok("there is no picture yet".to_owned()) };
+        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let Display { view, exposure, .. } = self.choices.display;
+        // As `render` has it: an .exr has all channels; a .png shows one picture.
+        let denoised = image.denoised().filter(|_| !is_exr);
+        denoised.as_ref().unwrap_or(image).write(path, view, exposure)?;
+        Ok(format!("wrote {}", path.display()))
+    }
+
+    fn apply(&mut self, command: Command) -> Result<()> {
+        match command {
+            Command::Orbit(by) => self.navigate(|_, view| Some(navigation::orbit(view, by)))?,
+            Command::Pan(by) => self.navigate(|_, view| Some(navigation::pan(view, by)))?,
+            Command::Dolly(by) => self.navigate(|_, view| Some(navigation::dolly(view, by)))?,
+            Command::Fly(way) => self
+                .navigate(|scene, view| Some(navigation::fly(view, DVec3::from(way) / scene.normalisation.scale())))?,
+            Command::FieldOfView(fov) => match &mut self.eye.viewpoint {
+                Viewpoint::Placed(view) => {
+                    (view.fov, self.moved) = (fov, Some(Instant::now()));
+                }
+                _ => (self.eye.fov, self.moved) = (Some(fov), Some(Instant::now())),
+            },
+            Command::Aperture(f_number) => self.eye.f_number = f_number,
+            Command::FrameAll => {
+                let size = self.full_size();
+                self.navigate(|scene, view| framed(scene, view, size))?;
+            }
+            Command::FrameAt(at) => {
+                let Some((scene, _)) = self.view()? else { return Ok(()) };
+                if let Some(hit) = self.hit(&scene, at)? {
+                    self.navigate(|_, view| Some(navigation::centre(view, hit.position, NEARER)))?;
+                }
+            }
+            Command::Camera(viewpoint) => self.eye = Eye { viewpoint, fov: None, f_number: self.eye.f_number },
+            Command::Choose(choices) => {
+                let [width, height] = self.full_size();
+                self.choices = *choices;
+                (self.choices.settings.image.width, self.choices.settings.image.height) = (width, height);
+            }
+            Command::Resize([width, height]) => {
+                let [width, height] = [width, height].map(|side| side.clamp(1, Settings::MAX_SIDE));
+                if [width, height] != self.full_size() {
+                    (self.choices.settings.image.width, self.choices.settings.image.height) = (width, height);
+                    self.moved = Some(Instant::now());
+                }
+            }
+            Command::Pick(at) => self.picked = self.pick(at)?,
+            Command::Open(file) => {
+                self.file = file;
+                self.reloads += 1;
+            }
+            Command::Reload => self.reloads += 1,
+            Command::Save(path) => self.message = Some(self.save(&path)?),
+        }
+        Ok(())
+    }
+
+    /// Reads the scene if another one is wanted. What cannot be read leaves the last one.
+    fn load(&mut self) -> Result<()> {
+        let origin = Origin { file: self.file.clone(), pose: self.choices.pose.clone(), reloads: self.reloads };
+        if self.tried.as_ref() == Some(&origin) {
+            return Ok(());
+        }
+        self.tried = Some(origin.clone());
+        let scene = self.source.load(&origin.file, &origin.pose)?;
+        // The view of a file that is read again stays.
+        if self.scene.as_ref().is_some_and(|loaded| loaded.origin.file != origin.file) {
+            self.eye = Eye::default();
+        }
+        self.picked = None;
+        self.scene = Some(Loaded { scene: Arc::new(scene), origin });
+        self.message = None;
+        Ok(())
+    }
+}
+
+/// The whole scene from the side of `view`, for an image of this size.
+fn framed(scene: &Scene, view: &LookAt, [width, height]: [u32; 2]) -> Option<LookAt> {
+    let [_, _, backward] = view.axes()?;
+    let framing = Framing {
+        azimuth: backward.x.atan2(backward.z).to_degrees() as f32,
+        elevation: backward.y.clamp(-1.0, 1.0).asin().to_degrees() as f32,
+        aspect: width as f32 / height as f32,
+    };
+    let camera = scene.frame(&framing);
+    let [lower, upper] = scene.bounds()?;
+    let depth = (camera.position - 0.5 * (lower + upper)).dot(camera.axes[2]);
+    Some(navigation::placed(scene, &camera, depth))
+}
+
+fn class_name(class: f32) -> &'static str {
+    const NAMES: [&str; Class::COUNT] = ["dark", "lit", "shadowed", "boundary", "unknown"];
+    NAMES.get(class as usize).copied().unwrap_or("unknown")
+}
+
+/// What a renderer was made for; the eye and, while the camera moves, the size may be others.
+#[derive(Clone, Debug, PartialEq)]
+struct Subject {
+    origin: Origin,
+    settings: Settings,
+    has_lens: bool,
+}
+
+impl Subject {
+    /// Whether they differ in the size of the picture alone.
+    fn is_resized(&self, other: &Subject) -> bool {
+        let mut settings = other.settings.clone();
+        (settings.image.width, settings.image.height) = (self.settings.image.width, self.settings.image.height);
+        *self == Subject { settings, ..other.clone() }
+    }
+}
+
+struct Render<'g> {
+    renderer: Renderer<'g>,
+    subject: Subject,
+    eye: Eye,
+    camera: Camera,
+    size: [u32; 2],
+    photons: Option<Vec<VisibilityPhoton>>,
+}
+
+/// A session on a device.
+pub struct Session<'g> {
+    gpu: &'g Gpu,
+    denoiser: Denoiser,
+    state: State,
+    render: Option<Render<'g>>,
+    /// What could not be rendered.
+    failed: Option<(Subject, Eye)>,
+    /// The picture is to be shown anew without being rendered anew.
+    is_stale: bool,
+    /// Whether the camera moved when the last step began.
+    was_moving: bool,
+}
+
+impl<'g> Session<'g> {
+    /// Continues `state` on a device, which from now on keeps its kernels.
+    pub fn new(gpu: &'g Gpu, mut state: State) -> Session<'g> {
+        gpu.keep_kernels();
+        let (denoiser, problem) = state.source.denoiser();
+        if let Some(problem) = problem {
+            state.say(format!("{problem}; the picture stays raw"));
+        }
+        Session { gpu, denoiser, state, render: None, failed: None, is_stale: true, was_moving: false }
+    }
+
+    /// The part that does not depend on the device, for another one.
+    pub fn into_state(self) -> State {
+        self.state
+    }
+
+    /// The part that does not depend on the device.
+    pub fn state(&mut self) -> &mut State {
+        &mut self.state
+    }
+
+    /// What is shown.
+    pub fn snapshot(&self) -> Snapshot {
+        self.state.snapshot()
+    }
+
+    /// Obeys a command. What cannot be done leaves a message.
+    pub fn command(&mut self, command: Command) {
+        // A movement is shown once it is rendered.
+        let moves = matches!(command, Command::Orbit(_) | Command::Pan(_) | Command::Dolly(_) | Command::Fly(_));
+        if let Err(problem) = self.state.apply(command) {
+            self.state.say(problem.to_string());
+        }
+        self.is_stale |= !moves;
+    }
+
+    /// How long the next step can wait, if nothing is to be done: none for ever.
+    pub fn wait(&self) -> Option<Duration> {
+        let moved = self.state.moved.filter(|_| self.was_moving);
+        moved.map(|moved| SETTLED.saturating_sub(moved.elapsed()))
+    }
+
+    /// Does a part of what is left to do, such as a batch of samples. Returns a picture if there is a new one, and
+    /// whether more is left.
+    ///
+    /// # Errors
+    /// [`Error::DeviceLost`]: continue [the state](Session::into_state) on another device. Other errors leave a
+    /// message.
+    pub fn step(&mut self) -> Result<(Option<Snapshot>, bool)> {
+        let started = Instant::now();
+        let said = self.state.message.clone();
+        let worked = match self.advance() {
+            Err(lost @ Error::DeviceLost { .. }) => return Err(lost),
+            Err(problem) => {
+                self.state.say(problem.to_string());
+                false
+            }
+            Ok(worked) => worked,
+        };
+        if worked {
+            self.state.seconds = started.elapsed().as_secs_f64();
+            self.adapt();
+        }
+        if !worked && !self.is_stale && said == self.state.message {
+            return Ok((None, false));
+        }
+        self.is_stale = false;
+        self.show()?;
+        Ok((Some(self.state.snapshot()), worked))
+    }
+
+    /// Divides the picture more or less while the camera moves, by the time of the last step.
+    fn adapt(&mut self) {
+        let full = self.state.full_size();
+        let is_divided = self.render.as_ref().is_some_and(|render| render.size != full);
+        if !self.was_moving || !is_divided {
+            return;
+        }
+        let took = Duration::from_secs_f64(self.state.seconds);
+        if took > 2 * MOVING_PICTURE {
+            self.state.divisor = (2 * self.state.divisor).min(MAX_DIVISOR);
+        } else if took < MOVING_PICTURE / 4 {
+            // A quarter as many pixels take more than a quarter of the time.
+            self.state.divisor = (self.state.divisor / 2).max(1);
+        }
+    }
+
+    /// Loads, prepares or renders. Returns whether there was anything to do.
+    fn advance(&mut self) -> Result<bool> {
+        let is_moving = self.state.is_moving();
+        self.was_moving = is_moving;
+        self.state.load()?;
+        let Some(Loaded { scene, origin }) = self.state.scene.clone() else { return Ok(false) };
+        let eye = self.state.eye.clone();
+        let camera = self.state.camera(&scene)?;
+        let subject = Subject { origin, settings: self.settings(), has_lens: camera.lens.is_some() };
+        if self.failed.as_ref().is_some_and(|failed| *failed == (subject.clone(), eye.clone())) {
+            return Ok(false);
+        }
+        let outcome = match &mut self.render {
+            Some(render) if render.subject == subject => {
+                let full = self.state.full_size();
+                let size = if is_moving { self.state.divided_size() } else { full };
+                let keeps = render.eye == eye && (render.size == size || (is_moving && render.size == full));
+                if keeps { Ok(()) } else { render.look(&eye, camera, size) }
+            }
+            // The last picture is shown in the new size until the size stays.
+            Some(render) if is_moving && render.subject.is_resized(&subject) => return Ok(false),
+            _ => self.prepare(&scene, subject.clone(), eye.clone(), camera),
+        };
+        if let Err(problem) = outcome {
+            (self.render, self.failed) = (None, Some((subject, eye)));
+            return Err(problem);
+        }
+        self.failed = None;
+        self.sample(is_moving)
+    }
+
+    /// The settings of the renderer.
+    fn settings(&self) -> Settings {
+        let Choices { settings, display, .. } = &self.state.choices;
+        settings.clone().with(|s| {
+            s.image.denoise = self.denoiser.choice();
+            s.image.aovs.extend(KEPT);
+            s.image.aovs.extend(display.overlay.aov());
+            s.image.aovs.sort();
+            s.image.aovs.dedup();
+        })
+    }
+
+    fn prepare(&mut self, scene: &Scene, subject: Subject, eye: Eye, camera: Camera) -> Result<()> {
+        // Two renderers would need twice the memory.
+        self.render = None;
+        // A small picture comes first, with the photons of the full size.
+        let size = self.state.divided_size();
+        let settings = subject.settings.clone().with(|s| {
+            s.visibility_map.photons_per_light = Some(subject.settings.photons_per_light());
+            [s.image.width, s.image.height] = size;
+        });
+        let renderer = Renderer::new(self.gpu, scene.clone(), &camera, &settings)?;
+        self.state.message = None;
+        self.render = Some(Render { renderer, subject, eye, camera, size, photons: None });
+        Ok(())
+    }
+
+    /// Renders a batch and takes the image, unless all samples are there. While the camera moves, one is enough.
+    fn sample(&mut self, is_moving: bool) -> Result<bool> {
+        let Some(render) = &mut self.render else { return Ok(false) };
+        let renderer = &mut render.renderer;
+        let is_first = renderer.samples() == 0;
+        if (is_moving && !is_first) || !renderer.wants_samples(&self.denoiser)? {
+            return Ok(false);
+        }
+        if is_first {
+            renderer.render_up_to(1)?
+        } else {
+            renderer.render_batch()?
+        };
+        self.state.is_complete = !renderer.wants_samples(&self.denoiser)?;
+        self.state.samples = renderer.samples();
+        let is_denoised = self.state.choices.display.denoised && self.denoiser.choice() != Denoise::None;
+        // Denoising takes as long as some samples.
+        if is_denoised && !self.state.samples.is_power_of_two() && !self.state.is_complete {
+            return Ok(true);
+        }
+        let mut image = renderer.image()?;
+        renderer.add_denoised(&mut image, &self.denoiser)?;
+        self.state.image = Some(image);
+        Ok(true)
+    }
+
+    /// Makes the pixels that are shown.
+    fn show(&mut self) -> Result<()> {
+        let (Some(image), Some(render)) = (&self.state.image, &mut self.render) else { return Ok(()) };
+        let display = self.state.choices.display;
+        let is_same_size = [image.width, image.height] == render.size;
+        if display.overlay == overlay::Overlay::Photons && render.photons.is_none() {
+            render.photons = Some(render.renderer.visibility_photons()?);
+        }
+        let photons = render.photons.as_deref().filter(|_| is_same_size).unwrap_or_default();
+        let scale = self.state.scene.as_ref().map_or(1.0, |loaded| loaded.scene.normalisation.scale());
+        let seen = SeenPhotons { photons, camera: &render.camera, scale };
+        self.state.pixels = Arc::new(overlay::pixels(image, &display, seen));
+        self.state.size = [image.width, image.height];
+        Ok(())
+    }
+}
+
+impl Render<'_> {
+    fn look(&mut self, eye: &Eye, camera: Camera, size: [u32; 2]) -> Result<()> {
+        self.renderer.look(&camera, size)?;
+        (self.eye, self.camera, self.size) = (eye.clone(), camera, size);
+        Ok(())
+    }
+}

@@ -1,0 +1,57 @@
+//! Noticing that files change.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Time between two looks at the files.
+pub const INTERVAL: Duration = Duration::from_millis(500);
+
+/// Files, and what they were when they were looked at last: length and time of the last change; none if missing.
+pub struct Watch {
+    stamps: BTreeMap<PathBuf, Option<(u64, SystemTime)>>,
+    at: Instant,
+}
+
+impl Watch {
+    /// Begins without files.
+    pub fn new() -> Watch {
+        Watch { stamps: BTreeMap::new(), at: Instant::now() }
+    }
+
+    /// Whether the interval since the last look is over.
+    pub fn is_due(&self) -> bool {
+        self.at.elapsed() >= INTERVAL
+    }
+
+    /// Whether one of the files has changed since the last look. A file that is new to the list has not.
+    pub fn changed(&mut self, files: Vec<PathBuf>) -> bool {
+        let stamp = |file: &PathBuf| fs::metadata(file).ok().and_then(|data| Some((data.len(), data.modified().ok()?)));
+        let stamps: BTreeMap<_, _> = files.into_iter().map(|file| (file.clone(), stamp(&file))).collect();
+        let changed = stamps.iter().any(|(file, stamp)| self.stamps.get(file).is_some_and(|last| last != stamp));
+        (self.stamps, self.at) = (stamps, Instant::now());
+        changed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_are_noticed_once() {
+        let file = std::env::temp_dir().join(format!("penumbra-watch-{}", std::process::id()));
+        let files = || vec![file.clone()];
+        let mut watch = Watch::new();
+        assert!(!watch.changed(files()), "a missing file that is new to the list");
+        fs::write(&file, "1").unwrap();
+        assert!(watch.changed(files()), "it appears");
+        assert!(!watch.changed(files()));
+        fs::write(&file, "22").unwrap();
+        assert!(watch.changed(files()), "it has another length");
+        fs::remove_file(&file).unwrap();
+        assert!(watch.changed(files()), "it is gone");
+        assert!(!watch.changed(Vec::new()));
+    }
+}

@@ -1,0 +1,12 @@
+//! The window of `penumbra view`: sessions without a window, the panel without a display, and real windows under Xvfb.
+
+#[path = "../common/device.rs"]
+mod device;
+
+mod panel;
+mod sessions;
+mod setup;
+#[cfg(target_os = "linux")]
+mod windows;
+#[cfg(target_os = "linux")]
+mod xvfb;

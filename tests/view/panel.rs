@@ -1,0 +1,232 @@
+//! The panel without a display: what it shows, as a screen reader hears it, and what input makes of it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, accesskit};
+use penumbra::internal::view::{Eye, Overlay, Panel, Picture, Request, Snapshot};
+
+use crate::setup::{choices, settings};
+
+const WINDOW: Vec2 = Vec2::new(800.0, 1000.0);
+
+/// The centre of the picture: the panel is on the right.
+const PICTURE: Pos2 = Pos2::new(265.0, 500.0);
+
+fn snapshot() -> Snapshot {
+    Snapshot {
+        pixels: Arc::new(vec![100; 48 * 36 * 3]),
+        size: [48, 36],
+        samples: 2,
+        is_complete: false,
+        seconds: 0.05,
+        picture: Picture {
+            file: PathBuf::from("folder/scene.glb"),
+            eye: Eye::default(),
+            choices: choices(settings().with(|s| (s.image.width, s.image.height) = (480, 360))),
+        },
+        fov: Some(40.0),
+        cameras: vec!["door".into(), "window".into()],
+        lights: vec!["lamp".into(), "sun".into()],
+        variants: vec!["oak".into()],
+        animation_end: Some(2.0),
+        has_environment: false,
+        message: Some("a message".into()),
+        picked: None,
+    }
+}
+
+/// A window with the panel.
+struct Window {
+    context: egui::Context,
+    panel: Panel,
+    snapshot: Snapshot,
+    seconds: f64,
+}
+
+impl Window {
+    fn new(snapshot: Snapshot) -> Window {
+        let context = egui::Context::default();
+        context.enable_accesskit();
+        let mut window = Window { context, panel: Panel::new(false), snapshot, seconds: 0.0 };
+        // Widgets know their places after the first layout.
+        window.frame(Vec::new(), Modifiers::NONE);
+        window
+    }
+
+    /// Lays out the window once. Returns what the user wants, and the nodes of the accessibility tree.
+    fn frame(&mut self, events: Vec<Event>, modifiers: Modifiers) -> (Vec<Request>, Vec<accesskit::Node>) {
+        self.seconds += 0.02;
+        let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, WINDOW));
+        let time = Some(self.seconds);
+        let events = [vec![Event::ModifiersChanged(modifiers)], events].concat();
+        let input = RawInput { events, screen_rect, time, focused: true, ..RawInput::default() };
+        let mut requests = Vec::new();
+        let mut output = self.context.run_ui(input, |ui| requests.extend(self.panel.show(ui, &self.snapshot)));
+        output.textures_delta.clear();
+        let nodes = output.platform_output.accesskit_update.map(|update| update.nodes).unwrap_or_default();
+        (requests, nodes.into_iter().map(|(_, node)| node).collect())
+    }
+
+    fn commands(&mut self, events: Vec<Event>, modifiers: Modifiers) -> Vec<String> {
+        let (requests, _) = self.frame(events, modifiers);
+        requests.iter().map(|request| format!("{request:?}")).collect()
+    }
+
+    /// The texts that a screen reader hears.
+    fn texts(&mut self) -> Vec<String> {
+        let (_, nodes) = self.frame(Vec::new(), Modifiers::NONE);
+        nodes.iter().flat_map(|node| [node.label(), node.value()]).flatten().map(str::to_owned).collect()
+    }
+
+    /// The centre of the widget with that label.
+    fn find(&mut self, label: &str) -> Pos2 {
+        let (_, nodes) = self.frame(Vec::new(), Modifiers::NONE);
+        let node = nodes.iter().find(|node| node.label() == Some(label)).unwrap_or_else(|| panic!("no {label}"));
+        let bounds = node.bounds().unwrap();
+        Pos2::new((bounds.x0 + bounds.x1) as f32 / 2.0, (bounds.y0 + bounds.y1) as f32 / 2.0)
+    }
+
+    fn drag(&mut self, button: PointerButton, by: Vec2, modifiers: Modifiers) -> Vec<String> {
+        self.frame(vec![Event::PointerMoved(PICTURE)], modifiers);
+        self.frame(vec![press(PICTURE, button, true, modifiers)], modifiers);
+        let commands = self.commands(vec![Event::PointerMoved(PICTURE + by)], modifiers);
+        self.frame(vec![press(PICTURE + by, button, false, modifiers)], modifiers);
+        commands
+    }
+
+    fn click(&mut self, at: Pos2) -> Vec<String> {
+        let button = PointerButton::Primary;
+        self.frame(vec![Event::PointerMoved(at)], Modifiers::NONE);
+        self.frame(vec![press(at, button, true, Modifiers::NONE)], Modifiers::NONE);
+        self.commands(vec![press(at, button, false, Modifiers::NONE)], Modifiers::NONE)
+    }
+}
+
+fn press(pos: Pos2, button: PointerButton, pressed: bool, modifiers: Modifiers) -> Event {
+    Event::PointerButton { pos, button, pressed, modifiers }
+}
+
+fn key(key: Key, modifiers: Modifiers) -> Event {
+    Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers }
+}
+
+#[test]
+fn the_panel_has_its_labels() {
+    let mut snapshot = snapshot();
+    snapshot.picture.choices.display.overlay = Overlay::Classes;
+    let texts = Window::new(snapshot).texts();
+    for text in [
+        "the picture",
+        "scene.glb",
+        "480 x 360 pixels",
+        "2 of 4 samples, rendering",
+        "a message",
+        "camera",
+        "field of view",
+        "depth of field",
+        "frame all",
+        "show",
+        "light",
+        "exposure",
+        "tone mapping",
+        "denoised",
+        "technique",
+        "samples",
+        "light scale",
+        "animation",
+        "materials",
+        "copy command",
+        "save",
+    ] {
+        assert!(texts.iter().any(|found| found == text), "{text:?} is not in {texts:#?}");
+    }
+    assert!(texts.iter().all(|found| found != "environment"), "without an environment");
+}
+
+#[test]
+fn drags_move_the_camera() {
+    let mut window = Window::new(snapshot());
+    // The picture is 360 points high.
+    let by = Vec2::new(36.0, -18.0);
+    let none = Modifiers::NONE;
+    assert_eq!(window.drag(PointerButton::Primary, by, none), ["Command(Orbit([-0.1, -0.05]))"].map(rounded));
+    assert_eq!(window.drag(PointerButton::Middle, by, none), ["Command(Pan([-0.1, -0.05]))"].map(rounded));
+    assert_eq!(window.drag(PointerButton::Primary, by, Modifiers::SHIFT), ["Command(Pan([-0.1, -0.05]))"].map(rounded));
+}
+
+/// As `Debug` prints the quotients of f32.
+fn rounded(text: &str) -> String {
+    text.replace("0.1", &format!("{:?}", f64::from(0.1f32))).replace("0.05", &format!("{:?}", f64::from(0.05f32)))
+}
+
+#[test]
+fn keys_move_the_camera() {
+    let mut window = Window::new(snapshot());
+    window.frame(vec![Event::PointerMoved(PICTURE)], Modifiers::NONE);
+    let w = window.commands(vec![key(Key::W, Modifiers::NONE)], Modifiers::NONE);
+    assert!(w.len() == 1 && w[0].starts_with("Command(Fly([0.0, 0.0, 0.0"), "{w:?}");
+    let release =
+        Event::Key { key: Key::W, physical_key: None, pressed: false, repeat: false, modifiers: Modifiers::NONE };
+    assert!(window.commands(vec![release], Modifiers::NONE).is_empty());
+    assert_eq!(window.commands(vec![key(Key::Home, Modifiers::NONE)], Modifiers::NONE), ["Command(FrameAll)"]);
+    assert_eq!(window.commands(vec![key(Key::F, Modifiers::NONE)], Modifiers::NONE), ["Command(FrameAt([0.5, 0.5]))"]);
+    let quit = window.commands(vec![key(Key::Q, Modifiers::COMMAND)], Modifiers::COMMAND);
+    assert_eq!(quit, ["Quit"]);
+}
+
+#[test]
+fn clicks_ask_and_press_buttons() {
+    let mut window = Window::new(snapshot());
+    assert_eq!(window.click(PICTURE), ["Command(Pick([0.5, 0.5]))"]);
+    let copy = window.find("copy command");
+    assert_eq!(window.click(copy), ["Copy"]);
+    window.panel.copied("penumbra render x".into());
+    assert!(window.texts().contains(&"penumbra render x".to_owned()));
+    let save = window.find("save");
+    assert_eq!(window.click(save), ["Command(Save(\"picture.png\"))"]);
+    let denoised = window.find("denoised");
+    let choice = window.click(denoised);
+    assert!(choice.len() == 1 && choice[0].contains("denoised: true"), "{choice:?}");
+}
+
+/// A picture that follows the window is told its size once, and not that it has none.
+#[test]
+fn the_picture_follows_the_window() {
+    let mut window = Window::new(snapshot());
+    window.panel = Panel::new(true);
+    let sizes = window.commands(Vec::new(), Modifiers::NONE);
+    assert_eq!(sizes.len(), 1);
+    assert!(sizes[0].starts_with("Command(Resize(["), "{sizes:?}");
+    assert!(window.commands(Vec::new(), Modifiers::NONE).is_empty());
+}
+
+/// What is at a pixel is told.
+#[test]
+fn a_pixel_is_described() {
+    let mut snapshot = snapshot();
+    let hit = penumbra::internal::view::Hit {
+        material: "oak".into(),
+        position: glam::DVec3::new(1.0, 2.0, 3.0),
+        normal: None,
+        depth: 4.0,
+    };
+    let light = penumbra::internal::view::PickedLight {
+        name: "lamp".into(),
+        class: "boundary",
+        visibility: 0.5,
+        photons: [20.0, 16.0],
+    };
+    snapshot.picked = Some(penumbra::internal::view::Picked {
+        at: [0.25, 0.75],
+        hit: Some(hit),
+        radiance: Some([0.1, 0.2, 0.3]),
+        lights: vec![light],
+    });
+    let texts = Window::new(snapshot).texts();
+    for text in
+        ["material oak", "position 1.0000, 2.0000, 3.0000", "lamp: boundary, visibility 0.500, n_i 20.0, n_s 16.0"]
+    {
+        assert!(texts.iter().any(|found| found == text), "{text:?} is not in {texts:#?}");
+    }
+}

@@ -1,0 +1,80 @@
+//! Sessions for tests.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use kernel_kit::Gpu;
+use penumbra::internal::render::film::View;
+use penumbra::internal::view::{
+    Choices, Command, Eye, Overlay, Picture, Pose, Session, Shown, Snapshot, Source, State, Viewpoint,
+};
+use penumbra::{Camera, Denoiser, ImportOptions, Result, Scene, Settings};
+
+pub const BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/box.glb");
+pub const SPHERE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/sphere.glb");
+
+/// A folder that is removed when it is dropped.
+pub fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
+/// Scenes from files, without options.
+pub struct Files;
+
+impl Source for Files {
+    fn load(&self, file: &Path, pose: &Pose) -> Result<Scene> {
+        Scene::load(file, &ImportOptions { time: pose.time, ..ImportOptions::default() })
+    }
+
+    fn camera(&self, scene: &Scene, eye: &Eye, _: f32) -> Result<Camera> {
+        Ok(match &eye.viewpoint {
+            Viewpoint::Given => scene.cameras[0].clone(),
+            Viewpoint::File(index) => scene.cameras[*index].clone(),
+            Viewpoint::Placed(view) => scene.look_at(view).unwrap(),
+        })
+    }
+
+    fn denoiser(&self) -> (Denoiser, Option<String>) {
+        (Denoiser::default(), None)
+    }
+
+    fn command(&self, _: &Picture) -> String {
+        String::new()
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        Vec::new()
+    }
+}
+
+/// A small picture with few samples.
+pub fn settings() -> Settings {
+    Settings::builder().size(48, 36).spp(4).build().unwrap()
+}
+
+pub fn choices(settings: Settings) -> Choices {
+    let display = Shown { overlay: Overlay::Picture, light: 0, view: View::Neutral, exposure: 0.0, denoised: false };
+    Choices { settings, pose: Pose::default(), display }
+}
+
+pub fn state(file: &Path, settings: Settings) -> State {
+    let scene = Files.load(file, &Pose::default()).unwrap();
+    State::new(Arc::new(Files), file.to_owned(), scene, choices(settings))
+}
+
+pub fn session<'g>(gpu: &'g Gpu, file: &Path, settings: Settings) -> Session<'g> {
+    Session::new(gpu, state(file, settings))
+}
+
+/// Obeys the commands, and goes on until nothing is left to do. Returns the last picture.
+pub fn settle(session: &mut Session<'_>, commands: impl IntoIterator<Item = Command>) -> Snapshot {
+    commands.into_iter().for_each(|command| session.command(command));
+    loop {
+        let (_, worked) = session.step().unwrap();
+        match session.wait() {
+            _ if worked => {}
+            Some(wait) => std::thread::sleep(wait),
+            None => return session.snapshot(),
+        }
+    }
+}
