@@ -28,6 +28,6 @@ pub struct ImportOptions {
     /// Name of the variant of materials (KHR_materials_variants) to render. None: the materials of no variant.
     pub variant: Option<String>,
     /// Number of triangles up to which each copy of a mesh has its own. If all copies have more in total, meshes that
-    /// are repeated are stored once. None: about a million.
+    /// are repeated are stored once. None: about four million.
     pub max_copied_triangles: Option<usize>,
 }

@@ -10,8 +10,8 @@ use super::material::Material;
 use super::mesh::Mesh;
 
 /// Triangles up to which every copy of a mesh has its own. The kernels' hierarchy is then one tree, in which rays take
-/// fewer steps and software devices trace them in packets; such a scene needs some 400 MB.
-const MAX_COPIED: usize = 1 << 20;
+/// fewer steps and software devices trace them in packets; such a scene needs some 1.6 GB of the host's memory.
+const MAX_COPIED: usize = 1 << 22;
 
 /// Minimum number of triangles of a mesh that is stored once: a copy takes 112 bytes and its share of the hierarchy's
 /// upper part, a triangle 64 and more.

@@ -17,7 +17,7 @@ const NO_PHOTONS: &str = "nearly every point sees a part of it, so photons would
 const SHADOW_RAYS_OF_MAP: f64 = 2_097_152.0;
 
 /// Whether photons and cells save more time than they take, or are requested.
-fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
+pub(crate) fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Settings) -> bool {
     if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
         return true;
     }

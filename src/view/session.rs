@@ -15,6 +15,7 @@ use crate::kernels::Class;
 use crate::render::photons::VisibilityPhoton;
 use crate::scene::{Camera, Framing, LookAt, Projection, Scene};
 use crate::settings::{Aov, Denoise, Settings};
+use crate::specialisation::photons_pay;
 use crate::{Denoiser, Error, Image, Renderer, Result};
 
 /// Time without a movement after which the picture is rendered at its full size.
@@ -482,6 +483,8 @@ struct Subject {
     origin: Origin,
     settings: Settings,
     has_lens: bool,
+    /// Whether a render of this view makes photons of visibility.
+    has_photons: bool,
 }
 
 impl Subject {
@@ -611,7 +614,9 @@ impl<'g> Session<'g> {
         let Some(Loaded { scene, origin }) = self.state.scene.clone() else { return Ok(false) };
         let eye = self.state.eye.clone();
         let camera = self.state.camera(&scene)?;
-        let subject = Subject { origin, settings: self.settings(), has_lens: camera.lens.is_some() };
+        let settings = self.settings();
+        let has_photons = photons_pay(&scene, Some(&camera), &settings);
+        let subject = Subject { origin, settings, has_lens: camera.lens.is_some(), has_photons };
         if self.failed.as_ref().is_some_and(|failed| *failed == (subject.clone(), eye.clone())) {
             return Ok(false);
         }
@@ -641,6 +646,9 @@ impl<'g> Session<'g> {
             s.image.denoise = self.denoiser.choice();
             s.image.aovs.extend(KEPT);
             s.image.aovs.extend(display.overlay.aov());
+            if display.overlay == overlay::Overlay::Photons {
+                s.visibility_map.photons_per_light = Some(settings.photons_per_light());
+            }
             s.image.aovs.sort();
             s.image.aovs.dedup();
         })
@@ -652,7 +660,7 @@ impl<'g> Session<'g> {
         // A small picture comes first, with the photons of the full size.
         let size = self.state.divided_size();
         let settings = subject.settings.clone().with(|s| {
-            s.visibility_map.photons_per_light = Some(subject.settings.photons_per_light());
+            s.visibility_map.photons_per_light = subject.has_photons.then_some(subject.settings.photons_per_light());
             [s.image.width, s.image.height] = size;
         });
         let renderer = Renderer::new(self.gpu, scene.clone(), &camera, &settings)?;

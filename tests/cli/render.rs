@@ -248,7 +248,7 @@ fn checkpoints_of_something_else_are_refused() {
     // Photons that audits added (a class by one photon is sometimes wrong), with positions that are not finite and a
     // light that does not exist, which would be counted past the last.
     let audited = |arguments: &str| {
-        let sampling = "--spp 9 --audit 1 --nearest 1 --dilate 0 --width 96 --height 96";
+        let sampling = "--spp 9 --audit 1 --nearest 1 --dilate 0 --width 96 --height 96 --photons 5184";
         let arguments = format!("render --device {} --quiet {sampling} {checkpoint} {arguments} -o", device());
         run(&arguments, &[&image, &BOX])
     };

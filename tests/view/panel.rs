@@ -176,7 +176,7 @@ fn keys_move_the_camera() {
 }
 
 #[test]
-fn clicks_ask_and_press_buttons() {
+fn clicks_pick_and_press_buttons() {
     let mut window = Window::new(snapshot());
     assert_eq!(window.click(PICTURE), ["Command(Pick([0.5, 0.5]))"]);
     let copy = window.find("copy command");

@@ -155,7 +155,7 @@ fn a_framed_point_is_in_the_centre() {
     assert!(before.position.distance(after.position) < 1e-4, "{before:?} {after:?}");
     let all = settle(&mut session, [Command::FrameAll]);
     let Viewpoint::Placed(view) = all.picture.eye.viewpoint else { panic!("{all:?}") };
-    assert!(view.from.distance(view.at) > before.depth, "the whole scene is seen from farther away");
+    assert!(view.from.distance(view.at) > after.depth, "the whole scene is seen from farther away");
 }
 
 /// A broken file leaves the last picture and a message; once it is right again, the view is still there.
@@ -182,7 +182,7 @@ fn a_broken_file_keeps_the_picture() {
 
 /// Another scene begins with its own camera; a missing one leaves the picture.
 #[test]
-fn another_scene_takes_the_place_of_the_first() {
+fn another_scene_replaces_the_first() {
     let mut session = session(gpu(), BOX.as_ref(), settings());
     let first = settle(&mut session, [Command::Camera(Viewpoint::Placed(FROM_THE_RIGHT))]);
     let missing = settle(&mut session, [Command::Open(PathBuf::from("missing.glb"))]);
