@@ -42,7 +42,7 @@ pub struct Renderer<'g> {
     pub(super) lighting: Lighting,
     /// Kept to make new photons and records.
     pub(super) indirect_kernels: IndirectKernels,
-    /// How many photons and gather rays there are; see `refinement.rs`.
+    /// How many photons and gather rays there are; see `stages.rs`.
     pub(super) stage: i32,
     pub(super) buffers: TileBuffers,
     pub(super) tiles: Vec<TileFilm>,

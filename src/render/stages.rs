@@ -6,8 +6,8 @@ use crate::settings::Settings;
 /// fourfold, so do they again. All samples share them, so more samples alone would not reduce their error.
 const REFINED: u32 = 32;
 
-/// 4 million photon rays, and [`Settings::MAX_GATHER_RAYS`] by default.
-const LAST_STAGE: i32 = 3;
+/// A million photon rays, and some thousand rays per record by default.
+const LAST_STAGE: i32 = 2;
 
 /// The stage of the first sample: an image that comes two to four times sooner (`scenes/crowd.glb`, 128 x 128 pixels:
 /// 0.12 s instead of 0.52) has at most a third more error. A second cheap stage gained nothing: with 64 rays until the

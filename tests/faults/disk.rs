@@ -128,7 +128,9 @@ fn an_output_folder_may_vanish() {
     let answer = end(render);
     assert_eq!(answer.code, Some(3), "{answer:?}");
     let error = answer.stderr.lines().last().unwrap();
-    let (problem, kept) = error.split_once("; the image is in ").unwrap_or_else(|| panic!("{answer:?}"));
+    let (problem, rest) = error.split_once("; the image is in ").unwrap_or_else(|| panic!("{answer:?}"));
+    let (kept, others) = rest.split_once("; ").unwrap_or_else(|| panic!("{answer:?}"));
+    assert!(others.contains("a.json is not written either") && others.ends_with("state is not written either"));
     assert!(problem.contains(image.to_str().unwrap()), "{answer:?}");
     assert!(Image::read(kept).is_ok(), "{answer:?}");
     fs::remove_file(kept).unwrap();
@@ -148,5 +150,7 @@ fn one_failed_file_does_not_affect_the_others() {
     assert_eq!(answer.code, Some(3), "{answer:?}");
     Image::read(&kept).unwrap();
     let (_, rescued) = answer.stderr.trim_end().rsplit_once("; the image is in ").unwrap();
+    let (rescued, others) = rescued.split_once("; ").unwrap();
+    assert!(others.ends_with("lost/state is not written either"), "{answer:?}");
     fs::remove_file(rescued).unwrap();
 }
