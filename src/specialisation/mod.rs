@@ -25,6 +25,7 @@ pub(crate) use lights::LightFacts;
 pub(crate) use lobes::surface_vectors;
 pub(crate) use surfaces::FOCUSING_ALPHA;
 use surfaces::Facts;
+#[cfg(feature = "view")]
 pub(crate) use visibility::photons_pay;
 
 /// Maximum number of triangles with alpha tests for packets. A packet takes more iterations at each than a single ray:
