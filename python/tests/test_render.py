@@ -123,13 +123,13 @@ def test_views(box, device):
 
 def test_progress_and_an_early_end(box, device):
     reports = []
-    result = box.render(width=16, height=16, spp=8, max_bounces=0, device=device, progress=reports.append)
-    assert result.samples == 8
+    result = box.render(width=16, height=16, spp=24, max_bounces=0, device=device, progress=reports.append)
+    assert result.samples == 24
     assert [report.samples for report in reports] == sorted(report.samples for report in reports)
-    assert reports[-1].samples == reports[-1].spp == 8
+    assert reports[-1].samples == reports[-1].spp == 24
     assert reports[-1].rays == result.statistics["rays"]["total"]
     assert len(reports) > 1
-    stopped = box.render(width=16, height=16, spp=8, max_bounces=0, device=device, progress=lambda report: False)
+    stopped = box.render(width=16, height=16, spp=24, max_bounces=0, device=device, progress=lambda report: False)
     assert stopped.samples == reports[0].samples
     timed = box.render(width=16, height=16, max_bounces=0, device=device, time=0.01)
     assert 1 <= timed.samples

@@ -840,5 +840,8 @@ fn every_set_of_kinds_composes() {
             compose(kernel, &features).unwrap();
         }
     }
-    compose("path", &Features::all()).unwrap();
+    // Packets and shallow hierarchies have no instances.
+    compose("path", &Features::all().with(Feature::Instances, false)).unwrap();
+    let single = Features::all().with(Feature::Packets, false).with(Feature::ShallowBvh, false);
+    compose("path", &single).unwrap();
 }

@@ -34,6 +34,8 @@ impl Stage {
             s.image.width = size[0];
             s.image.height = size[1];
             s.technique = technique;
+            // Images so small would have no photons unless their number is requested.
+            s.visibility_map.photons_per_light = Some(4096);
         });
         let positions: Vec<_> = (0..scene.triangles.len()).map(|i| scene.triangle_positions(i)).collect();
         let bvh = Bvh::build(&positions).unwrap();
