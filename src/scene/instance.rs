@@ -21,7 +21,7 @@ pub struct SharedMesh {
 pub struct Instance {
     /// Index into [`Scene::shared_meshes`](super::Scene::shared_meshes).
     pub mesh: usize,
-    /// Its determinant is positive. It stretches by at most [`MAX_STRETCH`].
+    /// Its determinant is positive. It stretches by at most `MAX_STRETCH`.
     pub linear: Mat3,
     /// Where the mesh's origin is.
     pub origin: Vec3,

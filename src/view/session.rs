@@ -124,7 +124,7 @@ pub enum Command {
     Orbit([f64; 2]),
     /// Move along the image, by shares of its height: right, up.
     Pan([f64; 2]),
-    /// Approach what is looked at; see [`navigation::dolly`].
+    /// Approach what is looked at; see `navigation.rs`.
     Dolly(f64),
     /// Move right, up and forward, by shares of the scene's size.
     Fly([f64; 3]),

@@ -3,7 +3,7 @@
 //!
 //! A sample of a piece depends on its number, its pixel, the scene and the settings alone: what samples otherwise leave
 //! behind for later ones is left out (`ImageSettings::piece`). The order of additions is fixed by a binary tree over
-//! the numbers of the samples, of which a piece holds the largest parts that it has: see [`sums`]. A piece is an EXR
+//! the numbers of the samples, of which a piece holds the largest parts that it has: see `sums.rs`. A piece is an EXR
 //! file that shows its own samples; further channels have the sums: see [`file`].
 
 mod coverage;
