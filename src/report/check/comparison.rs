@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn limits_are_exceeded_one_by_one() {
         let baseline = image(|_| 0.0);
-        let limits = Limits::default();
+        let limits = Limits { changed: 0.01, ..Limits::default() };
         let same = Comparison::new(&baseline, &baseline, &limits).unwrap();
         assert_eq!((same.relmse, same.flip, same.changed, same.different), (0.0, 0.0, 0.0, 0));
         assert!(same.exceeded(&limits).is_empty());
