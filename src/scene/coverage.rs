@@ -17,7 +17,8 @@ impl Scene {
     /// objects to fill their boxes.
     pub fn covered_share(&self, camera: &Camera, aspect: f32) -> f64 {
         let mut cells = Cells { covered: [[false; SIDE]; SIDE], count: 0 };
-        let project = |corner| project(camera, aspect, corner);
+        let half = Vec2::from(camera.half_extent(aspect));
+        let project = |corner| project(camera, half, corner);
         for index in (0..self.flat_triangles()).filter(|&i| self.triangles[i].light == NO_LIGHT) {
             match self.triangle_positions(index).map(project) {
                 [Some(a), Some(b), Some(c)] => cells.cover([a, b, c]),
@@ -40,9 +41,7 @@ impl Scene {
         }
         cells.count as f64 / (SIDE * SIDE) as f64
     }
-}
 
-impl Scene {
     /// The corners of the boxes around instances and procedural objects.
     fn boxes(&self) -> impl Iterator<Item = [Vec3; 8]> {
         let bounds = self.shared_meshes.iter().map(|mesh| {
@@ -61,15 +60,14 @@ impl Scene {
     }
 }
 
-/// Where a point lies in the image, in cells. None: not in front of the camera.
-fn project(camera: &Camera, aspect: f32, point: Vec3) -> Option<Vec2> {
+/// Where a point lies in the image, in cells, if `half` is half its extent. None: not in front of the camera.
+fn project(camera: &Camera, half: Vec2, point: Vec3) -> Option<Vec2> {
     let offset = point - camera.position;
     let [right, up, backward] = camera.axes;
     let depth = -offset.dot(backward);
     if depth <= camera.near {
         return None;
     }
-    let half = Vec2::from(camera.half_extent(aspect));
     let scale = match camera.projection {
         Projection::Perspective { .. } => depth,
         Projection::Orthographic { .. } => 1.0,

@@ -21,9 +21,13 @@ pub(crate) fn photons_pay(scene: &Scene, camera: Option<&Camera>, settings: &Set
     if settings.visibility_map.photons_per_light.is_some() || settings.shows_photons() {
         return true;
     }
+    let rays = settings.shadow_rays_to_a_light() as f64;
+    if rays < SHADOW_RAYS_OF_MAP {
+        return false;
+    }
     let aspect = settings.image.width as f32 / settings.image.height as f32;
     let covered = camera.map_or(1.0, |camera| scene.covered_share(camera, aspect));
-    covered * settings.shadow_rays_to_a_light() as f64 >= SHADOW_RAYS_OF_MAP
+    covered * rays >= SHADOW_RAYS_OF_MAP
 }
 
 impl Specialisation {

@@ -615,7 +615,12 @@ impl<'g> Session<'g> {
         let eye = self.state.eye.clone();
         let camera = self.state.camera(&scene)?;
         let settings = self.settings();
-        let has_photons = photons_pay(&scene, Some(&camera), &settings);
+        let known = self.render.as_ref().filter(|render| {
+            render.eye == eye && render.subject.settings == settings && render.subject.origin == origin
+        });
+        // It looks at every triangle.
+        let has_photons =
+            known.map_or_else(|| photons_pay(&scene, Some(&camera), &settings), |render| render.subject.has_photons);
         let subject = Subject { origin, settings, has_lens: camera.lens.is_some(), has_photons };
         if self.failed.as_ref().is_some_and(|failed| *failed == (subject.clone(), eye.clone())) {
             return Ok(false);
