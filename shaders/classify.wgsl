@@ -12,10 +12,10 @@
 // shadow rays. Only where n_i and n_s are shown (`exact_counts`) does `query` search for them.
 
 import package::kit::{dispatch_groups, group_index};
-import package::lib::math::{oct_decode16, oct_decode7, oct_encode7};
+import package::lib::math::{oct_decode16, oct_decode7, oct_encode7, remainder};
 import package::lib::class_word::{audit_chance, class_of, class_word, is_audited, is_decided, is_near};
 @if(visibility_map || fine_cells) import package::lib::class_word::boundary_word;
-@if(visibility_map || fine_cells) import package::lib::class_word::near_word;
+@if(visibility_map || fine_cells) import package::lib::class_word::{AWAY, NEAR, word_at};
 @if(visibility_estimate) import package::lib::class_word::traces_shadow_rays;
 import package::lib::cell_class::{
     COS_CLUSTER, CellClass, REQUEST_UNIT, REQUEST_ZERO, RequestedCell, decode_cell_class, holds_at, load_cell_classes,
@@ -32,7 +32,7 @@ import package::lib::visible_point::load_point;
 import package::lib::tile::{Tile, first_point_of, pixel_seed, tile_position, tile_rows, tile_sample};
 @if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
 import package::lib::constants::{
-    CLASS_BOUNDARY, CLASS_COUNT, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
+    CLASS_BOUNDARY, CLASS_DARK, CLASS_LIT, CLASS_SHADOWED, CLASS_UNKNOWN, COUNTER_AUDITED, COUNTER_DARK,
     COUNTER_NEAR, COUNTER_NEAR_AUDITED, INVALID_POINT, NO_SAMPLED_LIGHT, QUEUE_ARGUMENT_WORDS, QUEUE_AUDIT,
     QUEUE_BOUNDARY, CANDIDATE_QUEUES, QUEUE_COUNT, QUEUE_QUERY, QUEUE_UNDILATED
 };
@@ -77,17 +77,18 @@ fn queue_item(queue: u32, item: u32) -> u32 {
 const UNDECIDED = 0xffffffffu;
 const CLASSIFY_GROUP = 64u;
 
-var<workgroup> group_undecided: atomic<u32>;
-var<workgroup> query_base: u32;
-var<workgroup> group_base: u32;
-// A byte for each class but unknown.
-var<workgroup> group_classes: atomic<u32>;
-var<workgroup> group_unknown: atomic<u32>;
-var<workgroup> group_audits: atomic<u32>;
-// Decided candidates near boundaries; above 16 bits, those of them that are audited.
-var<workgroup> group_near: atomic<u32>;
-var<workgroup> audit_base: u32;
-@if(visibility_estimate) var<workgroup> group_traced: atomic<u32>;
+// Candidates of the workgroup by what COUNTED says, a byte each; then those that are undecided and, where visibility is
+// estimated, those that are traced.
+var<workgroup> group_counts: array<atomic<u32>, 4>;
+const COUNTED_UNDECIDED = 2u;
+@if(visibility_estimate) const COUNTED_TRACED = 3u;
+// Number of a byte: the class, or one of these.
+const COUNTED_AUDITED = 5u;
+const COUNTED_NEAR = 6u;
+const COUNTED_NEAR_AUDITED = 7u;
+const COUNTED = 8u;
+// Where the workgroup's candidates begin in each queue.
+var<workgroup> queue_bases: array<u32, CANDIDATE_QUEUES>;
 
 // The classes that need no photons of the map; the other candidates are queued for them.
 @compute @workgroup_size(64)
@@ -113,8 +114,7 @@ fn light_of(candidate: u32) -> u32 {
 
 // Index of the candidate's point in the tile.
 fn point_of(candidate: u32) -> u32 {
-    let local_light = candidate / classify_pass.tile.point_count;
-    return candidate - local_light * classify_pass.tile.point_count;
+    return remainder(candidate, classify_pass.tile.point_count);
 }
 
 fn class_without_map(candidate: u32) -> u32 {
@@ -132,9 +132,9 @@ fn class_without_map(candidate: u32) -> u32 {
     }
     @if(fine_cells) {
         let fine = fine_class(light, point.position, normal);
-        if is_decided(fine.class_) { return decided_word(fine.class_, fine.near); }
+        if is_decided(fine.class_) { return decided_word(fine.class_, fine.place); }
         // Shadow rays know more of a divided cell than the map does.
-        if fine.near { return boundary_word(fine.visibility, nearest); }
+        if fine.place != AWAY { return boundary_word(fine.visibility, nearest); }
     }
     @if(visibility_map) { return UNDECIDED; }
     @else { return class_word(CLASS_UNKNOWN, 0u, 0u, 0.0); }
@@ -142,10 +142,10 @@ fn class_without_map(candidate: u32) -> u32 {
 
 // The word of a candidate in a lit or shadowed cell.
 @if(visibility_map || fine_cells)
-fn decided_word(class_: u32, near: bool) -> u32 {
+fn decided_word(class_: u32, place: u32) -> u32 {
     var word = class_word(CLASS_LIT, nearest, 0u, 1.0);
     if class_ == CLASS_SHADOWED { word = class_word(CLASS_SHADOWED, 0u, nearest, 0.0); }
-    return select(word, near_word(word), near);
+    return word_at(word, place);
 }
 
 // The classes of the queued candidates whose cell has one that holds; the others request one.
@@ -237,7 +237,7 @@ fn in_cell(from_centre: vec3f) -> bool {
 @if(visibility_map)
 fn word_of_cell_class(cell: CellClass) -> u32 {
     if is_decided(cell.class_) {
-        return decided_word(cell.class_, cell.visibility != f32(cell.class_ == CLASS_LIT));
+        return decided_word(cell.class_, select(AWAY, NEAR, cell.visibility != f32(cell.class_ == CLASS_LIT)));
     }
     @if(exact_counts) { return UNDECIDED; }
     @if(!exact_counts) {
@@ -309,7 +309,7 @@ fn class_by_requested_cell(candidate: u32) -> u32 {
     let word = word_of_cell_class(cell);
     @if(exact_counts) {
         if word == UNDECIDED {
-            return near_word(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach));
+            return word_at(class_by_search(classify_pass.grid, light, point.position, normal, cell.reach), NEAR);
         }
     }
     return word;
@@ -336,7 +336,7 @@ fn dilate(
     let first = candidate - pixel;
     // Neighbours are of the same sample.
     let tile = classify_pass.tile;
-    let layer = pixel - pixel % tile.pixel_count;
+    let layer = pixel - remainder(pixel, tile.pixel_count);
     let at = vec2i(tile_position(tile, pixel));
     let radius = i32(classify_pass.dilate_radius);
     let low = max(at - radius, vec2i(0));
@@ -394,15 +394,6 @@ struct QueueEntry {
     @if(visibility_estimate) traced: bool,
 }
 
-fn no_entry() -> QueueEntry {
-    var entry: QueueEntry;
-    entry.class_ = CLASS_DARK;
-    entry.rank = 0u;
-    entry.audited = false;
-    @if(visibility_estimate) { entry.traced = false; }
-    return entry;
-}
-
 // Whether the candidate has a point and a light.
 fn is_candidate(candidate: u32) -> bool {
     let is_point = load_point(point_of(candidate)).normal != INVALID_POINT;
@@ -410,84 +401,75 @@ fn is_candidate(candidate: u32) -> bool {
     @else { return is_point; }
 }
 
-// Counts the candidate in its workgroup.
+// Counts the candidate in its workgroup: by two atomics, since all lanes of a software device wait for each.
 fn count_candidate(candidate: u32, word: u32) -> QueueEntry {
-    var entry = no_entry();
+    var entry: QueueEntry;
     entry.class_ = class_of(word);
-    if entry.class_ == CLASS_UNKNOWN {
-        entry.rank = atomicAdd(&group_unknown, 1u);
-    } else {
-        // A byte for each of the other classes: one atomic counts them all, and ranks the boundary candidates.
-        entry.rank = atomicAdd(&group_classes, 1u << (8u * entry.class_)) >> (8u * CLASS_BOUNDARY);
-    }
+    var others = u32(entry.class_ == CLASS_UNKNOWN);
     if is_decided(entry.class_) {
         entry.audited = audits(candidate, word);
-        if is_near(word) { atomicAdd(&group_near, 1u + (u32(entry.audited) << 16u)); }
+        others = one_of(COUNTED_AUDITED, entry.audited) | one_of(COUNTED_NEAR, is_near(word))
+            | one_of(COUNTED_NEAR_AUDITED, entry.audited && is_near(word));
     }
-    if entry.audited { entry.rank = atomicAdd(&group_audits, 1u); }
+    if entry.class_ < CLASS_UNKNOWN {
+        entry.rank = atomicAdd(&group_counts[0], 1u << (8u * entry.class_)) >> (8u * CLASS_BOUNDARY);
+    }
+    if others != 0u {
+        let before = atomicAdd(&group_counts[1], others);
+        if entry.class_ == CLASS_UNKNOWN { entry.rank = before & 255u; }
+        if entry.audited { entry.rank = counted_in(before, COUNTED_AUDITED); }
+    }
     @if(visibility_estimate) {
         entry.traced = traces_shadow_rays(word);
-        if entry.traced { entry.rank = atomicAdd(&group_traced, 1u); }
+        if entry.traced { entry.rank = atomicAdd(&group_counts[COUNTED_TRACED], 1u); }
     }
     return entry;
 }
 
-// Room in the queues for the workgroup's candidates, `traced` of them for shadow rays.
-fn reserve_queues(traced: u32) {
-    if traced > 0u { group_base = atomicAdd(&queue_lengths[QUEUE_BOUNDARY], traced); }
-    let audits = atomicLoad(&group_audits);
-    if audits > 0u {
-        audit_base = atomicAdd(&queue_lengths[QUEUE_AUDIT], audits);
-        atomicAdd(&counters[COUNTER_AUDITED], audits);
-    }
-    let near = atomicLoad(&group_near);
-    if near > 0u {
-        atomicAdd(&counters[COUNTER_NEAR], near & 0xffffu);
-        atomicAdd(&counters[COUNTER_NEAR_AUDITED], near >> 16u);
-    }
+// One in the byte of that number.
+fn one_of(number: u32, there: bool) -> u32 {
+    return u32(there) << (8u * (number & 3u));
+}
+
+fn counted_in(word: u32, number: u32) -> u32 {
+    return (word >> (8u * (number & 3u))) & 255u;
 }
 
 // Counts the classes of a workgroup's candidates, and queues those that are traced, audited or still undecided. All of
 // its invocations call it at the same time; `there` is false in those without a candidate.
 fn enqueue(candidate: u32, word: u32, there: bool, lane: u32) {
-    if lane == 0u {
-        atomicStore(&group_classes, 0u);
-        atomicStore(&group_unknown, 0u);
-        atomicStore(&group_audits, 0u);
-        atomicStore(&group_near, 0u);
-        atomicStore(&group_undecided, 0u);
-        @if(visibility_estimate) { atomicStore(&group_traced, 0u); }
-    }
+    if lane < 4u { atomicStore(&group_counts[lane], 0u); }
     workgroupBarrier();
-    var entry = no_entry();
+    var entry: QueueEntry;
     let undecided = there && word == UNDECIDED;
-    if undecided { entry.rank = atomicAdd(&group_undecided, 1u); }
+    if undecided { entry.rank = atomicAdd(&group_counts[COUNTED_UNDECIDED], 1u); }
     if there && !undecided { entry = count_candidate(candidate, word); }
     workgroupBarrier();
-    let classes_here = atomicLoad(&group_classes);
-    let unknown_here = atomicLoad(&group_unknown);
-    let boundaries = classes_here >> (8u * CLASS_BOUNDARY);
-    if lane == 0u {
-        let undecided_here = atomicLoad(&group_undecided);
-        if undecided_here > 0u { query_base = atomicAdd(&queue_lengths[QUEUE_QUERY], undecided_here); }
-        @if(visibility_estimate) { reserve_queues(atomicLoad(&group_traced)); }
-        @if(!visibility_estimate) { reserve_queues(boundaries + unknown_here); }
-    }
-    if lane < CLASS_COUNT {
-        let counted = select(unknown_here, (classes_here >> (8u * lane)) & 255u, lane < CLASS_UNKNOWN);
-        if counted > 0u { atomicAdd(&counters[COUNTER_DARK + lane], counted); }
+    let words = vec2u(atomicLoad(&group_counts[0]), atomicLoad(&group_counts[1]));
+    let boundaries = counted_in(words.x, CLASS_BOUNDARY);
+    if lane < COUNTED {
+        // A lane for each counter and each queue.
+        let counted = counted_in(select(words.x, words.y, lane >= 4u), lane);
+        let counter = select(select(COUNTER_NEAR, COUNTER_NEAR_AUDITED, lane == COUNTED_NEAR_AUDITED), COUNTER_AUDITED,
+            lane == COUNTED_AUDITED);
+        if counted > 0u { atomicAdd(&counters[select(COUNTER_DARK + lane, counter, lane > CLASS_UNKNOWN)], counted); }
+        @if(visibility_estimate) let traced = atomicLoad(&group_counts[COUNTED_TRACED]);
+        @if(!visibility_estimate) let traced = boundaries + counted_in(words.y, CLASS_UNKNOWN);
+        var queued = select(0u, atomicLoad(&group_counts[COUNTED_UNDECIDED]), lane == QUEUE_QUERY);
+        queued = select(queued, traced, lane == QUEUE_BOUNDARY);
+        queued = select(queued, counted_in(words.y, COUNTED_AUDITED), lane == QUEUE_AUDIT);
+        if queued > 0u { queue_bases[lane] = atomicAdd(&queue_lengths[lane], queued); }
     }
     workgroupBarrier();
-    if undecided { queues[queue_item(QUEUE_QUERY, query_base + entry.rank)] = candidate; }
-    @if(visibility_estimate) {
-        if entry.traced { queues[queue_item(QUEUE_BOUNDARY, group_base + entry.rank)] = candidate; }
+    if undecided { queues[queue_item(QUEUE_QUERY, queue_bases[QUEUE_QUERY] + entry.rank)] = candidate; }
+    var traced = entry.class_ == CLASS_BOUNDARY || entry.class_ == CLASS_UNKNOWN;
+    @if(visibility_estimate) { traced = entry.traced; }
+    if traced {
+        var item = queue_bases[QUEUE_BOUNDARY] + entry.rank;
+        @if(!visibility_estimate) { item += select(0u, boundaries, entry.class_ == CLASS_UNKNOWN); }
+        queues[queue_item(QUEUE_BOUNDARY, item)] = candidate;
     }
-    @if(!visibility_estimate) {
-        let base = queue_item(QUEUE_BOUNDARY, group_base);
-        if entry.class_ == CLASS_BOUNDARY { queues[base + entry.rank] = candidate; }
-        if entry.class_ == CLASS_UNKNOWN { queues[base + boundaries + entry.rank] = candidate; }
-    }
-    if entry.audited { queues[queue_item(QUEUE_AUDIT, audit_base + entry.rank)] = candidate; }
+    if entry.audited { queues[queue_item(QUEUE_AUDIT, queue_bases[QUEUE_AUDIT] + entry.rank)] = candidate; }
 }
 
 // The queues of candidates that another pass classified.

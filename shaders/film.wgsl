@@ -55,18 +55,19 @@ fn compensated(sum: Sum, x: vec4f) -> Sum {
     return Sum(vec4f(value, total.w), vec4f(rest + (total.xyz - value), sum.compensation.w));
 }
 
-// Adds a sample to a pixel; false if it was left out.
-fn add_sample(pixel: u32, x: vec4f) -> bool {
-    var sum = Sum(sums[pixel], compensations[pixel]);
-    let finite = is_finite4(x);
-    if finite {
-        sum = compensated(sum, x);
-    } else {
-        sum.compensation.w += 1.0;
-    }
+// The sum with another sample, which is left out if it is not finite.
+fn with_sample(sum: Sum, x: vec4f) -> Sum {
+    if is_finite4(x) { return compensated(sum, x); }
+    return Sum(sum.value, sum.compensation + vec4f(0.0, 0.0, 0.0, 1.0));
+}
+
+fn load_sum(pixel: u32) -> Sum {
+    return Sum(sums[pixel], compensations[pixel]);
+}
+
+fn store_sum(pixel: u32, sum: Sum) {
     sums[pixel] = sum.value;
     compensations[pixel] = sum.compensation;
-    return finite;
 }
 
 @compute @workgroup_size(64)
@@ -78,11 +79,14 @@ fn accumulate(
     let first = group_index(group, groups) * 64u + lane;
     if first >= film_parameters.pixel_count { return; }
     let pixel = pixel_of(first);
+    var sum = load_sum(pixel);
+    let left_out = sum.compensation.w;
     for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
-        let added = add_sample(pixel, samples[film_parameters.first_point + i]);
-        if !added { atomicAdd(&counters[COUNTER_NOT_FINITE], 1u); }
+        sum = with_sample(sum, samples[film_parameters.first_point + i]);
     }
-    if any(abs(sums[pixel]) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
+    store_sum(pixel, sum);
+    if sum.compensation.w > left_out { atomicAdd(&counters[COUNTER_NOT_FINITE], u32(sum.compensation.w - left_out)); }
+    if any(abs(sum.value) > vec4f(NEAR_OVERFLOW)) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
 }
 
 // Sums the squares of the whole radiance, the sum of its two parts, for the variance.
@@ -95,11 +99,14 @@ fn accumulate_squares(
     let first = group_index(group, groups) * 64u + lane;
     if first >= film_parameters.pixel_count { return; }
     let pixel = pixel_of(first);
+    var sum = load_sum(pixel);
     for (var i = first; i < film_parameters.point_count; i += film_parameters.pixel_count) {
         let x = samples[i] + other_samples[i % arrayLength(&other_samples)];
+        sum = with_sample(sum, x * x);
         // `accumulate` counts samples that are not finite themselves.
-        if !add_sample(pixel, x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
+        if !is_finite4(x * x) && is_finite4(x) { atomicAdd(&counters[COUNTER_NEAR_OVERFLOW], 1u); }
     }
+    store_sum(pixel, sum);
 }
 
 // Takes over the sums of another plane.

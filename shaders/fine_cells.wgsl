@@ -5,9 +5,14 @@
 import package::kit::group_index;
 import package::lib::constants::{CLASS_BOUNDARY, CLASS_LIT, CLASS_MASK, CLASS_SHADOWED, CLASS_UNKNOWN};
 import package::lib::fine_cell::{
-    FINE_CELL_ABSENT, FineCellKey, MOSTLY_LIT, cell_axis, cell_level, find_cell, fine_cell_tags, fine_cell_view,
-    fine_cells, is_divided
+    FINE_CELL_ABSENT, FineCellKey, MANY_PHOTONS, MOSTLY_LIT, cell_axis, cell_level, find_cell, fine_cell_tags,
+    fine_cell_view, fine_cells, is_divided
 };
+
+// Photons of one kind that are many, over k: four times as many as decide a part of a divided cell. Of n photons of one
+// kind, one of the other would have been seen if its share were much above 1 / n, so that classes of such cells are
+// wrong a quarter as often.
+const MANY = 2u;
 
 // Photons that decide a cell (k).
 override nearest: u32;
@@ -48,7 +53,9 @@ fn code_of_cell(entry: u32) -> u32 {
     // Points in parts of divided cells are audited 16 times as often, so mistakes there cost less.
     let enough = select(nearest, (nearest + 1u) / 2u, cell_level(kind) > 0u);
     if photons.x + photons.y < enough { return CLASS_UNKNOWN; }
-    return select(CLASS_SHADOWED, CLASS_LIT, photons.y == 0u);
+    let class_ = select(CLASS_SHADOWED, CLASS_LIT, photons.y == 0u);
+    let many = cell_level(kind) > 0u && photons.x + photons.y >= MANY * nearest;
+    return select(class_, class_ + MANY_PHOTONS, many);
 }
 
 fn divided(photons: vec2u) -> u32 {

@@ -15,7 +15,8 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::math::is_finite3;
 import package::lib::light::table::LightSample;
 @if(closed_forms) import package::lib::light::table::light_has_closed_form;
-@if(closed_forms) import package::lib::light::{light_dark, light_unshadowed_irradiance};
+@if(closed_forms && (smooth_normals || normal_maps)) import package::lib::light::light_dark;
+@if(closed_forms) import package::lib::light::light_unshadowed_irradiance;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 @if(light_sampling) import package::lib::sampled_light::candidate_weight;
 import package::lib::bsdf::surface::Surface;
@@ -61,7 +62,6 @@ struct ShadeParameters {
 var<immediate> parameters: ShadeParameters;
 
 @if(few_sampled) var<workgroup> group_sampled: atomic<u32>;
-@if(few_sampled) var<workgroup> group_base: u32;
 
 // The state of a point that all its lights share.
 struct ShadingPoint {
@@ -70,7 +70,7 @@ struct ShadingPoint {
     seed: u32,
     sample_index: u32,
     // The shading normal is the geometric one, so that the horizon of the closed form is the surface's own.
-    flat: bool,
+    @if(closed_forms && (smooth_normals || normal_maps)) flat: bool,
     // Upper bound of the density of directions sampled from the BSDF; 0 where the BSDF is diffuse alone.
     @if(glossy) max_density: f32,
 }
@@ -141,9 +141,11 @@ fn given(shading: ShadingPoint, light: u32, word: u32) -> Given {
     // is left to noise. A visibility in between would leave some at all of them: near a wall of a dark room, the noise
     // of the light behind it.
     if traced { visibility = round(visibility); }
+    @if(closed_forms) var closed = light_has_closed_form(light);
     // Where the light crosses the surface's own horizon but not the shading normal's, only light points can tell.
-    @if(closed_forms) let closed = light_has_closed_form(light)
-        && (shading.flat || light_dark(light, shading.position, -shading.surface.geometric_normal));
+    @if(closed_forms && (smooth_normals || normal_maps)) {
+        closed = closed && (shading.flat || light_dark(light, shading.position, -shading.surface.geometric_normal));
+    }
     @if(!closed_forms) let closed = false;
     var deferred = traced;
     @if(!sampled_forms) { deferred = deferred || !closed; }
@@ -269,7 +271,9 @@ fn shade_point(i: u32, terms: Terms) -> bool {
     shading.surface = visible_surface(stored, point);
     shading.seed = pixel_seed(parameters.tile, i);
     shading.sample_index = tile_sample(parameters.tile, i);
-    shading.flat = bitcast<u32>(stored.packed.base.w) == point.normal;
+    @if(closed_forms && (smooth_normals || normal_maps)) {
+        shading.flat = bitcast<u32>(stored.packed.base.w) == point.normal;
+    }
     @if(glossy) { shading.max_density = bsdf_max_density(shading.surface); }
     var sum = vec3f(0.0);
     var others = false;
@@ -305,25 +309,12 @@ fn shade(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group, groups) * 64u + lane;
-    @if(!few_sampled) {
-        if i < parameters.tile.point_count { _ = shade_point(i, Terms(true, true)); }
-    }
-    @if(few_sampled) {
-        if lane == 0u { atomicStore(&group_sampled, 0u); }
-        workgroupBarrier();
-        var sampled = false;
-        var rank = 0u;
-        if i < parameters.tile.point_count { sampled = shade_point(i, Terms(true, false)); }
-        if sampled { rank = atomicAdd(&group_sampled, 1u); }
-        workgroupBarrier();
-        if lane == 0u {
-            let length = atomicLoad(&group_sampled);
-            group_base = atomicAdd(&queue_lengths[QUEUE_SAMPLED], length);
-            atomicAdd(&counters[COUNTER_SAMPLED], length);
-        }
-        workgroupBarrier();
-        if sampled { sampled_points[group_base + rank] = i; }
-    }
+    if i >= parameters.tile.point_count { return; }
+    @if(!few_sampled) { _ = shade_point(i, Terms(true, true)); }
+    @if(few_sampled) let others = shade_point(i, Terms(true, false));
+    // One by one: few points have others. Workgroups that took their places together, behind barriers, would cost a
+    // fifth of the pass on software devices.
+    @if(few_sampled) { if others { sampled_points[atomicAdd(&queue_lengths[QUEUE_SAMPLED], 1u)] = i; } }
 }
 
 // The other terms at the points that `shade` queued. Few points have any, but software devices would execute them for
@@ -345,5 +336,5 @@ fn shade_sampled(
         if shade_point(i, Terms(at_once, true)) { atomicAdd(&group_sampled, 1u); }
     }
     workgroupBarrier();
-    if lane == 0u && at_once { atomicAdd(&counters[COUNTER_SAMPLED], atomicLoad(&group_sampled)); }
+    if lane == 0u { atomicAdd(&counters[COUNTER_SAMPLED], atomicLoad(&group_sampled)); }
 }

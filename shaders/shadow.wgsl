@@ -7,7 +7,7 @@ import package::kit::group_index;
 import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_occluded_together};
-import package::lib::math::{oct_decode16, oct_encode7, invalid_sample};
+import package::lib::math::{oct_decode16, oct_encode7, invalid_sample, remainder};
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 import package::lib::ray::RaySample;
@@ -65,7 +65,7 @@ struct Candidate {
 
 fn load_candidate(candidate: u32) -> Candidate {
     let tile = parameters.tile;
-    let i = candidate % tile.point_count;
+    let i = remainder(candidate, tile.point_count);
     let point = load_point(i);
     return Candidate(
         point.position,
@@ -79,7 +79,7 @@ fn load_candidate(candidate: u32) -> Candidate {
 // Drops the sample of a candidate whose rays met the loop budget: its visibility is not known.
 fn drop_sample(candidate: u32) {
     atomicAdd(&counters[COUNTER_OVERRUN], 1u);
-    let i = candidate % parameters.tile.point_count;
+    let i = remainder(candidate, parameters.tile.point_count);
     radiance_direct[i] = vec4f(invalid_sample(i));
 }
 

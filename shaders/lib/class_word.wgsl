@@ -57,27 +57,42 @@ fn traces_shadow_rays(word: u32) -> bool {
     @else { return class_of(word) == CLASS_BOUNDARY || class_of(word) == CLASS_UNKNOWN; }
 }
 
-// The word of a decided candidate in a cell that has photons of both kinds in reach. Its visibility would repeat its
-// class; a visibility one step off marks it instead.
-fn near_word(word: u32) -> u32 {
+// How a decided candidate's cell lies: away from all boundaries, or as a part of a divided cell, with few photons of
+// its own or with many.
+const AWAY = 0u;
+const NEAR = 1u;
+const SETTLED = 2u;
+
+// The word of a decided candidate whose cell lies like that. Its visibility would repeat its class; a visibility one or
+// two steps off marks it instead.
+fn word_at(word: u32, place: u32) -> u32 {
     let class_ = class_of(word);
-    if class_ == CLASS_LIT { return word - (1u << CLASS_VISIBILITY_SHIFT); }
-    if class_ == CLASS_SHADOWED { return word + (1u << CLASS_VISIBILITY_SHIFT); }
+    if class_ == CLASS_LIT { return word - (place << CLASS_VISIBILITY_SHIFT); }
+    if class_ == CLASS_SHADOWED { return word + (place << CLASS_VISIBILITY_SHIFT); }
     return word;
 }
 
-fn is_near(word: u32) -> bool {
+fn place_of(word: u32) -> u32 {
     let visibility = word >> CLASS_VISIBILITY_SHIFT;
-    return visibility != 0u && visibility != CLASS_VISIBILITY_STEPS;
+    return min(visibility, CLASS_VISIBILITY_STEPS - visibility);
+}
+
+fn is_near(word: u32) -> bool {
+    return place_of(word) != AWAY;
 }
 
 // Classes are wrong far more often near boundaries: as many more audits there keep mistakes from becoming fireflies. 16
 // raises the default of 1/64 to 1/4, a weight of 4 where a visibility was wrong.
 const NEAR_AUDITS = 16.0;
+// Classes of settled cells are wrong a quarter as often (MANY in fine_cells.wgsl): a quarter of the audits leaves as much
+// noise. In scenes/crowd.glb, with 64 samples a pixel, half of the audits were saved, and relMSE stayed 1.22e-4.
+const SETTLED_AUDITS = 4.0;
 
 // Probability that a decided candidate is audited.
 fn audit_chance(word: u32, probability: f32) -> f32 {
-    return select(probability, min(NEAR_AUDITS * probability, 1.0), is_near(word));
+    let place = place_of(word);
+    let more = select(select(NEAR_AUDITS, SETTLED_AUDITS, place == SETTLED), 1.0, place == AWAY);
+    return min(more * probability, 1.0);
 }
 
 // Whether a decided candidate traces a shadow ray all the same.

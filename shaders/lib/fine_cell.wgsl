@@ -4,6 +4,7 @@
 // In and out: a hash table of cells by light and position. Positions are in normalised space.
 
 @if(texture_loads) import package::lib::table::table_texel;
+import package::lib::class_word::{AWAY, NEAR, SETTLED};
 import package::lib::constants::{
     CLASS_BOUNDARY, CLASS_MASK, CLASS_UNKNOWN, FINE_CELL_DEPTH, FINE_CELL_LEVELS, FINE_CELL_PIXELS, FINE_CELL_PROBES
 };
@@ -52,6 +53,8 @@ struct FineCell {
 
 // A divided cell with at least as many illumination photons as shadow photons.
 const MOSTLY_LIT = 7u;
+// A part of a divided cell with many photons, all of them of one kind: MANY_PHOTONS above the class.
+const MANY_PHOTONS = 4u;
 const UNDIVIDED = 0u;
 
 fn is_divided(code: u32) -> bool {
@@ -192,8 +195,8 @@ struct FineClass {
     // Of the cell, or FINE_CELL_ABSENT.
     entry: u32,
     class_: u32,
-    // The cell is part of a divided one: a boundary is near.
-    near: bool,
+    // Of its cell, as lib/class_word has them.
+    place: u32,
     // Rounded visibility of the smallest divided cell about the point.
     visibility: f32,
 }
@@ -213,8 +216,10 @@ fn fine_class(light: u32, position: vec3f, normal: vec3f) -> FineClass {
         divided = found.code;
         found.code = CLASS_BOUNDARY;
     }
-    let visibility = f32(divided == MOSTLY_LIT);
-    return FineClass(cell, found.entry, found.code, divided != UNDIVIDED, visibility);
+    let many = found.code > MANY_PHOTONS && found.code != MOSTLY_LIT;
+    let place = select(select(NEAR, SETTLED, many), AWAY, divided == UNDIVIDED);
+    let class_ = select(found.code, found.code - MANY_PHOTONS, many);
+    return FineClass(cell, found.entry, class_, place, f32(divided == MOSTLY_LIT));
 }
 
 // Leaves the photons of a point, by its shadow rays that reached the light and those that did not, in its cell that is

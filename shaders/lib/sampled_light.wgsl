@@ -1,6 +1,7 @@
 // The light of a candidate, and its light points.
 
 import package::lib::light::table::LightSample;
+@if(!light_sampling) import package::lib::math::quotient;
 import package::lib::light::light_sample;
 import package::lib::rng::hash2;
 import package::lib::sampling::sobol2;
@@ -14,7 +15,7 @@ import package::lib::constants::{DIMENSION_LIGHT, DIMENSION_AUDIT};
 // sample lights; `first` is the first light, or the first sample, of the chunk.
 fn candidate_light(candidate: u32, first: u32, points: u32) -> u32 {
     @if(light_sampling) { return sampled_lights[first * points + candidate].x; }
-    @else { return first + candidate / points; }
+    @else { return first + quotient(candidate, points); }
 }
 
 // 1 over the probability that the light of a candidate was sampled.

@@ -3,6 +3,7 @@
 // another. With adaptive sampling only the listed pixels of these rows are in the tile.
 
 @if(adaptive_sampling) import package::lib::constants::NOT_SAMPLED;
+import package::lib::math::{quotient, remainder};
 import package::lib::rng::hash2;
 
 struct Tile {
@@ -31,8 +32,8 @@ struct Tile {
 
 // Index of the pixel of point i.
 fn pixel_index(tile: Tile, i: u32) -> u32 {
-    @if(adaptive_sampling) { return sampled_pixels[i % tile.pixel_count]; }
-    @else { return i % tile.pixel_count; }
+    @if(adaptive_sampling) { return sampled_pixels[remainder(i, tile.pixel_count)]; }
+    @else { return remainder(i, tile.pixel_count); }
 }
 
 // The point of the first sample of a pixel, by the pixel's index, or NOT_SAMPLED.
@@ -50,7 +51,8 @@ fn tile_rows(tile: Tile) -> u32 {
 // Column and row of the pixel of point i within the tile.
 fn tile_position(tile: Tile, i: u32) -> vec2u {
     let pixel = pixel_index(tile, i);
-    return vec2u(pixel % tile.columns, pixel / tile.columns);
+    let row = quotient(pixel, tile.columns);
+    return vec2u(pixel - row * tile.columns, row);
 }
 
 // Image coordinates of the pixel of point i.
@@ -60,7 +62,7 @@ fn tile_pixel(tile: Tile, i: u32) -> vec2u {
 
 // Sample index of point i.
 fn tile_sample(tile: Tile, i: u32) -> u32 {
-    return tile.first_sample + i / tile.pixel_count;
+    return tile.first_sample + quotient(i, tile.pixel_count);
 }
 
 // The seed of a pixel's sample sequences. It does not depend on the tiles, nor on the part that is rendered.

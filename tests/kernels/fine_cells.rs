@@ -38,6 +38,8 @@ type Key = (u32, bool, usize, i32, u32, [i64; 3]);
 struct Cell {
     photons: [u32; 2],
     class: Option<Class>,
+    /// It has many photons, all of one kind.
+    many: bool,
 }
 
 #[derive(Default)]
@@ -45,6 +47,8 @@ struct Oracle {
     cells: BTreeMap<Key, Cell>,
     /// A fault: cells are classified without those around them.
     alone: bool,
+    /// Photons that are many, over k: 2, or a fault.
+    many: u32,
 }
 
 /// The cell of the width 2^`exponent`, and how far the position is from its faces, in widths.
@@ -77,15 +81,15 @@ fn cells_of(rays: &Rays) -> Option<Vec<Key>> {
 }
 
 impl Oracle {
-    /// The class of the point's cell that is not divided, and how often its parents were.
-    fn find(&self, cells: &[Key]) -> (Class, usize) {
+    /// The point's cell that is not divided, and how often its parents were.
+    fn find(&self, cells: &[Key]) -> (Cell, usize) {
         for (level, key) in cells.iter().enumerate() {
-            match self.cells.get(key).map(|cell| cell.class) {
-                Some(Some(Class::Boundary)) => (),
-                other => return (other.flatten().unwrap_or(Class::Unknown), level),
+            match self.cells.get(key) {
+                Some(Cell { class: Some(Class::Boundary), .. }) => (),
+                other => return (other.copied().unwrap_or_default(), level),
             }
         }
-        (Class::Boundary, cells.len())
+        (Cell { class: Some(Class::Boundary), ..Cell::default() }, cells.len())
     }
 
     fn store(&mut self, rays: &Rays) {
@@ -120,6 +124,7 @@ impl Oracle {
                 _ if photons[0] + photons[1] < enough => Class::Unknown,
                 (lit, _) => [Class::Shadowed, Class::Lit][usize::from(lit)],
             });
+            cell.many = lit != shadowed && key.4 > 0 && photons[0] + photons[1] >= self.many * NEAREST;
         }
     }
 }
@@ -194,11 +199,20 @@ impl<'a> Device<'a> {
     }
 }
 
-/// Points that differ from the oracle after each of six rounds of stored points, and points of each class at the end.
-fn compare(gpu: &Gpu, alone: bool) -> (usize, [usize; Class::COUNT]) {
-    let (device, mut oracle) = (Device::new(gpu, VIEW), Oracle { alone, ..Oracle::default() });
+#[derive(Default)]
+struct Compared {
+    /// Points that differ from the oracle after each round.
+    wrong: usize,
+    /// Points of each class at the end, and those whose cells have many photons of one kind.
+    classes: [usize; Class::COUNT],
+    settled: usize,
+}
+
+/// Compares device and oracle after each of six rounds of stored points.
+fn compare(gpu: &Gpu, alone: bool, many: u32) -> Compared {
+    let (device, mut oracle) = (Device::new(gpu, VIEW), Oracle { alone, many, ..Oracle::default() });
     let mut random = Random(7);
-    let (mut wrong, mut classes) = (0, [0; Class::COUNT]);
+    let mut compared = Compared::default();
     for round in 0..6 {
         let points = points(&mut random, 4000 << round.min(3));
         device.run("store", &points, points.len());
@@ -213,26 +227,32 @@ fn compare(gpu: &Gpu, alone: bool) -> (usize, [usize; Class::COUNT]) {
         }
         device.classify();
         oracle.classify();
-        classes = [0; Class::COUNT];
+        compared.classes = [0; Class::COUNT];
+        compared.settled = 0;
         for (rays, found) in points.iter().zip(device.run("look_up", &points, points.len())) {
-            let (class, level) = oracle.find(&cells_of(rays).unwrap());
-            wrong += usize::from(found != class as u32 | u32::from(level > 0) << 3);
-            classes[class as usize] += 1;
+            let (cell, level) = oracle.find(&cells_of(rays).unwrap());
+            let class = cell.class.unwrap_or(Class::Unknown);
+            let place = if level > 0 { 1 + u32::from(cell.many) } else { 0 };
+            compared.wrong += usize::from(found != class as u32 | place << 3);
+            compared.classes[class as usize] += 1;
+            compared.settled += usize::from(cell.many);
         }
     }
-    (wrong, classes)
+    compared
 }
 
 /// Every cell has its photons, and every point the class of its cell, from the coarsest to the finest. Cells that are
 /// classified without those around them are detected.
 #[kernel_test("PENUMBRA_DEVICE")]
 fn cells_decide_as_their_photons_tell(gpu: &Gpu) {
-    let (wrong, classes) = compare(gpu, false);
-    println!("classes {classes:?}");
+    let Compared { wrong, classes, settled } = compare(gpu, false, 2);
+    println!("classes {classes:?}, settled {settled}");
     assert_eq!(wrong, 0);
     let [_, lit, shadowed, boundary, unknown] = classes;
     assert!(lit > 1000 && shadowed > 1000 && boundary > 1000 && unknown > 100, "{classes:?}: no test");
-    assert!(compare(gpu, true).0 > 100, "the planted fault");
+    assert!(settled > 500, "{settled} settled: no test");
+    assert!(compare(gpu, true, 2).wrong > 100, "a planted fault");
+    assert!(compare(gpu, false, 3).wrong > 100, "a planted fault");
 }
 
 /// Points of more than 65,535 workgroups all count, as few do.

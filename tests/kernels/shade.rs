@@ -80,6 +80,7 @@ fn stage(gpu: &Gpu, scene: Scene, size: [u32; 2], kernels: Kernels) -> Stage {
         f.with(Feature::AovShadow, true)
             .with(Feature::FewSampled, kernels.few_sampled)
             .with(Feature::ClosedForms, true)
+            .with(Feature::SmoothNormals, true)
             .with(Feature::SampledForms, kernels.sampled_forms)
     };
     Stage::new(gpu, scene, &view, size, Technique::SHADOW_PHOTONS, features)
@@ -196,10 +197,15 @@ impl Setup {
         uniform < self.audit_chance(word, fault)
     }
 
-    /// Sixteen times as large near boundaries, at most 1.
+    /// Sixteen times as large near boundaries, four times where cells are settled.
     fn audit_chance(&self, word: u32, fault: Fault) -> f64 {
-        let near = !matches!(word >> 21, 0 | 2047) && fault != Fault::Weight;
-        f64::from(self.audit_probability) * if near { 16.0 } else { 1.0 }
+        let more = match word >> 21 {
+            _ if fault == Fault::Weight => 1.0,
+            0 | 2047 => 1.0,
+            2 | 2045 => 4.0,
+            _ => 16.0,
+        };
+        f64::from(self.audit_probability) * more
     }
 
     /// Radiance and visibility of a candidate, and the sum of the magnitudes of all terms.
@@ -288,7 +294,7 @@ fn class_word(class: u32, illumination: u32, shadow: u32, visibility: u32) -> u3
 fn any_word(random: &mut Random) -> u32 {
     let mut below = |n: f64| (random.uniform() * n) as u32;
     let class = below(5.0);
-    let [illumination, shadow, near, any] = [below(512.0), below(512.0), below(2.0), below(2048.0)];
+    let [illumination, shadow, near, any] = [below(512.0), below(512.0), below(3.0), below(2048.0)];
     let visibility = match class {
         DARK => 0,
         LIT => 2047 - near,
@@ -475,16 +481,17 @@ fn shading_is_unbiased(gpu: &Gpu) {
         .map(|sampled| sampled.iter().map(|p| p.visible(&setup.candidates.stage.scene).unwrap_or(true)).collect())
         .collect();
     let mut random = Random(17);
-    let families: [(&str, &dyn Fn(u32) -> u32); 7] = [
+    let families: [(&str, &dyn Fn(u32) -> u32); 8] = [
         ("lit", &|_| class_word(LIT, 20, 0, 2047)),
         ("lit, near", &|_| class_word(LIT, 20, 0, 2046)),
+        ("lit, settled", &|_| class_word(LIT, 20, 0, 2045)),
         ("shadowed", &|_| class_word(SHADOWED, 0, 20, 0)),
         ("shadowed, near", &|_| class_word(SHADOWED, 0, 20, 1)),
         ("boundary", &|any| class_word(BOUNDARY, 10, 10, any % 2048)),
         ("unknown", &|any| class_word(UNKNOWN, 0, 0, any % 2048)),
         ("any", &|any| match any % 4 {
-            0 => class_word(LIT, 20, 0, 2046 + any / 4 % 2),
-            1 => class_word(SHADOWED, 0, 20, any / 4 % 2),
+            0 => class_word(LIT, 20, 0, 2045 + any / 4 % 3),
+            1 => class_word(SHADOWED, 0, 20, any / 4 % 3),
             _ => class_word(BOUNDARY + any % 2, 3, 4, any / 4 % 2048),
         }),
     ];

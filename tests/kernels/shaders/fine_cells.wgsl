@@ -8,7 +8,7 @@ override count: u32;
 // Of each point two vectors: position and word (rays that reached the light in bits 0-7, those that did not in bits
 // 8-15, the light above), and normal.
 @group(0) @binding(0) var<storage, read> rays: array<vec4f>;
-// The class, and 8 where a boundary is near.
+// The class, and above it how the cell lies (lib/class_word).
 @group(0) @binding(1) var<storage, read_write> found: array<u32>;
 
 @compute @workgroup_size(64)
@@ -34,5 +34,5 @@ fn look_up(
     if i >= count { return; }
     let word = bitcast<u32>(rays[2u * i].w);
     let fine = fine_class(word >> 16u, rays[2u * i].xyz, rays[2u * i + 1u].xyz);
-    found[i] = fine.class_ | (u32(fine.near) << 3u);
+    found[i] = fine.class_ | (fine.place << 3u);
 }
