@@ -7,7 +7,7 @@
 // scene units after normalisation.
 
 import package::kit::group_index;
-import package::lib::tile::{Tile, tile_pixel, tile_sample, pixel_seed};
+import package::lib::tile::{Tile, pixel_by_pixel, tile_pixel, tile_sample, pixel_seed};
 import package::lib::camera::camera_ray;
 @if(thin_lens) import package::lib::lens::through_lens;
 @if(thin_lens) import package::lib::constants::DIMENSION_LENS;
@@ -49,7 +49,7 @@ fn primary(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let i = group_index(group, groups) * 64u + lane;
+    let i = pixel_by_pixel(tile, group_index(group, groups) * 64u + lane);
     let seed = pixel_seed(tile, i);
     let sample_index = tile_sample(tile, i);
     let within = select(vec2f(0.5), sobol2(sample_index, hash2(seed, DIMENSION_CAMERA)), tile.centred == 0u);

@@ -8,6 +8,8 @@ import package::lib::tile::{Tile, tile_sample, pixel_seed};
 import package::lib::bvh::traversal_overrun;
 import package::lib::packet::{no_ray, trace_occluded_together};
 import package::lib::math::{oct_decode16, oct_encode7, invalid_sample, remainder};
+@if(packets) import package::lib::constants::PACKET_LANES;
+@if(packets) import package::lib::math::quotient;
 import package::lib::light::shadow_ray;
 import package::lib::sampled_light::{nth_light_sample, audit_light_sample, candidate_light};
 import package::lib::ray::RaySample;
@@ -89,30 +91,83 @@ struct Queued {
     there: bool,
 }
 
+// A ray of a packet, or of a lane alone: its candidate, and its number among the rays of a word of visibilities.
+struct PacketRay {
+    candidate: Candidate,
+    there: bool,
+    number: u32,
+}
+
+// The ray that a lane traces at a step. A packet traces the rays of a few candidates at each step, not one of each:
+// rays from one point to one light visit the same nodes. `rays` is the number of rays of each candidate.
+fn packet_ray(c: Candidate, there: bool, step: u32, rays: u32, lane: u32) -> PacketRay {
+    @if(!packets) { return PacketRay(c, there, step); }
+    @if(packets) {
+        let ray = PACKET_LANES * step + lane % PACKET_LANES;
+        let from_lane = quotient(ray, rays);
+        let position = vec3f(
+            subgroupShuffle(c.position.x, from_lane),
+            subgroupShuffle(c.position.y, from_lane),
+            subgroupShuffle(c.position.z, from_lane),
+        );
+        let normal = vec3f(
+            subgroupShuffle(c.normal.x, from_lane),
+            subgroupShuffle(c.normal.y, from_lane),
+            subgroupShuffle(c.normal.z, from_lane),
+        );
+        let light = subgroupShuffle(c.light, from_lane);
+        let seed = subgroupShuffle(c.seed, from_lane);
+        let sample_index = subgroupShuffle(c.sample_index, from_lane);
+        let of_lane = Candidate(position, normal, light, seed, sample_index);
+        return PacketRay(of_lane, subgroupShuffle(u32(there), from_lane) != 0u, ray - from_lane * rays);
+    }
+}
+
+// The bits that a step's rays have for the lane's own candidate, in their places in the word of visibilities.
+fn own_bits(bit: bool, step: u32, rays: u32, lane: u32) -> u32 {
+    @if(!packets) { return u32(bit) << step; }
+    @if(packets) {
+        let own = lane % PACKET_LANES;
+        var bits = u32(bit) << own;
+        bits |= subgroupShuffle(bits, lane ^ 4u);
+        bits |= subgroupShuffle(bits, lane ^ 2u);
+        bits |= subgroupShuffle(bits, lane ^ 1u);
+        // The step's first ray, counted from the candidate's own first one.
+        let first = i32(PACKET_LANES * step) - i32(own * rays);
+        if first <= -i32(PACKET_LANES) || first >= i32(rays) { return 0u; }
+        let placed = select(bits << u32(max(first, 0)), bits >> u32(max(-first, 0)), first < 0);
+        return placed & (0xffffffffu >> (32u - rays));
+    }
+}
+
 // Traces the candidate's rays and writes their visibilities: (rays, those that reached the light).
 fn trace_candidate(queued: Queued, lane: u32) -> vec2u {
     let candidate = queued.candidate;
-    let c = load_candidate(candidate);
+    let own = load_candidate(candidate);
     let count = parameters.light_samples;
     var traced = 0u;
     var visible = 0u;
     for (var word = 0u; word < parameters.visibility_words; word++) {
-        var bits = 0u;
         let first = word * 32u;
-        for (var j = first; j < min(first + 32u, count); j++) {
+        let rays = min(32u, count - first);
+        var facing_bits = 0u;
+        var visible_bits = 0u;
+        for (var step = 0u; step < rays; step++) {
+            let chosen = packet_ray(own, queued.there, step, rays, lane);
+            let c = chosen.candidate;
+            let j = first + chosen.number;
             let sampled = nth_light_sample(c.light, c.position, c.seed, c.sample_index, j, count);
-            let faces = queued.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
+            let faces = chosen.there && sampled.pdf > 0.0 && dot(sampled.direction, c.normal) > 0.0;
             var ray = no_ray();
             if faces { ray = shadow_ray(c.position, c.normal, sampled); }
             let ray_sample = RaySample(hash2(c.seed, DIMENSION_SHADOW_ALPHA + c.light), c.sample_index * count + j);
-            let visible = !trace_occluded_together(ray, ray_sample, lane);
-            if faces {
-                traced++;
-                bits |= u32(visible) << (j - first);
-            }
+            let occluded = trace_occluded_together(ray, ray_sample, lane);
+            facing_bits |= own_bits(faces, step, rays, lane);
+            visible_bits |= own_bits(faces && !occluded, step, rays, lane);
         }
-        if queued.there { visibility[candidate * parameters.visibility_words + word] = bits; }
-        visible += countOneBits(bits);
+        if queued.there { visibility[candidate * parameters.visibility_words + word] = visible_bits; }
+        traced += countOneBits(facing_bits);
+        visible += countOneBits(visible_bits);
     }
     return vec2u(traced, visible);
 }

@@ -84,8 +84,8 @@ fn is_near(word: u32) -> bool {
 // Classes are wrong far more often near boundaries: as many more audits there keep mistakes from becoming fireflies. 16
 // raises the default of 1/64 to 1/4, a weight of 4 where a visibility was wrong.
 const NEAR_AUDITS = 16.0;
-// Classes of settled cells are wrong a quarter as often (MANY in fine_cells.wgsl): a quarter of the audits leaves as much
-// noise. In scenes/crowd.glb, with 64 samples a pixel, half of the audits were saved, and relMSE stayed 1.22e-4.
+// Classes of settled cells are wrong a quarter as often (MANY in fine_cells.wgsl): a quarter of the audits leaves as
+// much noise. In scenes/crowd.glb, with 64 samples a pixel, half of the audits were saved, and relMSE stayed 1.22e-4.
 const SETTLED_AUDITS = 4.0;
 
 // Probability that a decided candidate is audited.

@@ -55,8 +55,8 @@ fn circle_point(turns: f32) -> vec2f {
     return quarter_sine(vec2f(0.25 - abs(t), max(min(t, 0.5 - t), -0.5 - t)));
 }
 
-// The quotient of unsigned integers, if it is below 2^20 and the divisor below 2^31: conversions and the division, which
-// Vulkan allows 2.5 ULP, are less than one off then. Software devices divide integers lane by lane.
+// The quotient of unsigned integers, if it is below 2^20 and the divisor below 2^31: conversions and the division,
+// which Vulkan allows 2.5 ULP, are less than one off then. Software devices divide integers lane by lane.
 fn quotient(n: u32, d: u32) -> u32 {
     let near = u32(f32(n) / f32(d));
     let left = bitcast<i32>(n - near * d);

@@ -30,6 +30,17 @@ struct Tile {
 // For each pixel of the tile's rows its index in that list, or NOT_SAMPLED.
 @if(adaptive_sampling) @group(1) @binding(35) var<storage, read> list_indices: array<u32>;
 
+// The point of an invocation, if invocations of neighbouring lanes are to have the samples of one pixel: their rays
+// visit the same nodes.
+fn pixel_by_pixel(tile: Tile, invocation: u32) -> u32 {
+    let layers = quotient(tile.point_count, tile.pixel_count);
+    // By rows, of which there are fewer than `quotient` is for.
+    let row = quotient(invocation, layers * tile.columns);
+    let in_row = invocation - row * layers * tile.columns;
+    let column = quotient(in_row, layers);
+    return (in_row - column * layers) * tile.pixel_count + row * tile.columns + column;
+}
+
 // Index of the pixel of point i.
 fn pixel_index(tile: Tile, i: u32) -> u32 {
     @if(adaptive_sampling) { return sampled_pixels[remainder(i, tile.pixel_count)]; }

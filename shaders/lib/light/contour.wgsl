@@ -19,7 +19,8 @@ fn edge_term(a: vec3f, b: vec3f, across: vec3f, n: vec3f) -> f32 {
 const SMALL_LIGHT = 8.0;
 
 // Lambert's term for a side of a small light, times the squared length of `base`. `base` leads from the position to a
-// point of the contour's plane, `offset_a` and `offset_b` from there to the side's ends; `across` is as for `edge_term`.
+// point of the contour's plane, `offset_a` and `offset_b` from there to the side's ends; `across` is that of
+// `edge_term`.
 //
 // Lambert's terms are proportional to the width of the light, but their sum to its area: they cancel. For a light a
 // thousandth as wide as its distance, Lambert's formula keeps three digits. Write a term as n . (a x b) f(a, b), where
