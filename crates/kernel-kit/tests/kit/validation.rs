@@ -22,7 +22,8 @@ fn a_missing_barrier_is_for_the_validation_layer(gpu: &Gpu) {
         let buffer = filled.as_hal::<Vulkan>().unwrap().raw_handle();
         encoder.as_hal_mut::<Vulkan, _, _>(|encoder| {
             let commands = encoder.unwrap().raw_handle();
-            [1, 2].map(|word| device.cmd_fill_buffer(commands, buffer, 0, 256, word));
+            device.cmd_fill_buffer(commands, buffer, 0, 256, 1);
+            device.cmd_fill_buffer(commands, buffer, 0, 256, 2);
         });
     }
     gpu.queue.submit([encoder.finish()]);
