@@ -318,14 +318,15 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "D", default_value = "best", help_heading = "Device")]
     device: DeviceChoice,
 
-    /// For tests: what of the device is used. `least` stands for the least that a desktop's device has
+    /// For tests: what of the device is used. `least` stands for the least that a desktop's device has,
+    /// `gpu` for all of it, used as that of a GPU
     #[arg(long, value_name = "L", default_value = "own", value_parser = device_limits(), hide = true)]
     device_limits: DeviceLimits,
 }
 
-/// `own` or `least`.
+/// `own`, `least` or `gpu`.
 fn device_limits() -> impl TypedValueParser<Value = DeviceLimits> {
-    PossibleValuesParser::new(["own", "least"]).try_map(|name| name.parse())
+    PossibleValuesParser::new(["own", "least", "gpu"]).try_map(|name| name.parse())
 }
 
 impl DeviceOptions {

@@ -170,12 +170,13 @@ impl Records {
         if needed <= self.room {
             return Ok(false);
         }
-        self.room = (2 * self.room).max(needed);
-        let larger = record_values(with.gpu, with.features, self.room)?;
+        let values = |room: u32| -> Result<_> { Ok((room, record_values(with.gpu, with.features, room)?)) };
+        // Where the device binds no buffer of twice the size, what is needed may still fit.
+        let (room, larger) = values((2 * self.room).max(needed)).or_else(|_| values(needed))?;
         let mut frame = with.gpu.frame("cache");
         frame.copy(&self.values, &larger, 0, self.values.bytes);
         frame.submit()?;
-        self.values = larger;
+        (self.room, self.values) = (room, larger);
         Ok(true)
     }
 

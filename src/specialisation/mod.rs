@@ -124,7 +124,7 @@ fn alpha_tests(scene: &Scene) -> usize {
 /// `features` with those of the device: software devices read tables through textures, interleave workgroups between
 /// threads, and trace rays in packets.
 pub fn device_features(gpu: &Gpu, features: Features) -> Features {
-    let software = gpu.info.is_software();
+    let software = gpu.is_software();
     features
         .with(Feature::TextureLoads, gpu.texture_loads)
         .with(Feature::Interleave, software)

@@ -152,8 +152,8 @@ impl Traced {
             frame.submit().unwrap();
         };
         if self.features.has(Feature::TextureLoads) {
-            let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
+            let nodes = gpu.texture_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
+            let triangles = gpu.texture_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
             run(&Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles));
         } else {
             let nodes = gpu.upload("test/nodes", &self.bvh.nodes).unwrap();

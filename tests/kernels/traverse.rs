@@ -66,9 +66,9 @@ impl Traced {
             frame.submit().unwrap();
         };
         if self.features.has(Feature::TextureLoads) {
-            let nodes = gpu.table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
-            let triangles = gpu.table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
-            let packets = gpu.table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
+            let nodes = gpu.texture_table("test/nodes", &self.bvh.nodes, TableFormat::Uint).unwrap();
+            let triangles = gpu.texture_table("test/triangles", &self.bvh.triangles, TableFormat::Float).unwrap();
+            let packets = gpu.texture_table("test/packet_nodes", &self.packet_nodes, TableFormat::Float).unwrap();
             let set = Resources::new().with("bvh_nodes", &nodes).with("bvh_triangles", &triangles);
             run(&set.with("packet_nodes", &packets));
         } else {

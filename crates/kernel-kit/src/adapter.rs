@@ -60,6 +60,9 @@ pub enum DeviceLimits {
     /// The least that a desktop's Vulkan device has, whatever this one has: no timestamps, no subgroups, no immediates
     /// except on lavapipe, and [`DeviceLimits::least`]. For tests.
     Least,
+    /// All that it has, used as that of a GPU, also on a software device: tables are storage buffers, passes are
+    /// sliced, [`Gpu::is_software`](crate::Gpu::is_software) is false. For tests.
+    Gpu,
 }
 
 impl std::str::FromStr for DeviceLimits {
@@ -69,7 +72,8 @@ impl std::str::FromStr for DeviceLimits {
         match text {
             "own" => Ok(DeviceLimits::Own),
             "least" => Ok(DeviceLimits::Least),
-            _ => Err(Error::NoDevice(format!("limits are 'own' or 'least', not '{text}'"))),
+            "gpu" => Ok(DeviceLimits::Gpu),
+            _ => Err(Error::NoDevice(format!("limits are 'own', 'least' or 'gpu', not '{text}'"))),
         }
     }
 }
@@ -170,7 +174,7 @@ pub(crate) fn request(
     limits: DeviceLimits,
 ) -> std::result::Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
     let (required_features, required_limits) = match limits {
-        DeviceLimits::Own => (adapter.features() & WELCOME, adapter.limits()),
+        DeviceLimits::Own | DeviceLimits::Gpu => (adapter.features() & WELCOME, adapter.limits()),
         DeviceLimits::Least => min_request(adapter),
     };
     pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {

@@ -118,11 +118,12 @@ impl Gpu {
         let timer = Mutex::new(Timer::new(&device, &queue, info.timestamps));
         let subgroup_size = subgroup_size(&adapter.get_info(), &device, &queue);
         let limits = device.limits();
-        let texture_loads = info.is_software() || limits.max_storage_buffers_per_shader_stage < TABLE_BUFFERS;
+        let texture_loads = requested != DeviceLimits::Gpu
+            && (info.is_software() || limits.max_storage_buffers_per_shader_stage < TABLE_BUFFERS);
         let adaptation = adapted::Device {
             without_immediates: !features.contains(wgpu::Features::IMMEDIATES),
             // Nothing watches a software device.
-            sliced: !info.is_software() || requested == DeviceLimits::Least,
+            sliced: !info.is_software() || requested != DeviceLimits::Own,
             max_storage_textures: limits.max_storage_textures_per_shader_stage,
         };
         Gpu {
@@ -142,6 +143,11 @@ impl Gpu {
             kept: Mutex::default(),
             fault,
         }
+    }
+
+    /// It runs on the CPU, and is not used as a GPU ([`DeviceLimits::Gpu`]).
+    pub fn is_software(&self) -> bool {
+        self.info.is_software() && self.requested != DeviceLimits::Gpu
     }
 
     /// The formats of a window's surface, the preferred first; none if the device cannot show the window.
@@ -180,8 +186,8 @@ impl Gpu {
         self.pace().pretend_slower(factor);
     }
 
-    /// Slices of dispatches so far: where something may reset a device that is long busy, and with
-    /// [`DeviceLimits::Least`], passes that take long are divided into several dispatches, by the times they took
+    /// Slices of dispatches so far: where something may reset a device that is long busy, and with limits other than
+    /// [`DeviceLimits::Own`], passes that take long are divided into several dispatches, by the times they took
     /// before.
     pub fn slices(&self) -> u64 {
         self.pace().sliced()

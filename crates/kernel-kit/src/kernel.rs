@@ -64,7 +64,7 @@ impl Kernel {
             let built = interface.build(&gpu.device, &source, &shader);
             let made = Entry { interface, built };
             // Drivers of other devices translate pipelines as they are made.
-            if gpu.info.is_software() {
+            if gpu.is_software() {
                 gpu.undispatched().push(Undispatched { source: source.clone(), entry: made.clone() });
             }
             entries.insert(entry.name.clone(), made);

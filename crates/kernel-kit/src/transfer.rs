@@ -111,9 +111,17 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::buffer`], for a texture's height too.
     pub fn table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
-        if !self.texture_loads {
-            return Ok(Table::Buffer(self.upload(label, records)?));
+        match self.texture_loads {
+            true => self.texture_table(label, records, format),
+            false => Ok(Table::Buffer(self.upload(label, records)?)),
         }
+    }
+
+    /// As [`Gpu::table`], in a texture on every device.
+    ///
+    /// # Errors
+    /// As [`Gpu::table`].
+    pub fn texture_table<T: Pod>(&self, label: &str, records: &[[T; 4]], format: TableFormat) -> Result<Table> {
         let texture = self.table_texture(label, records.len(), format)?;
         let mut padded = bytemuck::cast_slice::<_, u8>(records).to_vec();
         padded.resize((texture.height() * TABLE_WIDTH * 16) as usize, 0);

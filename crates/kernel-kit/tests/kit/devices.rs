@@ -69,7 +69,8 @@ fn few_limits_are_requested(gpu: &Gpu) {
     assert_eq!(least.info.name, gpu.info.name);
     let problem = least.buffer::<u8>("test/huge", (128 << 20) + 1).err().unwrap().to_string();
     assert!(problem.contains("test/huge") && problem.contains("134217728"), "{problem}");
-    assert_eq!(["own", "least"].map(|text| text.parse()), [Ok(DeviceLimits::Own), Ok(DeviceLimits::Least)]);
+    let all = [DeviceLimits::Own, DeviceLimits::Least, DeviceLimits::Gpu];
+    assert_eq!(["own", "least", "gpu"].map(|text| text.parse()), all.map(Ok));
 }
 
 /// Devices are found by index and by part of a name; what is said of others names those that there are.

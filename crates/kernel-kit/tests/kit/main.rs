@@ -8,3 +8,4 @@ mod dispatches;
 mod house;
 mod layouts;
 mod slices;
+mod validation;
