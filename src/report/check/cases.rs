@@ -21,6 +21,7 @@ const REFUSED: [&str; 14] = [
     "frames",
     "fps",
     "seed-per-frame",
+    "turntable",
     "samples",
     "view",
     "exposure",

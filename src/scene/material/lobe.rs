@@ -1,5 +1,6 @@
 //! What all lobes of a material have in common: reading their glTF extension, their textures, their part of the tables.
 
+use super::lobes::Volume;
 use crate::Result;
 use crate::scene::images::Form;
 use crate::scene::json::Json;
@@ -35,6 +36,10 @@ pub(crate) struct Surroundings {
     pub scale: f64,
     /// The material's index of refraction, or 0.
     pub ior: f32,
+    /// Index of refraction of the volume around the surface; 1 for air.
+    pub outside: f32,
+    /// The volume around the surface; none for air.
+    pub around: Option<Volume>,
 }
 
 /// How kernels find a lobe: the names of constants of `package::lib::constants`, and their values.
