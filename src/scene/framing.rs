@@ -64,9 +64,9 @@ impl Scene {
             let azimuth = framing.azimuth + 360.0 * view as f32 / views as f32;
             Framing { azimuth, ..*framing }.axes()
         };
-        let bounds = self.framed_corners().fold([Vec3::MAX, Vec3::MIN], |[lower, upper], corner| {
-            [lower.min(corner), upper.max(corner)]
-        });
+        let bounds = self
+            .framed_corners()
+            .fold([Vec3::MAX, Vec3::MIN], |[lower, upper], corner| [lower.min(corner), upper.max(corner)]);
         let middle = 0.5 * (bounds[0] + bounds[1]);
         let slopes = framing.slopes();
         let around: Vec<[Vec3; 3]> = (0..views).map(turned).collect();

@@ -27,8 +27,8 @@ use super::skin::Skin;
 use super::texture::TextureImage;
 use super::variants::Variants;
 use super::{
-    accessor, animation, camera, container, draco, geometry, image_light, images, immersion, instancing, light, material,
-    mesh, meshopt, node, procedural, repeats, skin,
+    accessor, animation, camera, container, draco, geometry, image_light, images, immersion, instancing, light,
+    material, mesh, meshopt, node, procedural, repeats, skin,
 };
 use crate::input::read_file;
 use crate::{Error, Result};
@@ -379,7 +379,10 @@ fn note_omissions(scene: &Scene, skipped: &mesh::Skipped, notes: &mut Notes) -> 
             notes.push(format!("{count} {text}"));
         }
     };
-    note(skipped.partly_morphed, "primitives have morph targets of attributes that they lack or that are not supported, which stay");
+    note(
+        skipped.partly_morphed,
+        "primitives have morph targets of attributes that they lack or that are not supported, which stay",
+    );
     note(skipped.uneven, "primitives have weights of joints whose sum is not 1: they are divided by it");
     note(skipped.points_and_lines, "primitives are points or lines and are left out");
     note(skipped.without_positions, "primitives have no positions and are left out");

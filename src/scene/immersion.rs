@@ -50,8 +50,10 @@ pub(super) fn immerse(geometry: &mut Geometry, materials: &mut Vec<Material>, no
     };
     let pairs: Vec<(&Part, Vec<&Part>)> = parts.par_iter().map(|part| (part, candidates(part))).collect();
     let tests = |part: &Part| part.triangles.len().saturating_mul(POINTS * DIRECTIONS.len());
-    if pairs.iter().flat_map(|(_, vessels)| vessels).map(|vessel| tests(vessel)).fold(0, usize::saturating_add) > MAX_TESTS {
-        notes.push("too many objects may lie in volumes of others: all of them count as lying in air".into());
+    if pairs.iter().flat_map(|(_, vessels)| vessels).map(|vessel| tests(vessel)).fold(0, usize::saturating_add)
+        > MAX_TESTS
+    {
+        notes.push("too many objects may lie in volumes of others: all of them count as lying in air");
         return;
     }
     let around = |(part, vessels): &(&Part, Vec<&Part>)| {

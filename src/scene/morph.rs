@@ -109,12 +109,13 @@ impl<'r, 'a> Morph<'r, 'a> {
             })?;
         }
         for (i, values) in displaced.uvs.into_iter().enumerate() {
-            self.displace::<2, _>(3 + i, values, weights, |value, by, weight| *value += weight as f32 * Vec2::from(by))?;
+            self.displace::<2, _>(3 + i, values, weights, |value, by, weight| {
+                *value += weight as f32 * Vec2::from(by)
+            })?;
         }
         let colours = displaced.colours;
         self.displace::<4, _>(5, colours, weights, |value, by, weight| *value += weight as f32 * Vec4::from(by))?;
-        let is_displaced = |(target, weight): (&[_; ATTRIBUTES.len()], &f64)| target[5].is_some() && *weight != 0.0;
-        if self.targets.iter().zip(weights).any(is_displaced) {
+        if self.targets.iter().zip(weights).any(|(target, weight)| target[5].is_some() && *weight != 0.0) {
             colours.iter_mut().for_each(|colour| *colour = colour.clamp(Vec4::ZERO, Vec4::ONE));
         }
         Ok(())

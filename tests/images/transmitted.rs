@@ -125,7 +125,8 @@ fn prisms_bend_colours_by_their_own_indices() {
         at(side(0), side(1), i >> 2 & 1 == 1)
     };
     let quads = [[0, 1, 3, 2], [5, 4, 6, 7], [4, 0, 2, 6], [1, 5, 7, 3], [4, 5, 1, 0], [2, 3, 7, 6]];
-    let wedge: Vec<Corners> = quads.iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).map(|t| t.map(|i| corner(*i))).collect();
+    let wedge: Vec<Corners> =
+        quads.iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).map(|t| t.map(|i| corner(*i))).collect();
     let (ior, strength) = (1.6, 2.0);
     // The refracted direction in the plane y = 0, of one from the camera with the slope x over -z.
     let out = |slope: f64, index: f64| {

@@ -619,7 +619,8 @@ fn no_density_exceeds_its_maximum(gpu: &Gpu) {
 fn transmission_is_reciprocal(gpu: &Gpu) {
     let mut compared = 0;
     // Only refracted light is concentrated: surfaces with both are no simple multiple.
-    let is_reciprocal = |t: &Tested| if t.lobes.diffused > 0.0 { t.lobes.eta == 1.0 } else { t.lobes.transmission > 0.0 };
+    let is_reciprocal =
+        |t: &Tested| if t.lobes.diffused > 0.0 { t.lobes.eta == 1.0 } else { t.lobes.transmission > 0.0 };
     for tested in all_lobes(0.7).into_iter().filter(is_reciprocal) {
         let below = |d: &DVec3| d.z < -0.1;
         let directions: Vec<DVec3> = some_directions(&tested).into_iter().filter(below).take(4).collect();
