@@ -243,18 +243,19 @@ impl Material {
         };
         let flag = |flag: u32, on: bool| if on { flag } else { 0 };
         let flags = alpha | flag(DOUBLE_SIDED, self.double_sided) | flag(UNLIT, self.unlit);
-        let (outside, around) = (self.medium.map_or(1.0, |medium| medium.ior), self.medium.map(|medium| medium.volume));
+        let outside = self.medium.map_or(1.0, |medium| medium.ior);
+        let absorption = self.medium.map_or([0.0; 3], |medium| medium.volume.absorption(scale));
         // Reflectance at normal incidence, KHR_materials_ior.
         let ior = self.ior / outside;
         let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
-        let [red, green, blue] = around.map_or([0.0; 3], |volume| volume.absorption(scale));
+        let [red, green, blue] = absorption;
         let base = [
             self.base_colour.to_array(),
             self.emissive.extend(self.metallic).to_array(),
             [self.roughness, f0, self.normal_scale, cutoff],
             [red, green, blue, 0.0],
         ];
-        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior, outside, around });
+        let lobes = self.lobe_texels(&Surroundings { scale, ior: self.ior, outside, absorption });
         let textures = infos.iter().enumerate().fold(0, |mask, (i, info)| mask | u32::from(*info != 0) << i);
         let mut words = vec![flags | textures << FLAG_BITS];
         words.extend(infos);

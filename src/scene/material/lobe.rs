@@ -1,6 +1,5 @@
 //! What all lobes of a material have in common: reading their glTF extension, their textures, their part of the tables.
 
-use super::lobes::Volume;
 use crate::Result;
 use crate::scene::images::Form;
 use crate::scene::json::Json;
@@ -38,8 +37,8 @@ pub(crate) struct Surroundings {
     pub ior: f32,
     /// Index of refraction of the volume around the surface; 1 for air.
     pub outside: f32,
-    /// The volume around the surface; none for air.
-    pub around: Option<Volume>,
+    /// What that volume absorbs by normalised length.
+    pub absorption: [f32; 3],
 }
 
 /// How kernels find a lobe: the names of constants of `package::lib::constants`, and their values.

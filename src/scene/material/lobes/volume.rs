@@ -74,8 +74,8 @@ impl Lobe for Option<Volume> {
         // An index of 0 stands for an infinite one, which reflects all.
         let refraction = if bends && ior > 0.0 { ior } else { 1.0 };
         // What has no volume of its own has the same around it on both sides.
-        let behind = self.or(surroundings.around);
-        let [red, green, blue] = behind.map_or([0.0; 3], |volume| volume.absorption(surroundings.scale));
+        let own = self.map(|volume| volume.absorption(surroundings.scale));
+        let [red, green, blue] = own.unwrap_or(surroundings.absorption);
         vec![[red, green, blue, refraction]]
     }
 }
